@@ -1,0 +1,6 @@
+"""Dynamic coupling between arm and base: the decomposition of C_bm and the paper's metrics."""
+
+from ffsms_pin.coupling.metrics import cosine, normalised_entropy
+from ffsms_pin.coupling.svd import Coupling, decompose
+
+__all__ = ["Coupling", "cosine", "decompose", "normalised_entropy"]

@@ -1,0 +1,94 @@
+"""The singular value decomposition of the coupling matrix C_bm, and what it says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import lapack
+
+from ffsms_pin.checks import FloatArray, frozen, vector
+from ffsms_pin.coupling.metrics import cosine, normalised_entropy
+from ffsms_pin.errors import SolverError
+
+__all__ = ["Coupling", "decompose"]
+
+
+def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Full singular value decomposition C_bm = U diag(sigma) V^T (paper Eq. SVD).
+
+    Parameters
+    ----------
+    C_bm : ndarray, shape (6, n)
+
+    Returns
+    -------
+    U : ndarray, shape (6, 6)
+    sigma : ndarray, shape (min(6, n),)
+        Descending.
+    V : ndarray, shape (n, n)
+        The principal joint directions are its columns.
+    """
+    U, sigma, Vt, info = lapack.dgesdd(C_bm)
+    if info != 0:  # not seen in practice: C_bm is finite and small
+        raise SolverError("the singular value decomposition of C_bm", f"dgesdd info {info}")
+    return U, sigma, Vt.T
+
+
+class Coupling:
+    """How joint motion moves the base: the decomposition of C_bm at one state (paper Eqs. SVD to SVD_4).
+
+    The singular values mix m/rad (translation) and rad/rad (rotation), and depend on the base's reference
+    point: both are the paper's here, metres and the base's centre of mass.
+
+    Parameters
+    ----------
+    C_bm : ndarray, shape (6, n)
+        Joint-to-base coupling matrix, rows [linear; angular].
+    velocity_jacobian : callable
+        Gives the linear rows of J*, shape (3, n), when they are first needed.
+
+    Attributes
+    ----------
+    U : ndarray, shape (6, 6)
+        Base motions, one a column, strongest first.
+    sigma : ndarray, shape (min(6, n),)
+        Strengths, descending.
+    V : ndarray, shape (n, n)
+        Joint directions, one a column; signs, and the order of equal strengths, are arbitrary.
+    entropy : float
+        The paper's H_norm.
+    """
+
+    def __init__(self, C_bm: FloatArray, velocity_jacobian: Callable[[], FloatArray]) -> None:
+        U, sigma, V = decompose(C_bm)
+        self.U = frozen(U)
+        self.sigma = frozen(sigma)
+        self.V = frozen(V)
+        self.entropy = normalised_entropy(sigma, C_bm.shape[1])
+        self._velocity_jacobian = velocity_jacobian
+
+    def assistance(self, joint_rates: ArrayLike, direction: ArrayLike) -> float:
+        """Coupling assistance cos(theta_a) (paper Eq. SVD_4, with the dot that the print lacks).
+
+        Parameters
+        ----------
+        joint_rates : array_like, shape (n,)
+            Joint rates [rad/s]; only their direction matters.
+        direction : array_like, shape (3,)
+            From the end effector to the target, inertial axes; need not be of unit length.
+
+        Returns
+        -------
+        float
+            In [-1, 1]: 1 when the end effector moves straight along `direction`, base reaction included;
+            0 where the end effector does not move or `direction` vanishes (arrived).
+        """
+        J = self._velocity_jacobian()
+        rates = vector("joint_rates", joint_rates, self.V.shape[0], "rad/s")
+        scale = float(np.linalg.norm(J) * np.linalg.norm(rates))
+        return cosine(J @ rates, vector("direction", direction, 3), scale)
+
+    def __repr__(self) -> str:
+        return f"Coupling(sigma={np.array2string(self.sigma, precision=4)}, entropy={self.entropy:.4f})"

@@ -1,0 +1,189 @@
+"""Errors of the library: one root class, subclasses that name what failed and carry the values."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+__all__ = [
+    "AmbiguousEndEffector",
+    "FfsmsError",
+    "FrameNotFound",
+    "InvalidInertia",
+    "InvalidScenario",
+    "InvalidUrdf",
+    "InvalidValue",
+    "ModelNotFound",
+    "ResultError",
+    "SimulationDiverged",
+    "SolverError",
+    "UnsupportedJoint",
+]
+
+
+class FfsmsError(Exception):
+    """Root of every error that the library raises on purpose: its text is one line."""
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(" ".join(message.split()))
+
+    def __str__(self) -> str:
+        return str(self.args[0]) if self.args else ""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The constructors of the subclasses take values, not the text: without this an error could not come
+        # back from a worker process.
+        return _rebuilt, (type(self), self.args, self.__dict__)
+
+
+class InvalidValue(FfsmsError, ValueError):
+    """An argument has a value, shape or type that cannot be used.
+
+    Attributes
+    ----------
+    name : str
+        The argument.
+    value : object
+        What was given.
+    """
+
+    def __init__(self, name: str, value: Any, expected: str) -> None:
+        super().__init__(f"{name} {expected}, got {_short(value)}")
+        self.name = name
+        self.value = value
+
+
+class ModelNotFound(FfsmsError, FileNotFoundError):
+    """Neither a packaged model nor a file has that name."""
+
+    def __init__(self, name: str | Path, packaged: Sequence[str]) -> None:
+        super().__init__(
+            f"no robot '{name}': it is neither a file nor a packaged model "
+            f"(packaged: {', '.join(packaged)}); check the path"
+        )
+        self.model = str(name)
+        self.packaged = list(packaged)
+
+
+class InvalidUrdf(FfsmsError, ValueError):
+    """A file cannot be read as a robot description.
+
+    Attributes
+    ----------
+    source : str
+        The file.
+    """
+
+    def __init__(self, source: str | Path, problem: str) -> None:
+        super().__init__(f"{source}: {problem}")
+        self.source = str(source)
+        self.problem = problem
+
+
+class InvalidInertia(InvalidUrdf):
+    """A link's mass or inertia is missing or cannot belong to a rigid body.
+
+    Attributes
+    ----------
+    link : str
+        The link.
+    """
+
+    def __init__(self, source: str | Path, link: str, problem: str) -> None:
+        super().__init__(source, f"link '{link}' {problem}")
+        self.link = link
+
+
+class UnsupportedJoint(InvalidUrdf):
+    """A joint is of a type with several degrees of freedom, or the robot has no joint at all."""
+
+
+class FrameNotFound(FfsmsError, KeyError):
+    """A frame name is not in the model.
+
+    Attributes
+    ----------
+    frame : str
+        The name that was asked for.
+    available : list of str
+        The names that exist.
+    """
+
+    def __init__(self, frame: str, available: Sequence[str]) -> None:
+        super().__init__(f"no frame '{frame}' in the model; frames: {', '.join(available)}")
+        self.frame = frame
+        self.available = list(available)
+
+
+class AmbiguousEndEffector(FfsmsError, ValueError):
+    """The robot has several last links, so the end effector must be named."""
+
+    def __init__(self, candidates: Sequence[str]) -> None:
+        super().__init__(
+            f"the robot has {len(candidates)} last links ({', '.join(candidates)}); "
+            "say which one is the end effector: load(..., end_effector=NAME)"
+        )
+        self.candidates = list(candidates)
+
+
+class InvalidScenario(FfsmsError, ValueError):
+    """A scenario file is missing, is not TOML, or holds a key or value that cannot be used."""
+
+    def __init__(self, source: str | Path, problem: str) -> None:
+        super().__init__(f"scenario {source}: {problem}")
+        self.source = str(source)
+
+
+class SolverError(FfsmsError, RuntimeError):
+    """A quadratic programme could not be solved.
+
+    Attributes
+    ----------
+    status : str
+        What the solver said.
+    """
+
+    def __init__(self, problem: str, status: str) -> None:
+        super().__init__(f"{problem}: the solver ended with '{status}'")
+        self.status = status
+
+
+class SimulationDiverged(FfsmsError, ArithmeticError):
+    """A simulated state stopped being finite.
+
+    Attributes
+    ----------
+    time : float
+        The last instant with finite values [s].
+    tracking : object
+        What was recorded up to that instant.
+    """
+
+    def __init__(self, time: float, tracking: Any = None) -> None:
+        super().__init__(
+            f"the simulated state is not finite after t = {time:.6g} s; use a smaller dt or softer gains"
+        )
+        self.time = time
+        self.tracking = tracking
+
+
+class ResultError(FfsmsError, OSError):
+    """A result file cannot be read or written."""
+
+    def __init__(self, path: str | os.PathLike[str], problem: str) -> None:
+        super().__init__(f"{os.fspath(path)}: {problem}")
+        self.path = str(path)
+
+
+def _rebuilt(kind: type[FfsmsError], args: tuple[Any, ...], values: dict[str, Any]) -> FfsmsError:
+    error = kind.__new__(kind, *args)
+    error.args = args
+    error.__dict__.update(values)
+    return error
+
+
+def _short(value: Any) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 80 else text[:77] + "..."

@@ -1,0 +1,69 @@
+"""Result files: written atomically, read with errors that say what is wrong."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from ffsms_pin.errors import ResultError
+
+__all__ = ["load_arrays", "save_arrays", "write_atomically"]
+
+_FORMAT_KEY = "format"
+
+
+def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], None]) -> None:
+    """Write a file so that it is there whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        Its folder must exist.
+    write : callable
+        Is given an open binary file, in the same folder, that takes the name at the end.
+    """
+    path = Path(path)
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    except OSError as error:
+        raise ResultError(path, f"cannot be written ({error.strerror})") from None
+    try:
+        with os.fdopen(handle, "wb") as file:
+            write(file)
+        os.chmod(temporary, 0o644)  # a temporary file is private, a result is not
+        os.replace(temporary, path)
+    except OSError as error:
+        Path(temporary).unlink(missing_ok=True)
+        raise ResultError(path, f"cannot be written ({error.strerror})") from None
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, Any]) -> None:
+    """Write arrays, numbers and texts to a compressed npz file that says what `kind` of result it is."""
+    arrays: dict[str, Any] = {_FORMAT_KEY: kind, **values}
+    write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
+
+
+def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> dict[str, Any]:
+    """Read what `save_arrays` wrote; every one of `names` must be there."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise ResultError(path, "there is no such file") from None
+    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile):
+        raise ResultError(path, "is not an npz file of results") from None
+    if str(found.get(_FORMAT_KEY)) != kind:
+        raise ResultError(path, f"is not a {kind} file")
+    missing = [name for name in names if name not in found]
+    if missing:
+        raise ResultError(path, f"lacks {', '.join(missing)}; it was written by another version")
+    return {name: found[name] for name in names}

@@ -1,0 +1,84 @@
+"""How the floating base moves under given joint motion: the momentum equation, integrated on SE(3).
+
+With zero momentum the root's velocity in its own axes is K(joints) times the joint rates, and K does not
+depend on where the base is. So along a known joint motion it is a known function of time, and one Magnus
+step of order 4 (two Gauss points and one Lie bracket) carries the pose over a time step: exact for planar
+motion up to quadrature, and without drift of the quaternion.
+
+Reference: A. Iserles, H. Munthe-Kaas, S. Norsett, A. Zanna, "Lie-group methods", Acta Numerica 9 (2000).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.system.manipulator import SpaceManipulator
+
+__all__ = ["advance", "roll_out"]
+
+_GAUSS = (0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0)
+_BRACKET = math.sqrt(3.0) / 12.0
+
+
+def _root_velocity(sms: SpaceManipulator, q: FloatArray, rates: FloatArray) -> FloatArray:
+    M = pin.crba(sms.model, sms._data, q)
+    velocity: FloatArray
+    _, velocity, _ = lapack.dposv(M[:6, :6], -(M[:6, 6:] @ rates))
+    return velocity
+
+
+def advance(
+    sms: SpaceManipulator, q: FloatArray, rates: FloatArray, accelerations: FloatArray, dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """Carry a motionless-momentum system over one step of constant joint accelerations.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    q : ndarray, shape (nq,)
+    rates, accelerations : ndarray, shape (n,)
+        Joint rates at the start [rad/s], joint accelerations during the step [rad/s^2].
+    dt : float
+        [s]
+
+    Returns
+    -------
+    q : ndarray, shape (nq,)
+        At the end of the step; the joints exactly, the base to order 4.
+    rates : ndarray, shape (n,)
+    """
+    positions = sms.layout.positions(q)
+    trial = q.copy()
+    twists: list[Any] = []
+    for c in _GAUSS:
+        h = c * dt
+        sms.layout.set_positions(trial, positions + h * (rates + (0.5 * h) * accelerations))
+        twists.append(pin.Motion(_root_velocity(sms, trial, rates + h * accelerations)))
+    first, second = twists
+    twist = (0.5 * dt) * (first + second) + (_BRACKET * dt * dt) * first.cross(second)
+    pose = pin.XYZQUATToSE3(q[:7]) * pin.exp6(twist)
+    end = rates + dt * accelerations
+    result = q.copy()
+    result[:7] = pin.SE3ToXYZQUAT(pose)
+    sms.layout.set_positions(result, positions + (0.5 * dt) * (rates + end))
+    return result, end
+
+
+def roll_out(
+    sms: SpaceManipulator, q: FloatArray, rates: FloatArray, accelerations: FloatArray, dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """Configurations (N + 1, nq) and joint rates (N + 1, n) under accelerations (N, n), each held for dt."""
+    steps = accelerations.shape[0]
+    configurations, all_rates = np.empty((steps + 1, sms.nq)), np.empty((steps + 1, sms.n))
+    configurations[0], all_rates[0] = q, rates
+    for k in range(steps):
+        configurations[k + 1], all_rates[k + 1] = advance(
+            sms, configurations[k], all_rates[k], accelerations[k], dt
+        )
+    return configurations, all_rates

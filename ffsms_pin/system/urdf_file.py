@@ -1,0 +1,317 @@
+"""Reads a URDF strictly, before Pinocchio does, so that a fault is named and never silently dropped."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
+
+__all__ = ["Box", "Inertial", "Joint", "Link", "UrdfFile"]
+
+# The C locale's decimal numbers, which is what URDF readers accept.
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_MOVING = {"revolute", "continuous", "prismatic"}
+_LIMITED = {"revolute", "prismatic"}
+# What the dynamics are made of; the rest (shapes, colours, transmissions) stays out.
+_KEPT = {"link": {"inertial"}, "joint": {"parent", "child", "origin"}}
+_KEPT_IF_MOVING = {"axis", "limit", "dynamics"}
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass [kg] and inertia about the centre of mass [kg m^2], in the inertial frame's axes."""
+
+    mass: float
+    inertia: FloatArray
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box of edge lengths `size` [m] at `xyz` [m], `rpy` [rad] in its link's frame."""
+
+    size: tuple[float, float, float]
+    xyz: tuple[float, float, float]
+    rpy: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link: its inertial element and the first box of its collision or visual shapes, if any."""
+
+    name: str
+    inertial: Inertial | None
+    box: Box | None
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint of the tree."""
+
+    name: str
+    type: str
+    parent: str
+    child: str
+
+    @property
+    def moves(self) -> bool:
+        """Whether the joint has a degree of freedom."""
+        return self.type in _MOVING
+
+
+_Named = TypeVar("_Named", Link, Joint)
+
+
+class UrdfFile:
+    """A URDF file, read and checked.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Attributes
+    ----------
+    links : dict of str to Link
+    joints : list of Joint
+    root : str
+        The link that is nobody's child: the satellite's base.
+
+    Raises
+    ------
+    InvalidUrdf
+        Not XML, not a robot, a number that is none, limits that are missing or the wrong way round,
+        links and joints that do not make one tree.
+    InvalidInertia
+        A mass that is missing or negative, an inertia that no rigid body has.
+    UnsupportedJoint
+        A joint that is not fixed, revolute, continuous or prismatic.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            robot = ElementTree.fromstring(path.read_bytes())
+        except OSError as error:
+            raise InvalidUrdf(path, f"cannot be read ({error.strerror})") from None
+        except (ElementTree.ParseError, ValueError, LookupError) as error:
+            raise InvalidUrdf(path, f"is not an XML file ({error})") from None
+        self._robot = robot
+        if robot.tag != "robot":
+            raise InvalidUrdf(path, f"is not a URDF: its root element is <{robot.tag}>, not <robot>")
+        if not robot.get("name"):
+            raise InvalidUrdf(path, "the robot has no name: write <robot name=...>")
+        self.links = self._unique("link", [self._link(item) for item in robot.findall("link")])
+        self.joints = list(
+            self._unique("joint", [self._joint(item) for item in robot.findall("joint")]).values()
+        )
+        self.root = self._root()
+        self._check_masses()
+
+    def kinematics(self) -> str:
+        """Inertias and joints alone, as XML: what Pinocchio's dynamics need, and all of it checked here.
+
+        Pinocchio's parser would print to the terminal what it thinks of the shapes and colours.
+        """
+        robot = ElementTree.Element("robot", self._robot.attrib)
+        for item in self._robot:
+            if item.tag in _KEPT:
+                kept = _KEPT[item.tag] | (_KEPT_IF_MOVING if item.get("type") in _MOVING else set())
+                copy = ElementTree.SubElement(robot, item.tag, item.attrib)
+                copy.extend(child for child in item if child.tag in kept)
+        return ElementTree.tostring(robot, encoding="unicode")
+
+    def tips(self) -> list[str]:
+        """Links without children that the arm moves: the candidates for the end effector."""
+        parents = {joint.parent for joint in self.joints}
+        base = self.rigid_group(self.root)
+        return [name for name in self.links if name not in parents and name not in base]
+
+    def rigid_group(self, link: str) -> set[str]:
+        """`link` and the links that are fixed to it further out."""
+        group = {link}
+        stack = [link]
+        while stack:
+            parent = stack.pop()
+            fixed = [j.child for j in self.joints if j.parent == parent and not j.moves]
+            group.update(fixed)
+            stack.extend(fixed)
+        return group
+
+    def _unique(self, kind: str, items: list[_Named]) -> dict[str, _Named]:
+        found: dict[str, _Named] = {}
+        for item in items:
+            if item.name in found:
+                raise InvalidUrdf(self.path, f"two {kind}s are named '{item.name}'")
+            found[item.name] = item
+        return found
+
+    def _link(self, item: ElementTree.Element) -> Link:
+        name = item.get("name")
+        if not name:
+            raise InvalidUrdf(self.path, "a link has no name")
+        where = f"link '{name}'"
+        boxes = [self._box(shape, where) for kind in ("collision", "visual") for shape in item.findall(kind)]
+        element = item.find("inertial")
+        inertial = None if element is None else self._inertial(element, name)
+        return Link(name, inertial, next((box for box in boxes if box), None))
+
+    def _inertial(self, element: ElementTree.Element, link: str) -> Inertial:
+        where = f"link '{link}'"
+        self._origin(element, where)
+        mass_element, inertia_element = element.find("mass"), element.find("inertia")
+        if mass_element is None or inertia_element is None:
+            raise InvalidInertia(self.path, link, "has an <inertial> without both <mass> and <inertia>")
+        mass = self._number(mass_element, "value", where)
+        xx, xy, xz, yy, yz, zz = (
+            self._number(inertia_element, key, where) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        if mass < 0.0:
+            raise InvalidInertia(self.path, link, f"has a negative mass, {mass:g} kg")
+        a, b, c = (float(x) for x in np.linalg.eigvalsh(inertia))
+        rounding = 1e-6 * max(abs(a), abs(c))  # the last digit of a decimal in the file
+        if a < -rounding:
+            raise InvalidInertia(self.path, link, f"has a negative principal inertia, {a:.6g} kg m^2")
+        if a + b < c - rounding:
+            raise InvalidInertia(
+                self.path,
+                link,
+                f"breaks the triangle inequality: principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2",
+            )
+        return Inertial(mass, inertia)
+
+    def _joint(self, item: ElementTree.Element) -> Joint:
+        name, kind = item.get("name"), item.get("type")
+        if not name:
+            raise InvalidUrdf(self.path, "a joint has no name")
+        where = f"joint '{name}'"
+        if kind not in _MOVING | {"fixed"}:
+            raise UnsupportedJoint(
+                self.path,
+                f"{where} is of type '{kind}'; fixed, revolute, continuous and prismatic joints can be used"
+                " (the free-flyer root is added by the library: leave a floating joint out)",
+            )
+        ends = []
+        for end in ("parent", "child"):
+            element = item.find(end)
+            link = None if element is None else element.get("link")
+            if not link:
+                raise InvalidUrdf(self.path, f"{where} has no {end} link")
+            if link not in self.links:
+                raise InvalidUrdf(self.path, f"{where} names a {end} link '{link}' that is not there")
+            ends.append(link)
+        if item.find("mimic") is not None:
+            raise UnsupportedJoint(
+                self.path,
+                f"{where} mimics another joint, which cannot be used: make it fixed, or free of <mimic>",
+            )
+        self._origin(item, where)
+        joint = Joint(name, kind, ends[0], ends[1])
+        if joint.moves:
+            self._check_axis_and_limits(item, joint)
+        return joint
+
+    def _check_axis_and_limits(self, item: ElementTree.Element, joint: Joint) -> None:
+        where = f"joint '{joint.name}'"
+        axis = item.find("axis")
+        if axis is not None and math.hypot(*self._triple(axis, "xyz", where)) < 1e-9:
+            raise InvalidUrdf(self.path, f"{where} has a zero axis")
+        dynamics = item.find("dynamics")
+        if dynamics is not None:
+            for key in ("damping", "friction"):
+                self._number(dynamics, key, where, default=0.0)
+        limit = item.find("limit")
+        if limit is None:
+            if joint.type in _LIMITED:
+                raise InvalidUrdf(self.path, f"{where} is {joint.type} but has no <limit>")
+            return
+        for key in ("velocity", "effort"):
+            value = self._number(limit, key, where)
+            if value <= 0.0:
+                raise InvalidUrdf(self.path, f"{where} has a {key} limit of {value:g}; it must be above zero")
+        lower = self._number(limit, "lower", where, default=0.0)
+        upper = self._number(limit, "upper", where, default=0.0)
+        if joint.type in _LIMITED and lower >= upper:
+            raise InvalidUrdf(
+                self.path, f"{where} has its limits the wrong way round: lower {lower:g} >= upper {upper:g}"
+            )
+
+    def _root(self) -> str:
+        if not self.links:
+            raise InvalidUrdf(self.path, "the robot has no links")
+        parent_of: dict[str, str] = {}
+        for joint in self.joints:
+            if joint.child in parent_of:
+                raise InvalidUrdf(self.path, f"link '{joint.child}' is the child of two joints")
+            parent_of[joint.child] = joint.parent
+        roots = [name for name in self.links if name not in parent_of]
+        if len(roots) != 1:
+            raise InvalidUrdf(
+                self.path,
+                f"the links must make one tree, but {len(roots)} have no parent: {', '.join(roots)}",
+            )
+        reached, stack = {roots[0]}, [roots[0]]
+        while stack:
+            parent = stack.pop()
+            children = [joint.child for joint in self.joints if joint.parent == parent]
+            reached.update(children)
+            stack.extend(children)
+        if lost := sorted(set(self.links) - reached):
+            raise InvalidUrdf(self.path, f"links in a closed loop, apart from the tree: {', '.join(lost)}")
+        return roots[0]
+
+    def _check_masses(self) -> None:
+        for name in [self.root, *(joint.child for joint in self.joints if joint.moves)]:
+            bodies = [self.links[link].inertial for link in sorted(self.rigid_group(name))]
+            if all(body is None for body in bodies):
+                raise InvalidInertia(self.path, name, "has no inertia; every moving body needs an <inertial>")
+            if sum(body.mass for body in bodies if body) <= 0.0:
+                raise InvalidInertia(self.path, name, "moves but has no mass")
+
+    def _box(self, shape: ElementTree.Element, where: str) -> Box | None:
+        xyz, rpy = self._origin(shape, where)
+        element = shape.find("geometry/box")
+        if element is None:
+            return None
+        size = self._triple(element, "size", where)
+        if min(size) <= 0.0:
+            raise InvalidUrdf(self.path, f"{where} has a box of size {size}; edges must be above zero")
+        return Box(size, xyz, rpy)
+
+    def _origin(
+        self, parent: ElementTree.Element, where: str
+    ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        origin = parent.find("origin")
+        if origin is None:
+            return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        return self._triple(origin, "xyz", where), self._triple(origin, "rpy", where)
+
+    def _triple(self, element: ElementTree.Element, key: str, where: str) -> tuple[float, float, float]:
+        words = element.get(key, "0 0 0").split()
+        if len(words) != 3:
+            raise InvalidUrdf(self.path, f'{where} has {key}="{element.get(key)}": three numbers are needed')
+        x, y, z = (self._parse(word, key, where) for word in words)
+        return x, y, z
+
+    def _number(
+        self, element: ElementTree.Element, key: str, where: str, default: float | None = None
+    ) -> float:
+        text = element.get(key)
+        if text is None:
+            if default is not None:
+                return default
+            raise InvalidUrdf(self.path, f"{where} has no {key} in <{element.tag}>")
+        return self._parse(text, key, where)
+
+    def _parse(self, text: str, key: str, where: str) -> float:
+        if not _NUMBER.fullmatch(text) or not math.isfinite(float(text)):
+            raise InvalidUrdf(self.path, f'{where} has {key}="{text}", which is not a finite decimal number')
+        return float(text)
