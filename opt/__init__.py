@@ -1,0 +1,19 @@
+"""Coupling-informed planning: the per-step quadratic programme, and trajectories made of its steps."""
+
+from ffsms_pin.opt.cost import ideal_cosine, soft_assistance, step_cost
+from ffsms_pin.opt.plan import plan
+from ffsms_pin.opt.step_planner import Step, StepPlanner, StepWeights
+from ffsms_pin.opt.step_qp import StepProblem
+from ffsms_pin.opt.trajectory import Trajectory
+
+__all__ = [
+    "Step",
+    "StepPlanner",
+    "StepProblem",
+    "StepWeights",
+    "Trajectory",
+    "ideal_cosine",
+    "plan",
+    "soft_assistance",
+    "step_cost",
+]

@@ -1,0 +1,31 @@
+"""The paper's cost of one step, and the direction of motion at which it vanishes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+__all__ = ["ideal_cosine", "soft_assistance", "step_cost"]
+
+
+def soft_assistance(cos_theta: float, kappa: float) -> float:
+    """C~ = log(1 + exp(kappa cos(theta_a))) / kappa, the smooth max(0, cos(theta_a)) of the paper."""
+    return float(np.logaddexp(0.0, kappa * cos_theta)) / kappa
+
+
+def step_cost(cos_theta: float, entropy: float, kappa: float) -> float:
+    """The summand (C~ - (1 - H_norm))^2 of the paper's cost (Eq. optimal_cost)."""
+    return (soft_assistance(cos_theta, kappa) - (1.0 - entropy)) ** 2
+
+
+def ideal_cosine(entropy: float, kappa: float) -> float:
+    """The cosine c* at which the cost of a step is zero, or the nearest one in [-1, 1].
+
+    Solving C~ = 1 - H_norm for the cosine gives c* = log(exp(kappa (1 - H_norm)) - 1) / kappa: the paper
+    asks the end effector to move on a cone around the direction to the target.
+    """
+    grown = math.expm1(kappa * (1.0 - entropy))
+    if grown <= math.exp(-kappa):
+        return -1.0
+    return min(1.0, math.log(grown) / kappa)

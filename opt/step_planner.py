@@ -1,0 +1,248 @@
+"""One planning step: where the end effector should go, and the joint rates that take it there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, number, positive, vector
+from ffsms_pin.coupling import cosine
+from ffsms_pin.opt.check_points import CheckPoints
+from ffsms_pin.opt.cone import cone_direction, lateral_direction
+from ffsms_pin.opt.cost import ideal_cosine, step_cost
+from ffsms_pin.opt.rate_bounds import rate_bounds
+from ffsms_pin.opt.schedule import reference_speed
+from ffsms_pin.opt.step_kinetics import StepKinetics, step_kinetics
+from ffsms_pin.opt.step_qp import StepProblem, StepSolver
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["Step", "StepPlanner", "StepWeights"]
+
+# [1/s] A clearance may shrink at most this fast relative to what is left of it: slow enough for the arm to
+# brake (the paper's arm stops an end effector from 0.2 m/s within a second), fast enough to pass near.
+CLOSING_RATE = 2.0
+# [m] Kept beyond the asked clearance, so that it also holds between nodes and in spite of curvature.
+CLEARANCE_MARGIN = 2e-3
+# Below this cosine the path would be a spiral of many turns; its length is then taken as if at this cosine.
+LEAST_APPROACH = 0.2
+_NO_BOUND = 1e20
+_ARRIVED = 1e-12  # [m] nearer than this the direction to the target is rounding
+
+
+@dataclass(frozen=True)
+class StepWeights:
+    """Weights of the step's objective. They rank the aims; the limits are rows, not weights.
+
+    Attributes
+    ----------
+    direction : float
+        On |J*_v V alpha - s e|^2 [1/(m/s)^2]: keeping the direction, and with it the paper's cost at zero.
+    speed : float
+        On (s - s_ref)^2 [1/(m/s)^2]. Far below `direction`: where the arm is limited or near-singular, the
+        speed gives way and the direction stays.
+    effort : float
+        On |alpha|^2 [1/(rad/s)^2]: the least motion where the arm is redundant. Small enough to slow the
+        arrival by about one part in a thousand.
+    change : float
+        On |V alpha - rates|^2 [1/(rad/s)^2]: no jumps of redundant motion between steps.
+    clearance : float
+        On the slack of the clearance rows [1/(m/s)], and on its square [1/(m/s)^2].
+    """
+
+    direction: float = 1.0
+    speed: float = 1e-2
+    effort: float = 1e-6
+    change: float = 1e-5
+    clearance: float = 1e3
+
+
+class Step(NamedTuple):
+    """The result of one step.
+
+    Attributes
+    ----------
+    alpha : ndarray, shape (n,)
+        The paper's scaling factors: joint_rates = V alpha.
+    joint_rates : ndarray, shape (n,)
+        At the step's end [rad/s]; the acceleration during the step is constant.
+    cos_theta : float
+        Coupling assistance of these rates at the step's start.
+    entropy : float
+        H_norm at the step's start.
+    cost : float
+        The paper's summand (C~ - (1 - H_norm))^2.
+    solved : bool
+        False where the programme had no solution in time and the arm brakes instead.
+    """
+
+    alpha: FloatArray
+    joint_rates: FloatArray
+    cos_theta: float
+    entropy: float
+    cost: float
+    solved: bool
+
+
+class StepPlanner:
+    """The trajectory step as a quadratic programme in alpha, solved by ProxQP.
+
+    The paper's cost (C~ - (1 - H_norm))^2 is zero exactly where the end effector moves at the angle
+    acos(c*) to the direction of the target: on a cone. The step picks the direction e of that cone on the
+    side it is on, and finds alpha and the speed s with J*_v V alpha = s e as nearly as the limits allow.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    dt : float
+        Step [s].
+    kappa : float
+        Sharpness of C~. The paper does not state its value; ours, 10, makes C~ nearly max(0, cos(theta_a)).
+    clearance : float
+        The paper's d_safe between points of the arm, and the margin to the base box [m].
+    collision : bool
+        Whether the clearance rows (const4 to const7) are on.
+    weights : StepWeights
+    """
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        dt: float = 0.01,
+        kappa: float = 10.0,
+        clearance: float = 0.01,
+        collision: bool = True,
+        weights: StepWeights | None = None,
+    ) -> None:
+        self.sms = sms
+        self.dt = positive("dt", dt, "s")
+        self.kappa = positive("kappa", kappa)
+        self.clearance = number("clearance", clearance)
+        self.weights = weights or StepWeights()
+        self.points = CheckPoints(sms) if collision else None
+        n, m = sms.n, self.points.count if self.points else 0
+        self._problem = StepProblem(
+            H=np.zeros((n + 2, n + 2)),
+            g=np.zeros(n + 2),
+            C=np.zeros((n + m, n + 2)),
+            l=np.full(n + m, -_NO_BOUND),
+            u=np.full(n + m, _NO_BOUND),
+            lower=np.concatenate([-np.ones(n), np.zeros(2)]),
+            upper=np.concatenate([np.ones(n), np.full(2, _NO_BOUND)]),
+        )
+        self._problem.C[n:, n + 1] = 1.0
+        self._solver = StepSolver(n + 2, n + m)
+        self._acceleration = np.minimum(sms.limits.acceleration, 1e6)
+        self._lateral = np.zeros(3)
+
+    def reset(self, side: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        """Forget the side of the cone and the last solution.
+
+        Parameters
+        ----------
+        side : array_like, shape (3,)
+            Direction whose part across the way to the target is the side to start on; default: the side on
+            which the end effector is moving, and any where it is at rest.
+        """
+        self._lateral = vector("side", side, 3)
+        self._solver = StepSolver(*self._problem.C.shape[::-1])
+
+    def build(self, q: ArrayLike, joint_rates: ArrayLike, target: ArrayLike, time_left: float) -> StepProblem:
+        """The quadratic programme of a step, without solving it; arguments as for `step`."""
+        arguments = self._checked(q, joint_rates, target, time_left)
+        self._fill(step_kinetics(self.sms, arguments[0]), *arguments)
+        return StepProblem(*(array.copy() for array in self._problem))
+
+    def step(self, q: ArrayLike, joint_rates: ArrayLike, target: ArrayLike, time_left: float) -> Step:
+        """Joint rates for the next step.
+
+        Parameters
+        ----------
+        q : array_like, shape (nq,)
+            Configuration at the step's start.
+        joint_rates : array_like, shape (n,)
+            At the step's start [rad/s].
+        target : array_like, shape (3,)
+            Wanted end-effector position, inertial axes [m].
+        time_left : float
+            Time to the deadline [s].
+        """
+        return self.advance(*self._checked(q, joint_rates, target, time_left))
+
+    def advance(self, q: FloatArray, rates: FloatArray, target: FloatArray, time_left: float) -> Step:
+        """`step` for arguments that are known to be right: arrays of float64 of the right shapes."""
+        kinetics = step_kinetics(self.sms, q)
+        lower, upper, towards = self._fill(kinetics, q, rates, target, time_left)
+        x, solved = self._solver.solve(self._problem)
+        if solved:
+            # Within the solver's tolerance already; this makes the limits hold to the last bit.
+            chosen = np.minimum(np.maximum(kinetics.V @ x[: self.sms.n], lower), upper)
+        else:
+            chosen = np.minimum(np.maximum(0.0, lower), upper)
+        motion = kinetics.J_v @ chosen
+        cos_theta = cosine(motion, towards)
+        cost = step_cost(cos_theta, kinetics.entropy, self.kappa)
+        return Step(kinetics.V.T @ chosen, chosen, cos_theta, kinetics.entropy, cost, solved)
+
+    def _checked(
+        self, q: ArrayLike, joint_rates: ArrayLike, target: ArrayLike, time_left: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+        return (
+            self.sms.checked_configuration("q", q),
+            vector("joint_rates", joint_rates, self.sms.n, "rad/s"),
+            vector("target", target, 3, "m"),
+            number("time_left", time_left),
+        )
+
+    def _fill(
+        self, kinetics: StepKinetics, q: FloatArray, rates: FloatArray, target: FloatArray, time_left: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Write the problem; returns the bounds on the rates and the unit vector to the target."""
+        n, p, w = self.sms.n, self._problem, self.weights
+        A = kinetics.J_v @ kinetics.V
+        motion = kinetics.J_v @ rates
+        towards, e, speed = self._aim(kinetics, motion, target, time_left)
+
+        p.H[:n, :n] = w.direction * (A.T @ A)
+        p.H[:n, :n].flat[:: n + 1] += w.effort + w.change
+        p.H[:n, n] = p.H[n, :n] = -w.direction * (A.T @ e)
+        p.H[n, n] = w.direction * float(e @ e) + w.speed
+        p.H[n + 1, n + 1] = w.clearance
+        p.g[:n] = -w.change * (kinetics.V.T @ rates)
+        p.g[n] = -w.speed * speed
+        p.g[n + 1] = w.clearance
+
+        lower, upper = rate_bounds(self.sms.layout.positions(q), rates, self.sms.limits, self.dt)
+        p.C[:n, :n] = kinetics.V
+        p.l[:n] = np.maximum(lower, -_NO_BOUND)
+        p.u[:n] = np.minimum(upper, _NO_BOUND)
+        if self.points is not None:
+            value, gradient = self.points.from_data(self.sms._data)
+            p.C[n:, :n] = gradient @ kinetics.V
+            p.l[n:] = -CLOSING_RATE * (value - self.clearance - CLEARANCE_MARGIN)
+        return lower, upper, towards
+
+    def _aim(
+        self, kinetics: StepKinetics, motion: FloatArray, target: FloatArray, time_left: float
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """Unit vector to the target, wanted direction of motion, wanted speed."""
+        way = target - kinetics.position
+        distance = math.sqrt(float(way @ way))
+        if distance < _ARRIVED:
+            return np.zeros(3), np.zeros(3), 0.0
+        towards = way / distance
+        cos_ideal = ideal_cosine(kinetics.entropy, self.kappa)
+        if not self._lateral.any():
+            self._lateral = motion
+        self._lateral = lateral_direction(towards, self._lateral)
+        e = cone_direction(towards, self._lateral, cos_ideal)
+        # A path at a constant angle to the direction of the target is 1 / cos longer than the straight one.
+        path = distance / max(cos_ideal, LEAST_APPROACH)
+        now = math.sqrt(float(motion @ motion))
+        wanted = reference_speed(path, now, time_left, self.dt)
+        # Asking for more than the joints can give in one step would buy speed with direction.
+        attainable = now + self.dt * float(np.abs(e @ kinetics.J_v) @ self._acceleration)
+        return towards, e, min(wanted, attainable)

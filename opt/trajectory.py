@@ -1,0 +1,197 @@
+"""A planned trajectory: exact about itself, with the paper's measures of every step."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, frozen, number
+from ffsms_pin.coupling import cosine
+from ffsms_pin.opt.cost import step_cost
+from ffsms_pin.opt.step_kinetics import step_kinetics
+from ffsms_pin.storage import load_arrays, save_arrays
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["ARRIVAL_SHARE", "REACH", "Trajectory", "measure"]
+
+REACH = 0.02  # [m] the paper's r_th
+ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
+
+_FORMAT = "ffsms-pin trajectory"
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A motion of the whole system under constant joint accelerations in each of N steps.
+
+    Between nodes the joint rates are linear and the joint positions quadratic in time, so `q`, `v` and
+    `joint_accelerations` agree to rounding, and limits can be checked everywhere. The base follows the
+    momentum equation with zero total momentum.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N + 1,)
+        [s]
+    q : ndarray, shape (N + 1, nq)
+    v : ndarray, shape (N + 1, 6 + n)
+    joint_positions : ndarray, shape (N + 1, n)
+        [rad], continuous in time, also those of continuous joints.
+    joint_accelerations : ndarray, shape (N, n)
+        [rad/s^2]
+    alpha : ndarray, shape (N, n)
+        Joint rates at the step's end in the basis V of the step's start.
+    cos_theta, entropy, cost : ndarray, shape (N,)
+        At the step's start, for the rates of its end; `cost` is the summand of the paper's J.
+    end_effector : ndarray, shape (N + 1, 3)
+        Position of the end effector [m].
+    position_error : ndarray, shape (N + 1,)
+        Distance from the end effector to the target [m].
+    target : ndarray, shape (3,)
+        [m]
+    kappa : float
+    reach : float
+        The paper's r_th [m].
+    note : str
+        Why the plan did not reach its target, where it is known; empty otherwise.
+    """
+
+    t: FloatArray
+    q: FloatArray
+    v: FloatArray
+    joint_positions: FloatArray
+    joint_accelerations: FloatArray
+    alpha: FloatArray
+    cos_theta: FloatArray
+    entropy: FloatArray
+    cost: FloatArray
+    end_effector: FloatArray
+    position_error: FloatArray
+    target: FloatArray
+    kappa: float
+    reach: float = REACH
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, field.name, frozen(np.array(value, dtype=np.float64)))
+
+    @property
+    def duration(self) -> float:
+        """Time from start to deadline [s]."""
+        return float(self.t[-1])
+
+    @property
+    def dt(self) -> float:
+        """Step [s]."""
+        return self.duration / (len(self.t) - 1)
+
+    @property
+    def joint_rates(self) -> FloatArray:
+        """Joint rates at the nodes (N + 1, n) [rad/s]."""
+        return self.v[:, 6:]
+
+    @property
+    def reached(self) -> bool:
+        """Paper Eq. const8: the error stays within r_th throughout the last 10 % of the time."""
+        late = self.t >= ARRIVAL_SHARE * self.duration - 1e-9
+        return bool((self.position_error[late] <= self.reach).all())
+
+    @property
+    def cost_integral(self) -> float:
+        """The paper's J times the step: the integral of the cost over time [s]."""
+        return float(self.cost.sum()) * self.dt
+
+    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Joint positions, rates and accelerations, each (n,), at time t [s].
+
+        Before the start and after the end: the first and last positions, at rest.
+        """
+        t = number("t", t)
+        n = self.joint_accelerations.shape[1]
+        if t < 0.0:
+            return self.joint_positions[0].copy(), np.zeros(n), np.zeros(n)
+        if t > self.duration:
+            return self.joint_positions[-1].copy(), np.zeros(n), np.zeros(n)
+        k = min(int(t / self.dt + 1e-9), len(self.t) - 2)
+        h = t - self.t[k]
+        rates, acceleration = self.v[k, 6:], self.joint_accelerations[k]
+        position = self.joint_positions[k] + h * (rates + 0.5 * h * acceleration)
+        return position, rates + h * acceleration, acceleration.copy()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write to an npz file, atomically."""
+        save_arrays(path, _FORMAT, {field.name: getattr(self, field.name) for field in fields(self)})
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Trajectory:
+        """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
+        arrays = load_arrays(path, _FORMAT, [field.name for field in fields(cls)])
+        for name, kind in (("kappa", float), ("reach", float), ("note", str)):
+            arrays[name] = kind(arrays[name])
+        return cls(**arrays)
+
+
+def measure(
+    sms: SpaceManipulator,
+    t: FloatArray,
+    q: FloatArray,
+    rates: FloatArray,
+    target: ArrayLike,
+    kappa: float,
+    note: str = "",
+) -> Trajectory:
+    """Make a trajectory of a motion, computing the paper's measures along it.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    t : ndarray, shape (N + 1,)
+        Nodes, evenly spaced [s].
+    q : ndarray, shape (N + 1, nq)
+        Configurations at the nodes, the base having followed the momentum equation (see `roll_out`).
+    rates : ndarray, shape (N + 1, n)
+        Joint rates at the nodes [rad/s], linear between them.
+    target : array_like, shape (3,)
+    kappa : float
+    note : str
+    """
+    steps, n = len(t) - 1, sms.n
+    dt = t[-1] / steps
+    goal = np.asarray(target, dtype=np.float64)
+    positions = np.array([sms.layout.positions(row) for row in q])
+    if not sms.layout.plain:
+        positions = np.unwrap(positions, axis=0)
+    v, end_effector = np.empty((steps + 1, sms.nv)), np.empty((steps + 1, 3))
+    alpha, cos_theta, entropy, cost = np.empty((steps, n)), np.empty(steps), np.empty(steps), np.empty(steps)
+    for k in range(steps + 1):
+        kinetics = step_kinetics(sms, q[k])
+        v[k, :6] = kinetics.coupling @ rates[k]
+        v[k, 6:] = rates[k]
+        end_effector[k] = kinetics.position
+        if k == steps:
+            break
+        alpha[k] = kinetics.V.T @ rates[k + 1]
+        cos_theta[k] = cosine(kinetics.J_v @ rates[k + 1], goal - kinetics.position)
+        entropy[k] = kinetics.entropy
+        cost[k] = step_cost(cos_theta[k], entropy[k], kappa)
+    return Trajectory(
+        t=t,
+        q=q,
+        v=v,
+        joint_positions=positions,
+        joint_accelerations=np.diff(rates, axis=0) / dt,
+        alpha=alpha,
+        cos_theta=cos_theta,
+        entropy=entropy,
+        cost=cost,
+        end_effector=end_effector,
+        position_error=np.linalg.norm(goal - end_effector, axis=1),
+        target=goal,
+        kappa=kappa,
+        note=note,
+    )
