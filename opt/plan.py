@@ -84,9 +84,7 @@ def plan(
         planner.reset(side)
         report = None if progress is None else _part(progress, i, len(sides))
         plans.append(march(planner, q0, goal, duration, report))
-    return min(
-        plans, key=lambda plan: (not plan.reached, plan.cost_integral if plan.reached else _late(plan))
-    )
+    return min(plans, key=_rank)
 
 
 def march(

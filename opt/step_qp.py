@@ -16,8 +16,9 @@ from ffsms_pin.checks import FloatArray
 
 __all__ = ["StepProblem", "StepSolver"]
 
-# 1e-9 rad/s for 12 s moves an end effector by some 1e-8 m: far below the 1 mm asked of a plan.
-TOLERANCE = 1e-9
+# The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-11
+# places it to 1e-6 rad/s. A laxer tolerance shows as jerks of the joints; a stricter one meets rounding.
+TOLERANCE = 1e-11
 # A warm start needs a handful of iterations; a step that needs this many gets the fall-back instead.
 MAX_ITERATIONS = 200
 

@@ -1,0 +1,200 @@
+"""`opt.plan` on the paper's two cases, and what a trajectory says about itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import solve_ivp
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue, ResultError
+
+CASES = {"case-1": [1.00, 0.15, 0.0], "case-2": [0.45, 0.75, 0.0]}
+
+
+@pytest.fixture(scope="module")
+def sms() -> ffsms.SpaceManipulator:
+    return ffsms.load("planar_3r")
+
+
+@pytest.fixture(scope="module", params=sorted(CASES))
+def trajectory(request: pytest.FixtureRequest, sms: ffsms.SpaceManipulator) -> opt.Trajectory:
+    return opt.plan(sms, sms.configuration(np.deg2rad([1.0, 1.0, 1.0])), CASES[request.param])
+
+
+def test_shapes_and_ends(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
+    N = 1200
+    shapes = {
+        "t": (N + 1,),
+        "q": (N + 1, sms.nq),
+        "v": (N + 1, sms.nv),
+        "joint_accelerations": (N, 3),
+        "alpha": (N, 3),
+        "cos_theta": (N,),
+        "entropy": (N,),
+        "cost": (N,),
+        "position_error": (N + 1,),
+    }
+    for name, shape in shapes.items():
+        array = getattr(trajectory, name)
+        assert array.shape == shape
+        assert not array.flags.writeable
+    assert trajectory.t[0] == 0.0
+    assert trajectory.t[-1] == 12.0
+
+
+def test_it_reaches_the_target_and_comes_to_rest(
+    sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory
+) -> None:
+    assert trajectory.reached
+    late = trajectory.t >= 0.9 * 12.0
+    assert trajectory.position_error[late].max() <= 0.02
+    assert trajectory.position_error[-1] <= 1e-3
+    end = sms.at(trajectory.q[-1]).end_effector_pose.translation
+    assert np.linalg.norm(end - trajectory.target) == pytest.approx(trajectory.position_error[-1], abs=1e-12)
+    assert np.abs(trajectory.v[-1]).max() < 1e-3
+
+
+def test_every_joint_limit_holds_everywhere(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
+    limits = sms.limits
+    assert (np.abs(trajectory.joint_rates) <= limits.velocity + 1e-12).all()
+    assert (np.abs(trajectory.joint_accelerations) <= limits.acceleration + 1e-9).all()
+    for t in np.linspace(0.0, 12.0, 5003):  # not the nodes
+        position, rates, _ = trajectory.sample(t)
+        assert (limits.lower - 1e-12 <= position).all()
+        assert (position <= limits.upper + 1e-12).all()
+        assert (np.abs(rates) <= limits.velocity + 1e-12).all()
+    assert (np.abs(trajectory.alpha) <= 1.0 + 1e-6).all()
+
+
+def test_clearances_hold_between_nodes_too(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
+    points = opt.StepPlanner(sms).points
+    assert points is not None
+    for t in np.linspace(0.0, 12.0, 2503):
+        position, _, _ = trajectory.sample(t)
+        assert points.evaluate(sms.configuration(position)).value.min() >= 0.01
+
+
+def test_it_is_exact_about_itself(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
+    dt = trajectory.dt
+    joints, rates, acc = trajectory.q[:, 7:], trajectory.v[:, 6:], trajectory.joint_accelerations
+    np.testing.assert_allclose(np.diff(rates, axis=0), dt * acc, atol=1e-15)
+    np.testing.assert_allclose(np.diff(joints, axis=0), dt * rates[:-1] + 0.5 * dt**2 * acc, atol=1e-14)
+    for q, v in zip(trajectory.q[::50], trajectory.v[::50], strict=True):
+        assert abs(np.linalg.norm(q[3:7]) - 1.0) < 1e-14
+        np.testing.assert_allclose(v, sms.velocity(q, v[6:]), atol=1e-15)
+        assert np.abs(sms.at(q, v).momentum).max() < 1e-14
+        assert np.abs(sms.at(q).com).max() < 1e-13  # zero momentum: the centre of mass stays
+
+
+def test_the_base_follows_the_momentum_equation(
+    sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory
+) -> None:
+    """Against an adaptive integrator on the paper's own equation, base twist = C_bm joint rates."""
+
+    def twist(t: float, y: FloatArray) -> FloatArray:
+        position, rates, _ = trajectory.sample(t)
+        base = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, y[2]), np.array([y[0], y[1], 0.0]))
+        C_bm = sms.at(sms.configuration(position, base)).C_bm
+        return (C_bm @ rates)[[0, 1, 5]]
+
+    start = trajectory.q[0]
+    stop = 200  # two seconds are enough to tell
+    found = solve_ivp(
+        twist, (0.0, trajectory.t[stop]), [start[0], start[1], 0.0], rtol=1e-11, atol=1e-13, max_step=0.02
+    )
+    yaw = 2.0 * np.arctan2(trajectory.q[stop, 5], trajectory.q[stop, 6])
+    np.testing.assert_allclose(found.y[:, -1], [*trajectory.q[stop, :2], yaw], atol=1e-9)
+
+
+def test_measures_are_those_of_the_state(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
+    for k in range(0, 1200, 97):
+        state = sms.at(trajectory.q[k])
+        rates = trajectory.v[k + 1, 6:]
+        towards = trajectory.target - state.end_effector_pose.translation
+        assert trajectory.cos_theta[k] == pytest.approx(state.coupling.assistance(rates, towards), abs=1e-8)
+        assert trajectory.entropy[k] == pytest.approx(state.coupling.entropy, abs=1e-12)
+        expected = opt.step_cost(trajectory.cos_theta[k], trajectory.entropy[k], 10.0)
+        assert trajectory.cost[k] == pytest.approx(expected, abs=1e-15)
+        assert np.linalg.norm(trajectory.alpha[k]) == pytest.approx(np.linalg.norm(rates))
+
+
+def test_the_cost_is_close_to_zero_on_both_cases(trajectory: opt.Trajectory) -> None:
+    assert trajectory.cost_integral < 1e-3
+
+
+def test_save_and_load(trajectory: opt.Trajectory, tmp_path: Path) -> None:
+    trajectory.save(tmp_path / "trajectory.npz")
+    again = opt.Trajectory.load(tmp_path / "trajectory.npz")
+    for name, value in vars(trajectory).items():
+        assert np.array_equal(getattr(again, name), value), name
+    assert again.reached == trajectory.reached
+    assert [path.name for path in tmp_path.iterdir()] == ["trajectory.npz"]
+
+
+def test_load_says_what_is_wrong(tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match="no such file"):
+        opt.Trajectory.load(tmp_path / "absent.npz")
+    (tmp_path / "text.npz").write_text("not a zip")
+    with pytest.raises(ResultError, match="not an npz"):
+        opt.Trajectory.load(tmp_path / "text.npz")
+    np.savez(tmp_path / "other.npz", t=np.zeros(3))
+    with pytest.raises(ResultError, match="is not a ffsms-pin trajectory"):
+        opt.Trajectory.load(tmp_path / "other.npz")
+
+
+def test_same_input_same_output(sms: ffsms.SpaceManipulator) -> None:
+    q0 = sms.configuration([0.4, 0.7, -0.5])
+    first, second = (opt.plan(sms, q0, [0.7, 0.5, 0.0], duration=4.0, dt=0.02) for _ in range(2))
+    assert np.array_equal(first.q, second.q)
+    assert np.array_equal(first.alpha, second.alpha)
+
+
+def test_a_target_out_of_reach_is_no_exception(sms: ffsms.SpaceManipulator) -> None:
+    far = opt.plan(sms, sms.configuration([0.4, 0.7, -0.5]), [3.0, 0.0, 0.0], duration=3.0, dt=0.05)
+    assert not far.reached
+    assert far.position_error[-1] > 1.0
+
+
+def test_a_trajectory_from_a_base_that_is_turned_is_the_turned_trajectory(
+    sms: ffsms.SpaceManipulator,
+) -> None:
+    """Nothing may depend on where the inertial axes point."""
+    joints, target = np.array([0.4, 0.7, -0.5]), np.array([0.75, 0.5, 0.0])
+    turn = pin.SE3(pin.utils.rotate("x", 0.7) @ pin.utils.rotate("z", 1.1), np.array([1.0, -2.0, 0.5]))
+    q0 = sms.configuration(joints)
+    q1 = sms.configuration(joints, turn * pin.XYZQUATToSE3(q0[:7]))
+    plain = opt.plan(sms, q0, target, duration=4.0, dt=0.02)
+    turned = opt.plan(sms, q1, turn.act(target), duration=4.0, dt=0.02)
+    np.testing.assert_allclose(turned.joint_positions, plain.joint_positions, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"duration": 0.0}, "duration"),
+        ({"duration": -1.0}, "duration"),
+        ({"dt": 0.0}, "dt"),
+        ({"dt": 13.0}, "duration"),
+        ({"kappa": 0.0}, "kappa"),
+        ({"kappa": float("nan")}, "kappa"),
+        ({"target": [1.0, 0.0]}, "target"),
+        ({"target": [1.0, 0.0, float("inf")]}, "target"),
+        ({"q0": np.zeros(3)}, "q0"),
+    ],
+)
+def test_bad_arguments_are_named(sms: ffsms.SpaceManipulator, change: dict[str, object], match: str) -> None:
+    arguments: dict[str, Any] = {"q0": sms.configuration([0, 0, 0]), "target": [1.0, 0.1, 0.0]}
+    with pytest.raises(InvalidValue, match=match):
+        opt.plan(sms, **(arguments | change))
+
+
+def test_a_start_outside_the_limits_names_the_joint(sms: ffsms.SpaceManipulator) -> None:
+    with pytest.raises(InvalidValue, match=r"joint 'joint_1'.*1\.5"):
+        opt.plan(sms, sms.configuration([1.5, 0.0, 0.0]), [1.0, 0.1, 0.0])

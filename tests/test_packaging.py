@@ -1,0 +1,81 @@
+"""The built distribution, used from outside the checkout, and the guards around the two links."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import ffsms_pin
+import ffsms_pin.opt
+import ffsms_pin.urdf
+
+CHECKOUT = Path(__file__).resolve().parents[1]
+
+USE = """
+import pathlib, sys
+import ffsms_pin, ffsms_pin.opt, ffsms_pin.urdf
+for module in (ffsms_pin, ffsms_pin.opt, ffsms_pin.urdf):
+    assert pathlib.Path(module.__file__).is_relative_to(sys.argv[1]), module.__file__
+sms = ffsms_pin.load("planar_3r")
+trajectory = ffsms_pin.opt.plan(sms, sms.configuration([0.4, 0.7, -0.5]), [0.7, 0.5, 0.0], 4.0, 0.02)
+print("reached" if trajectory.reached else "missed")
+"""
+
+
+def run(*command: str, cwd: Path, **environment: str) -> str:
+    result = subprocess.run(
+        command, cwd=cwd, env=os.environ | environment, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    return result.stdout
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder into which the wheel, built from the sdist, is installed without its dependencies."""
+    built = tmp_path_factory.mktemp("dist")
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", str(built), str(CHECKOUT), cwd=built)
+    (wheel,) = built.glob("*.whl")
+    assert list(built.glob("*.tar.gz"))
+    target = tmp_path_factory.mktemp("site")
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
+    run(*pip, "--target", str(target), str(wheel), cwd=built)
+    return target
+
+
+def test_the_wheel_plans_from_any_folder(installed: Path, tmp_path: Path) -> None:
+    output = run(sys.executable, "-c", USE, str(installed), cwd=tmp_path, PYTHONPATH=str(installed))
+    assert output.strip() == "reached"
+
+
+def test_the_wheel_carries_what_it_needs(installed: Path) -> None:
+    package = installed / "ffsms_pin"
+    for name in ("py.typed", "urdf/planar_3r.urdf", "opt/plan.py", "scenarios/case-2.toml"):
+        assert (package / name).is_file(), name
+    assert sorted(path.name for path in installed.iterdir() if not path.name.endswith(".dist-info")) in (
+        ["bin", "ffsms_pin"],
+        ["Scripts", "ffsms_pin"],
+    )
+
+
+def test_the_wheel_has_the_command(installed: Path, tmp_path: Path) -> None:
+    output = run(sys.executable, "-m", "ffsms_pin", "--help", cwd=tmp_path, PYTHONPATH=str(installed))
+    assert "run" in output
+
+
+def test_opt_and_urdf_are_relative_links_to_the_top_level() -> None:
+    for name in ("opt", "urdf"):
+        link = CHECKOUT / "ffsms_pin" / name
+        assert link.is_symlink()
+        assert os.readlink(link) == f"../{name}"
+
+
+def test_no_class_exists_twice() -> None:
+    """`opt` and `urdf` are reached through the package only."""
+    assert ffsms_pin.opt.StepPlanner.__module__ == "ffsms_pin.opt.step_planner"
+    assert "opt" not in sys.modules
+    assert "urdf" not in sys.modules
