@@ -6,34 +6,20 @@ the base moves. So their gradients are those of the arm on a fixed base.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.clearances import Clearances
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["CheckPoints", "Clearances"]
+__all__ = ["CheckPoints"]
 
 _SAMPLES = 4
 _STILL = 1e-9  # [m] what is closer to constant than this is constant
-
-
-class Clearances(NamedTuple):
-    """Clearances of the check points at one configuration.
-
-    Attributes
-    ----------
-    value : ndarray, shape (m,)
-        Distances between pairs of points, then distances outside the base box, negative inside [m].
-    gradient : ndarray, shape (m, n)
-        With respect to the joint positions [m/rad].
-    """
-
-    value: FloatArray
-    gradient: FloatArray
 
 
 class CheckPoints:
@@ -80,7 +66,7 @@ class CheckPoints:
         return pairs + [f"{points[i]} - base box" for i in self._outside]
 
     def evaluate(self, q: FloatArray) -> Clearances:
-        """Clearances and gradients at q (nq,)."""
+        """Clearances and gradients at q (nq,): pairs of points, then distances outside the base box."""
         sms = self._sms
         pin.computeJointJacobians(sms.model, sms._data, q)
         pin.updateFramePlacement(sms.model, sms._data, sms.frame_id)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, positive, vector
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.clearances import CollisionMode
 from ffsms_pin.opt.step_kinetics import step_kinetics
 from ffsms_pin.opt.step_planner import StepPlanner
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -29,7 +30,7 @@ def plan(
     kappa: float = 10.0,
     *,
     clearance: float = 0.01,
-    collision: bool = True,
+    collision: CollisionMode = "points",
     progress: Progress | None = None,
 ) -> Trajectory:
     """Plan a coupling-informed motion from rest at `q0` to `target`.
@@ -54,8 +55,8 @@ def plan(
         Sharpness of C~. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)).
     clearance : float
         The paper's d_safe [m], between points of the arm and from them to the base box.
-    collision : bool
-        Whether const4 to const7 are kept.
+    collision : {"points", "shapes", "off"}
+        What is kept clear: the paper's points (const4 to const7), the collision shapes, or nothing.
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
 

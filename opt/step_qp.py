@@ -13,6 +13,7 @@ import numpy as np
 from proxsuite import proxqp
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.polish import polish
 
 __all__ = ["StepProblem", "StepSolver"]
 
@@ -80,6 +81,7 @@ class StepSolver:
         settings.max_iter = MAX_ITERATIONS
         settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self._fresh = True
+        self._eye = np.eye(variables)
 
     def solve(self, problem: StepProblem) -> tuple[FloatArray, bool]:
         """Solution x, and whether the solver reached its tolerance."""
@@ -92,11 +94,18 @@ class StepSolver:
         else:
             self._qp.update(H=p.H, g=p.g, C=p.C, l=p.l, u=p.u, l_box=p.lower, u_box=p.upper)
         self._qp.solve()
-        x = np.array(self._qp.results.x)
-        solved = self._qp.results.info.status == proxqp.PROXQP_SOLVED and bool(np.isfinite(x).all())
-        if not solved:
+        results = self._qp.results
+        x = np.array(results.x)
+        if results.info.status != proxqp.PROXQP_SOLVED or not np.isfinite(x).all():
             self._fresh = True  # what it would warm-start from is not a solution
-        return x, solved
+            return x, False
+        z = (
+            results.z
+        )  # of the rows, then of the bounds; vanishing where inactive, above zero at the upper side
+        active = np.flatnonzero(np.abs(z) > TOLERANCE)
+        rows = np.concatenate([p.C, self._eye])[active]
+        upper, lower = np.concatenate([p.u, p.upper])[active], np.concatenate([p.l, p.lower])[active]
+        return polish(p.H, p.g, rows, np.where(z[active] > 0.0, upper, lower), x), True
 
     @property
     def iterations(self) -> int:

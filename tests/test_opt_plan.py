@@ -74,7 +74,7 @@ def test_every_joint_limit_holds_everywhere(sms: ffsms.SpaceManipulator, traject
 
 
 def test_clearances_hold_between_nodes_too(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
-    points = opt.StepPlanner(sms).points
+    points = opt.StepPlanner(sms).clearances
     assert points is not None
     for t in np.linspace(0.0, 12.0, 2503):
         position, _, _ = trajectory.sample(t)

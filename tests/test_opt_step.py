@@ -14,6 +14,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.clearances import CollisionMode
 from ffsms_pin.opt.plan import march
 from ffsms_pin.opt.step_kinetics import step_kinetics
 from ffsms_pin.opt.step_qp import StepSolver
@@ -113,7 +114,7 @@ def test_a_joint_limit_holds_with_its_rows_and_breaks_without(
         target = planar.at(beyond).end_effector_pose.translation
 
     def worst(sms: ffsms.SpaceManipulator) -> FloatArray:
-        planner = opt.StepPlanner(sms, collision=False)
+        planner = opt.StepPlanner(sms, collision="off")
         return extremes(march(planner, start, target, duration))[limit]
 
     assert (worst(planar) <= bound + 1e-9).all()
@@ -126,15 +127,15 @@ def test_the_base_box_is_kept_clear_with_its_rows_and_entered_without(
     start = planar.configuration(np.deg2rad([75.0, 60.0, 20.0]))
     inside = planar.at(start).base_pose.act(np.array([0.1, 0.15, 0.0]))
 
-    def least(collision: bool) -> float:
+    def least(collision: CollisionMode) -> float:
         planner = opt.StepPlanner(planar, collision=collision)
         trajectory = march(planner, start, inside, 6.0)
-        points = opt.StepPlanner(planar).points
+        points = opt.StepPlanner(planar).clearances
         assert points is not None
         return min(float(points.evaluate(q).value.min()) for q in trajectory.q)
 
-    assert least(collision=True) >= 0.01
-    assert least(collision=False) < 0.0
+    assert least(collision="points") >= 0.01
+    assert least(collision="off") < 0.0
 
 
 def test_alpha_stays_in_the_papers_box_where_rates_could_leave_it(planar: ffsms.SpaceManipulator) -> None:
