@@ -9,8 +9,10 @@ from typing import Any
 
 __all__ = [
     "AmbiguousEndEffector",
+    "DependencyMissing",
     "FfsmsError",
     "FrameNotFound",
+    "GeometryError",
     "InvalidInertia",
     "InvalidScenario",
     "InvalidUrdf",
@@ -126,6 +128,18 @@ class AmbiguousEndEffector(FfsmsError, ValueError):
             "say which one is the end effector: load(..., end_effector=NAME)"
         )
         self.candidates = list(candidates)
+
+
+class GeometryError(FfsmsError, RuntimeError):
+    """The shapes of a robot cannot be had: a mesh that is not there or cannot be read."""
+
+
+class DependencyMissing(FfsmsError, ImportError):
+    """A package that only some robots need is not installed."""
+
+    def __init__(self, package: str, needed_for: str) -> None:
+        super().__init__(f"{needed_for} needs the package '{package}': pip install {package}")
+        self.package = package
 
 
 class InvalidScenario(FfsmsError, ValueError):

@@ -53,14 +53,15 @@ class StepWeights:
     change : float
         On |V alpha - rates|^2 [1/(rad/s)^2]: no jumps of redundant motion between steps.
     clearance : float
-        On the slack of the clearance rows [1/(m/s)], and on its square [1/(m/s)^2].
+        On the slack of the clearance rows [1/(m/s)], and on its square [1/(m/s)^2]: some fifty times what any
+        other aim gains by giving way, so a row gives way only where it cannot be kept.
     """
 
     direction: float = 1.0
     speed: float = 1e-2
     effort: float = 1e-6
     change: float = 1e-5
-    clearance: float = 1e3
+    clearance: float = 1.0
 
 
 class Step(NamedTuple):

@@ -17,9 +17,9 @@ from ffsms_pin.opt.polish import polish
 
 __all__ = ["StepProblem", "StepSolver"]
 
-# The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-11
-# places it to 1e-6 rad/s. A laxer tolerance shows as jerks of the joints; a stricter one meets rounding.
-TOLERANCE = 1e-11
+# The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-10
+# places it to 1e-5 rad/s. A laxer tolerance shows as jerks of the joints; a stricter one meets rounding.
+TOLERANCE = 1e-10
 # A warm start needs a handful of iterations; a step that needs this many gets the fall-back instead.
 MAX_ITERATIONS = 200
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,13 +62,24 @@ class Coupling:
         The paper's H_norm.
     """
 
+    U: FloatArray
+    sigma: FloatArray
+    V: FloatArray
+    entropy: float
+    _velocity_jacobian: Callable[[], FloatArray]
+
     def __init__(self, C_bm: FloatArray, velocity_jacobian: Callable[[], FloatArray]) -> None:
         U, sigma, V = decompose(C_bm)
-        self.U = frozen(U)
-        self.sigma = frozen(sigma)
-        self.V = frozen(V)
-        self.entropy = normalised_entropy(sigma, C_bm.shape[1])
-        self._velocity_jacobian = velocity_jacobian
+        self.__dict__.update(
+            U=frozen(U),
+            sigma=frozen(sigma),
+            V=frozen(V),
+            entropy=normalised_entropy(sigma, C_bm.shape[1]),
+            _velocity_jacobian=velocity_jacobian,
+        )
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"a coupling cannot be changed (tried to set '{name}')")
 
     def assistance(self, joint_rates: ArrayLike, direction: ArrayLike) -> float:
         """Coupling assistance cos(theta_a) (paper Eq. SVD_4, with the dot that the print lacks).

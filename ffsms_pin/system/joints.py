@@ -48,6 +48,13 @@ class JointLayout:
                 raise UnsupportedJoint(
                     model.name, f"joint '{model.names[j]}' is not carried by the free-flyer"
                 )
+            if model.parents[j] not in model.supports[j - 1]:
+                # Pinocchio's inertia matrix is silently wrong for any other order.
+                raise UnsupportedJoint(
+                    model.name,
+                    f"joint '{model.names[j]}' belongs to a branch before joint '{model.names[j - 1]}'; "
+                    "add the joints of a branch one after the other (depth first)",
+                )
             self.names.append(model.names[j])
             self._index.append(joint.idx_q)
             self._circle.append(joint.nq == 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -57,6 +58,10 @@ class JointLimits:
                 (float(self.lower[i]), float(self.upper[i])),
                 "are the wrong way round: lower must be below upper",
             )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A copy checks and locks its arrays again: numpy's own copies are writable.
+        return JointLimits, tuple(getattr(self, field.name) for field in fields(self))
 
     def violation(self, positions: ArrayLike) -> FloatArray:
         """How far each joint is outside its position limits, zero inside; shape (n,)."""

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.errors import AmbiguousEndEffector, InvalidUrdf, InvalidValue, ModelNotFound, UnsupportedJoint
 from ffsms_pin.system.manipulator import SpaceManipulator
+from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.urdf import model_names, model_path
 
-__all__ = ["load"]
+__all__ = ["build", "load"]
 
 
 def load(
@@ -22,6 +26,7 @@ def load(
     end_effector: str | None = None,
     base_size: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
+    package_dirs: Sequence[str | os.PathLike[str]] = (),
 ) -> SpaceManipulator:
     """Load a space manipulator: a URDF with a free-flyer root joint and zero gravity.
 
@@ -37,6 +42,9 @@ def load(
     acceleration : array_like, optional
         Joint acceleration limits [rad/s^2], one number or (n,): a URDF has none. Default: 1.25 /s times the
         rate limits, the paper's ratio.
+    package_dirs : sequence of paths, optional
+        Folders in which the `package://` names of meshes are looked for, besides those around the file. Only
+        `SpaceManipulator.geometry` reads meshes.
 
     Returns
     -------
@@ -48,10 +56,30 @@ def load(
     InvalidValue
         `base_size` or `acceleration` cannot be used.
     """
-    path = _path(robot)
-    urdf = UrdfFile(path)
+    urdf = UrdfFile(_path(robot))
+    try:
+        folders = tuple(Path(folder) for folder in package_dirs)
+    except TypeError:
+        raise InvalidValue("package_dirs", package_dirs, "must be a sequence of paths") from None
+    return build(urdf, end_effector, base_size, acceleration, package_dirs=folders)
+
+
+def build(
+    urdf: UrdfFile,
+    end_effector: str | None = None,
+    base_size: ArrayLike | None = None,
+    acceleration: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+    missing_velocity: float | None = None,
+    package_dirs: tuple[Path, ...] = (),
+) -> SpaceManipulator:
+    """A space manipulator from a URDF that is read and checked already; see `load`.
+
+    `velocity` (one number or (n,)) [rad/s] takes the place of the file's rate limits; `missing_velocity` is
+    for joints whose rate the file does not limit.
+    """
     if not any(joint.moves for joint in urdf.joints):
-        raise UnsupportedJoint(path, "the robot has no joint that moves; an arm needs at least one")
+        raise UnsupportedJoint(urdf.path, "the robot has no joint that moves; an arm needs at least one")
     if end_effector is None:
         tips = urdf.tips()
         if len(tips) != 1:
@@ -60,13 +88,26 @@ def load(
     try:
         model = pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
     except Exception as error:  # whatever the parser objects to that the checks before it did not
-        raise InvalidUrdf(path, f"Pinocchio cannot build a model from it ({error})") from None
+        raise InvalidUrdf(urdf.path, f"Pinocchio cannot build a model from it ({error})") from None
+    model.upperVelocityLimit = _rate_limits(model, velocity, missing_velocity)
     placement = None
     box = urdf.links[urdf.root].box
     if base_size is None and box is not None:
         base_size = box.size
         placement = pin.SE3(pin.rpy.rpyToMatrix(np.array(box.rpy)), np.array(box.xyz))
-    return SpaceManipulator(model, end_effector, base_size, placement, acceleration)
+    sms = SpaceManipulator(model, end_effector, base_size, placement, acceleration)
+    sms.description = Description(urdf.full_text(), urdf.path, package_dirs)
+    return sms
+
+
+def _rate_limits(model: Any, velocity: ArrayLike | None, missing: float | None) -> FloatArray:
+    limits = np.array(model.upperVelocityLimit)
+    n = limits.size - 6
+    if velocity is not None:
+        limits[6:] = vector("velocity", np.full(n, velocity) if np.ndim(velocity) == 0 else velocity, n)
+    elif missing is not None:
+        limits[6:][limits[6:] >= np.finfo(np.float64).max] = missing
+    return limits
 
 
 def _path(robot: str | os.PathLike[str]) -> Path:

@@ -10,9 +10,10 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, frozen, vector
-from ffsms_pin.errors import FrameNotFound, InvalidInertia, InvalidValue
+from ffsms_pin.errors import FrameNotFound, GeometryError, InvalidInertia, InvalidValue
 from ffsms_pin.system.joints import JointLayout
 from ffsms_pin.system.limits import ACCELERATION_PER_VELOCITY, JointLimits
+from ffsms_pin.system.shapes import Description, ShapeKind
 from ffsms_pin.system.state import State
 
 __all__ = ["SpaceManipulator"]
@@ -59,6 +60,8 @@ class SpaceManipulator:
         Pinocchio's index of the end-effector frame.
     base_com : ndarray, shape (3,)
         Centre of mass of the base body in the root frame [m].
+    description : Description or None
+        The URDF behind the model; None where the model was given directly.
 
     Raises
     ------
@@ -94,6 +97,8 @@ class SpaceManipulator:
         if base_box_placement is None:
             base_box_placement = pin.SE3(np.eye(3), np.array(base.lever))
         self.base_box_placement = base_box_placement
+        self.description: Description | None = None
+        self._geometry: dict[str, Any] = {}
         self._workspace = _Workspace(self.model)
         self._check_inertia()
 
@@ -189,6 +194,31 @@ class SpaceManipulator:
             v[:6] += state.drift(vector("momentum", momentum, 6))
         return v
 
+    def geometry(self, kind: ShapeKind) -> Any:
+        """Shapes of the robot, for viewers and for collision checks; read when first asked for, then kept.
+
+        Parameters
+        ----------
+        kind : {"visual", "collision"}
+
+        Returns
+        -------
+        pinocchio.GeometryModel
+            Belongs to `model`; make its data with `pinocchio.GeometryData`. Change a copy of it only.
+
+        Raises
+        ------
+        GeometryError
+            A mesh is not there or cannot be read, or the model was not made from a URDF.
+        """
+        if kind not in ("visual", "collision"):
+            raise InvalidValue("kind", kind, "must be 'visual' or 'collision'")
+        if self.description is None:
+            raise GeometryError("the model was not made from a URDF, so nothing is known of its shapes")
+        if kind not in self._geometry:
+            self._geometry[kind] = self.description.geometry(self.model, kind)
+        return self._geometry[kind]
+
     def _check_inertia(self) -> None:
         for j in range(1, self.model.njoints):
             body = self.model.inertias[j]
@@ -203,10 +233,16 @@ class SpaceManipulator:
                 )
 
     def __getstate__(self) -> dict[str, Any]:
-        return {key: value for key, value in self.__dict__.items() if key != "_workspace"}
+        # Geometry models are read again when a copy asks for them.
+        return {
+            key: {} if key == "_geometry" else value
+            for key, value in self.__dict__.items()
+            if key != "_workspace"
+        }
 
     def __setstate__(self, values: dict[str, Any]) -> None:
         self.__dict__.update(values)
+        frozen(self.base_com)
         self._workspace = _Workspace(self.model)
 
     def __repr__(self) -> str:

@@ -14,10 +14,12 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
 
-__all__ = ["Box", "Inertial", "Joint", "Link", "UrdfFile"]
+__all__ = ["Box", "Inertial", "Joint", "Link", "UrdfFile", "is_number", "read_robot"]
 
 # The C locale's decimal numbers, which is what URDF readers accept.
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+# Above anything that is built, and small enough for products of it to stay finite. Limits may be larger.
+_LARGEST = 1e30
 _MOVING = {"revolute", "continuous", "prismatic"}
 _LIMITED = {"revolute", "prismatic"}
 # What the dynamics are made of; the rest (shapes, colours, transmissions) stays out.
@@ -69,6 +71,25 @@ class Joint:
 _Named = TypeVar("_Named", Link, Joint)
 
 
+def is_number(text: str) -> bool:
+    """Whether `text` is a finite decimal number as every URDF reader takes it: no blanks, no formula."""
+    return _NUMBER.fullmatch(text) is not None and math.isfinite(float(text))
+
+
+def read_robot(path: Path, content: bytes | None = None) -> ElementTree.Element:
+    """The <robot> element of a file, or of `content` that stands for it; comments are kept."""
+    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+    try:
+        robot = ElementTree.fromstring(path.read_bytes() if content is None else content, parser)
+    except OSError as error:
+        raise InvalidUrdf(path, f"cannot be read ({error.strerror})") from None
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise InvalidUrdf(path, f"is not an XML file ({error})") from None
+    if robot.tag != "robot":
+        raise InvalidUrdf(path, f"is not a URDF: its root element is <{robot.tag}>, not <robot>")
+    return robot
+
+
 class UrdfFile:
     """A URDF file, read and checked.
 
@@ -76,6 +97,8 @@ class UrdfFile:
     ----------
     path : Path
         The file.
+    content : bytes, optional
+        What to read instead of the file, where it was made from the file at `path`.
 
     Attributes
     ----------
@@ -95,17 +118,10 @@ class UrdfFile:
         A joint that is not fixed, revolute, continuous or prismatic.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, content: bytes | None = None) -> None:
         self.path = path
-        try:
-            robot = ElementTree.fromstring(path.read_bytes())
-        except OSError as error:
-            raise InvalidUrdf(path, f"cannot be read ({error.strerror})") from None
-        except (ElementTree.ParseError, ValueError, LookupError) as error:
-            raise InvalidUrdf(path, f"is not an XML file ({error})") from None
+        robot = read_robot(path, content)
         self._robot = robot
-        if robot.tag != "robot":
-            raise InvalidUrdf(path, f"is not a URDF: its root element is <{robot.tag}>, not <robot>")
         if not robot.get("name"):
             raise InvalidUrdf(path, "the robot has no name: write <robot name=...>")
         self.links = self._unique("link", [self._link(item) for item in robot.findall("link")])
@@ -127,6 +143,10 @@ class UrdfFile:
                 copy = ElementTree.SubElement(robot, item.tag, item.attrib)
                 copy.extend(child for child in item if child.tag in kept)
         return ElementTree.tostring(robot, encoding="unicode")
+
+    def full_text(self) -> str:
+        """All of the file, shapes included, as XML."""
+        return ElementTree.tostring(self._robot, encoding="unicode")
 
     def tips(self) -> list[str]:
         """Links without children that the arm moves: the candidates for the end effector."""
@@ -226,6 +246,8 @@ class UrdfFile:
             raise InvalidUrdf(self.path, f"{where} has a zero axis")
         dynamics = item.find("dynamics")
         if dynamics is not None:
+            if dynamics.get("damping") is None and dynamics.get("friction") is None:
+                raise InvalidUrdf(self.path, f"{where} has a <dynamics> with neither damping nor friction")
             for key in ("damping", "friction"):
                 self._number(dynamics, key, where, default=0.0)
         limit = item.find("limit")
@@ -234,11 +256,11 @@ class UrdfFile:
                 raise InvalidUrdf(self.path, f"{where} is {joint.type} but has no <limit>")
             return
         for key in ("velocity", "effort"):
-            value = self._number(limit, key, where)
+            value = self._number(limit, key, where, largest=math.inf)
             if value <= 0.0:
                 raise InvalidUrdf(self.path, f"{where} has a {key} limit of {value:g}; it must be above zero")
-        lower = self._number(limit, "lower", where, default=0.0)
-        upper = self._number(limit, "upper", where, default=0.0)
+        lower = self._number(limit, "lower", where, default=0.0, largest=math.inf)
+        upper = self._number(limit, "upper", where, default=0.0, largest=math.inf)
         if joint.type in _LIMITED and lower >= upper:
             raise InvalidUrdf(
                 self.path, f"{where} has its limits the wrong way round: lower {lower:g} >= upper {upper:g}"
@@ -302,16 +324,23 @@ class UrdfFile:
         return x, y, z
 
     def _number(
-        self, element: ElementTree.Element, key: str, where: str, default: float | None = None
+        self,
+        element: ElementTree.Element,
+        key: str,
+        where: str,
+        default: float | None = None,
+        largest: float = _LARGEST,
     ) -> float:
         text = element.get(key)
         if text is None:
             if default is not None:
                 return default
             raise InvalidUrdf(self.path, f"{where} has no {key} in <{element.tag}>")
-        return self._parse(text, key, where)
+        return self._parse(text, key, where, largest)
 
-    def _parse(self, text: str, key: str, where: str) -> float:
-        if not _NUMBER.fullmatch(text) or not math.isfinite(float(text)):
+    def _parse(self, text: str, key: str, where: str, largest: float = _LARGEST) -> float:
+        if not is_number(text):
             raise InvalidUrdf(self.path, f'{where} has {key}="{text}", which is not a finite decimal number')
+        if abs(float(text)) > largest:
+            raise InvalidUrdf(self.path, f'{where} has {key}="{text}", which is too large')
         return float(text)

@@ -1,0 +1,47 @@
+"""Changes to the elements of a URDF that mounting and repairing share."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+__all__ = ["fix_joint", "words"]
+
+
+def words(numbers: object) -> str:
+    """Numbers as URDF text, to the last digit; an exact zero as 0."""
+    return " ".join(repr(float(x)) if x else "0" for x in np.ravel(np.asarray(numbers, dtype=np.float64)))
+
+
+def fix_joint(joint: ElementTree.Element, position: float) -> None:
+    """Make a revolute, continuous or prismatic joint a fixed one that stands at `position` [rad or m].
+
+    The links keep their masses; what belongs to a moving joint only (axis, limits, <mimic>) is taken out.
+    """
+    axis_element = joint.find("axis")
+    axis = _triple(axis_element, "xyz", "1 0 0")
+    slides = joint.get("type") == "prismatic"
+    joint.set("type", "fixed")
+    for tag in ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"):
+        for item in joint.findall(tag):
+            joint.remove(item)
+    if position == 0.0:
+        return
+    origin = joint.find("origin")
+    place = pin.SE3(pin.rpy.rpyToMatrix(_triple(origin, "rpy", "0 0 0")), _triple(origin, "xyz", "0 0 0"))
+    axis = axis / np.linalg.norm(axis)
+    if slides:
+        moved = place * pin.SE3(np.eye(3), axis * position)
+    else:
+        moved = place * pin.SE3(pin.AngleAxis(position, axis).matrix(), np.zeros(3))
+    if origin is None:
+        origin = ElementTree.SubElement(joint, "origin")
+    origin.set("xyz", words(moved.translation))
+    origin.set("rpy", words(pin.rpy.matrixToRpy(moved.rotation)))
+
+
+def _triple(element: ElementTree.Element | None, key: str, default: str) -> np.ndarray:
+    text = default if element is None else element.get(key, default)
+    return np.array([float(word) for word in text.split()])

@@ -1,0 +1,177 @@
+"""The decomposition of C_bm, the normalised entropy and the assistance metric, and the limits of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import ffsms_pin as ffsms
+from ffsms_pin.coupling import Coupling, normalised_entropy
+from ffsms_pin.errors import InvalidValue
+
+Array = NDArray[np.float64]
+Builder = Callable[..., Any]
+
+
+def at_random(tree: Any, seed: int) -> tuple[ffsms.SpaceManipulator, ffsms.State]:
+    sms = ffsms.SpaceManipulator(tree.model(), "tip")
+    return sms, sms.at(sms.configuration(np.random.default_rng(seed).uniform(-2.0, 2.0, size=sms.n)))
+
+
+def entropy_by_the_book(sigma: Array, n: int) -> float:
+    """The paper's sum, term by term, with the singular values beyond the rank as zeros."""
+    padded = np.concatenate([sigma, np.zeros(n - len(sigma))])
+    s = padded / padded.sum()
+    return float(-sum(x * np.log(x) if x > 0.0 else 0.0 for x in s) / np.log(n))
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 9))
+def test_decomposition(random_tree: Builder, seed: int, n: int) -> None:
+    _, state = at_random(random_tree(seed, n), seed)
+    c = state.coupling
+    assert c.U.shape == (6, 6)
+    assert c.sigma.shape == (min(6, n),)
+    assert c.V.shape == (n, n)
+    S = np.zeros((6, n))
+    np.fill_diagonal(S, c.sigma)
+    np.testing.assert_allclose(c.U @ S @ c.V.T, state.C_bm, rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(c.U.T @ c.U, np.eye(6), rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(c.V.T @ c.V, np.eye(n), rtol=0.0, atol=1e-13)
+    assert (np.diff(c.sigma) <= 0.0).all()
+    assert (c.sigma >= 0.0).all()
+    assert 0.0 <= c.entropy <= 1.0
+    if n > 1:
+        assert c.entropy == pytest.approx(entropy_by_the_book(c.sigma, n), abs=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_joint_has_no_entropy(random_tree: Builder, seed: int) -> None:
+    _, state = at_random(random_tree(seed, 1), seed)
+    assert state.coupling.entropy == 0.0
+    assert state.coupling.sigma[0] > 0.0
+
+
+def test_entropy_limits() -> None:
+    for n in range(2, 7):
+        assert normalised_entropy(np.full(n, 0.3), n) == pytest.approx(1.0, abs=1e-15)
+        assert normalised_entropy([2.0] + [0.0] * (n - 1), n) == 0.0  # 0 log 0 = 0
+        assert normalised_entropy(np.zeros(n), n) == 0.0
+    assert normalised_entropy([5.0], 1) == 0.0
+    # More joints than base motions: six equal values are not all of n, so the entropy stays below 1.
+    assert normalised_entropy(np.ones(6), 9) == pytest.approx(np.log(6) / np.log(9), abs=1e-15)
+    # By hand: shares 3/4 and 1/4.
+    assert normalised_entropy([3.0, 1.0], 2) == pytest.approx(0.8112781244591328, abs=1e-15)
+    # Only shares matter, however small or large the values.
+    for scale in (1e-300, 1e-9, 1e9, 1e300):
+        assert normalised_entropy(np.array([3.0, 1.0]) * scale, 2) == pytest.approx(0.8112781244591328)
+
+
+def test_a_system_without_coupling() -> None:
+    c = Coupling(np.zeros((6, 4)), lambda: np.zeros((3, 4)))
+    assert c.entropy == 0.0
+    np.testing.assert_array_equal(c.sigma, np.zeros(4))
+    assert c.assistance(np.ones(4), [1.0, 0.0, 0.0]) == 0.0
+
+
+@pytest.mark.parametrize(("seed", "n"), [(0, 3), (1, 6), (2, 8)])
+def test_turning_and_moving_the_whole_system_changes_nothing(random_tree: Builder, seed: int, n: int) -> None:
+    sms, state = at_random(random_tree(seed, n), seed)
+    rng = np.random.default_rng(seed)
+    turn = pin.rpy.rpyToMatrix(rng.uniform(-3.0, 3.0, size=3))
+    moved = np.array(state.q)
+    placed = pin.SE3(turn, rng.uniform(-2, 2, size=3)) * pin.XYZQUATToSE3(state.q[:7])
+    moved[:7] = pin.SE3ToXYZQUAT(placed)
+    other = sms.at(moved)
+    np.testing.assert_allclose(other.coupling.sigma, state.coupling.sigma, rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(other.H_q, state.H_q, rtol=0.0, atol=1e-11)
+    assert other.coupling.entropy == pytest.approx(state.coupling.entropy, abs=1e-13)
+    # C_bm itself is in inertial axes, and turns with the system.
+    R6 = np.kron(np.eye(2), turn)
+    np.testing.assert_allclose(other.C_bm, R6 @ state.C_bm, rtol=0.0, atol=1e-12)
+    # Each direction in V is the same up to its sign: the planes that it spans with itself are.
+    for i, (a, b) in enumerate(zip(state.coupling.V.T[:6], other.coupling.V.T[:6], strict=True)):
+        gaps = np.abs(np.delete(state.coupling.sigma, i) - state.coupling.sigma[i])
+        if gaps.min(initial=1.0) > 1e-3 * state.coupling.sigma[0]:
+            np.testing.assert_allclose(np.outer(a, a), np.outer(b, b), rtol=0.0, atol=1e-9)
+
+
+def test_the_reference_point_matters(random_tree: Builder) -> None:
+    # The same motion, told of the root's origin instead of the base's centre of mass: other singular values.
+    sms, state = at_random(random_tree(4, 5), 4)
+    v = np.array([sms.velocity(state.q, unit) for unit in np.eye(5)]).T
+    root = np.kron(np.eye(2), state.base_pose.rotation) @ v[:6]
+    assert np.abs(np.linalg.svd(root, compute_uv=False) - state.coupling.sigma).max() > 1e-3
+    # Moved from there to the centre of mass, they are the coupling's.
+    lever = state.base_pose.rotation @ sms.base_com
+    root[:3] += np.cross(root[3:].T, lever).T
+    np.testing.assert_allclose(root, state.C_bm, rtol=0.0, atol=1e-13)
+
+
+def test_assistance_limits(planar: ffsms.SpaceManipulator) -> None:
+    state = planar.at(planar.configuration([0.3, -0.8, 1.1]))
+    assist = state.coupling.assistance
+    rates = np.array([0.2, -0.1, 0.3])
+    way = state.J_star[:3] @ rates
+    assert assist(rates, way) == pytest.approx(1.0, abs=1e-15)
+    assert assist(rates, -way) == pytest.approx(-1.0, abs=1e-15)
+    assert assist(rates, np.cross(way, [0.0, 0.0, 1.0])) == pytest.approx(0.0, abs=1e-15)
+    assert assist(rates, [0.0, 0.0, 1.0]) == 0.0  # out of the plane
+    turned = np.array([[np.cos(1.0), -np.sin(1.0), 0], [np.sin(1.0), np.cos(1.0), 0], [0, 0, 1]]) @ way
+    assert assist(rates, turned) == pytest.approx(np.cos(1.0), abs=1e-14)
+    # Nothing moves, or the target is reached: no direction, so zero.
+    assert assist(np.zeros(3), way) == 0.0
+    assert assist(rates, np.zeros(3)) == 0.0
+    assert assist(np.zeros(3), np.zeros(3)) == 0.0
+    # Neither size matters, as long as it is a number.
+    for size in (1e-300, 1e-9, 1e9, 1e150):
+        assert assist(rates * size, turned) == pytest.approx(np.cos(1.0), abs=1e-12)
+        assert assist(rates, turned * size) == pytest.approx(np.cos(1.0), abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_assistance_is_in_range(random_tree: Builder, seed: int) -> None:
+    _, state = at_random(random_tree(seed, 7, ("revolute",)), seed)
+    rng = np.random.default_rng(seed)
+    for _ in range(50):
+        rates, direction = rng.normal(size=7), rng.normal(size=3)
+        got = state.coupling.assistance(rates, direction)
+        end = state.J_star[:3] @ rates
+        assert -1.0 <= got <= 1.0
+        assert got == pytest.approx(
+            end @ direction / np.linalg.norm(end) / np.linalg.norm(direction), abs=1e-13
+        )
+    # Joint motion that leaves the end effector where it is has no direction, only rounding.
+    null = np.linalg.svd(state.J_star[:3])[2][3:]
+    for rates in (*null, null.sum(axis=0)):
+        assert state.coupling.assistance(rates, direction) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("rates", "direction", "name"),
+    [
+        ([1.0, 2.0], [1, 0, 0], "joint_rates"),
+        ([[1.0, 2.0, 3.0]], [1, 0, 0], "joint_rates"),
+        ([1.0, 2.0, np.nan], [1, 0, 0], "joint_rates"),
+        (["a", 2.0, 3.0], [1, 0, 0], "joint_rates"),
+        ([1.0, 2.0, 3.0], [1, 0], "direction"),
+        ([1.0, 2.0, 3.0], 1.0, "direction"),
+        ([1.0, 2.0, 3.0], [1, 0, np.inf], "direction"),
+        ([1.0, 2.0, 3.0], None, "direction"),
+    ],
+)
+def test_assistance_of_wrong_values(
+    planar: ffsms.SpaceManipulator, rates: Any, direction: Any, name: str
+) -> None:
+    coupling = planar.at(planar.configuration([0.3, -0.8, 1.1])).coupling
+    with pytest.raises(InvalidValue) as caught:
+        coupling.assistance(rates, direction)
+    assert caught.value.name == name
+    assert "\n" not in str(caught.value)
