@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,12 +12,18 @@ from ffsms_pin.checks import FloatArray, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.clearances import CollisionMode
 from ffsms_pin.opt.step_kinetics import step_kinetics
-from ffsms_pin.opt.step_planner import StepPlanner
+from ffsms_pin.opt.step_planner import Step, StepPlanner, StepWeights
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
 
-__all__ = ["march", "plan"]
+__all__ = ["METHODS", "march", "plan"]
+
+METHODS = ("step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
+
+# The references are about what they spare: ten times the step's own price of redundant motion, and still too
+# little to keep an arm from leaving a singular start.
+REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 Progress = Callable[[float], None]
 
@@ -31,12 +38,10 @@ def plan(
     *,
     clearance: float = 0.01,
     collision: CollisionMode = "points",
+    method: str = "step",
     progress: Progress | None = None,
 ) -> Trajectory:
     """Plan a coupling-informed motion from rest at `q0` to `target`.
-
-    The per-step programme is marched from the start once for each side of the cost's cone that the end
-    effector can take; of the plans that arrive, the one with the lowest cost is returned.
 
     Parameters
     ----------
@@ -57,6 +62,12 @@ def plan(
         The paper's d_safe [m], between points of the arm and from them to the base box.
     collision : {"points", "shapes", "off"}
         What is kept clear: the paper's points (const4 to const7), the collision shapes, or nothing.
+    method : str
+        "step": the per-step programme, marched from the start once for each side of the cost's cone that the
+        end effector can take; of the plans that arrive, the one with the lowest cost.
+        "paper": the paper's cost minimised step by step as it stands, with a schedule for const8.
+        "resolved-rate", "least-disturbance", "minimum-effort": classical references that go straight to the
+        target (see `AIMS`), under the same limits.
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
 
@@ -76,8 +87,18 @@ def plan(
     if duration < dt:
         raise InvalidValue("duration", duration, f"must be at least one step of {dt:g} s")
     check_start(sms, q0)
-    steps = round(duration / dt)
-    planner = StepPlanner(sms, duration / steps, kappa, clearance, collision)
+    if method not in METHODS:
+        raise InvalidValue("method", method, f"must be one of {', '.join(METHODS)}")
+    dt = duration / round(duration / dt)
+    if method == "paper":
+        from ffsms_pin.opt.paper_step import PaperStepPlanner
+
+        paper = PaperStepPlanner(sms, dt, kappa, clearance, collision)
+        return march(paper, q0, goal, duration, progress)
+    weights = StepWeights() if method == "step" else REFERENCE_WEIGHTS
+    planner = StepPlanner(sms, dt, kappa, clearance, collision, weights, method)
+    if method != "step":
+        return march(planner, q0, goal, duration, progress)
 
     sides = start_sides(sms, q0, goal)
     plans: list[Trajectory] = []
@@ -88,8 +109,19 @@ def plan(
     return min(plans, key=_rank)
 
 
+class Stepper(Protocol):
+    """What `march` needs: one step after the other."""
+
+    sms: SpaceManipulator
+    dt: float
+    kappa: float
+
+    def advance(self, q: FloatArray, rates: FloatArray, target: FloatArray, time_left: float) -> Step:
+        """Joint rates for the next step."""
+
+
 def march(
-    planner: StepPlanner,
+    planner: Stepper,
     q0: FloatArray,
     target: FloatArray,
     duration: float,

@@ -102,4 +102,5 @@ class ShapeDistances:
     def _motion(self, shape: int, point: FloatArray, linear: FloatArray, angular: FloatArray) -> FloatArray:
         """Velocity of a point of a shape a joint rate, base held still: (n, 3)."""
         joint = int(self._geometry.geometryObjects[shape].parentJoint)
-        return (linear + np.cross(angular, point)) * self._moved_by[joint][:, None]
+        motion: FloatArray = (linear + np.cross(angular, point)) * self._moved_by[joint][:, None]
+        return motion

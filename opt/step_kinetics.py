@@ -20,6 +20,8 @@ class StepKinetics(NamedTuple):
 
     Attributes
     ----------
+    M : ndarray, shape (6 + n, 6 + n)
+        Inertia matrix in Pinocchio's velocity coordinates.
     coupling : ndarray, shape (6, n)
         Root velocity, in the root's own axes, a joint rate (Pinocchio's convention).
     J_v : ndarray, shape (3, n)
@@ -31,6 +33,7 @@ class StepKinetics(NamedTuple):
         Of the end effector [m].
     """
 
+    M: FloatArray
     coupling: FloatArray
     J_v: FloatArray
     V: FloatArray
@@ -53,4 +56,4 @@ def step_kinetics(sms: SpaceManipulator, q: FloatArray) -> StepKinetics:
         C_bm = coupling.copy()
         C_bm[:3] -= np.cross(sms.base_com, coupling[3:], axisb=0, axisc=0)
     _, sigma, V = decompose(C_bm)
-    return StepKinetics(coupling, J_v, V, normalised_entropy(sigma, sms.n), position)
+    return StepKinetics(M, coupling, J_v, V, normalised_entropy(sigma, sms.n), position)

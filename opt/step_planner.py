@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, number, positive, vector
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.aims import AIMS
 from ffsms_pin.opt.check_points import CheckPoints
 from ffsms_pin.opt.clearances import ClearanceModel, CollisionMode
 from ffsms_pin.opt.cone import cone_direction, lateral_direction
@@ -120,6 +121,8 @@ class StepPlanner:
         What is kept clear: the paper's points (const4 to const7), or the URDF's collision shapes by their
         exact distances. The points are the default: the paper's, and some ten times faster.
     weights : StepWeights
+    aim : str
+        One of `AIMS`: "step" is the paper's cost; the others are classical references that go straight.
     """
 
     def __init__(
@@ -130,12 +133,16 @@ class StepPlanner:
         clearance: float = 0.01,
         collision: CollisionMode = "points",
         weights: StepWeights | None = None,
+        aim: str = "step",
     ) -> None:
         self.sms = sms
         self.dt = positive("dt", dt, "s")
         self.kappa = positive("kappa", kappa)
         self.clearance = number("clearance", clearance)
         self.weights = weights or StepWeights()
+        if aim not in AIMS:
+            raise InvalidValue("aim", aim, f"must be one of {', '.join(AIMS)}")
+        self.aim = AIMS[aim]
         self.clearances = clearance_model(sms, collision)
         n, m = sms.n, self.clearances.count if self.clearances else 0
         self._problem = StepProblem(
@@ -221,7 +228,8 @@ class StepPlanner:
         towards, e, speed = self._aim(kinetics, motion, target, time_left)
 
         p.H[:n, :n] = w.direction * (A.T @ A)
-        p.H[:n, :n].flat[:: n + 1] += w.effort + w.change
+        p.H[:n, :n] += w.effort * (kinetics.V.T @ self.aim.effort(kinetics) @ kinetics.V)
+        p.H[:n, :n].flat[:: n + 1] += w.change
         p.H[:n, n] = p.H[n, :n] = -w.direction * (A.T @ e)
         p.H[n, n] = w.direction * float(e @ e) + w.speed
         p.H[n + 1, n + 1] = w.clearance
@@ -248,7 +256,7 @@ class StepPlanner:
         if distance < _ARRIVED:
             return np.zeros(3), np.zeros(3), 0.0
         towards = way / distance
-        cos_ideal = ideal_cosine(kinetics.entropy, self.kappa)
+        cos_ideal = ideal_cosine(kinetics.entropy, self.kappa) if self.aim.on_cone else 1.0
         if not self._lateral.any():
             self._lateral = motion
         self._lateral = lateral_direction(towards, self._lateral)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -198,3 +199,43 @@ def test_bad_arguments_are_named(sms: ffsms.SpaceManipulator, change: dict[str, 
 def test_a_start_outside_the_limits_names_the_joint(sms: ffsms.SpaceManipulator) -> None:
     with pytest.raises(InvalidValue, match=r"joint 'joint_1'.*1\.5"):
         opt.plan(sms, sms.configuration([1.5, 0.0, 0.0]), [1.0, 0.1, 0.0])
+
+
+@pytest.mark.parametrize("method", ["paper", "resolved-rate", "least-disturbance", "minimum-effort"])
+def test_references_go_there_too_and_cost_more(sms: ffsms.SpaceManipulator, method: str) -> None:
+    q0, target = sms.configuration(np.deg2rad([1.0, 1.0, 1.0])), CASES["case-1"]
+    reference = opt.plan(sms, q0, target, dt=0.02, method=method)
+    assert reference.reached
+    assert (np.abs(reference.joint_rates) <= sms.limits.velocity + 1e-12).all()
+    assert (np.abs(reference.joint_accelerations) <= sms.limits.acceleration + 1e-9).all()
+    assert reference.cost_integral > opt.plan(sms, q0, target, dt=0.02).cost_integral
+
+
+@pytest.mark.parametrize("method", ["resolved-rate", "least-disturbance", "minimum-effort"])
+def test_an_unhindered_reference_is_its_weighted_inverse(sms: ffsms.SpaceManipulator, method: str) -> None:
+    """rates = W^-1 J^T (J W^-1 J^T)^-1 v, the closed form of least rates^T W rates with J rates = v."""
+    free = ffsms.SpaceManipulator(sms.model, "end_effector", sms.base_size, acceleration=1e4)
+    free.limits = dataclasses.replace(free.limits, velocity=np.full(3, 1e2))
+    weights = opt.StepWeights(speed=1.0, effort=1e-5, change=0.0)
+    planner = opt.StepPlanner(free, weights=weights, aim=method, collision="off")
+    q, target = sms.configuration([0.4, 0.7, -0.5]), np.array([0.75, 0.5, 0.0])
+    rates = planner.step(q, np.zeros(3), target, 8.0).joint_rates
+
+    state = sms.at(q)
+    J = state.J_star[:2]
+    spin = state.C_bm[3:]
+    W = {
+        "resolved-rate": np.eye(3),
+        "least-disturbance": spin.T @ spin + 1e-9 * np.eye(3),
+        "minimum-effort": state.H_q,
+    }[method]
+    inverse = np.linalg.inv(W) @ J.T
+    expected = inverse @ np.linalg.solve(J @ inverse, J @ rates)
+    np.testing.assert_allclose(rates, expected, atol=2e-4 * float(np.abs(rates).max()))
+    towards = target - state.end_effector_pose.translation
+    assert state.coupling.assistance(rates, towards) > 0.9999
+
+
+def test_an_unknown_method_is_named(sms: ffsms.SpaceManipulator) -> None:
+    with pytest.raises(InvalidValue, match=r"method.*'magic'"):
+        opt.plan(sms, sms.configuration([0, 0, 0]), [1.0, 0.1, 0.0], method="magic")
