@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import tempfile
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
@@ -55,15 +54,27 @@ def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, An
 def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> dict[str, Any]:
     """Read what `save_arrays` wrote; every one of `names` must be there."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            found = {name: file[name] for name in file.files}
+        # Opened here: numpy would leave a damaged archive open.
+        with open(path, "rb") as stream:
+            found = _arrays(path, stream)
+    except ResultError:  # itself an OSError
+        raise
     except FileNotFoundError:
         raise ResultError(path, "there is no such file") from None
-    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile):
-        raise ResultError(path, "is not an npz file of results") from None
+    except OSError as error:
+        raise ResultError(path, f"cannot be read ({error.strerror})") from None
     if str(found.get(_FORMAT_KEY)) != kind:
         raise ResultError(path, f"is not a {kind} file")
     missing = [name for name in names if name not in found]
     if missing:
         raise ResultError(path, f"lacks {', '.join(missing)}; it was written by another version")
     return {name: found[name] for name in names}
+
+
+def _arrays(path: str | os.PathLike[str], stream: IO[bytes]) -> dict[str, Any]:
+    """All arrays of an npz file."""
+    try:
+        with np.load(stream, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except Exception:  # a damaged archive raises whatever the layer raises that stumbles over it
+        raise ResultError(path, "is not an npz file of results") from None

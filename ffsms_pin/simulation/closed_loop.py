@@ -1,0 +1,197 @@
+"""The closed loop: reference, controller and plant under forward dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, positive, vector
+from ffsms_pin.control.joint_error import JointError
+from ffsms_pin.errors import InvalidValue, SimulationDiverged
+from ffsms_pin.simulation.integrators import rk4_step
+from ffsms_pin.simulation.interfaces import Controller, Reference
+from ffsms_pin.simulation.tracking import Tracking
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["simulate"]
+
+
+def simulate(
+    sms: SpaceManipulator,
+    reference: Reference,
+    controller: Controller,
+    dt: float = 1e-3,
+    q0: ArrayLike | None = None,
+    plant: SpaceManipulator | None = None,
+    progress: Callable[[float], None] | None = None,
+    *,
+    v0: ArrayLike | None = None,
+) -> Tracking:
+    """Simulate the plant, from the start of the reference to its end, under the controller's torques.
+
+    In each control step the controller is given the plant's state and the reference's joint motion at the
+    step's start, and its torque is held over the step. The plant moves by its articulated-body dynamics with
+    the generalised force [0 (6); tau], so nothing acts on the base, integrated by one Runge-Kutta step of
+    order 4 (see `rk4_step`).
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        The model that the reference and the controller were made with.
+    reference : Reference
+        A `Trajectory`, or anything with `duration`, `target` and `sample`.
+    controller : Controller
+        Such as a `SlidingModeController`.
+    dt : float
+        Control and integration step [s]. A whole number of steps makes up the duration, so the step used is
+        the nearest that does.
+    q0 : array_like, shape (nq,), optional
+        Start of the plant; default: that of the reference.
+    plant : SpaceManipulator, optional
+        What is simulated, with the same joints as `sms`: another mass or inertia than the model's. Default:
+        `sms`.
+    progress : callable, optional
+        Called with the share of the work done, 0 to 1.
+    v0 : array_like, shape (6 + n,), optional
+        Velocity of the plant at the start. Default: the reference's joint rates and no momentum.
+
+    Returns
+    -------
+    Tracking
+
+    Raises
+    ------
+    InvalidValue
+        A wrong shape or a number out of range, or a plant with other joints.
+    SimulationDiverged
+        The state stopped being finite; the error carries what was recorded until then.
+    """
+    plant = _checked_plant(sms, sms if plant is None else plant)
+    duration, dt = positive("reference.duration", reference.duration, "s"), positive("dt", dt, "s")
+    if dt > duration * (1.0 + 1e-9):
+        raise InvalidValue("dt", dt, f"must not exceed the reference's duration of {duration:g} s")
+    steps = round(duration / dt)
+    t = np.linspace(0.0, duration, steps + 1)
+    dt = duration / steps
+
+    q = _start(plant, reference, q0)
+    start_rates = vector("joint rates of reference.sample(0)", reference.sample(0.0)[1], sms.n, "rad/s")
+    v = plant.velocity(q, start_rates) if v0 is None else vector("v0", v0, plant.nv)
+    observe = getattr(reference, "observe", None)
+    record = _Record(plant, t, _target_function(reference.target))
+    model, data = plant.model, plant.model.createData()
+    force = np.zeros(plant.nv)
+    work = 0.0
+    stride = max(1, steps // 200)  # a progress bar needs no more
+
+    for k in range(steps + 1):
+        # On its way to infinity a diverging state overflows here and there; the record finds out.
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            if observe is not None and k < steps:
+                observe(float(t[k]), q, v)
+            wanted = reference.sample(float(t[k]))
+            if not record.add(k, q, v, wanted, work):
+                raise SimulationDiverged(float(t[max(k - 1, 0)]), record.tracking(k))
+            if k == steps:
+                break
+            tau = np.asarray(controller.torque(q, v, *wanted))
+            if tau.shape != (plant.n,):
+                raise InvalidValue("controller.torque", tau, f"must return shape ({plant.n},)")
+            record.tau[k] = force[6:] = tau
+            q, v, done = rk4_step(model, data, q, v, force, dt)
+            work += done
+        if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):
+            progress((k + 1) / steps)
+    return record.tracking(steps + 1)
+
+
+class _Record:
+    """The rows of a `Tracking`, as they come."""
+
+    def __init__(self, plant: SpaceManipulator, t: FloatArray, target: Callable[[float], FloatArray]) -> None:
+        rows, n = len(t), plant.n
+        self._plant, self._data, self._target = plant, plant.model.createData(), target
+        self._error = JointError(plant)
+        self.t = t
+        self.q, self.v, self.tau = (
+            np.empty((rows, plant.nq)),
+            np.empty((rows, plant.nv)),
+            np.empty((rows - 1, n)),
+        )
+        self.joint_error, self.joint_rate_error = np.empty((rows, n)), np.empty((rows, n))
+        self.position_error, self.momentum = np.empty(rows), np.empty((rows, 6))
+        self.kinetic_energy, self.work = np.empty(rows), np.empty(rows)
+
+    def add(
+        self,
+        k: int,
+        q: FloatArray,
+        v: FloatArray,
+        wanted: tuple[FloatArray, FloatArray, FloatArray],
+        work: float,
+    ) -> bool:
+        """Record row k; False where its state is not finite."""
+        model, data = self._plant.model, self._data
+        momentum = pin.computeCentroidalMomentum(model, data, q, v).vector
+        energy = pin.computeKineticEnergy(model, data)  # of the q and v just given
+        if not (np.isfinite(q).all() and np.isfinite(energy)):
+            return False
+        position = pin.updateFramePlacement(model, data, self._plant.frame_id).translation
+        self.q[k], self.v[k] = q, v
+        self.joint_error[k] = self._error(q, wanted[0])
+        self.joint_rate_error[k] = v[6:] - wanted[1]
+        self.position_error[k] = np.linalg.norm(self._target(float(self.t[k])) - position)
+        self.momentum[k] = momentum
+        self.kinetic_energy[k], self.work[k] = energy, work
+        return True
+
+    def tracking(self, rows: int) -> Tracking:
+        """The first rows, and the steps between them."""
+        return Tracking(
+            t=self.t[:rows],
+            q=self.q[:rows],
+            v=self.v[:rows],
+            tau=self.tau[: max(rows - 1, 0)],
+            joint_error=self.joint_error[:rows],
+            joint_rate_error=self.joint_rate_error[:rows],
+            position_error=self.position_error[:rows],
+            momentum=self.momentum[:rows],
+            kinetic_energy=self.kinetic_energy[:rows],
+            work=self.work[:rows],
+        )
+
+
+def _checked_plant(sms: SpaceManipulator, plant: SpaceManipulator) -> SpaceManipulator:
+    if not isinstance(plant, SpaceManipulator):
+        raise InvalidValue("plant", plant, "must be a SpaceManipulator")
+    if plant.joint_names != sms.joint_names or plant.nq != sms.nq:
+        raise InvalidValue(
+            "plant", plant.joint_names, f"must have the model's joints ({', '.join(sms.joint_names)})"
+        )
+    return plant
+
+
+def _start(plant: SpaceManipulator, reference: Reference, q0: ArrayLike | None) -> FloatArray:
+    if q0 is not None:
+        return plant.checked_configuration("q0", q0)
+    rows = getattr(reference, "q", None)
+    if rows is None:
+        raise InvalidValue("q0", None, "must be given: this reference does not say where it starts")
+    return plant.checked_configuration("reference.q[0]", rows[0])
+
+
+def _target_function(target: Any) -> Callable[[float], FloatArray]:
+    """The target's position as a function of time."""
+    if callable(target):
+        return lambda t: _position(target(t))
+    fixed = _position(target)
+    return lambda t: fixed
+
+
+def _position(target: Any) -> FloatArray:
+    """Position (3,) of a target, which may be a pose."""
+    return vector("target", getattr(target, "translation", target), 3, "m")

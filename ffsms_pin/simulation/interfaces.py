@@ -1,0 +1,47 @@
+"""What a closed loop asks of its reference and its controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray
+
+__all__ = ["Controller", "Reference"]
+
+
+class Reference(Protocol):
+    """A wanted joint motion towards a target.
+
+    A planned `Trajectory` is one. Two more attributes are used where they exist:
+
+    - ``q``, an array of rows (nq,): its first row is where the plant starts unless `simulate` is told.
+    - ``observe(t, q, v)``: called with the measured state before each control step, so that a reference can
+      plan again from it.
+    """
+
+    @property
+    def duration(self) -> float:
+        """Length of the motion [s]."""
+        ...
+
+    @property
+    def target(self) -> ArrayLike | Callable[[float], Any]:
+        """End-effector position to come to (3,), or a function of time [s] that gives one (or a pose)."""
+        ...
+
+    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Joint positions [rad], rates [rad/s] and accelerations [rad/s^2], each (n,), at t [s]."""
+        ...
+
+
+class Controller(Protocol):
+    """A joint torque law."""
+
+    def torque(
+        self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
+    ) -> FloatArray:
+        """Joint torques (n,) [N m] for the measured q (nq,), v (6 + n,) and the wanted joint motion (n,)."""
+        ...

@@ -1,0 +1,104 @@
+"""What a closed-loop simulation recorded."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.errors import ResultError
+from ffsms_pin.storage import load_arrays, save_arrays
+
+__all__ = ["Tracking"]
+
+_FORMAT = "ffsms-pin tracking"
+
+
+@dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
+class Tracking:
+    """A simulated motion of the plant over N control steps; all arrays are read-only.
+
+    Attributes
+    ----------
+    t : ndarray, shape (N + 1,)
+        [s]
+    q : ndarray, shape (N + 1, nq)
+        Configuration of the plant, Pinocchio's.
+    v : ndarray, shape (N + 1, 6 + n)
+        Velocity of the plant, Pinocchio's.
+    tau : ndarray, shape (N, n)
+        Joint torques [N m], each held over its step.
+    joint_error : ndarray, shape (N + 1, n)
+        q - q_d [rad]; for continuous joints the shorter way round.
+    joint_rate_error : ndarray, shape (N + 1, n)
+        qd - qd_d [rad/s].
+    position_error : ndarray, shape (N + 1,)
+        Distance from the plant's end effector to the target [m].
+    momentum : ndarray, shape (N + 1, 6)
+        Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the centre of mass.
+    kinetic_energy : ndarray, shape (N + 1,)
+        [J]
+    work : ndarray, shape (N + 1,)
+        Work that the torques have done since the start [J].
+    """
+
+    t: FloatArray
+    q: FloatArray
+    v: FloatArray
+    tau: FloatArray
+    joint_error: FloatArray
+    joint_rate_error: FloatArray
+    position_error: FloatArray
+    momentum: FloatArray
+    kinetic_energy: FloatArray
+    work: FloatArray
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            array = np.array(getattr(self, field.name), dtype=np.float64)
+            object.__setattr__(self, field.name, frozen(array))
+
+    @property
+    def energy_error(self) -> FloatArray:
+        """Gain of kinetic energy less work (N + 1,) [J]: the integrator's error and rounding."""
+        error: FloatArray = self.kinetic_energy - self.kinetic_energy[0] - self.work
+        return error
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write to an npz file, atomically."""
+        save_arrays(path, _FORMAT, {field.name: getattr(self, field.name) for field in fields(self)})
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Tracking:
+        """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
+        arrays = load_arrays(path, _FORMAT, [field.name for field in fields(cls)])
+        _check_shapes(path, arrays)
+        return cls(**arrays)
+
+
+def _check_shapes(path: str | os.PathLike[str], arrays: dict[str, Any]) -> None:
+    """Raise `ResultError` unless the arrays are numbers and fit together."""
+    for name, array in arrays.items():
+        if array.dtype.kind not in "fiu":
+            raise ResultError(path, f"holds no numbers in {name}")
+    nodes = arrays["t"].size
+    n = arrays["v"].shape[1] - 6 if arrays["v"].ndim == 2 else 0
+    nq = arrays["q"].shape[1] if arrays["q"].ndim == 2 else 0
+    wanted = {
+        "t": (nodes,),
+        "v": (nodes, 6 + n),
+        "q": (nodes, max(nq, 7 + n)),
+        "tau": (nodes - 1, n),
+        "joint_error": (nodes, n),
+        "joint_rate_error": (nodes, n),
+        "position_error": (nodes,),
+        "momentum": (nodes, 6),
+        "kinetic_energy": (nodes,),
+        "work": (nodes,),
+    }
+    for name, shape in wanted.items():
+        if arrays[name].shape != shape:
+            raise ResultError(path, f"holds {name} of shape {arrays[name].shape} where {shape} would fit")

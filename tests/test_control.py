@@ -1,0 +1,207 @@
+"""The sliding mode law, its gains, and the reduced dynamics that it uses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+
+import ffsms_pin as ffsms
+from ffsms_pin.control import SlidingModeController, reduced_dynamics
+from ffsms_pin.errors import FfsmsError, InvalidValue
+
+Array = NDArray[np.float64]
+Refused = Callable[..., FfsmsError]
+
+
+def random_state(sms: ffsms.SpaceManipulator, rng: np.random.Generator) -> tuple[Array, Array]:
+    """A turned base anywhere, joints anywhere, and a velocity with momentum."""
+    q = sms.configuration(rng.uniform(-2.0, 2.0, sms.n), pin.SE3.Random())
+    return q, rng.normal(size=sms.nv)
+
+
+def reduced_by_forward_dynamics(sms: ffsms.SpaceManipulator, q: Array, v: Array) -> tuple[Array, Array]:
+    """H_q and C_q from accelerations alone: no Schur complement, no nonlinear effects."""
+    data = sms.model.createData()
+
+    def joint_accelerations(tau: Array) -> Array:
+        force = np.concatenate([np.zeros(6), tau])
+        return np.array(pin.aba(sms.model, data, q, v, force)[6:])
+
+    free = joint_accelerations(np.zeros(sms.n))
+    H_q = np.linalg.inv(np.array([joint_accelerations(e) - free for e in np.eye(sms.n)]).T)
+    return H_q, -H_q @ free
+
+
+@pytest.mark.parametrize(("seed", "n"), [(1, 1), (2, 3), (3, 7), (4, 9)])
+def test_reduced_dynamics_agrees_with_forward_dynamics_and_state(
+    seed: int, n: int, random_tree: Callable[..., Any], rng: np.random.Generator
+) -> None:
+    kinds = ("revolute", "prismatic", "continuous")
+    sms = ffsms.SpaceManipulator(random_tree(seed, n, kinds).model(), "tip")
+    for _ in range(5):
+        q, v = random_state(sms, rng)
+        H_q, C_q = reduced_dynamics(sms, q, v)
+        state = sms.at(q, v)
+        np.testing.assert_allclose(H_q, state.H_q, atol=1e-12 * np.abs(H_q).max())
+        np.testing.assert_allclose(C_q, state.C_q, atol=1e-12 * max(1.0, np.abs(C_q).max()))
+        H_ref, C_ref = reduced_by_forward_dynamics(sms, q, v)
+        np.testing.assert_allclose(H_q, H_ref, atol=1e-8 * np.abs(H_ref).max())
+        np.testing.assert_allclose(C_q, C_ref, atol=1e-8 * max(1.0, np.abs(C_ref).max()))
+
+
+def test_torque_is_the_law_written_out(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
+    K_s, Gamma, boundary = np.array([0.5, 0.3, 0.2]), np.array([4.0, 6.0, 8.0]), 0.05
+    controller = SlidingModeController(planar, K_s, Gamma, boundary, torque_limit=np.inf)
+    inside = 0
+    for size in (1e-3, 1.0):  # within the boundary layer, and far outside
+        for _ in range(10):
+            q, v = random_state(planar, rng)
+            q_e, qd_e, qdd_d = size * rng.normal(size=3), size * rng.normal(size=3), rng.normal(size=3)
+            H_q, C_q = reduced_by_forward_dynamics(planar, q, v)
+            wanted = np.empty(3)
+            for i in range(3):
+                s = qd_e[i] + Gamma[i] * q_e[i]
+                inside += abs(s) < boundary
+                push = K_s[i] * max(-1.0, min(1.0, s / boundary))
+                wanted[i] = H_q[i] @ (qdd_d - Gamma * qd_e) + C_q[i] - push
+            tau = controller.torque(q, v, q[7:] - q_e, v[6:] - qd_e, qdd_d)
+            np.testing.assert_allclose(tau, wanted, atol=1e-9)
+    assert 20 <= inside <= 40  # of 60: both branches of sat were taken
+
+
+def test_paper_gains_are_the_defaults(planar: ffsms.SpaceManipulator) -> None:
+    controller = SlidingModeController(planar)
+    np.testing.assert_array_equal(controller.K_s, np.diag([0.001] * 3))
+    np.testing.assert_array_equal(controller.Gamma, np.diag([10.0] * 3))
+    np.testing.assert_array_equal(controller.boundary, [0.02] * 3)
+    np.testing.assert_array_equal(controller.torque_limit, [3.5, 1.5, 1.5])
+    assert not controller.K_s.flags.writeable
+
+
+def test_scalar_vector_and_matrix_gains_are_the_same_law(
+    planar: ffsms.SpaceManipulator, rng: np.random.Generator
+) -> None:
+    q, v = random_state(planar, rng)
+    wanted = rng.normal(size=(3, 3))
+    laws = [
+        SlidingModeController(planar, 0.3, 5.0, 0.1, 2.0),
+        SlidingModeController(planar, [0.3] * 3, [5.0] * 3, [0.1] * 3, [2.0] * 3),
+        SlidingModeController(planar, 0.3 * np.eye(3), 5 * np.eye(3, dtype=int), 0.1, 2),
+    ]
+    first, *others = (law.torque(q, v, *wanted) for law in laws)
+    for other in others:
+        np.testing.assert_array_equal(first, other)
+
+
+def test_full_gain_matrices_are_used(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
+    K_s = np.array([[0.5, 0.1, 0.0], [0.1, 0.4, 0.1], [0.0, 0.1, 0.3]])
+    Gamma = np.array([[5.0, 1.0, 0.5], [1.0, 6.0, 1.0], [0.5, 1.0, 7.0]])
+    controller = SlidingModeController(planar, K_s, Gamma, 0.1, np.inf)
+    q, v = random_state(planar, rng)
+    q_e, qd_e, qdd_d = 1e-3 * rng.normal(size=3), 1e-3 * rng.normal(size=3), rng.normal(size=3)
+    tau = controller.torque(q, v, q[7:] - q_e, v[6:] - qd_e, qdd_d)
+    # What the law is for: with this torque the error obeys H_q (qdd_e + Gamma qd_e) = -K_s s / boundary.
+    qdd = pin.aba(planar.model, planar.model.createData(), q, v, np.concatenate([np.zeros(6), tau]))[6:]
+    H_q, _ = reduced_by_forward_dynamics(planar, q, v)
+    np.testing.assert_allclose(
+        H_q @ (qdd - qdd_d + Gamma @ qd_e), -K_s @ (qd_e + Gamma @ q_e) / 0.1, atol=1e-9
+    )
+
+
+def test_torque_limit_holds_with_it_and_is_exceeded_without(
+    planar: ffsms.SpaceManipulator, rng: np.random.Generator
+) -> None:
+    q, v = random_state(planar, rng)
+    limit = np.array([0.4, 0.2, 0.1])
+    for sign in (-1.0, 1.0):
+        motion = q[7:], v[6:], sign * np.full(3, 50.0)
+        free = SlidingModeController(planar, torque_limit=np.inf).torque(q, v, *motion)
+        limited = SlidingModeController(planar, torque_limit=limit).torque(q, v, *motion)
+        assert (np.abs(free) > limit).any()
+        np.testing.assert_array_equal(limited, np.clip(free, -limit, limit))
+    one_free = SlidingModeController(planar, torque_limit=[np.inf, 0.2, 0.1]).torque(q, v, *motion)
+    np.testing.assert_array_equal(one_free, [free[0], *np.clip(free, -limit, limit)[1:]])
+
+
+def test_continuous_joint_takes_the_shorter_way_round(random_tree: Callable[..., Any]) -> None:
+    sms = ffsms.SpaceManipulator(random_tree(5, 3, ("continuous",)).model(), "tip")
+    controller = SlidingModeController(sms, K_s=1.0, boundary=1.0)
+    q, still = sms.configuration([3.1, -3.1, 0.5]), np.zeros(sms.nv)
+    near = controller.torque(q, still, [3.13, -3.13, 0.52], np.zeros(3), np.zeros(3))
+    for turns in ([1, 0, 0], [0, -1, 0], [0, 3, -2]):
+        wanted = np.array([3.13, -3.13, 0.52]) + 2.0 * math.pi * np.array(turns)
+        np.testing.assert_allclose(
+            controller.torque(q, still, wanted, np.zeros(3), np.zeros(3)), near, atol=1e-12
+        )
+    # Across the cut the error is 0.083 rad, not a turn less that.
+    across = controller.torque(q, still, [-3.1, 3.1, 0.5], np.zeros(3), np.zeros(3))
+    gap = 2.0 * math.pi - 6.2
+    assert sms.n == 3
+    np.testing.assert_allclose(across, [10.0 * gap, -10.0 * gap, 0.0], atol=1e-12)
+
+
+def test_other_joints_are_not_wrapped(planar: ffsms.SpaceManipulator) -> None:
+    controller = SlidingModeController(planar, K_s=1.0, boundary=1e3, torque_limit=np.inf)
+    q, zero = planar.configuration([0.2, 0.1, 0.3]), np.zeros(3)
+    tau = controller.torque(q, np.zeros(9), q[7:] + np.array([2.0 * math.pi, 0.0, 0.0]), zero, zero)
+    np.testing.assert_allclose(tau, [20.0 * math.pi / 1e3, 0.0, 0.0], atol=1e-12)
+
+
+def test_time_constants(planar: ffsms.SpaceManipulator) -> None:
+    q = planar.configuration([0.3, 0.6, -0.4])
+    H_q = planar.at(q).H_q
+    constants = SlidingModeController(planar).time_constants(q)
+    np.testing.assert_allclose(constants, np.linalg.eigvalsh(H_q) * 0.02 / 0.001, rtol=1e-10)
+    K_s, boundary = np.array([0.1, 0.2, 0.4]), np.array([0.02, 0.03, 0.05])
+    rates = np.linalg.eigvals(np.linalg.inv(H_q) @ np.diag(K_s / boundary))
+    constants = SlidingModeController(planar, K_s, boundary=boundary).time_constants(q)
+    np.testing.assert_allclose(constants, np.sort(1.0 / rates.real), rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("given", "word"),
+    [
+        ({"K_s": 0.0}, "K_s"),
+        ({"K_s": -1.0}, "K_s"),
+        ({"K_s": [0.1, 0.2]}, "K_s"),
+        ({"K_s": [0.1, 0.0, 0.2]}, "K_s"),
+        ({"K_s": math.nan}, "K_s"),
+        ({"K_s": "stiff"}, "K_s"),
+        ({"K_s": None}, "K_s"),
+        ({"Gamma": np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]])}, "positive definite"),
+        ({"Gamma": np.array([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])}, "symmetric"),
+        ({"Gamma": np.zeros((3, 3))}, "Gamma"),
+        ({"Gamma": np.eye(2)}, "Gamma"),
+        ({"Gamma": [[1.0], [2.0, 3.0]]}, "Gamma"),
+        ({"Gamma": np.ones((3, 3, 3))}, "Gamma"),
+        ({"boundary": 0.0}, "boundary"),
+        ({"boundary": [0.1, -0.1, 0.1]}, "boundary"),
+        ({"boundary": [0.1] * 3, "K_s": np.eye(3) + 0.1}, "diagonal"),
+        ({"boundary": math.inf}, "boundary"),
+        ({"torque_limit": 0.0}, "torque_limit"),
+        ({"torque_limit": [1.0, math.nan, 1.0]}, "torque_limit"),
+        ({"torque_limit": [1.0, 1.0]}, "torque_limit"),
+        ({"torque_limit": "none"}, "torque_limit"),
+        ({"torque_limit": [[1.0], [2.0, 3.0]]}, "torque_limit"),
+    ],
+)
+def test_bad_gains_are_refused(
+    given: dict[str, Any], word: str, planar: ffsms.SpaceManipulator, refused: Refused
+) -> None:
+    refused(lambda: SlidingModeController(planar, **given), InvalidValue, word)
+
+
+@pytest.mark.parametrize("wrong", range(5))
+def test_wrong_lengths_are_refused(wrong: int, planar: ffsms.SpaceManipulator, refused: Refused) -> None:
+    controller = SlidingModeController(planar)
+    arguments = [planar.configuration(np.zeros(3)), np.zeros(9), np.zeros(3), np.zeros(3), np.zeros(3)]
+    arguments[wrong] = arguments[wrong][:-1]
+    name = ("q", "v", "q_d", "qd_d", "qdd_d")[wrong]
+    error = refused(lambda: controller.torque(*arguments), InvalidValue)
+    assert str(error).startswith(f"{name} ")

@@ -1,0 +1,136 @@
+"""The Runge-Kutta step on the manifold: order, momentum, energy, and an independent integration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from ffsms_pin.simulation.integrators import rk4_step
+
+Array = NDArray[np.float64]
+KINDS = ("revolute", "prismatic", "continuous")
+
+
+class Case:
+    """A random robot, turning fast, under constant joint torques."""
+
+    def __init__(self, tree: Any, seed: int, spin: float, gravity: float = 0.0) -> None:
+        rng = np.random.default_rng(seed)
+        self.model = tree.model()
+        self.model.gravity = pin.Motion(gravity * rng.normal(size=3), np.zeros(3))
+        self.data = self.model.createData()
+        q = pin.neutral(self.model)
+        q[:3] = rng.normal(size=3)
+        q[3:7] = rng.normal(size=4)
+        self.q = pin.normalize(self.model, q)
+        self.v = 0.3 * rng.normal(size=self.model.nv)
+        self.v[3:6] = spin * rng.normal(size=3)
+        self.tau = np.concatenate([np.zeros(6), rng.normal(size=self.model.nv - 6)])
+
+    def run(self, duration: float, steps: int, tau: Array | None = None) -> tuple[Array, Array, float]:
+        """State and work after so many steps."""
+        q, v, work = self.q, self.v, 0.0
+        for _ in range(steps):
+            q, v, done = rk4_step(
+                self.model, self.data, q, v, self.tau if tau is None else tau, duration / steps
+            )
+            work += done
+        return q, v, work
+
+    def momentum(self, q: Array, v: Array) -> Array:
+        """Total, inertial axes, about the centre of mass."""
+        return np.array(pin.computeCentroidalMomentum(self.model, self.data, q, v).vector)
+
+    def energy(self, q: Array, v: Array) -> float:
+        """Kinetic."""
+        return float(pin.computeKineticEnergy(self.model, self.data, q, v))
+
+
+# Without gravity the accelerations do not depend on the base's pose, so its stages would not be tested.
+@pytest.mark.parametrize("gravity", [0.0, 5.0])
+@pytest.mark.parametrize(("seed", "n"), [(1, 1), (2, 3), (3, 7)])
+def test_order_four_in_attitude_velocity_and_work(
+    seed: int, n: int, gravity: float, random_tree: Callable[..., Any]
+) -> None:
+    case = Case(random_tree(seed, n, KINDS), seed, 3.0, gravity)
+    q_ref, v_ref, work_ref = case.run(0.4, 2000)
+    errors = []
+    for steps in (40, 80):
+        q, v, work = case.run(0.4, steps)
+        apart = pin.difference(case.model, q_ref, q)
+        errors.append([np.linalg.norm(apart[:6]), np.linalg.norm(v - v_ref), abs(work - work_ref)])
+    coarse, fine = np.array(errors)
+    assert (fine > 1e-13).all()  # well above rounding, so that the ratio means something
+    # 16 a halving; without the brackets the pose's ratio is 4.
+    assert (coarse / fine > 11.0).all()
+
+
+def test_agrees_with_an_integration_in_quaternion_coordinates(random_tree: Callable[..., Any]) -> None:
+    case = Case(random_tree(4, 3, ("revolute", "prismatic")), 4, spin=2.0)
+    model = case.model
+
+    def slope(_: float, y: Array) -> Array:
+        q, v = y[: model.nq], y[model.nq :]
+        unit = q[3:7] / np.linalg.norm(q[3:7])
+        q = np.concatenate([q[:3], unit, q[7:]])
+        x, y_, z, w = unit
+        omega = v[3:6]
+        turn = np.array([[w, -z, y_], [z, w, -x], [-y_, x, w], [-x, -y_, -z]]) @ omega / 2.0
+        position = pin.Quaternion(unit).toRotationMatrix() @ v[:3]
+        return np.concatenate([position, turn, v[6:], pin.aba(model, case.data, q, v, case.tau)])
+
+    y0 = np.concatenate([case.q, case.v])
+    solution = solve_ivp(slope, (0.0, 0.5), y0, method="DOP853", rtol=1e-12, atol=1e-12)
+    end = solution.y[:, -1]
+    q, v, _ = case.run(0.5, 1000)
+    sign = np.sign(q[3:7] @ end[3:7])
+    np.testing.assert_allclose(q[:3], end[:3], atol=1e-8)
+    np.testing.assert_allclose(q[3:7], sign * end[3:7], atol=1e-8)
+    np.testing.assert_allclose(np.concatenate([q[7:], v]), end[7:], atol=1e-8)
+
+
+@pytest.mark.parametrize(("seed", "n"), [(5, 1), (6, 4), (7, 7)])
+def test_free_tumbling_keeps_momentum_and_energy(seed: int, n: int, random_tree: Callable[..., Any]) -> None:
+    case = Case(random_tree(seed, n, KINDS), seed, spin=0.3)
+    before, energy = case.momentum(case.q, case.v), case.energy(case.q, case.v)
+    # Every component in inertial axes: the size of the angular momentum alone would not show the attitude.
+    q, v, work = case.run(2.0, 2000, tau=np.zeros(case.model.nv))
+    assert np.linalg.norm(before[3:]) > 0.1
+    np.testing.assert_allclose(case.momentum(q, v), before, atol=1e-10 * np.abs(before).max())
+    assert case.energy(q, v) == pytest.approx(energy, rel=1e-10)
+    assert work == 0.0
+    turned = pin.Quaternion(q[3:7]).angularDistance(pin.Quaternion(case.q[3:7]))
+    assert turned > 0.1
+
+
+def test_internal_torques_do_work_but_leave_momentum(random_tree: Callable[..., Any]) -> None:
+    case = Case(random_tree(8, 4), 8, spin=0.3)
+    before, energy = case.momentum(case.q, case.v), case.energy(case.q, case.v)
+    q, v, work = case.run(1.0, 1000)
+    assert abs(work) > 1e-2
+    assert case.energy(q, v) - energy == pytest.approx(work, rel=1e-7)
+    np.testing.assert_allclose(case.momentum(q, v), before, atol=1e-9 * np.abs(before).max())
+
+
+def test_quaternion_and_circles_keep_unit_length(random_tree: Callable[..., Any]) -> None:
+    case = Case(random_tree(9, 2, ("continuous",)), 9, spin=3.0)
+    q, _, _ = case.run(2.0, 500)
+    assert np.linalg.norm(q[3:7]) == pytest.approx(1.0, abs=1e-14)
+    assert np.linalg.norm(q[7:9]) == pytest.approx(1.0, abs=1e-14)
+    case.q[3:7] *= 1.0 + 5e-7  # as far off as a configuration may be
+    q, _, _ = case.run(1e-3, 1)
+    assert np.linalg.norm(q[3:7]) == pytest.approx(1.0, abs=1e-14)
+
+
+def test_inputs_are_left_alone(random_tree: Callable[..., Any]) -> None:
+    case = Case(random_tree(10, 3), 10, spin=1.0)
+    kept = case.q.copy(), case.v.copy(), case.tau.copy()
+    rk4_step(case.model, case.data, case.q, case.v, case.tau, 0.01)
+    for array, copy in zip((case.q, case.v, case.tau), kept, strict=True):
+        np.testing.assert_array_equal(array, copy)
