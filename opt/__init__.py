@@ -2,11 +2,14 @@
 
 from ffsms_pin.opt.cost import ideal_cosine, soft_assistance, step_cost
 from ffsms_pin.opt.plan import plan
-from ffsms_pin.opt.step_planner import Step, StepPlanner, StepWeights
+from ffsms_pin.opt.replanning import Replanning
+from ffsms_pin.opt.step import Step
+from ffsms_pin.opt.step_planner import StepPlanner, StepWeights
 from ffsms_pin.opt.step_qp import StepProblem
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = [
+    "Replanning",
     "Step",
     "StepPlanner",
     "StepProblem",

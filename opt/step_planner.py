@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,13 +17,15 @@ from ffsms_pin.opt.clearances import ClearanceModel, CollisionMode
 from ffsms_pin.opt.cone import cone_direction, lateral_direction
 from ffsms_pin.opt.cost import ideal_cosine, step_cost
 from ffsms_pin.opt.rate_bounds import rate_bounds
+from ffsms_pin.opt.replanning import Replanning, Target
 from ffsms_pin.opt.schedule import reference_speed
 from ffsms_pin.opt.shape_distances import ShapeDistances
+from ffsms_pin.opt.step import Step
 from ffsms_pin.opt.step_kinetics import StepKinetics, step_kinetics
 from ffsms_pin.opt.step_qp import StepProblem, StepSolver
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Step", "StepPlanner", "StepWeights"]
+__all__ = ["StepPlanner", "StepWeights"]
 
 # [1/s] A clearance may shrink at most this fast relative to what is left of it: slow enough for the arm to
 # brake (the paper's arm stops an end effector from 0.2 m/s within a second), fast enough to pass near.
@@ -63,33 +64,6 @@ class StepWeights:
     effort: float = 1e-6
     change: float = 1e-5
     clearance: float = 1.0
-
-
-class Step(NamedTuple):
-    """The result of one step.
-
-    Attributes
-    ----------
-    alpha : ndarray, shape (n,)
-        The paper's scaling factors: joint_rates = V alpha.
-    joint_rates : ndarray, shape (n,)
-        At the step's end [rad/s]; the acceleration during the step is constant.
-    cos_theta : float
-        Coupling assistance of these rates at the step's start.
-    entropy : float
-        H_norm at the step's start.
-    cost : float
-        The paper's summand (C~ - (1 - H_norm))^2.
-    solved : bool
-        False where the programme had no solution in time and the arm brakes instead.
-    """
-
-    alpha: FloatArray
-    joint_rates: FloatArray
-    cos_theta: float
-    entropy: float
-    cost: float
-    solved: bool
 
 
 def clearance_model(sms: SpaceManipulator, collision: CollisionMode) -> ClearanceModel | None:
@@ -143,6 +117,7 @@ class StepPlanner:
         if aim not in AIMS:
             raise InvalidValue("aim", aim, f"must be one of {', '.join(AIMS)}")
         self.aim = AIMS[aim]
+        self._aim, self._collision = aim, collision
         self.clearances = clearance_model(sms, collision)
         n, m = sms.n, self.clearances.count if self.clearances else 0
         self._problem = StepProblem(
@@ -193,6 +168,22 @@ class StepPlanner:
         """
         return self.advance(*self._checked(q, joint_rates, target, time_left))
 
+    def track(self, target: Target, duration: float) -> Replanning:
+        """A reference for a closed loop that plans again from the measured state at every step.
+
+        Parameters
+        ----------
+        target : array_like, shape (3,), or callable
+            Position in inertial axes [m], or a function of time [s] that gives one.
+        duration : float
+            Time to arrive [s].
+        """
+        return Replanning(self, target, duration)
+
+    def coarse(self, dt: float) -> StepPlanner:
+        """A planner like this one with another step, for a look ahead."""
+        return StepPlanner(self.sms, dt, self.kappa, self.clearance, self._collision, self.weights, self._aim)
+
     def advance(self, q: FloatArray, rates: FloatArray, target: FloatArray, time_left: float) -> Step:
         """`step` for arguments that are known to be right: arrays of float64 of the right shapes."""
         kinetics = step_kinetics(self.sms, q)
@@ -225,7 +216,7 @@ class StepPlanner:
         n, p, w = self.sms.n, self._problem, self.weights
         A = kinetics.J_v @ kinetics.V
         motion = kinetics.J_v @ rates
-        towards, e, speed = self._aim(kinetics, motion, target, time_left)
+        towards, e, speed = self._direction(kinetics, motion, target, time_left)
 
         p.H[:n, :n] = w.direction * (A.T @ A)
         p.H[:n, :n] += w.effort * (kinetics.V.T @ self.aim.effort(kinetics) @ kinetics.V)
@@ -247,7 +238,7 @@ class StepPlanner:
             p.l[n:] = -CLOSING_RATE * (value - self.clearance - CLEARANCE_MARGIN)
         return lower, upper, towards
 
-    def _aim(
+    def _direction(
         self, kinetics: StepKinetics, motion: FloatArray, target: FloatArray, time_left: float
     ) -> tuple[FloatArray, FloatArray, float]:
         """Unit vector to the target, wanted direction of motion, wanted speed."""

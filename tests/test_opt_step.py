@@ -15,7 +15,7 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.clearances import CollisionMode
-from ffsms_pin.opt.plan import march
+from ffsms_pin.opt.marching import march
 from ffsms_pin.opt.step_kinetics import step_kinetics
 from ffsms_pin.opt.step_qp import StepSolver
 
