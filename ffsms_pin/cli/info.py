@@ -1,0 +1,125 @@
+"""`ffsms-pin info`: a robot's masses, limits and coupling."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.cli.limits_text import limit_text, range_text
+from ffsms_pin.cli.output import output_console
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.models import load
+from ffsms_pin.scenarios.joint_units import joint_units, slides
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["info_command"]
+
+
+def info_command(
+    model: str, end_effector: str | None = None, joints_deg: Sequence[float] | None = None
+) -> None:
+    """Print what is known about a robot.
+
+    Parameters
+    ----------
+    model : str
+        A packaged robot, or a URDF file.
+    end_effector : str, optional
+    joints_deg : sequence of float, optional
+        Posture for the coupling [deg]; default: zero where the limits allow it.
+    """
+    sms = load(model, end_effector=end_effector)
+    posture = _posture(sms, joints_deg)
+    console = output_console()
+    size = "none" if sms.base_size is None else " x ".join(f"{edge:g}" for edge in sms.base_size) + " m"
+    console.print(
+        f"{sms.model.name}: {sms.n} joints, end effector '{sms.end_effector}', base box {size}",
+        markup=False,
+        highlight=False,
+    )
+    console.print(_bodies(sms))
+    console.print(_limits(sms))
+    console.print(_coupling(sms, posture))
+
+
+def _posture(sms: SpaceManipulator, joints_deg: Sequence[float] | None) -> FloatArray:
+    if joints_deg is not None:
+        if any(slides(sms)):
+            raise InvalidValue("--joints-deg", list(joints_deg), "cannot be used: a joint slides")
+        return np.radians(vector("--joints-deg", joints_deg, sms.n, "deg"))
+    lower, upper = sms.limits.lower, sms.limits.upper
+    inside = (lower <= 0.0) & (upper >= 0.0)
+    with np.errstate(invalid="ignore"):
+        middle = 0.5 * (lower + upper)
+    return np.where(inside, 0.0, np.where(np.isfinite(middle), middle, np.clip(0.0, lower, upper)))
+
+
+def _bodies(sms: SpaceManipulator) -> Table:
+    table = Table(title="Bodies (with what is fixed to them)", title_justify="left")
+    table.add_column("body")
+    table.add_column("mass [kg]", justify="right")
+    table.add_column("share", justify="right")
+    table.add_column("principal inertias [kg m²]", justify="right")
+    inertias = list(sms.model.inertias)[1:]
+    total = sum(float(body.mass) for body in inertias)
+    for j, body in enumerate(inertias, start=1):
+        principal = np.linalg.eigvalsh(body.inertia)
+        table.add_row(
+            escape(sms.layout.body_name(sms.model, j)),
+            f"{body.mass:.4g}",
+            f"{body.mass / total:.1%}",
+            ", ".join(f"{value:.4g}" for value in principal),
+        )
+    table.add_section()
+    table.add_row("whole system", f"{total:.4g}", "", "")
+    return table
+
+
+def _limits(sms: SpaceManipulator) -> Table:
+    table = Table(title="Joint limits", title_justify="left")
+    table.add_column("joint")
+    for name in ("position", "rate", "acceleration", "torque"):
+        table.add_column(name, justify="right")
+    limits = sms.limits
+    for i, (name, (unit, factor)) in enumerate(zip(sms.joint_names, joint_units(sms), strict=True)):
+        base, moment = ("m", "N") if unit == "m" else ("rad", "N m")
+        table.add_row(
+            escape(name),
+            range_text(limits.lower[i], limits.upper[i], base),
+            limit_text(limits.velocity[i], f"{base}/s"),
+            limit_text(limits.acceleration[i], f"{base}/s²"),
+            limit_text(limits.torque[i], moment),
+        )
+        if unit == "deg":
+            table.add_row(
+                "",
+                range_text(limits.lower[i] * factor, limits.upper[i] * factor, "deg"),
+                limit_text(limits.velocity[i] * factor, "deg/s"),
+                limit_text(limits.acceleration[i] * factor, "deg/s²"),
+                "",
+            )
+    return table
+
+
+def _coupling(sms: SpaceManipulator, posture: FloatArray) -> Table:
+    state = sms.at(sms.configuration(posture))
+    units = joint_units(sms)
+    where = ", ".join(f"{x * factor:.3g} {unit}" for x, (unit, factor) in zip(posture, units, strict=True))
+    table = Table(title=escape(f"Dynamic coupling at joints ({where})"), title_justify="left")
+    table.add_column("quantity")
+    table.add_column("value", justify="right")
+    effector = ", ".join(f"{x:.5f}" for x in state.end_effector_pose.translation)
+    base = ", ".join(f"{x:.5f}" for x in state.base_pose.translation)
+    table.add_row("end effector, from the system's centre of mass [m]", effector)
+    table.add_row("base centre of mass, likewise [m]", base)
+    table.add_row("condition number of H_b (mixes kg and kg m²)", f"{np.linalg.cond(state.H_b):.4g}")
+    sigma = ", ".join(f"{value:.4g}" for value in state.coupling.sigma)
+    table.add_row("singular values of C_bm (mix m/rad and rad/rad)", sigma)
+    table.add_row("entropy H_norm", f"{state.coupling.entropy:.4f}")
+    table.add_row("1 - H_norm, which the cost compares with", f"{1.0 - state.coupling.entropy:.4f}")
+    table.add_row("condition number of H_q", f"{np.linalg.cond(state.H_q):.4g}")
+    return table

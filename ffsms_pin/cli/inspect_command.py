@@ -1,0 +1,164 @@
+"""`ffsms-pin inspect`: what is in a URDF file, what is wrong with it, and a mended file."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from ffsms_pin.system.urdf_file import is_number
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from ffsms_pin.inspection import Report
+
+__all__ = ["add_parser", "run"]
+
+LOADS, REFUSED = 0, 1
+
+_DESCRIPTION = """\
+Look through a URDF file: masses and inertias link by link, joint limits, and everything that is wrong.
+With --repair, write a file that loads, and list every change; what cannot be mended is said, and nothing is
+written then.
+
+examples:
+  ffsms-pin inspect robot.urdf
+  ffsms-pin inspect robot.urdf --repair mended.urdf
+
+exit codes: 0 the file, or the mended one, loads; 1 it does not; 2 bad input, or it cannot be mended
+"""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add `inspect` to the commands (argparse's subparsers)."""
+    parser = subparsers.add_parser(
+        "inspect",
+        help="look for faults in a URDF file, and mend them",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("file", metavar="FILE", help="a URDF file, or the name of a packaged robot")
+    parser.add_argument("--repair", metavar="OUT", help="write a URDF that loads, and list the changes")
+    parser.add_argument(
+        "--rate",
+        type=float,
+        metavar="LIMIT",
+        help="rate limit for joints without one, with --repair [rad/s or m/s] (default: 0.5)",
+    )
+    parser.add_argument(
+        "--effort",
+        type=float,
+        metavar="LIMIT",
+        help="torque or force limit for joints without one, with --repair [N m or N] (default: 100)",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the report and, where it is asked for, write the mended file; returns the exit code.
+
+    Errors of the library are left to the caller, which prints them in one line.
+    """
+    # Imported only now: --help needs none of it.
+    from rich.console import Console
+    from rich.markup import escape
+
+    from ffsms_pin.inspection import inspect, repair
+
+    console = Console()
+    report = inspect(arguments.file)
+    console.print(_links(report))
+    console.print(_joints(report))
+    if report.faults:
+        console.print(_faults(report))
+    if report.loads:
+        console.print("The file loads as it is.", highlight=False)
+    else:
+        console.print(
+            f"load refuses the file: {escape(str(report.refusal))}", highlight=False, soft_wrap=True
+        )
+    if arguments.repair is None:
+        if not report.loads and report.repairable:
+            console.print("It can be mended: add --repair OUT.", highlight=False)
+        return LOADS if report.loads else REFUSED
+    settings = {
+        key: value
+        for key, value in (("rate", arguments.rate), ("effort", arguments.effort))
+        if value is not None
+    }
+    changes = repair(arguments.file, arguments.repair, **settings)
+    console.print(
+        f"{escape(str(arguments.repair))} written, {len(changes)} change{'' if len(changes) == 1 else 's'}"
+        + (":" if changes else ""),
+        highlight=False,
+        soft_wrap=True,
+    )
+    for change in changes:
+        console.print(escape(f"  {change}"), highlight=False, soft_wrap=True)
+    return LOADS
+
+
+def _links(report: Report) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title=escape(f"Links of '{report.name}'"), title_justify="left")
+    table.add_column("link")
+    table.add_column("mass [kg]", justify="right")
+    table.add_column("principal inertias [kg m²]", justify="right")
+    table.add_column("inertia")
+    for link in report.links:
+        inertias = link.principal_inertias
+        table.add_row(
+            escape(link.name),
+            "" if link.mass is None else f"{link.mass:.4g}",
+            "" if inertias is None else ", ".join(f"{value:.4g}" for value in inertias),
+            link.verdict if link.verdict in ("valid", "frame") else f"[red]{escape(link.verdict)}[/]",
+        )
+    return table
+
+
+def _joints(report: Report) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title="Joints, as written (rad, m, s, N)", title_justify="left")
+    for name in ("joint", "type", "lower", "upper", "velocity", "effort"):
+        table.add_column(name, justify="left" if name in ("joint", "type") else "right")
+    for joint in report.joints:
+        limits = (joint.lower, joint.upper, joint.velocity, joint.effort)
+        nothing = "" if joint.type == "fixed" else "none"
+        table.add_row(
+            escape(joint.name),
+            escape(joint.type),
+            *(nothing if value is None else _number(value) for value in limits),
+        )
+    return table
+
+
+def _number(text: str) -> str:
+    """A number, shortened; anything else as it is written."""
+    from rich.markup import escape
+
+    return f"{float(text):.5g}" if is_number(text) else escape(text)
+
+
+def _faults(report: Report) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title="Faults", title_justify="left")
+    table.add_column("where", overflow="fold")
+    table.add_column("what", overflow="fold")
+    table.add_column("loads?")
+    table.add_column("repair")
+    for fault in sorted(report.faults, key=lambda fault: not fault.blocks):
+        remedy = fault.remedy or (
+            "not possible: the author must say" if fault.blocks else "none needed to load"
+        )
+        table.add_row(
+            escape(fault.where),
+            escape(fault.problem),
+            "[red]no[/]" if fault.blocks else "yes",
+            escape(remedy),
+        )
+    return table

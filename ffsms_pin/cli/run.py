@@ -1,0 +1,61 @@
+"""`ffsms-pin run`: plan, track, print the summary, write the results."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import IO
+
+from rich.console import Console
+
+from ffsms_pin.cli.output import output_console
+from ffsms_pin.cli.progress import shown_progress
+from ffsms_pin.cli.results_folder import results_folder
+from ffsms_pin.cli.summary_table import summary_table
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.scenarios import run, scenario, summary
+from ffsms_pin.storage import write_atomically
+
+__all__ = ["run_command"]
+
+
+def run_command(name: str, out: str | None = None, figures: bool = True) -> bool:
+    """Run a scenario and write its results.
+
+    Parameters
+    ----------
+    name : str
+        A packaged scenario, or a file.
+    out : str, optional
+        Folder for the results; default results/<name of the scenario>.
+    figures : bool
+        Whether figures are drawn.
+
+    Returns
+    -------
+    bool
+        Whether the plan reaches its target.
+    """
+    chosen = scenario(name)
+    if out is not None and (not out.strip() or "\0" in out):
+        raise InvalidValue("--out", out, "must name a folder")
+    folder = Path(out) if out is not None else Path("results") / chosen.name
+    errors, output = Console(stderr=True), output_console()
+    with results_folder(folder) as staging, shown_progress(errors) as progress:
+        outcome = run(chosen, progress)
+        outcome.trajectory.save(staging / "trajectory.npz")
+        outcome.tracking.save(staging / "tracking.npz")
+        numbers = summary(outcome)
+        text = json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        write_atomically(staging / "summary.json", lambda file: _write(file, text))
+        if figures:
+            from ffsms_pin.plotting import save_figures
+
+            save_figures(outcome, staging, progress=lambda share: progress("figures", share))
+    output.print(summary_table(numbers))
+    output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
+    return outcome.trajectory.reached
+
+
+def _write(file: IO[bytes], text: str) -> None:
+    file.write(text.encode())

@@ -1,0 +1,107 @@
+"""The summary of a run as a table for people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from ffsms_pin.cli.limits_text import limit_text, range_text
+
+__all__ = ["summary_table"]
+
+
+def summary_table(numbers: Mapping[str, Any]) -> Table:
+    """Table of what `ffsms_pin.scenarios.summary` gives."""
+    table = Table(title=escape(f"{numbers['scenario']}: {numbers['robot']}"), title_justify="left")
+    table.add_column("quantity")
+    table.add_column("value", justify="right")
+    table.add_column("limit", justify="right")
+    _add_plan(table, numbers)
+    _add_joints(table, numbers["joints"])
+    _add_tracking(table, numbers["tracking"])
+    table.add_section()
+    timing = numbers["timing"]
+    table.add_row("planning", f"{timing['planning_s']:.2f} s", "")
+    table.add_row("  per step", f"{timing['planning_per_step_ms']:.3f} ms", "")
+    table.add_row("tracking", f"{timing['tracking_s']:.2f} s", "")
+    table.add_row("  per control step", f"{timing['tracking_per_control_step_ms']:.3f} ms", "")
+    return table
+
+
+def _add_plan(table: Table, numbers: Mapping[str, Any]) -> None:
+    reached = "[green]yes[/]" if numbers["reached"] else "[red]no[/]"
+    table.add_row("reached", reached, "")
+    if numbers["note"]:
+        table.add_row("  note", escape(numbers["note"]), "")
+    reach = _length(numbers["reach_m"])
+    table.add_row("final error", _length(numbers["final_error_m"]), reach)
+    table.add_row("error over the last 10 %", _length(numbers["error_over_last_10_percent_m"]), reach)
+    table.add_row("cost integral", f"{numbers['cost_integral_s']:.3g} s", "")
+    clearance = numbers["clearance"]
+    if clearance["least_m"] is not None:
+        table.add_row(
+            "least clearance", _length(clearance["least_m"]), f">= {_length(clearance['wanted_m'])}"
+        )
+    base = numbers["base"]
+    table.add_row(
+        "base translation, max / final",
+        f"{_length(base['translation_max_m'])} / {_length(base['translation_final_m'])}",
+        "",
+    )
+    table.add_row(
+        "base rotation, max / final",
+        f"{base['rotation_max_deg']:.2f} / {base['rotation_final_deg']:.2f} deg",
+        "",
+    )
+
+
+def _add_joints(table: Table, joints: list[Mapping[str, Any]]) -> None:
+    for joint in joints:
+        table.add_section()
+        unit = "deg" if "position_min_deg" in joint else "m"
+        moment = "Nm" if "torque_limit_Nm" in joint else "N"
+        table.add_row(
+            escape(f"{joint['name']}: position"),
+            f"{joint[f'position_min_{unit}']:.4g} to {joint[f'position_max_{unit}']:.4g} {unit}",
+            range_text(joint[f"position_lower_limit_{unit}"], joint[f"position_upper_limit_{unit}"], unit),
+        )
+        rows = (
+            ("rate", f"rate_max_{unit}_per_s", f"rate_limit_{unit}_per_s", f"{unit}/s"),
+            (
+                "acceleration",
+                f"acceleration_max_{unit}_per_s2",
+                f"acceleration_limit_{unit}_per_s2",
+                f"{unit}/s²",
+            ),
+            ("torque, tracking", f"tracking_torque_max_{moment}", f"torque_limit_{moment}", moment),
+        )
+        for label, key, limit, written in rows:
+            value, most = f"{joint[key]:.4g} {written}", limit_text(joint[limit], written)
+            table.add_row(f"  largest {label}", value, most)
+
+
+def _add_tracking(table: Table, tracking: Mapping[str, Any]) -> None:
+    table.add_section()
+    for unit in ("rad", "m"):
+        if f"joint_error_max_{unit}" in tracking:
+            largest, final = tracking[f"joint_error_max_{unit}"], tracking[f"joint_error_final_{unit}"]
+            table.add_row("tracking: joint error, max / final", f"{largest:.3g} / {final:.3g} {unit}", "")
+    rows = (
+        ("  end effector from plan, largest", _length(tracking["end_effector_deviation_max_m"])),
+        ("  final error to target", _length(tracking["final_error_m"])),
+        (
+            "  total momentum, largest",
+            f"{tracking['momentum_linear_max_kg_m_per_s']:.1e} kg m/s, "
+            f"{tracking['momentum_angular_max_kg_m2_per_s']:.1e} kg m²/s",
+        ),
+        ("  energy less work, relative", f"{tracking['energy_error_relative']:.1e}"),
+    )
+    for label, value in rows:
+        table.add_row(label, value, "")
+
+
+def _length(metres: float) -> str:
+    return f"{1e3 * metres:.3g} mm" if abs(metres) < 1.0 else f"{metres:.3f} m"

@@ -1,0 +1,38 @@
+"""Figures: each function draws one panel, on axes that are given or on a new figure, and returns the axes."""
+
+from ffsms_pin.plotting.base import (
+    plot_base_angular_velocity,
+    plot_base_position,
+    plot_base_rotation,
+    plot_base_velocity,
+)
+from ffsms_pin.plotting.coupling import plot_assistance, plot_cost, plot_position_error
+from ffsms_pin.plotting.figures import FIGURES, figure, save_figures
+from ffsms_pin.plotting.joints import plot_joint_positions, plot_joint_rates
+from ffsms_pin.plotting.motion import plot_motion
+from ffsms_pin.plotting.tracking import (
+    plot_joint_error,
+    plot_joint_rate_error,
+    plot_torques,
+    plot_tracked_position_error,
+)
+
+__all__ = [
+    "FIGURES",
+    "figure",
+    "plot_assistance",
+    "plot_base_angular_velocity",
+    "plot_base_position",
+    "plot_base_rotation",
+    "plot_base_velocity",
+    "plot_cost",
+    "plot_joint_error",
+    "plot_joint_positions",
+    "plot_joint_rate_error",
+    "plot_joint_rates",
+    "plot_motion",
+    "plot_position_error",
+    "plot_torques",
+    "plot_tracked_position_error",
+    "save_figures",
+]

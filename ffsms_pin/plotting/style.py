@@ -1,0 +1,73 @@
+"""One look for every figure: readable in print, in grey, and by the colour-blind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+__all__ = ["ACCENT", "LIMIT", "NEUTRAL", "applied", "axes_or_new", "line", "stack"]
+
+# Okabe and Ito's colours, ordered so that neighbours also differ in lightness; each has its own line style.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+_DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (5, 1.5, 1, 1.5)), (0, (2, 1)), (0, (8, 1.5, 2, 1.5)))
+ACCENT, NEUTRAL = "#0072B2", "#555555"
+# How limits are drawn.
+LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.1}
+
+_WIDTH = 5.2  # [in]
+_HEIGHT = 2.1  # [in] a panel
+
+# Matplotlib types the keys one by one, and newer versions know more of them than older ones.
+_STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.size": 9.0,
+    "axes.labelsize": 9.0,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.use_mathtext": True,
+    "axes.linewidth": 0.8,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "legend.handlelength": 2.6,
+    "lines.linewidth": 1.5,
+    "figure.dpi": 100.0,
+    "savefig.dpi": 160.0,
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "ffsms-pin",  # names inside the file that do not change from run to run
+}
+
+
+@contextmanager
+def applied() -> Iterator[None]:
+    """Use the style inside the block; what was set outside comes back after it."""
+    with mpl.rc_context(_STYLE):
+        yield
+
+
+def line(index: int) -> dict[str, Any]:
+    """Colour and dashes of the index-th of several lines."""
+    return {"color": _COLOURS[index % len(_COLOURS)], "linestyle": _DASHES[index % len(_DASHES)]}
+
+
+def stack(rows: int) -> tuple[Figure, list[Axes]]:
+    """A figure with panels one above the other that share their time axis."""
+    with applied():
+        figure = Figure(figsize=(_WIDTH, 0.4 + _HEIGHT * rows), layout="constrained")
+        panels = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+        figure.align_ylabels(list(panels))
+    return figure, list(panels)
+
+
+def axes_or_new(ax: Axes | None) -> Axes:
+    """The axes that were given, or those of a new figure."""
+    return ax if ax is not None else stack(1)[1][0]

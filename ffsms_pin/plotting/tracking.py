@@ -1,0 +1,60 @@
+"""How well the plan is followed in closed loop, and with which torques."""
+
+from __future__ import annotations
+
+from matplotlib.axes import Axes
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
+from ffsms_pin.plotting.series import plot_series
+from ffsms_pin.scenarios.joint_units import slides
+from ffsms_pin.simulation import Tracking
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["plot_joint_error", "plot_joint_rate_error", "plot_torques", "plot_tracked_position_error"]
+
+
+def plot_joint_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
+    """Joint position errors: measured less planned."""
+    label = f"joint error [{joint_unit_label(sms)}]"
+    return plot_series(ax, tracking.t, tracking.joint_error * joint_factors(sms), label, sms.joint_names)
+
+
+def plot_joint_rate_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
+    """Joint rate errors: measured less planned."""
+    label = f"joint rate error [{joint_unit_label(sms)}/s]"
+    values = tracking.joint_rate_error * joint_factors(sms)
+    return plot_series(ax, tracking.t, values, label, sms.joint_names)
+
+
+def plot_tracked_position_error(tracking: Tracking, ax: Axes | None = None) -> Axes:
+    """Distance from the simulated end effector to the target."""
+    ax = plot_series(ax, tracking.t, tracking.position_error, "distance to target [m]")
+    ax.set_ylim(bottom=0.0)
+    return ax
+
+
+def plot_torques(
+    sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None, limits: FloatArray | None = None
+) -> Axes:
+    """Joint torques, each held for a control step.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    tracking : Tracking
+    ax : Axes, optional
+    limits : ndarray, shape (n,), optional
+        Limits to draw dotted [N m]. Slow motion needs little of them: with them, the curves look flat.
+    """
+    sliding = slides(sms)
+    unit = "N" if all(sliding) else "N or N m" if any(sliding) else "N m"
+    return plot_series(
+        ax,
+        tracking.t[: len(tracking.tau)],
+        tracking.tau,
+        f"joint torque [{unit}]",
+        sms.joint_names,
+        () if limits is None else (-limits, limits),
+        steps=True,
+    )

@@ -1,0 +1,187 @@
+"""`scenario`: from a name or a TOML file to a `Scenario`."""
+
+from __future__ import annotations
+
+import copy
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidScenario, InvalidValue
+from ffsms_pin.models import load, satellite_names
+from ffsms_pin.scenarios.joint_units import joint_units, slides
+from ffsms_pin.scenarios.schema import DEGREES, checked_tables
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.urdf import model_names
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+__all__ = ["Scenario", "scenario", "scenario_names"]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A robot, a start, a target, and how to plan and track: the tables of a scenario file, checked.
+
+    The shipped files say in comments what each key means. Tables that a file leaves out are empty here, and
+    what they would set takes the library's defaults.
+
+    Attributes
+    ----------
+    name : str
+        The packaged name, or the file's name without its ending.
+    source : Path
+        The file.
+    robot, start, target, plan, limits, control : mapping of str to values
+        As in the file: SI units, radians, and degrees under keys that end in `_deg`.
+    """
+
+    name: str
+    source: Path
+    robot: Mapping[str, Any]
+    start: Mapping[str, Any]
+    target: Mapping[str, Any]
+    plan: Mapping[str, Any]
+    limits: Mapping[str, Any]
+    control: Mapping[str, Any]
+
+    def load(self) -> SpaceManipulator:
+        """The robot, with the limits that the scenario sets.
+
+        Raises
+        ------
+        FfsmsError
+            What `ffsms_pin.load` raises; `InvalidScenario` where limits do not fit the robot.
+        """
+        model = self.robot["model"]
+        if model not in (*model_names(), *satellite_names()):
+            model = self.source.parent / model
+        with_values = {key: value for key, value in self.robot.items() if key != "model"}
+        try:
+            sms = load(model, **with_values)
+            limits = {
+                name: self.per_joint(sms, "limits", name)
+                for name in ("lower", "upper", "velocity", "acceleration", "torque")
+            }
+            chosen = {name: value for name, value in limits.items() if value is not None}
+            if chosen:
+                sms = copy.copy(sms)
+                sms.limits = replace(sms.limits, **chosen)
+        except InvalidValue as error:
+            raise InvalidScenario(self.source, str(error)) from None
+        return sms
+
+    def start_configuration(self, sms: SpaceManipulator) -> FloatArray:
+        """Start q0 (nq,) of the plan: the system's centre of mass at the inertial origin, at rest."""
+        joints = self.per_joint(sms, "start", "joints")
+        assert joints is not None  # the schema asks for it
+        return sms.configuration(self._within_limits(sms, "start", "joints", joints))
+
+    def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
+        """Start (nq,) of the simulated arm where it is not the plan's `q0`; None where it is."""
+        offset = self.per_joint(sms, "control", "offset")
+        if offset is None or not offset.any():
+            return None
+        joints = sms.joint_positions(q0) + offset
+        return sms.configuration(self._within_limits(sms, "control", "offset", joints))
+
+    def per_joint(self, sms: SpaceManipulator, table: str, key: str) -> FloatArray | None:
+        """Values (n,) of a key that has one a joint, in radians and metres; None where it is not given."""
+        values: Mapping[str, Any] = getattr(self, table)
+        used = key if key in values else key + DEGREES
+        if used not in values:
+            return None
+        array = np.asarray(values[used], dtype=np.float64)
+        if array.ndim == 0:
+            array = np.full(sms.n, float(array))
+        if array.shape != (sms.n,):
+            raise InvalidScenario(
+                self.source,
+                f"[{table}] {used} must have one value for each of the {sms.n} joints "
+                f"({', '.join(sms.joint_names)}), got {array.size}",
+            )
+        if used == key:
+            return array
+        if sliding := [name for name, slide in zip(sms.joint_names, slides(sms), strict=True) if slide]:
+            raise InvalidScenario(
+                self.source,
+                f"[{table}] {used} is in degrees, but {', '.join(sliding)} slides: write {key} "
+                "in radians and metres",
+            )
+        return np.deg2rad(array)
+
+    def _within_limits(
+        self, sms: SpaceManipulator, table: str, key: str, positions: FloatArray
+    ) -> FloatArray:
+        outside = sms.limits.violation(positions)
+        if outside.any():
+            i = int(np.argmax(outside))
+            unit, factor = joint_units(sms)[i]
+            at, low, high = (factor * x[i] for x in (positions, sms.limits.lower, sms.limits.upper))
+            raise InvalidScenario(
+                self.source,
+                f"[{table}] {key} puts joint '{sms.joint_names[i]}' at {at:.6g} {unit}, outside its limits "
+                f"[{low:.6g}, {high:.6g}] {unit}",
+            )
+        return positions
+
+
+def scenario_names() -> list[str]:
+    """Names of the scenarios that ship with the library."""
+    folder = files("ffsms_pin.scenarios")
+    return sorted(item.name[: -len(".toml")] for item in folder.iterdir() if item.name.endswith(".toml"))
+
+
+def scenario(name_or_path: str | os.PathLike[str]) -> Scenario:
+    """Read a scenario.
+
+    Parameters
+    ----------
+    name_or_path : str or path
+        A packaged scenario ("case-1", "case-2": the paper's), or a TOML file.
+
+    Returns
+    -------
+    Scenario
+        Its keys and values checked; the robot is loaded by `Scenario.load`.
+
+    Raises
+    ------
+    InvalidScenario
+        The file is missing or not TOML, or holds a key or a value that cannot be used.
+    """
+    if str(name_or_path) in scenario_names():
+        source = Path(str(files("ffsms_pin.scenarios") / f"{name_or_path}.toml"))
+    else:
+        try:
+            source = Path(name_or_path)
+        except TypeError:
+            raise InvalidValue("scenario", name_or_path, "must be a name or a path") from None
+    tables = checked_tables(source, _read(source))
+    return Scenario(source.stem, source, **tables)
+
+
+def _read(source: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(source.read_bytes().decode("utf-8-sig"))
+    except (FileNotFoundError, NotADirectoryError):
+        packaged = ", ".join(scenario_names())
+        raise InvalidScenario(
+            source, f"there is no such file, nor a packaged scenario of that name ({packaged})"
+        ) from None
+    except OSError as error:
+        raise InvalidScenario(source, f"cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InvalidScenario(source, "is not a TOML file (not UTF-8 text)") from None
+    except (ValueError, RecursionError) as error:  # also a path with a null character
+        raise InvalidScenario(source, f"is not a TOML file ({error})") from None

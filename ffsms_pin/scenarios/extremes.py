@@ -1,0 +1,98 @@
+"""How far a planned motion goes: everywhere along it, not only at its nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.opt.clearances import ClearanceModel
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["BaseMotion", "base_motion", "base_numbers", "least_clearances", "position_range"]
+
+_SAMPLES_A_STEP = 4
+
+
+def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest position of each joint (n,), exactly.
+
+    In a step the position is a parabola in time, so its extreme value is at an end or where the rate passes
+    through zero.
+    """
+    positions, rates = trajectory.joint_positions, trajectory.joint_rates
+    acceleration = trajectory.joint_accelerations
+    turns = rates[:-1] * rates[1:] < 0.0
+    safe = np.where(turns, acceleration, 1.0)
+    at_turn = positions[:-1] - np.where(turns, 0.5 * rates[:-1] ** 2 / safe, 0.0)
+    every = np.concatenate([positions, at_turn])
+    return every.min(axis=0), every.max(axis=0)
+
+
+def least_clearances(sms: SpaceManipulator, trajectory: Trajectory, model: ClearanceModel) -> FloatArray:
+    """Least value of each clearance (m,) [m], at the nodes and at places between them.
+
+    The joints alone decide a clearance, so the base stays where it is here.
+    """
+    data = sms.model.createData()
+    least = np.full(model.count, np.inf)
+    for positions in _fine(trajectory):
+        pin.framesForwardKinematics(sms.model, data, sms.configuration(positions, pin.SE3.Identity()))
+        least = np.minimum(least, model.values(data))
+    return least
+
+
+class BaseMotion(NamedTuple):
+    """Displacement of the base from its start, at every row of q.
+
+    Attributes
+    ----------
+    translation : ndarray, shape (k, 3)
+        Of the base's centre of mass, inertial axes [m].
+    rotation : ndarray, shape (k, 3)
+        Rotation vector, inertial axes [rad]; its length is the angle of one turn that leads there, so at
+        most pi.
+    """
+
+    translation: FloatArray
+    rotation: FloatArray
+
+
+def base_motion(sms: SpaceManipulator, q: FloatArray) -> BaseMotion:
+    """Displacement of the base along configurations q (k, nq)."""
+    if q.ndim != 2 or q.shape[1] != sms.nq:
+        raise InvalidValue("q", q, f"must have shape (k, {sms.nq})")
+    poses = [pin.XYZQUATToSE3(row[:7]) for row in q]
+    centres = np.array([pose.act(sms.base_com) for pose in poses])
+    back = poses[0].rotation.T
+    return BaseMotion(
+        centres - centres[0], np.array([np.array(pin.log3(pose.rotation @ back)) for pose in poses])
+    )
+
+
+def base_numbers(sms: SpaceManipulator, q: FloatArray) -> dict[str, float]:
+    """Displacement of the base from its start along configurations q (k, nq): largest, and at the end."""
+    motion = base_motion(sms, q)
+    translation = np.linalg.norm(motion.translation, axis=1)
+    rotation = np.degrees(np.linalg.norm(motion.rotation, axis=1))
+    return {
+        "translation_max_m": float(translation.max()),
+        "translation_final_m": float(translation[-1]),
+        "rotation_max_deg": float(rotation.max()),
+        "rotation_final_deg": float(rotation[-1]),
+    }
+
+
+def _fine(trajectory: Trajectory) -> Iterator[FloatArray]:
+    """Joint positions (n,) at every node and evenly between them."""
+    for k in range(len(trajectory.t) - 1):
+        for share in range(_SAMPLES_A_STEP):
+            h = share / _SAMPLES_A_STEP * trajectory.dt
+            motion = trajectory.joint_rates[k] + 0.5 * h * trajectory.joint_accelerations[k]
+            yield trajectory.joint_positions[k] + h * motion
+    yield trajectory.joint_positions[-1]

@@ -1,0 +1,137 @@
+"""`summary`: an outcome in numbers, for summary.json and the command line's table."""
+
+from __future__ import annotations
+
+import math
+import platform
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+import ffsms_pin
+from ffsms_pin.opt.step_planner import clearance_model
+from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.scenarios.extremes import base_numbers, least_clearances, position_range
+from ffsms_pin.scenarios.joint_units import joint_units
+from ffsms_pin.scenarios.run import Outcome
+from ffsms_pin.scenarios.tracked import tracked_numbers
+
+__all__ = ["summary"]
+
+_ROUNDING = 1e-9  # relative; a limit that is met to the last digit is kept
+
+
+def summary(outcome: Outcome) -> dict[str, Any]:
+    """Everything that a run is judged by, as numbers, texts, lists and dictionaries that JSON can hold.
+
+    Every key of a quantity ends in its unit. Limits that do not exist are None. "Planned" numbers hold
+    everywhere along the plan, not only at its nodes; clearances are sampled between nodes too.
+
+    Parameters
+    ----------
+    outcome : Outcome
+
+    Returns
+    -------
+    dict
+    """
+    plan = outcome.trajectory
+    late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
+    joints = _joints(outcome)
+    return {
+        "scenario": outcome.scenario.name,
+        "robot": str(outcome.scenario.robot["model"]),
+        "reached": plan.reached,
+        "note": plan.note,
+        "duration_s": plan.duration,
+        "planning_step_s": plan.dt,
+        "kappa": plan.kappa,
+        "target_m": plan.target.tolist(),
+        "reach_m": plan.reach,
+        "final_error_m": float(plan.position_error[-1]),
+        "error_over_last_10_percent_m": float(plan.position_error[late].max()),
+        "cost_integral_s": plan.cost_integral,
+        "largest_alpha_rad_per_s": float(np.abs(plan.alpha).max()),
+        "joint_limits_kept": all(joint["limits_kept"] for joint in joints),
+        "joints": joints,
+        "clearance": _clearance(outcome),
+        "base": base_numbers(outcome.sms, plan.q),
+        "tracking": tracked_numbers(outcome.sms, plan, outcome.tracking),
+        "timing": _timing(outcome),
+        "versions": {
+            "python": platform.python_version(),
+            "ffsms_pin": ffsms_pin.__version__,
+            **{name: version(name) for name in ("pin", "proxsuite", "numpy", "scipy")},
+        },
+    }
+
+
+def _joints(outcome: Outcome) -> list[dict[str, Any]]:
+    sms, plan = outcome.sms, outcome.trajectory
+    limits = sms.limits
+    lowest, highest = position_range(plan)
+    rate = np.abs(plan.joint_rates).max(axis=0)  # linear between nodes: largest at one of them
+    acceleration = np.abs(plan.joint_accelerations).max(axis=0)
+    torque = np.abs(outcome.tracking.tau).max(axis=0)
+    torque_limit = outcome.controller.torque_limit
+    rows = []
+    for i, (name, (unit, factor)) in enumerate(zip(sms.joint_names, joint_units(sms), strict=True)):
+        moment = "N" if unit == "m" else "Nm"
+        room = np.abs([limits.lower[i], limits.upper[i]])
+        slack = _ROUNDING * max(1.0, *room[np.isfinite(room)]) if np.isfinite(room).any() else 0.0
+        rows.append(
+            {
+                "name": name,
+                f"position_min_{unit}": float(lowest[i] * factor),
+                f"position_max_{unit}": float(highest[i] * factor),
+                f"position_lower_limit_{unit}": _finite(limits.lower[i] * factor),
+                f"position_upper_limit_{unit}": _finite(limits.upper[i] * factor),
+                f"rate_max_{unit}_per_s": float(rate[i] * factor),
+                f"rate_limit_{unit}_per_s": _finite(limits.velocity[i] * factor),
+                f"acceleration_max_{unit}_per_s2": float(acceleration[i] * factor),
+                f"acceleration_limit_{unit}_per_s2": _finite(limits.acceleration[i] * factor),
+                f"tracking_torque_max_{moment}": float(torque[i]),
+                f"torque_limit_{moment}": _finite(torque_limit[i]),
+                "limits_kept": bool(
+                    lowest[i] >= limits.lower[i] - slack
+                    and highest[i] <= limits.upper[i] + slack
+                    and rate[i] <= limits.velocity[i] * (1.0 + _ROUNDING)
+                    and acceleration[i] <= limits.acceleration[i] * (1.0 + _ROUNDING)
+                ),
+            }
+        )
+    return rows
+
+
+def _clearance(outcome: Outcome) -> dict[str, Any]:
+    """Least clearances, of what the planner kept clear; nothing where that was switched off."""
+    options = outcome.scenario.plan
+    mode = options.get("collision", "points")
+    model = clearance_model(outcome.sms, mode)
+    if model is None or model.count == 0:
+        return {"checked": mode, "wanted_m": None, "least_m": None, "pairs_m": {}}
+    least = least_clearances(outcome.sms, outcome.trajectory, model)
+    pairs = dict(zip(model.names(), least.tolist(), strict=True))
+    return {
+        "checked": mode,
+        "wanted_m": options.get("clearance", 0.01),
+        "least_m": float(least.min()),
+        "pairs_m": pairs,
+    }
+
+
+def _timing(outcome: Outcome) -> dict[str, float]:
+    planning, tracking = outcome.timing
+    steps, control_steps = len(outcome.trajectory.t) - 1, len(outcome.tracking.t) - 1
+    return {
+        "planning_s": planning,
+        # All candidate plans that were tried for it included.
+        "planning_per_step_ms": 1e3 * planning / steps,
+        "tracking_s": tracking,
+        "tracking_per_control_step_ms": 1e3 * tracking / control_steps,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

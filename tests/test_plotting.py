@@ -1,0 +1,228 @@
+"""Figures: what is drawn is what the plan and the tracking hold, labelled, and nothing global changes."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Polygon
+
+from ffsms_pin import opt, plotting
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.plotting.style import line
+from ffsms_pin.scenarios import Outcome, run, scenario
+from ffsms_pin.system import SpaceManipulator
+
+SCENARIO = """
+robot.model = "planar_3r"
+start.joints_deg = [23.0, 40.0, -29.0]
+target.position = [0.75, 0.5, 0.0]
+plan = {duration = 3.0, dt = 0.05}
+control.dt = 0.01
+"""
+
+Panel = Callable[[Outcome, Axes | None], Axes]
+PANELS: dict[str, Panel] = {
+    "joint positions": lambda o, ax: plotting.plot_joint_positions(o.sms, o.trajectory, ax),
+    "joint rates": lambda o, ax: plotting.plot_joint_rates(o.sms, o.trajectory, ax),
+    "cost": lambda o, ax: plotting.plot_cost(o.trajectory, ax),
+    "assistance": lambda o, ax: plotting.plot_assistance(o.trajectory, ax),
+    "position error": lambda o, ax: plotting.plot_position_error(o.trajectory, ax),
+    "base position": lambda o, ax: plotting.plot_base_position(o.sms, o.trajectory, ax),
+    "base velocity": lambda o, ax: plotting.plot_base_velocity(o.sms, o.trajectory, ax),
+    "base rotation": lambda o, ax: plotting.plot_base_rotation(o.sms, o.trajectory, ax),
+    "base angular velocity": lambda o, ax: plotting.plot_base_angular_velocity(o.sms, o.trajectory, ax),
+    "joint error": lambda o, ax: plotting.plot_joint_error(o.sms, o.tracking, ax),
+    "joint rate error": lambda o, ax: plotting.plot_joint_rate_error(o.sms, o.tracking, ax),
+    "tracked position error": lambda o, ax: plotting.plot_tracked_position_error(o.tracking, ax),
+    "torques": lambda o, ax: plotting.plot_torques(o.sms, o.tracking, ax),
+    "motion": lambda o, ax: plotting.plot_motion(o.sms, o.trajectory, ax),
+}
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+    path = tmp_path_factory.mktemp("plotting") / "quick.toml"
+    path.write_text(SCENARIO)
+    return run(scenario(path))
+
+
+def curves(ax: Axes) -> list[Line2D]:
+    """The lines that follow the data, without limits and legend entries."""
+    return [curve for curve in ax.get_lines() if len(points(curve)) > 2]
+
+
+def points(curve: Line2D) -> FloatArray:
+    """The points (k, 2) of a curve."""
+    return np.asarray(curve.get_xydata(), dtype=np.float64)
+
+
+def dotted(ax: Axes) -> list[float]:
+    """Heights of the dotted lines, ascending."""
+    lines = [points(curve) for curve in ax.get_lines() if curve.get_linestyle() == ":"]
+    return sorted(float(curve[0, 1]) for curve in lines if len(curve) == 2)
+
+
+@pytest.mark.parametrize("name", PANELS)
+def test_a_panel_draws_on_the_axes_it_is_given_with_units(outcome: Outcome, name: str) -> None:
+    ax = Figure().subplots()
+    assert PANELS[name](outcome, ax) is ax
+    assert curves(ax)
+    for label in (ax.get_xlabel(), ax.get_ylabel()):
+        assert "[" in label
+        assert "]" in label
+    for curve in curves(ax):
+        assert np.isfinite(curve.get_xydata()).all()
+
+
+@pytest.mark.parametrize("name", PANELS)
+def test_a_panel_without_axes_makes_its_own_figure(outcome: Outcome, name: str) -> None:
+    ax = PANELS[name](outcome, None)
+    assert isinstance(ax.figure, Figure)
+    assert ax.figure.axes == [ax]
+
+
+def test_lines_are_the_data(outcome: Outcome) -> None:
+    plan, tracking = outcome.trajectory, outcome.tracking
+    yaw = np.degrees(2.0 * np.arctan2(plan.q[:, 5], plan.q[:, 6]))
+    wanted: dict[str, list[Any]] = {
+        "joint positions": list(np.degrees(plan.q[:, 7:]).T),
+        "joint rates": list(np.degrees(plan.v[:, 6:]).T),
+        "cost": [plan.cost],
+        "assistance": [plan.cos_theta],
+        "position error": [plan.position_error],
+        "base position": list(1e3 * (plan.q[:, :3] - plan.q[0, :3]).T),
+        "base rotation": [0.0 * yaw, 0.0 * yaw, yaw],
+        "joint error": list(np.degrees(tracking.joint_error).T),
+        "joint rate error": list(np.degrees(tracking.joint_rate_error).T),
+        "tracked position error": [tracking.position_error],
+        "torques": list(tracking.tau.T),
+    }
+    for name, columns in wanted.items():
+        lines = curves(PANELS[name](outcome, None))
+        assert len(lines) == len(columns), name
+        for curve, column in zip(lines, columns, strict=True):
+            np.testing.assert_allclose(points(curve)[:, 1], column, atol=1e-9, err_msg=name)
+
+
+def test_velocities_are_the_slopes_of_the_displacements(outcome: Outcome) -> None:
+    t = outcome.trajectory.t
+    for place, speed in (("base position", "base velocity"), ("base rotation", "base angular velocity")):
+        for moved, rate in zip(
+            curves(PANELS[place](outcome, None)), curves(PANELS[speed](outcome, None)), strict=True
+        ):
+            # Trapezoids over steps of 50 ms.
+            slopes, steps = points(rate)[:, 1], np.diff(t)
+            summed = np.concatenate([[0.0], np.cumsum(0.5 * steps * (slopes[1:] + slopes[:-1]))])
+            np.testing.assert_allclose(summed, points(moved)[:, 1], atol=2e-2 * max(1.0, np.ptp(summed)))
+
+
+@pytest.mark.parametrize(("name", "values"), [("joint positions", [81.0, 162.0]), ("joint rates", [22.92])])
+def test_limits_are_dotted_and_in_the_legend(outcome: Outcome, name: str, values: list[float]) -> None:
+    ax = PANELS[name](outcome, None)
+    np.testing.assert_allclose(dotted(ax), sorted([*values, *(-x for x in values)]), atol=5e-3)
+    legend = ax.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["joint_1", "joint_2", "joint_3", "limits"]
+
+
+def test_torque_limits_are_drawn_on_request(outcome: Outcome) -> None:
+    limits = np.array([3.5, 1.5, np.inf])
+    ax = plotting.plot_torques(outcome.sms, outcome.tracking, limits=limits)
+    assert dotted(ax) == [-3.5, -1.5, 1.5, 3.5]
+
+
+def test_lines_differ_without_colour() -> None:
+    styles = [line(i) for i in range(5)]
+    assert len({str(style["linestyle"]) for style in styles}) == 5
+    colours = [line(i)["color"] for i in range(7)]
+    # Rec. 709 luma: what is left of a colour in a grey print.
+    grey = [float(np.array(to_rgb(colour)) @ np.array([0.2126, 0.7152, 0.0722])) for colour in colours]
+    for i, j in itertools.combinations(range(7), 2):
+        assert abs(grey[i] - grey[j]) > 0.03 or line(i)["linestyle"] != line(j)["linestyle"]
+
+
+def test_the_drawing_shows_box_arm_path_and_target(outcome: Outcome) -> None:
+    ax = plotting.plot_motion(outcome.sms, outcome.trajectory, instants=4)
+    assert ax.get_aspect() == 1.0
+    boxes = [patch for patch in ax.patches if isinstance(patch, Polygon)]
+    assert len(boxes) == 4
+    edges = np.linalg.norm(np.diff(boxes[-1].get_xy(), axis=0), axis=1)
+    np.testing.assert_allclose(edges, 0.464, atol=1e-12)
+    (circle,) = (patch for patch in ax.patches if isinstance(patch, Circle))
+    assert circle.center == (0.75, 0.5)
+    assert circle.radius == 0.02
+    links = [curve for curve in ax.get_lines() if curve.get_linewidth() == 3.0]
+    assert len(links) == 4 * 3
+    for curve in links:
+        assert np.linalg.norm(np.diff(points(curve), axis=0)) == pytest.approx(0.3, abs=1e-12)
+    np.testing.assert_allclose(points(links[-1])[-1], outcome.trajectory.end_effector[-1, :2], atol=1e-12)
+    strengths = [float(curve.get_alpha() or 1.0) for curve in links[::3]]
+    assert strengths == sorted(strengths)
+    assert (ax.get_xlabel().split("\n")[0], ax.get_ylabel()) == ("x [m]", "y [m]")
+
+
+def test_a_motion_in_space_says_that_it_is_projected(random_tree: Callable[..., Any]) -> None:
+    sms = SpaceManipulator(random_tree(3, 5, ("revolute",)).model(), "tip", base_size=(0.6, 0.8, 1.0))
+    q0 = sms.configuration(np.full(5, 0.3))
+    target = sms.at(q0).end_effector_pose.translation + np.array([0.05, -0.05, 0.05])
+    plan = opt.plan(sms, q0, target, duration=2.0, dt=0.1, collision="off")
+    ax = plotting.plot_motion(sms, plan)
+    assert "projected along" in ax.get_xlabel()
+    assert "projected along" in ax.get_ylabel()
+    assert any(isinstance(patch, Polygon) for patch in ax.patches)
+
+
+def test_every_figure_is_written_whole_and_the_same_each_time(outcome: Outcome, tmp_path: Path) -> None:
+    shares: list[float] = []
+    first = plotting.save_figures(outcome, tmp_path, progress=shares.append)
+    assert sorted(tmp_path.iterdir()) == sorted(first)  # no temporary file is left
+    assert {path.stem for path in first} == set(plotting.FIGURES)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    for path in first:
+        start = path.read_bytes()[:8]
+        assert start.startswith(b"%PDF-" if path.suffix == ".pdf" else b"\x89PNG")
+        assert path.stat().st_size > 4_000
+    before = {path: path.read_bytes() for path in first}
+    plotting.save_figures(outcome, tmp_path, formats=("pdf",))
+    assert before == {path: path.read_bytes() for path in first}
+
+
+def test_svg_too(outcome: Outcome, tmp_path: Path) -> None:
+    written = plotting.save_figures(outcome, tmp_path, formats=("svg",))
+    assert all("</svg>" in path.read_text() for path in written)
+
+
+def test_nothing_is_cut_off(outcome: Outcome) -> None:
+    """Every text lies within its figure."""
+    for name in plotting.FIGURES:
+        figure = plotting.figure(outcome, name)
+        figure.draw_without_rendering()
+        width, height = figure.bbox.width, figure.bbox.height
+        for ax in figure.axes:
+            box = ax.get_tightbbox()
+            assert box is not None
+            assert box.x0 >= -1.0, name
+            assert box.y0 >= -1.0, name
+            assert box.x1 <= width + 1.0, name
+            assert box.y1 <= height + 1.0, name
+
+
+def test_drawing_changes_nothing_global(outcome: Outcome, tmp_path: Path) -> None:
+    # The backend is chosen when it is first asked for, so it is not asked for here.
+    before = {key: mpl.rcParams[key] for key in mpl.rcParams if key != "backend"}
+    loaded = "matplotlib.pyplot" in sys.modules
+    plotting.save_figures(outcome, tmp_path, formats=("png",))
+    assert before == {key: mpl.rcParams[key] for key in before}
+    assert ("matplotlib.pyplot" in sys.modules) == loaded
