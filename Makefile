@@ -13,7 +13,7 @@ $(READY): pyproject.toml
 	touch $@
 
 demo: $(READY)  ## plan and track the paper's Case 2, and show the result
-	$(BIN)/ffsms-pin run case-2 --out results/case-2
+	$(BIN)/ffsms-pin run case-2 --out results/case-2 --show
 
 test: $(READY)  ## lint, types, and every test
 	$(MAKE) lint

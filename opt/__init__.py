@@ -1,7 +1,7 @@
 """Coupling-informed planning: the per-step quadratic programme, and trajectories made of its steps."""
 
 from ffsms_pin.opt.cost import ideal_cosine, soft_assistance, step_cost
-from ffsms_pin.opt.plan import plan
+from ffsms_pin.opt.plan import METHODS, plan
 from ffsms_pin.opt.replanning import Replanning
 from ffsms_pin.opt.step import Step
 from ffsms_pin.opt.step_planner import StepPlanner, StepWeights
@@ -9,6 +9,7 @@ from ffsms_pin.opt.step_qp import StepProblem
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = [
+    "METHODS",
     "Replanning",
     "Step",
     "StepPlanner",

@@ -254,7 +254,7 @@ class StepPlanner:
         e = cone_direction(towards, self._lateral, cos_ideal)
         # A path at a constant angle to the direction of the target is 1 / cos longer than the straight one.
         path = distance / max(cos_ideal, LEAST_APPROACH)
-        now = math.sqrt(float(motion @ motion))
+        now = max(0.0, float(motion @ e))
         wanted = reference_speed(path, now, time_left, self.dt)
         # Asking for more than the joints can give in one step would buy speed with direction.
         attainable = now + self.dt * float(np.abs(e @ kinetics.J_v) @ self._acceleration)

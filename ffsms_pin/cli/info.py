@@ -16,10 +16,10 @@ from ffsms_pin.models import load
 from ffsms_pin.scenarios.joint_units import joint_units, slides
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["info_command"]
+__all__ = ["show_robot"]
 
 
-def info_command(
+def show_robot(
     model: str, end_effector: str | None = None, joints_deg: Sequence[float] | None = None
 ) -> None:
     """Print what is known about a robot.

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
+import webbrowser
 from pathlib import Path
 from typing import IO
 
@@ -16,10 +19,10 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.scenarios import run, scenario, summary
 from ffsms_pin.storage import write_atomically
 
-__all__ = ["run_command"]
+__all__ = ["run_scenario"]
 
 
-def run_command(name: str, out: str | None = None, figures: bool = True) -> bool:
+def run_scenario(name: str, out: str | None = None, figures: bool = True, show: bool = False) -> bool:
     """Run a scenario and write its results.
 
     Parameters
@@ -30,6 +33,8 @@ def run_command(name: str, out: str | None = None, figures: bool = True) -> bool
         Folder for the results; default results/<name of the scenario>.
     figures : bool
         Whether figures are drawn.
+    show : bool
+        Whether to open the drawing of the motion, where there is a display.
 
     Returns
     -------
@@ -54,7 +59,18 @@ def run_command(name: str, out: str | None = None, figures: bool = True) -> bool
             save_figures(outcome, staging, progress=lambda share: progress("figures", share))
     output.print(summary_table(numbers))
     output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
+    if show and figures:
+        _show(folder / "motion.png", output)
     return outcome.trajectory.reached
+
+
+def _show(picture: Path, output: Console) -> None:
+    """Open a picture in the desktop's viewer; without a desktop, say where it is."""
+    desktop = sys.platform in ("darwin", "win32") or any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+    )
+    if not (desktop and webbrowser.open(picture.resolve().as_uri())):
+        output.print(f"picture of the motion: {picture}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _write(file: IO[bytes], text: str) -> None:

@@ -7,7 +7,7 @@ from ffsms_pin.plotting.base import (
     plot_base_velocity,
 )
 from ffsms_pin.plotting.coupling import plot_assistance, plot_cost, plot_position_error
-from ffsms_pin.plotting.figures import FIGURES, figure, save_figures
+from ffsms_pin.plotting.figures import FIGURES, figure, save_figure, save_figures
 from ffsms_pin.plotting.joints import plot_joint_positions, plot_joint_rates
 from ffsms_pin.plotting.motion import plot_motion
 from ffsms_pin.plotting.tracking import (
@@ -34,5 +34,6 @@ __all__ = [
     "plot_position_error",
     "plot_torques",
     "plot_tracked_position_error",
+    "save_figure",
     "save_figures",
 ]

@@ -16,7 +16,7 @@ from ffsms_pin.plotting.style import applied, stack
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.storage import write_atomically
 
-__all__ = ["FIGURES", "figure", "save_figures"]
+__all__ = ["FIGURES", "figure", "save_figure", "save_figures"]
 
 Panel = Callable[[Outcome, Axes], Any]
 
@@ -98,7 +98,7 @@ def save_figures(
         drawn = figure(outcome, name)
         for ending in formats:
             path = Path(folder) / f"{name}.{ending}"
-            _save(drawn, path, ending)
+            save_figure(drawn, path, ending)
             written.append(path)
         if progress is not None:
             progress(count / len(FIGURES))
@@ -113,7 +113,8 @@ def _fit(drawn: Figure, ax: Axes) -> None:
     drawn.set_size_inches(_DRAWING_WIDTH, min(max(height, 2.5), 1.4 * _DRAWING_WIDTH) + 0.6)
 
 
-def _save(drawn: Figure, path: Path, ending: str) -> None:
+def save_figure(drawn: Figure, path: Path, ending: str) -> None:
+    """Write one figure in the format `ending` ("pdf", "svg" or "png"), atomically."""
     metadata = _UNDATED.get(ending)
     with applied():
         write_atomically(path, lambda file: drawn.savefig(file, format=ending, metadata=metadata))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.opt import METHODS
 
 __all__ = ["DEGREES", "checked_tables"]
 
@@ -91,6 +92,7 @@ _TABLES: dict[str, dict[str, Callable[[Any], Any]]] = {
         "kappa": _positive,
         "clearance": _not_negative,
         "collision": _one_of("points", "shapes", "off"),
+        "method": _one_of(*METHODS),
         "reach": _positive,
     },
     "limits": {

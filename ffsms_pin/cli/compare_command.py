@@ -1,0 +1,94 @@
+"""`ffsms-pin compare`: the planning methods side by side."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+__all__ = ["add_parser", "run"]
+
+_DESCRIPTION = """\
+Plan a scenario by every method, print one table, and write comparison.json and one figure.
+
+example: ffsms-pin compare case-2
+"""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add `compare` to the commands (argparse's subparsers)."""
+    parser = subparsers.add_parser(
+        "compare",
+        help="plan a scenario by every method, side by side",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("scenario", metavar="SCENARIO", help="case-1, case-2, or a scenario file (TOML)")
+    parser.add_argument(
+        "--methods", metavar="METHOD", nargs="+", help="only these (default: all of opt.METHODS)"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", help="folder for the results (default: results/SCENARIO-comparison)"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Plan, print the table and write the results; returns the exit code."""
+    # Imported only now: --help needs none of it.
+    from rich.console import Console
+
+    from ffsms_pin.cli.output import output_console
+    from ffsms_pin.cli.progress import shown_progress
+    from ffsms_pin.cli.results_folder import results_folder
+    from ffsms_pin.opt import METHODS
+    from ffsms_pin.plotting import save_figure
+    from ffsms_pin.plotting.comparison import plot_comparison
+    from ffsms_pin.scenarios import scenario
+    from ffsms_pin.scenarios.compare import compare, comparison_numbers
+    from ffsms_pin.storage import write_atomically
+
+    chosen = scenario(arguments.scenario)
+    methods = tuple(arguments.methods) if arguments.methods else METHODS
+    folder = Path(arguments.out) if arguments.out else Path("results") / f"{chosen.name}-comparison"
+    with results_folder(folder) as staging, shown_progress(Console(stderr=True)) as progress:
+        comparison = compare(chosen, methods, progress)
+        numbers = comparison_numbers(comparison)
+        text = json.dumps(numbers, indent=2) + "\n"
+        write_atomically(staging / "comparison.json", lambda file: _write(file, text))
+        figure = plot_comparison(comparison)
+        for ending in ("pdf", "png"):
+            save_figure(figure, staging / f"comparison.{ending}", ending)
+    output = output_console()
+    output.print(_table(chosen.name, numbers))
+    output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
+    return 0
+
+
+def _write(file: Any, text: str) -> None:
+    file.write(text.encode())
+
+
+def _table(name: str, numbers: dict[str, dict[str, Any]]) -> Any:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title=escape(f"{name}: methods side by side"), title_justify="left")
+    table.add_column("quantity")
+    for method in numbers:
+        table.add_column(method, justify="right")
+    rows: dict[str, Callable[[dict[str, Any]], str]] = {
+        "reached": lambda row: "yes" if row["reached"] else "no",
+        "final error [mm]": lambda row: f"{1e3 * row['final_error_m']:.3g}",
+        "cost integral [s]": lambda row: f"{row['cost_integral_s']:.3g}",
+        "joint effort [rad²/s]": lambda row: f"{row['joint_effort_rad2_per_s']:.3g}",
+        "torque effort [N²m²s]": lambda row: f"{row['torque_effort_N2m2s']:.3g}",
+        "base rotation, max [deg]": lambda row: f"{row['rotation_max_deg']:.3g}",
+        "base translation, max [mm]": lambda row: f"{1e3 * row['translation_max_m']:.3g}",
+        "peak joint rate [rad/s]": lambda row: f"{row['peak_rate_rad_per_s']:.3g}",
+        "computing time [s]": lambda row: f"{row['planning_s']:.2f}",
+    }
+    for label, value in rows.items():
+        table.add_row(escape(label), *(value(row) for row in numbers.values()))
+    return table

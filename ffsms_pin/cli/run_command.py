@@ -1,0 +1,43 @@
+"""`ffsms-pin run`: its arguments."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+__all__ = ["add_parser", "run"]
+
+REACHED, NOT_REACHED = 0, 1
+
+_DESCRIPTION = """\
+Plan a scenario and track the plan in closed loop. Prints a summary table, and writes trajectory.npz,
+tracking.npz, summary.json and the figures (pdf and png).
+
+example: ffsms-pin run case-2 --out results/case-2
+"""
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add `run` to the commands (argparse's subparsers)."""
+    parser = subparsers.add_parser(
+        "run",
+        help="plan and track a scenario, write results",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("scenario", metavar="SCENARIO", help="case-1, case-2, or a scenario file (TOML)")
+    parser.add_argument("--out", metavar="DIR", help="folder for the results (default: results/SCENARIO)")
+    parser.add_argument(
+        "--no-figures", dest="figures", action="store_false", help="write the numbers only, no figures"
+    )
+    parser.add_argument(
+        "--show", action="store_true", help="open the drawing of the motion, where there is a display"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the scenario; returns the exit code."""
+    from ffsms_pin.cli.run import run_scenario
+
+    reached = run_scenario(arguments.scenario, arguments.out, arguments.figures, arguments.show)
+    return REACHED if reached else NOT_REACHED

@@ -1,0 +1,110 @@
+"""The planning methods side by side on one scenario."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.control.reduced_dynamics import reduced_dynamics
+from ffsms_pin.errors import InvalidScenario, InvalidValue
+from ffsms_pin.opt import METHODS, Trajectory, plan
+from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.extremes import base_numbers
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["Comparison", "compare", "comparison_numbers"]
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Plans for one scenario by several methods.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    sms : SpaceManipulator
+    plans : dict of str to Trajectory
+        By method, in the order they were asked for.
+    times : dict of str to float
+        Wall time of each plan [s].
+    """
+
+    scenario: Scenario
+    sms: SpaceManipulator
+    plans: dict[str, Trajectory]
+    times: dict[str, float]
+
+
+def compare(
+    scenario: Scenario,
+    methods: tuple[str, ...] = METHODS,
+    progress: Callable[[str, float], None] | None = None,
+) -> Comparison:
+    """Plan a scenario's motion by each method: same robot, start, target, time, limits and clearances.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    methods : tuple of str
+        Of `ffsms_pin.opt.METHODS`.
+    progress : callable, optional
+        Called with a method's name and the share of its plan that is done, 0 to 1.
+    """
+    sms = scenario.load()
+    plans: dict[str, Trajectory] = {}
+    times: dict[str, float] = {}
+    options = {key: value for key, value in scenario.plan.items() if key not in ("reach", "method")}
+    for method in methods:
+        report = None if progress is None else _named(progress, method)
+        try:
+            q0 = scenario.start_configuration(sms)
+            started = time.perf_counter()
+            made = plan(sms, q0, scenario.target["position"], method=method, progress=report, **options)
+        except InvalidValue as error:
+            raise InvalidScenario(scenario.source, str(error)) from None
+        times[method] = time.perf_counter() - started
+        plans[method] = replace(made, reach=scenario.plan.get("reach", made.reach))
+    return Comparison(scenario, sms, plans, times)
+
+
+def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
+    """One row a method, every key of a quantity ending in its unit.
+
+    Joint effort is the integral of the squared joint rates; torque effort that of the squared joint torques
+    H_q qdd + C_q which the plan needs.
+    """
+    return {
+        method: {
+            "reached": made.reached,
+            "final_error_m": float(made.position_error[-1]),
+            "cost_integral_s": made.cost_integral,
+            "joint_effort_rad2_per_s": _joint_effort(made),
+            "torque_effort_N2m2s": _torque_effort(comparison.sms, made),
+            **base_numbers(comparison.sms, made.q),
+            "peak_rate_rad_per_s": float(np.abs(made.joint_rates).max()),
+            "planning_s": comparison.times[method],
+        }
+        for method, made in comparison.plans.items()
+    }
+
+
+def _joint_effort(made: Trajectory) -> float:
+    """Integral of the squared joint rates, exactly: they are linear between nodes."""
+    first, last = made.joint_rates[:-1], made.joint_rates[1:]
+    return float((first**2 + first * last + last**2).sum()) * made.dt / 3.0
+
+
+def _torque_effort(sms: SpaceManipulator, made: Trajectory) -> float:
+    effort = 0.0
+    for k, acceleration in enumerate(made.joint_accelerations):
+        H_q, C_q = reduced_dynamics(sms, made.q[k], made.v[k])
+        effort += float(np.square(H_q @ acceleration + C_q).sum())
+    return effort * made.dt
+
+
+def _named(progress: Callable[[str, float], None], method: str) -> Callable[[float], None]:
+    return lambda share: progress(method, share)

@@ -1,0 +1,92 @@
+"""`ffsms-pin compare`: the methods side by side."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ffsms_pin.cli import main
+from ffsms_pin.scenarios import scenario
+from ffsms_pin.scenarios.compare import Comparison, compare, comparison_numbers
+
+SCENARIO = """
+[robot]
+model = "planar_3r"
+[start]
+joints = [0.4, 0.7, -0.5]
+[target]
+position = [0.75, 0.5, 0.0]
+[plan]
+duration = 4.0
+dt = 0.05
+"""
+METHODS = ("step", "resolved-rate", "least-disturbance")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scenario") / "short.toml"
+    path.write_text(SCENARIO)
+    return path
+
+
+@pytest.fixture(scope="module")
+def comparison(file: Path) -> Comparison:
+    return compare(scenario(file), METHODS)
+
+
+def test_every_method_has_the_same_task(comparison: Comparison) -> None:
+    assert tuple(comparison.plans) == METHODS
+    first = comparison.plans["step"]
+    for made in comparison.plans.values():
+        assert np.array_equal(made.q[0], first.q[0])
+        assert np.array_equal(made.target, first.target)
+        assert made.duration == first.duration
+
+
+def test_numbers_are_those_of_the_plans(comparison: Comparison) -> None:
+    numbers = comparison_numbers(comparison)
+    for method, made in comparison.plans.items():
+        row = numbers[method]
+        assert row["reached"] is made.reached
+        assert row["cost_integral_s"] == made.cost_integral
+        # By another quadrature, on a fine grid.
+        t = np.linspace(0.0, made.duration, 20001)
+        rates = np.array([made.sample(time)[1] for time in t])
+        effort = float(np.square(rates).sum()) * (t[1] - t[0])
+        assert row["joint_effort_rad2_per_s"] == pytest.approx(effort, rel=1e-3)
+        # The torques must put the kinetic energy in: by inverse dynamics of the whole system.
+        energy = [comparison.sms.at(q, v).kinetic_energy for q, v in zip(made.q, made.v, strict=True)]
+        assert max(energy) > 0.0
+        assert row["torque_effort_N2m2s"] > 0.0
+
+
+def test_the_command_writes_a_table_and_a_figure(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "results"
+    assert main(["compare", str(file), "--out", str(out), "--methods", *METHODS]) == 0
+    assert sorted(path.name for path in out.iterdir()) == [
+        "comparison.json",
+        "comparison.pdf",
+        "comparison.png",
+    ]
+    numbers = json.loads((out / "comparison.json").read_text())
+    assert tuple(numbers) == METHODS
+    printed = capsys.readouterr().out
+    for word in (*METHODS, "cost integral", "base rotation", "computing time"):
+        assert word in printed
+
+
+def test_an_unknown_method_is_one_line_and_exit_code_2(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "results"
+    assert main(["compare", str(file), "--out", str(out), "--methods", "magic"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "'magic'" in error
+    assert not out.exists()
