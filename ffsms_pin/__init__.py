@@ -1,7 +1,52 @@
 """Free-floating space manipulators on Pinocchio: measure the coupling, plan with it, track the plan."""
 
-from ffsms_pin.errors import FfsmsError
-from ffsms_pin.system import JointLimits, SpaceManipulator, State, load
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["FfsmsError", "JointLimits", "SpaceManipulator", "State", "load"]
+from ffsms_pin.errors import FfsmsError
+from ffsms_pin.models import SatelliteBase, load, mount
+from ffsms_pin.system import JointLimits, SpaceManipulator, State
+
+if TYPE_CHECKING:
+    from ffsms_pin import opt
+    from ffsms_pin.control import SlidingModeController
+    from ffsms_pin.scenarios import Scenario, scenario
+    from ffsms_pin.simulation import Tracking, simulate
+
+__all__ = [
+    "FfsmsError",
+    "JointLimits",
+    "SatelliteBase",
+    "Scenario",
+    "SlidingModeController",
+    "SpaceManipulator",
+    "State",
+    "Tracking",
+    "load",
+    "mount",
+    "opt",
+    "scenario",
+    "simulate",
+]
 __version__ = "0.1.0"
+
+# Loaded when first used: whoever only wants a state need not wait for the solver.
+_LATER = {
+    "Scenario": "ffsms_pin.scenarios",
+    "SlidingModeController": "ffsms_pin.control",
+    "Tracking": "ffsms_pin.simulation",
+    "scenario": "ffsms_pin.scenarios",
+    "simulate": "ffsms_pin.simulation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "opt":
+        return import_module("ffsms_pin.opt")
+    if name in _LATER:
+        return getattr(import_module(_LATER[name]), name)
+    raise AttributeError(f"module 'ffsms_pin' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -121,6 +121,8 @@ ONE_OF_EACH = [
     errors.UnsupportedJoint("a.urdf", "has a ball joint"),
     errors.FrameNotFound("a", ["b", "c"]),
     errors.AmbiguousEndEffector(["a", "b"]),
+    errors.GeometryError("the mesh 'a.stl' is not there"),
+    errors.DependencyMissing("a-package", "the arm 'b'"),
     errors.InvalidScenario("a.toml", "has no robot"),
     errors.SolverError("the step", "infeasible"),
     errors.SimulationDiverged(0.5),

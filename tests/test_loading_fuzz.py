@@ -1,56 +1,85 @@
-"""Damage the planar robot's file anywhere: `load` ends in a model that works, or in one line."""
+"""Damage the packaged robots' files anywhere: reading ends in a model that works, or in one line.
+
+FFSMS_FUZZ=2000 in the environment asks for so many damaged files a test (default 150).
+"""
 
 from __future__ import annotations
 
 import os
+import re
+import subprocess
+import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from hypothesis import given, settings
+import pytest
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import ffsms_pin as ffsms
-from ffsms_pin.errors import FfsmsError
-from ffsms_pin.urdf import model_path
+from ffsms_pin.errors import FfsmsError, InvalidUrdf
+from ffsms_pin.inspection import inspect, repair
+from ffsms_pin.urdf import model_names, model_path
 
-PLANAR = model_path("planar_3r").read_text()
-VALUES = ["0", "-1", "nan", "inf", "1e400", "1e-400", "1e-320", "1e300", "pi/2", "1 2 3", "0 0 0", "", " "]
-VALUES += [
-    "base",
-    "link_2",
-    "joint_2",
-    "fixed",
-    "floating",
-    "continuous",
-    "prismatic",
-    "a\nb",
+EXAMPLES = int(os.environ.get("FFSMS_FUZZ", "150"))
+FUZZ = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+FILES = [model_path(name).read_text() for name in model_names()]
+# The largest file is long; most of what can go wrong can go wrong in a short one.
+FILES += [FILES[model_names().index("planar_3r")]] * 3
+TOOLS = [None, "end_effector", "left_tool"]
+NUMBERS = ["0", "-1", "nan", "inf", "-inf", "1e400", "1e-400", "1e-320", "1e300", "1e31", "-0.0", "1e-160"]
+VALUES = [
+    *NUMBERS,
+    "pi/2",
+    "1 2 3",
+    "0 0 0",
+    "1e200 1e200 1e200",
+    "0.010 ",
+    "",
+    " ",
     "\u0663",
     "\u00e9",
+    "a\nb",
 ]
+VALUES += ["base", "link_2", "joint_2", "link_1", "joint_1", "fixed", "floating", "continuous", "prismatic"]
+VALUES += ["planar", "package://a/b.stl", "universe", "root_joint"]
 TAGS = ["robot", "link", "joint", "inertial", "mass", "inertia", "origin", "axis", "limit", "parent", "child"]
-TAGS += [
-    "mimic",
-    "dynamics",
-    "safety_controller",
-    "calibration",
-    "material",
-    "visual",
-    "collision",
-    "box",
-    "mesh",
+TAGS += ["mimic", "dynamics", "safety_controller", "calibration", "material", "visual", "collision", "box"]
+TAGS += ["mesh", "geometry", "sphere", "gazebo", "transmission"]
+TOKENS = [
+    "<",
+    ">",
+    "/>",
+    "</",
+    "&",
+    "&amp;",
+    '"',
+    "'",
+    "=",
+    "<!--",
+    "-->",
+    "<![CDATA[",
+    "]]>",
+    "\0",
+    "</robot>",
 ]
+TOKENS += ["<?xml?>", "<link/>", "<joint/>", "<!DOCTYPE a>", "\ufeff", "&#0;", "&x;", *NUMBERS, *VALUES]
 
 
-def damaged(draw: Any) -> str:
-    root = ElementTree.fromstring(PLANAR)
+def restructured(draw: Any) -> str:
+    """Elements and attributes dropped, doubled, renamed, moved, set to something else."""
+    root = ElementTree.fromstring(draw(st.sampled_from(FILES)))
     for _ in range(draw(st.integers(1, 3))):
         parents = {child: parent for parent in root.iter() for child in parent}
         element = draw(st.sampled_from(list(root.iter())))
         parent = parents.get(element)
-        action = draw(st.sampled_from(["drop attribute", "set", "add", "drop", "double", "rename", "move"]))
+        action = draw(
+            st.sampled_from(["drop attribute", "set", "add", "drop", "double", "rename", "move", "exchange"])
+        )
         if action in ("drop attribute", "set") and element.attrib:
             key = draw(st.sampled_from(sorted(element.attrib)))
             del element.attrib[key]
@@ -60,6 +89,9 @@ def damaged(draw: Any) -> str:
             ElementTree.SubElement(element, draw(st.sampled_from(TAGS)), name=draw(st.sampled_from(VALUES)))
         elif action == "rename":
             element.tag = draw(st.sampled_from(TAGS))
+        elif action == "exchange":
+            other = draw(st.sampled_from(list(root.iter())))
+            element.attrib, other.attrib = other.attrib, element.attrib
         elif parent is not None and action == "drop":
             parent.remove(element)
         elif parent is not None and action == "double":
@@ -67,27 +99,41 @@ def damaged(draw: Any) -> str:
         elif parent is not None and action == "move":
             parent.remove(element)
             draw(st.sampled_from(list(root.iter()))).append(element)
-    text = ElementTree.tostring(root, encoding="unicode")
-    if draw(st.integers(0, 4)) == 0:
-        start = draw(st.integers(0, len(text) - 1))
-        text = text[:start] + draw(st.sampled_from(["", "<", "&", '"', "\0", "</robot>"])) + text[start + 3 :]
-    return text
+    return ElementTree.tostring(root, encoding="unicode")
 
 
-@settings(max_examples=150, deadline=None)
-@given(st.data())
-def test_damaged_files_end_in_a_model_or_in_one_line(data: st.DataObject) -> None:
-    text = damaged(data.draw)
-    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as spoken:
-        path = Path(folder) / "damaged.urdf"
-        path.write_text(text, encoding="utf-8")
-        line, kept = "", os.dup(2)
+def respelled(draw: Any) -> str:
+    """Words, numbers and signs of the text dropped, doubled, exchanged or replaced."""
+    tokens = re.findall(r"\s+|[\w.+-]+|[^\w\s]", draw(st.sampled_from(FILES)))
+    places = st.integers(0, len(tokens) - 1)
+    for _ in range(draw(st.integers(1, 4))):
+        i, j = draw(places), draw(places)
+        action = draw(st.sampled_from(["drop", "double", "exchange", "replace", "replace number", "cut"]))
+        if action == "drop":
+            tokens[i] = ""
+        elif action == "double":
+            tokens[i] += tokens[i]
+        elif action == "exchange":
+            tokens[i], tokens[j] = tokens[j], tokens[i]
+        elif action == "replace":
+            tokens[i] = draw(st.sampled_from(TOKENS))
+        elif action == "replace number":
+            numbers = [k for k, token in enumerate(tokens) if token[:1].isdigit()]
+            tokens[draw(st.sampled_from(numbers)) if numbers else i] = draw(st.sampled_from(VALUES))
+        elif draw(st.booleans()):  # a cut end hides every other damage: rarely
+            tokens[max(i, 1) :] = [""] * (len(tokens) - max(i, 1))
+    return "".join(tokens)
+
+
+def quiet(work: Callable[[Path], None], text: str, folder: Path) -> None:
+    """Do `work` on the text as a file: a line of ours at most, and nothing said aloud."""
+    path = folder / "damaged.urdf"
+    path.write_text(text, encoding="utf-8", errors="surrogatepass")
+    line, kept = "", os.dup(2)
+    with tempfile.TemporaryFile() as spoken:
         os.dup2(spoken.fileno(), 2)
         try:
-            sms = ffsms.load(path)
-            state = sms.at(sms.configuration(np.full(sms.n, 0.1)), np.ones(sms.nv))
-            assert np.isfinite(state.H_q).all()
-            assert np.isfinite(state.C_q).all()
+            work(path)
         except FfsmsError as error:
             line = str(error)
         finally:
@@ -97,3 +143,88 @@ def test_damaged_files_end_in_a_model_or_in_one_line(data: st.DataObject) -> Non
         assert "Pinocchio" not in line  # our own checks name the fault before its parser does
         spoken.seek(0)
         assert spoken.read() == b""  # and so its parser has nothing to print
+
+
+def use(sms: ffsms.SpaceManipulator) -> None:
+    state = sms.at(sms.configuration(np.full(sms.n, 0.1)), np.ones(sms.nv))
+    for name in ("H_q", "C_q", "C_bm", "J_star"):
+        assert np.isfinite(getattr(state, name)).all(), name
+
+
+@pytest.mark.parametrize("damaged", [restructured, respelled])
+def test_damaged_files_end_in_a_model_or_in_one_line(damaged: Callable[[Any], str], tmp_path: Path) -> None:
+    @FUZZ
+    @given(data=st.data())
+    def check(data: st.DataObject) -> None:
+        text, tool = damaged(data.draw), data.draw(st.sampled_from(TOOLS))
+        quiet(lambda path: use(ffsms.load(path, end_effector=tool)), text, tmp_path)
+
+    check()
+
+
+@pytest.mark.parametrize("damaged", [restructured, respelled])
+def test_damaged_shapes_are_all_there_or_refused(damaged: Callable[[Any], str], tmp_path: Path) -> None:
+    def shapes(path: Path) -> None:
+        sms = ffsms.load(path, end_effector=None)
+        for kind in ("visual", "collision"):
+            wanted = len(ElementTree.parse(path).getroot().findall(f"link/{kind}"))
+            assert sms.geometry("visual" if kind == "visual" else "collision").ngeoms == wanted
+
+    @settings(FUZZ, max_examples=EXAMPLES // 3)
+    @given(data=st.data())
+    def check(data: st.DataObject) -> None:
+        quiet(shapes, damaged(data.draw), tmp_path)
+
+    check()
+
+
+@pytest.mark.parametrize("damaged", [restructured, respelled])
+def test_damaged_arms_are_mounted_or_refused(damaged: Callable[[Any], str], tmp_path: Path) -> None:
+    @settings(FUZZ, max_examples=EXAMPLES // 3)
+    @given(data=st.data())
+    def check(data: st.DataObject) -> None:
+        text, tool = damaged(data.draw), data.draw(st.sampled_from(TOOLS))
+        locked = data.draw(st.sampled_from([{}, {"joint_2": 0.3}, {"elbow_pitch": -0.1}]))
+        quiet(lambda path: use(ffsms.mount(path, end_effector=tool, locked=locked)), text, tmp_path)
+
+    check()
+
+
+@pytest.mark.parametrize("damaged", [restructured, respelled])
+def test_damaged_files_are_mended_or_refused(damaged: Callable[[Any], str], tmp_path: Path) -> None:
+    out = tmp_path / "mended.urdf"
+
+    def mend(path: Path) -> None:
+        report = inspect(path)
+        out.unlink(missing_ok=True)
+        try:
+            changes = repair(path, out)
+        except InvalidUrdf:
+            assert not report.repairable
+            assert not out.exists()
+            raise
+        assert report.repairable
+        assert report.loads or changes  # nothing is mended silently
+        assert inspect(out).loads
+
+    @settings(FUZZ, max_examples=EXAMPLES // 3)
+    @given(data=st.data())
+    def check(data: st.DataObject) -> None:
+        quiet(mend, damaged(data.draw), tmp_path)
+
+    check()
+
+
+def test_no_crash_and_no_hang_in_a_process_of_its_own(tmp_path: Path) -> None:
+    """A crash of the C++ parsers would take this process along; there it is an exit code."""
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", __file__, "-k", "damaged"]
+    result = subprocess.run(
+        [*command, "--import-mode=importlib", "--hypothesis-seed=1", f"--rootdir={tmp_path}"],
+        cwd=tmp_path,
+        env=os.environ | {"FFSMS_FUZZ": str(max(30, EXAMPLES // 5))},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600 + EXAMPLES,
+    )
+    assert result.returncode == 0, result.stdout[-2000:] + result.stderr[-2000:]

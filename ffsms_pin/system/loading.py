@@ -18,7 +18,7 @@ from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.urdf import model_names, model_path
 
-__all__ = ["build", "load"]
+__all__ = ["build", "folders", "load"]
 
 
 def load(
@@ -57,11 +57,7 @@ def load(
         `base_size` or `acceleration` cannot be used.
     """
     urdf = UrdfFile(_path(robot))
-    try:
-        folders = tuple(Path(folder) for folder in package_dirs)
-    except TypeError:
-        raise InvalidValue("package_dirs", package_dirs, "must be a sequence of paths") from None
-    return build(urdf, end_effector, base_size, acceleration, package_dirs=folders)
+    return build(urdf, end_effector, base_size, acceleration, package_dirs=folders(package_dirs))
 
 
 def build(
@@ -98,6 +94,16 @@ def build(
     sms = SpaceManipulator(model, end_effector, base_size, placement, acceleration)
     sms.description = Description(urdf.full_text(), urdf.path, package_dirs)
     return sms
+
+
+def folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:
+    """The argument `package_dirs`, checked."""
+    try:
+        if isinstance(package_dirs, (str, bytes, os.PathLike)):
+            raise TypeError
+        return tuple(Path(folder) for folder in package_dirs)
+    except TypeError:
+        raise InvalidValue("package_dirs", package_dirs, "must be a sequence of paths") from None
 
 
 def _rate_limits(model: Any, velocity: ArrayLike | None, missing: float | None) -> FloatArray:

@@ -11,11 +11,21 @@ from xml.etree import ElementTree
 import pinocchio as pin
 
 from ffsms_pin.errors import GeometryError
+from ffsms_pin.system.urdf_file import is_number
 
-__all__ = ["Description", "ShapeKind", "find_mesh"]
+__all__ = ["Description", "ShapeKind", "find_mesh", "shape_problem"]
 
 ShapeKind = Literal["visual", "collision"]
 _SCHEMES = ("package://", "model://")
+# What a shape must have: attributes, and how many numbers above zero each holds.
+_SIZES: dict[str, dict[str, int]] = {
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+    "mesh": {},
+}
+# Of a joint, where the links stand at zero is enough to hang shapes on a model that exists.
+_JOINT_PARTS = ("parent", "child", "origin", "axis", "limit")
 
 
 @dataclass(frozen=True)
@@ -38,22 +48,74 @@ class Description:
 
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
         """Geometry model (pinocchio.GeometryModel) of the visual or collision shapes, for `model`."""
-        robot = ElementTree.fromstring(self.text)
+        robot, count = self._shapes_alone(kind)
+        wanted = pin.GeometryType.VISUAL if kind == "visual" else pin.GeometryType.COLLISION
+        text = ElementTree.tostring(robot, encoding="unicode")
+        try:
+            geometry = pin.buildGeomFromUrdfString(model, text, wanted)
+        except Exception as error:  # of the mesh readers: each has its own kinds
+            raise GeometryError(f"{self.path}: its {kind} shapes cannot be built ({error})") from None
+        if geometry.ngeoms != count:
+            raise GeometryError(f"{self.path}: of its {count} {kind} shapes {geometry.ngeoms} can be built")
+        return geometry
+
+    def _shapes_alone(self, kind: ShapeKind) -> tuple[ElementTree.Element, int]:
+        """The robot with shapes of one kind and joints only, and the number of shapes; all of it checked.
+
+        The parser behind Pinocchio drops a shape that it cannot read, and goes on: a collision would go with
+        it. It also says on the terminal what it thinks of materials.
+        """
+        source = ElementTree.fromstring(self.text)
+        robot = ElementTree.Element("robot", source.attrib)
+        colours = {item.get("name"): item.find("color") for item in source.findall("material")}
+        count = 0
+        for link in source.findall("link"):
+            kept = ElementTree.SubElement(robot, "link", link.attrib)
+            for shape in link.findall(kind):
+                count += 1
+                problem = shape_problem(shape)
+                if problem is not None:
+                    raise GeometryError(
+                        f"{self.path}: link '{link.get('name')}' has a {kind} shape {problem}"
+                    )
+                copy = ElementTree.SubElement(kept, kind, shape.attrib)
+                copy.extend(item for item in shape if item.tag in ("origin", "geometry"))
+                _add_colour(copy, shape.find("material"), colours)
+        for joint in source.findall("joint"):
+            kept = ElementTree.SubElement(robot, "joint", joint.attrib)
+            kept.extend(item for item in joint if item.tag in _JOINT_PARTS)
         for mesh in robot.iter("mesh"):
             name = mesh.get("filename", "")
             found = find_mesh(name, self.path, self.package_dirs)
             if found is None:
                 raise GeometryError(
                     f"{self.path}: the mesh '{name}' is not there; put it beside the file or name its folder:"
-                    " load(..., package_dirs=[FOLDER])"
+                    " package_dirs=[FOLDER]"
                 )
             mesh.set("filename", str(found))
-        wanted = pin.GeometryType.VISUAL if kind == "visual" else pin.GeometryType.COLLISION
-        text = ElementTree.tostring(robot, encoding="unicode")
-        try:
-            return pin.buildGeomFromUrdfString(model, text, wanted)
-        except Exception as error:  # of the mesh readers: each has its own kinds
-            raise GeometryError(f"{self.path}: its {kind} shapes cannot be built ({error})") from None
+        return robot, count
+
+
+def shape_problem(shape: ElementTree.Element) -> str | None:
+    """What is wrong with a <visual> or <collision> element, or None."""
+    geometry = shape.find("geometry")
+    items = [] if geometry is None else [item for item in geometry if isinstance(item.tag, str)]
+    if len(items) != 1:
+        return f"with {len(items)} geometries instead of one"
+    (item,) = items
+    if item.tag not in _SIZES:
+        return f"of the kind <{item.tag}>; {', '.join(_SIZES)} can be used"
+    for key, count in _SIZES[item.tag].items():
+        text = item.get(key)
+        numbers = [] if text is None else text.split() if count > 1 else [text]
+        if len(numbers) != count or not all(is_number(word) and float(word) > 0.0 for word in numbers):
+            given = f"no {key}" if text is None else f'{key}="{text}"'
+            return f"with {given} in <{item.tag}>; {count} number{'s' if count > 1 else ''} above zero needed"
+    if item.tag == "mesh":
+        words = item.get("scale", "1 1 1").split()
+        if len(words) != 3 or not all(is_number(word) and float(word) != 0.0 for word in words):
+            return f'with scale="{item.get("scale")}" in <mesh>; three numbers are needed'
+    return None
 
 
 def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Path | None:
@@ -77,3 +139,20 @@ def find_mesh(name: str, urdf: Path, package_dirs: tuple[Path, ...] = ()) -> Pat
         candidates = [place / rest for place in (*package_dirs, *ros, *around)]
         candidates += [place / inside for place in (*package_dirs, *around) if place.name == package]
     return next((path for path in candidates if os.path.isfile(path)), None)
+
+
+def _add_colour(
+    shape: ElementTree.Element,
+    material: ElementTree.Element | None,
+    colours: dict[str | None, ElementTree.Element | None],
+) -> None:
+    """The colour of a shape, its own or the robot's of that name, where it is one."""
+    if material is None or shape.tag != "visual":
+        return
+    colour = material.find("color")
+    if colour is None:
+        colour = colours.get(material.get("name"))
+    rgba = "" if colour is None else colour.get("rgba", "")
+    if len(rgba.split()) == 4 and all(is_number(word) and 0.0 <= float(word) <= 1.0 for word in rgba.split()):
+        kept = ElementTree.SubElement(shape, "material", {"name": rgba})
+        ElementTree.SubElement(kept, "color", {"rgba": rgba})

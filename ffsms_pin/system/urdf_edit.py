@@ -7,6 +7,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.system.urdf_file import is_number
+
 __all__ = ["fix_joint", "words"]
 
 
@@ -19,29 +22,31 @@ def fix_joint(joint: ElementTree.Element, position: float) -> None:
     """Make a revolute, continuous or prismatic joint a fixed one that stands at `position` [rad or m].
 
     The links keep their masses; what belongs to a moving joint only (axis, limits, <mimic>) is taken out.
+    ValueError, and nothing is changed, where the joint's axis or origin is not in numbers.
     """
-    axis_element = joint.find("axis")
-    axis = _triple(axis_element, "xyz", "1 0 0")
-    slides = joint.get("type") == "prismatic"
+    origin = joint.find("origin")
+    if position != 0.0:
+        place = pin.SE3(pin.rpy.rpyToMatrix(_triple(origin, "rpy", "0 0 0")), _triple(origin, "xyz", "0 0 0"))
+        axis = _triple(joint.find("axis"), "xyz", "1 0 0")
+        length = float(np.linalg.norm(axis))
+        if length < 1e-9:
+            raise ValueError
+        if joint.get("type") == "prismatic":
+            moved = place * pin.SE3(np.eye(3), axis / length * position)
+        else:
+            moved = place * pin.SE3(pin.AngleAxis(position, axis / length).matrix(), np.zeros(3))
+        if origin is None:
+            origin = ElementTree.SubElement(joint, "origin")
+        origin.set("xyz", words(moved.translation))
+        origin.set("rpy", words(pin.rpy.matrixToRpy(moved.rotation)))
     joint.set("type", "fixed")
     for tag in ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"):
         for item in joint.findall(tag):
             joint.remove(item)
-    if position == 0.0:
-        return
-    origin = joint.find("origin")
-    place = pin.SE3(pin.rpy.rpyToMatrix(_triple(origin, "rpy", "0 0 0")), _triple(origin, "xyz", "0 0 0"))
-    axis = axis / np.linalg.norm(axis)
-    if slides:
-        moved = place * pin.SE3(np.eye(3), axis * position)
-    else:
-        moved = place * pin.SE3(pin.AngleAxis(position, axis).matrix(), np.zeros(3))
-    if origin is None:
-        origin = ElementTree.SubElement(joint, "origin")
-    origin.set("xyz", words(moved.translation))
-    origin.set("rpy", words(pin.rpy.matrixToRpy(moved.rotation)))
 
 
-def _triple(element: ElementTree.Element | None, key: str, default: str) -> np.ndarray:
-    text = default if element is None else element.get(key, default)
-    return np.array([float(word) for word in text.split()])
+def _triple(element: ElementTree.Element | None, key: str, default: str) -> FloatArray:
+    numbers = (default if element is None else element.get(key, default)).split()
+    if len(numbers) != 3 or not all(map(is_number, numbers)):
+        raise ValueError
+    return np.array([float(word) for word in numbers])

@@ -296,7 +296,13 @@ class UrdfFile:
             if all(body is None for body in bodies):
                 raise InvalidInertia(self.path, name, "has no inertia; every moving body needs an <inertial>")
             if sum(body.mass for body in bodies if body) <= 0.0:
-                raise InvalidInertia(self.path, name, "moves but has no mass")
+                raise InvalidInertia(
+                    self.path,
+                    name,
+                    "is the base but has no mass; put the arm on a satellite: ffsms_pin.mount"
+                    if name == self.root
+                    else "moves but has no mass",
+                )
 
     def _box(self, shape: ElementTree.Element, where: str) -> Box | None:
         xyz, rpy = self._origin(shape, where)

@@ -1,0 +1,201 @@
+"""Faults of masses and inertias.
+
+An inertia belongs to some rigid body where its matrix of second moments, S = tr(I) 1 / 2 - I, has no
+negative eigenvalue: that says positive definite and the triangle inequality at once. A repair takes the
+nearest such S.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.inspection.faults import Fault, Settings
+from ffsms_pin.system.urdf_edit import fix_joint, words
+from ffsms_pin.system.urdf_file import is_number
+
+__all__ = ["inertia_faults", "inertial_numbers", "mass_faults", "solid_sphere", "thicken"]
+
+KEYS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+_MOVING = ("revolute", "continuous", "prismatic")
+_ALUMINIUM = 2700.0  # [kg/m^3]
+_ROUNDING = 1e-6  # relative: the last digit of a decimal in the file
+
+
+def inertial_numbers(link: ElementTree.Element) -> tuple[float | None, FloatArray | None]:
+    """Mass [kg] and inertia (3, 3) [kg m^2] of a link; None for what is not there or is no number."""
+    mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
+    kilograms = None
+    if mass is not None and is_number(mass.get("value", "")):
+        kilograms = float(mass.get("value", ""))
+    if inertia is None or not all(is_number(inertia.get(key, "")) for key in KEYS):
+        return kilograms, None
+    tensor = np.zeros((3, 3))
+    for key, (i, j) in KEYS.items():
+        tensor[i, j] = tensor[j, i] = float(inertia.get(key, ""))
+    return kilograms, tensor if np.abs(tensor).max() < 1e30 else None
+
+
+def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
+    """Inertias that no rigid body has, and inertials that lack a part."""
+    for link in robot.findall("link"):
+        inertial = link.find("inertial")
+        if inertial is None:
+            continue
+        where = f"link '{link.get('name', '')}'"
+        element = inertial.find("inertia")
+        mass, tensor = inertial_numbers(link)
+        if inertial.find("mass") is None:
+            yield Fault(where, "its <inertial> has no <mass>", True)
+        elif mass is not None and mass < 0.0:
+            yield Fault(where, f"its mass is negative, {mass:g} kg", True)
+        elif element is None:
+            if mass:
+                yield Fault(
+                    where,
+                    "its <inertial> has no <inertia>",
+                    True,
+                    f"that of a solid aluminium sphere of {mass:g} kg",
+                    partial(_set_inertia, inertial, solid_sphere(mass)),
+                )
+            elif mass == 0.0:
+                yield Fault(
+                    where,
+                    "its <inertial> has no mass and no <inertia>",
+                    True,
+                    "<inertial> taken out",
+                    partial(link.remove, inertial),
+                )
+        elif missing := [key for key in KEYS if key not in element.attrib]:
+            products = all(i != j for i, j in (KEYS[key] for key in missing))
+            yield Fault(
+                where,
+                f"its <inertia> has no {', '.join(missing)}",
+                True,
+                "set to zero" if products else None,
+                partial(element.attrib.update, dict.fromkeys(missing, "0")) if products else None,
+            )
+        elif tensor is not None:
+            yield from _tensor_faults(inertial, tensor, where)
+
+
+def _tensor_faults(inertial: ElementTree.Element, tensor: FloatArray, where: str) -> Iterator[Fault]:
+    a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
+    rounding = _ROUNDING * max(abs(a), abs(c))
+    if a >= -rounding and a + b >= c - rounding:
+        return
+    if a < -rounding:
+        problem = f"its inertia is not positive definite: principal inertias {_principal(tensor)} kg m^2"
+    else:
+        problem = f"its inertia breaks the triangle inequality: {a:.6g} + {b:.6g} < {c:.6g} kg m^2"
+    nearest = _nearest(tensor, 0.0)
+    yield Fault(
+        where,
+        problem,
+        True,
+        f"nearest inertia of a rigid body: principal {_principal(nearest)} kg m^2",
+        partial(_set_inertia, inertial, nearest),
+    )
+
+
+def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
+    """Bodies that move, or are the base, without any mass."""
+    fixed: dict[str, list[str]] = {}
+    moving: dict[str, list[str]] = {}
+    joint_of: dict[str, ElementTree.Element] = {}
+    for joint in robot.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is None or child is None or child.get("link", "") in joint_of:
+            return  # not a tree: the strict check says so
+        joint_of[child.get("link", "")] = joint
+        side = moving if joint.get("type") in _MOVING else fixed
+        side.setdefault(parent.get("link", ""), []).append(child.get("link", ""))
+    weights = {link.get("name", ""): inertial_numbers(link)[0] for link in robot.findall("link")}
+    for name in weights:
+        carrier = joint_of.get(name)
+        if carrier is not None and carrier.get("type") not in _MOVING:
+            continue
+        group = _group(name, fixed)
+        if any(weights.get(link) for link in group):
+            continue
+        carries = any(moving.get(link) for link in group)
+        if carrier is None:
+            yield Fault(
+                f"link '{name}'",
+                "the base has no mass; a satellite needs one: put the arm on one with ffsms_pin.mount",
+                True,
+            )
+        elif carries:
+            yield Fault(f"link '{name}'", "it moves, and carries further joints, but has no mass", True)
+        else:
+            where = f"joint '{carrier.get('name', '')}'"
+            problem = f"it moves the link '{name}', which has no mass"
+            yield Fault(where, problem, True, "made fixed at zero", partial(fix_joint, carrier, 0.0))
+
+
+def thicken(robot: ElementTree.Element, group_of: str) -> Iterator[Fault]:
+    """Mend the rods and point masses of the body that begins with the link `group_of`."""
+    fixed: dict[str, list[str]] = {}
+    for joint in robot.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is not None and child is not None and joint.get("type") not in _MOVING:
+            fixed.setdefault(parent.get("link", ""), []).append(child.get("link", ""))
+    group = _group(group_of, fixed)
+    for link in robot.findall("link"):
+        mass, tensor = inertial_numbers(link)
+        inertial = link.find("inertial")
+        if link.get("name", "") not in group or inertial is None or not mass or tensor is None:
+            continue
+        principal = np.linalg.eigvalsh(tensor)
+        if principal[0] > 1e-9 * principal[2]:
+            continue
+        better = _nearest(tensor, _ROUNDING * principal[2]) if principal[2] > 0.0 else solid_sphere(mass)
+        yield Fault(
+            f"link '{link.get('name', '')}'",
+            f"its inertia is not positive definite: principal inertias {_principal(tensor)} kg m^2",
+            True,
+            f"principal inertias set to {_principal(better)} kg m^2",
+            partial(_set_inertia, inertial, better),
+        )
+
+
+def solid_sphere(mass: float) -> FloatArray:
+    """Inertia (3, 3) [kg m^2] of a solid aluminium sphere."""
+    radius = float((3.0 * mass / (4.0 * math.pi * _ALUMINIUM)) ** (1.0 / 3.0))
+    return 0.4 * mass * radius**2 * np.eye(3)
+
+
+def _nearest(tensor: FloatArray, least: float) -> FloatArray:
+    """The inertia whose second moments are nearest to the given ones and not below `least`."""
+    moments = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+    values, axes = np.linalg.eigh(moments)
+    moments = axes @ np.diag(np.maximum(values, least)) @ axes.T
+    nearest = np.trace(moments) * np.eye(3) - moments
+    symmetric: FloatArray = np.array(0.5 * (nearest + nearest.T), dtype=np.float64)
+    return symmetric
+
+
+def _group(link: str, fixed: dict[str, list[str]]) -> set[str]:
+    group, stack = {link}, [link]
+    while stack:
+        further = [child for child in fixed.get(stack.pop(), []) if child not in group]
+        group.update(further)
+        stack.extend(further)
+    return group
+
+
+def _set_inertia(inertial: ElementTree.Element, tensor: FloatArray) -> None:
+    element = inertial.find("inertia")
+    if element is None:
+        element = ElementTree.SubElement(inertial, "inertia")
+    for key, place in KEYS.items():
+        element.set(key, words(tensor[place]))
+
+
+def _principal(tensor: FloatArray) -> str:
+    return ", ".join(f"{x:.6g}" for x in np.linalg.eigvalsh(tensor))

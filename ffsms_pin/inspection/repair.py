@@ -1,0 +1,100 @@
+"""`repair`: a URDF that loads, written anew, with every change listed."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import IO, Any
+from xml.etree import ElementTree
+
+from ffsms_pin.checks import positive
+from ffsms_pin.errors import InvalidUrdf, InvalidValue
+from ffsms_pin.inspection.examination import examine
+from ffsms_pin.inspection.faults import Change, Settings
+from ffsms_pin.inspection.report import DEFAULT_EFFORT, checked_path
+from ffsms_pin.models.mounting import DEFAULT_RATE
+from ffsms_pin.storage import write_atomically
+from ffsms_pin.system.shapes import find_mesh
+
+__all__ = ["repair"]
+
+
+def repair(
+    path: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    rate: float = DEFAULT_RATE,
+    effort: float = DEFAULT_EFFORT,
+) -> list[Change]:
+    """Write a URDF that `ffsms_pin.load` takes, and say what was changed.
+
+    Only what keeps a file from loading is mended, and numbers that readers drop. Where it takes knowledge
+    that the file does not hold (a negative mass, a base without mass, two roots), nothing is written.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to mend; it is left alone unless `out` is the same.
+    out : str or path
+        The file to write; the changes stand in a comment at its head too.
+    rate : float
+        Rate limit for joints without one [rad/s or m/s].
+    effort : float
+        Torque or force limit for joints without one [N m or N].
+
+    Returns
+    -------
+    list of Change
+        Empty where the file loads as it is: `out` is then a plain copy in content.
+
+    Raises
+    ------
+    InvalidUrdf
+        Something is wrong that cannot be mended.
+    ModelNotFound, InvalidValue, ResultError
+        There is no such file, `rate` or `effort` cannot be used, or `out` cannot be written.
+    """
+    if not isinstance(out, (str, os.PathLike)):
+        raise InvalidValue("out", out, "must be a path")
+    settings = Settings(checked_path(path), positive("rate", rate), positive("effort", effort))
+    found = examine(settings)
+    if found.refusal is not None:
+        stuck = [str(fault) for fault in found.faults if fault.blocks and fault.mend is None]
+        raise InvalidUrdf(settings.path, f"cannot be mended: {'; '.join(stuck)}")
+    changes = [
+        Change(fault.where, fault.problem, fault.remedy)
+        for fault in found.faults
+        if fault.mend is not None and fault.remedy is not None
+    ]
+    changes += _move_meshes(found.mended, settings.path, Path(out))
+    if changes:
+        found.mended.insert(0, _comment(changes))
+    text = ElementTree.tostring(found.mended, encoding="utf-8", xml_declaration=True)
+
+    def write(file: IO[bytes]) -> None:
+        file.write(text)
+
+    write_atomically(out, write)
+    return changes
+
+
+def _move_meshes(robot: ElementTree.Element, source: Path, out: Path) -> list[Change]:
+    """Mesh names that count from the file's folder, for a file in another folder."""
+    moved: dict[Change, None] = {}
+    for mesh in robot.iter("mesh"):
+        name = mesh.get("filename", "")
+        found = find_mesh(name, source)
+        if "://" in name or found is None or find_mesh(name, out) == found:
+            continue
+        new = Path(os.path.relpath(found, os.path.abspath(out.parent))).as_posix()
+        mesh.set("filename", new)
+        moved[Change("file", f"the mesh '{name}' counts from the old folder", f"written as '{new}'")] = None
+    return list(moved)
+
+
+def _comment(changes: list[Change]) -> Any:
+    lines = [f"  {change}" for change in changes]
+    # Two dashes would end a comment.
+    text = "\n".join(["Changed by ffsms-pin:", *lines, ""]).replace("--", "- -")
+    comment = ElementTree.Comment(" " + text)
+    comment.tail = "\n"
+    return comment

@@ -1,0 +1,160 @@
+"""`inspect`: what is in a URDF file, link by link, and what is wrong with it."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ffsms_pin.errors import InvalidValue, ModelNotFound
+from ffsms_pin.inspection.examination import examine, refusal
+from ffsms_pin.inspection.faults import Fault, Settings
+from ffsms_pin.inspection.inertias import inertial_numbers
+from ffsms_pin.models.mounting import DEFAULT_RATE
+from ffsms_pin.system.urdf_file import read_robot
+from ffsms_pin.urdf import model_names, model_path
+
+__all__ = ["DEFAULT_EFFORT", "JointReport", "LinkReport", "Report", "checked_path", "inspect"]
+
+DEFAULT_EFFORT = 100.0  # [N m or N], for joints without a limit
+
+
+@dataclass(frozen=True)
+class LinkReport:
+    """A link as the file has it.
+
+    Attributes
+    ----------
+    name : str
+    mass : float or None
+        [kg]; None where there is none or it is no number.
+    principal_inertias : tuple of float or None
+        Ascending, about the centre of mass [kg m^2].
+    verdict : str
+        "valid", "frame" (no mass, which is fine for a frame), or what is wrong in a few words.
+    """
+
+    name: str
+    mass: float | None
+    principal_inertias: tuple[float, float, float] | None
+    verdict: str
+
+
+@dataclass(frozen=True)
+class JointReport:
+    """A joint as the file has it; limits as the texts that are written there, None where there are none."""
+
+    name: str
+    type: str
+    lower: str | None
+    upper: str | None
+    velocity: str | None
+    effort: str | None
+
+
+@dataclass(frozen=True)
+class Report:
+    """What `inspect` found.
+
+    Attributes
+    ----------
+    path : Path
+    name : str
+        The robot's name, empty where it has none.
+    loads : bool
+        Whether `ffsms_pin.load` takes the file as it is (with the end effector named, where there are several
+        last links).
+    refusal : str or None
+        The error that `load` gives.
+    repairable : bool
+        Whether `repair` makes a file of it that loads.
+    links, joints : tuple of LinkReport, of JointReport
+    faults : tuple of Fault
+        Of all of them `blocks` says whether it keeps the file from loading, and `remedy` what a repair does.
+    """
+
+    path: Path
+    name: str
+    loads: bool
+    refusal: str | None
+    repairable: bool
+    links: tuple[LinkReport, ...]
+    joints: tuple[JointReport, ...]
+    faults: tuple[Fault, ...]
+
+
+def inspect(path: str | os.PathLike[str]) -> Report:
+    """Look through a URDF file without changing it.
+
+    Parameters
+    ----------
+    path : str or path
+        A file, or the name of a packaged robot.
+
+    Raises
+    ------
+    ModelNotFound
+        There is no such file.
+    InvalidUrdf
+        The file cannot be read, or is no XML with a <robot> element.
+    """
+    file = checked_path(path)
+    robot = read_robot(file)
+    refused = refusal(file, robot)
+    found = examine(Settings(file, DEFAULT_RATE, DEFAULT_EFFORT))
+    return Report(
+        file,
+        robot.get("name", ""),
+        refused is None,
+        None if refused is None else str(refused),
+        found.refusal is None,
+        tuple(_link(link) for link in robot.findall("link")),
+        tuple(_joint(joint) for joint in robot.findall("joint")),
+        tuple(found.faults),
+    )
+
+
+def checked_path(path: str | os.PathLike[str]) -> Path:
+    """Path of a file or of a packaged robot, which must be there."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise InvalidValue("path", path, "must be a path")
+    if str(path) in model_names():
+        return model_path(str(path))
+    if not os.path.isfile(path):
+        raise ModelNotFound(str(path), model_names())
+    return Path(path)
+
+
+def _link(link: ElementTree.Element) -> LinkReport:
+    name = link.get("name", "")
+    mass, tensor = inertial_numbers(link)
+    if link.find("inertial") is None or mass == 0.0:
+        return LinkReport(name, mass, None, "frame")
+    if mass is None or tensor is None:
+        return LinkReport(name, mass, None, "incomplete, or not in numbers")
+    a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
+    rounding = 1e-6 * max(abs(a), abs(c))
+    if mass < 0.0:
+        verdict = "negative mass"
+    elif a < -rounding:
+        verdict = "not positive definite"
+    elif a + b < c - rounding:
+        verdict = "breaks the triangle inequality"
+    elif a <= 0.0:
+        verdict = "valid for a thin rod or a point only"
+    else:
+        verdict = "valid"
+    return LinkReport(name, mass, (a, b, c), verdict)
+
+
+def _joint(joint: ElementTree.Element) -> JointReport:
+    limit = joint.find("limit")
+    values = {} if limit is None else limit.attrib
+    return JointReport(
+        joint.get("name", ""),
+        joint.get("type", ""),
+        *(values.get(key) for key in ("lower", "upper", "velocity", "effort")),
+    )

@@ -1,0 +1,115 @@
+"""`mount`: an arm on a satellite."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.models.arms import ARMS, find_arm
+from ffsms_pin.models.base import SatelliteBase
+from ffsms_pin.models.composition import compose
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.loading import build, folders
+from ffsms_pin.system.urdf_file import UrdfFile
+
+__all__ = ["DEFAULT_RATE", "mount"]
+
+# For joints whose rate neither the file nor the caller limits; of the order of flown and lab arms alike.
+DEFAULT_RATE = 0.5  # [rad/s]
+
+
+def mount(
+    arm: str | os.PathLike[str],
+    base: SatelliteBase | None = None,
+    placement: Any = None,
+    *,
+    end_effector: str | None = None,
+    locked: Mapping[str, float] | None = None,
+    velocity: ArrayLike | None = None,
+    acceleration: ArrayLike | None = None,
+    base_size: ArrayLike | None = None,
+    package_dirs: Sequence[str | os.PathLike[str]] = (),
+) -> SpaceManipulator:
+    """Put an arm on a satellite.
+
+    The satellite's link is the root, with the free-flyer; the arm's own root link is fixed to it, and its
+    mass, if it has any, counts for the base body.
+
+    Parameters
+    ----------
+    arm : str or path
+        An arm of example-robot-data ("panda" with its fingers closed and locked, "xarm7", "ur5", "ur10", "z1"
+        with its gripper closed and locked, "kinova"), a packaged name, or a path to a URDF.
+    base : SatelliteBase, optional
+        Default: a solid cube of 200 kg and 1 m.
+    placement : pinocchio.SE3, optional
+        Pose of the arm's root link in the base frame (centre of the box, its axes). Default: the centre of
+        the +x face, with the arm's z axis along the base's +x and its y axis along the base's +y.
+    end_effector : str, optional
+        Default: the arm's usual tool frame where the arm is known, else the last link.
+    locked : mapping of str to float, optional
+        Joints that become fixed, and where [rad or m]; the links beyond keep their masses. For a known arm
+        they are added to those that it locks already.
+    velocity : array_like, optional
+        Joint rate limits [rad/s], one number or (n,). Default: the arm's own; a joint without one (kinova's
+        continuous joints have theirs, others may not) gets 0.5 rad/s, since planning needs a finite rate.
+        Arms for the ground are faster than a satellite likes: 2 to 3 rad/s.
+    acceleration : array_like, optional
+        Joint acceleration limits [rad/s^2], one number or (n,). Default: 1.25 /s times the rate limits.
+    base_size : array_like, shape (3,), optional
+        The box that the arm has to stay clear of [m]; default: the base's.
+    package_dirs : sequence of paths, optional
+        Folders in which the `package://` names of the arm's meshes are looked for, besides those around its
+        file.
+
+    Returns
+    -------
+    SpaceManipulator
+        With infinite torque limits where the arm's file has none, and infinite position limits for
+        continuous joints.
+
+    Raises
+    ------
+    ModelNotFound, DependencyMissing, InvalidUrdf, InvalidInertia, UnsupportedJoint, FrameNotFound,
+    AmbiguousEndEffector
+    InvalidValue
+        An argument cannot be used; the message names it.
+    """
+    if base is None:
+        base = SatelliteBase()
+    elif not isinstance(base, SatelliteBase):
+        raise InvalidValue("base", base, "must be a SatelliteBase")
+    path, known = find_arm(arm)
+    if placement is None:
+        placement = face_placement(base)
+    else:
+        _check_placement(placement)
+    try:
+        joints = dict(known.locked) | dict(locked or {})
+    except (TypeError, ValueError):
+        raise InvalidValue("locked", locked, "must map names of joints to positions") from None
+    name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
+    urdf = UrdfFile(path, compose(name, base, path, joints, placement, folders(package_dirs)))
+    if end_effector is None:
+        end_effector = known.end_effector
+    return build(urdf, end_effector, base_size, acceleration, velocity, missing_velocity=DEFAULT_RATE)
+
+
+def face_placement(base: SatelliteBase) -> Any:
+    """The default mount (pinocchio.SE3): the centre of the +x face, the arm's z axis along +x."""
+    turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    return pin.SE3(turn, np.array([base.size[0] / 2.0, 0.0, 0.0]))
+
+
+def _check_placement(placement: Any) -> None:
+    if not isinstance(placement, pin.SE3) or not np.isfinite(placement.homogeneous).all():
+        raise InvalidValue("placement", placement, "must be a pinocchio.SE3 with finite entries")
+    turn = placement.rotation
+    if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
+        raise InvalidValue("placement", turn, "must hold a rotation matrix")
