@@ -19,6 +19,7 @@ from ffsms_pin.system import SpaceManipulator
 __all__ = ["CheckPoints"]
 
 _SAMPLES = 4
+_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]  # columns of a cross product
 _STILL = 1e-9  # [m] what is closer to constant than this is constant
 
 
@@ -53,6 +54,8 @@ class CheckPoints:
             for joint in list(sms.model.supports[carrier])[2:]:
                 self._moved_by[row, sms.model.joints[joint].idx_v - 6] = 1.0
         self._first, self._second, self._outside = self._what_can_change()
+        self._rows = np.array([*self._first, *self._second, *self._outside], dtype=np.intp)
+        self._moves = self._moved_by[self._rows]
 
     @property
     def count(self) -> int:
@@ -75,25 +78,25 @@ class CheckPoints:
     def from_data(self, data: Any) -> Clearances:
         """The same, where Pinocchio's data already hold poses, Jacobians and the end-effector frame."""
         points = self._points(data)
-        J = data.J
-        linear, angular = J[:3, 6:].T, J[3:, 6:].T  # (n, 3)
-        # Velocity of each point a joint rate, base held still: (points, n, 3).
-        motion = linear[None] + np.cross(angular[None], points[:, None])
-        motion *= self._moved_by[:, :, None]
-
-        value, gradient = np.empty(self.count), np.empty((self.count, self._sms.n))
+        value = np.empty(self.count)
         pairs = len(self._first)
         apart = points[self._first] - points[self._second]
         distance = np.sqrt(np.einsum("ij,ij->i", apart, apart))
         unit = apart / np.maximum(distance, 1e-12)[:, None]
         value[:pairs] = distance
-        gradient[:pairs] = np.einsum("ik,ijk->ij", unit, motion[self._first] - motion[self._second])
-
         box = data.oMi[1] * self._box
         rotation = box.rotation
-        place = (points[self._outside] - box.translation) @ rotation
-        value[pairs:], normal = self._outside_box(place)
-        gradient[pairs:] = np.einsum("ik,ijk->ij", normal @ rotation.T, motion[self._outside])
+        value[pairs:], normal = self._outside_box((points[self._outside] - box.translation) @ rotation)
+
+        # Speed of a point p along a direction u a joint rate, base held still: (l + a x p) . u, which is
+        # l . u + a . (p x u) for a joint of linear and angular columns l and a. One row a point and direction:
+        # the pairs' first points, their second points the other way, the points outside the box.
+        along = np.concatenate([unit, -unit, normal @ rotation.T])
+        arm = points[self._rows]
+        turning = arm[:, _NEXT] * along[:, _AFTER] - arm[:, _AFTER] * along[:, _NEXT]
+        J = data.J
+        speed = (along @ J[:3, 6:] + turning @ J[3:, 6:]) * self._moves
+        gradient = np.concatenate([speed[:pairs] + speed[pairs : 2 * pairs], speed[2 * pairs :]])
         return Clearances(value, gradient)
 
     def values(self, data: Any) -> FloatArray:
