@@ -89,8 +89,8 @@ class CheckPoints:
         value[pairs:], normal = self._outside_box((points[self._outside] - box.translation) @ rotation)
 
         # Speed of a point p along a direction u a joint rate, base held still: (l + a x p) . u, which is
-        # l . u + a . (p x u) for a joint of linear and angular columns l and a. One row a point and direction:
-        # the pairs' first points, their second points the other way, the points outside the box.
+        # l . u + a . (p x u) for a joint of linear and angular columns l and a. One row a point and
+        # direction: the pairs' first points, their second points the other way, those outside the box.
         along = np.concatenate([unit, -unit, normal @ rotation.T])
         arm = points[self._rows]
         turning = arm[:, _NEXT] * along[:, _AFTER] - arm[:, _AFTER] * along[:, _NEXT]

@@ -26,7 +26,14 @@ class Stepper(Protocol):
     dt: float
     kappa: float
 
-    def advance(self, q: FloatArray, rates: FloatArray, target: FloatArray, time_left: float) -> Step:
+    def advance(
+        self,
+        q: FloatArray,
+        rates: FloatArray,
+        target: FloatArray,
+        time_left: float,
+        rotation: FloatArray | None = None,
+    ) -> Step:
         """Joint rates for the next step."""
 
 
@@ -36,6 +43,7 @@ def march(
     target: FloatArray,
     duration: float,
     progress: Progress | None = None,
+    rotation: FloatArray | None = None,
 ) -> Trajectory:
     """Plan step by step from rest at q0, each step a single quadratic programme."""
     sms, dt = planner.sms, planner.dt
@@ -45,14 +53,14 @@ def march(
     q[0] = q0
     braked = 0
     for k in range(steps):
-        step = planner.advance(q[k], rates[k], target, duration - t[k])
+        step = planner.advance(q[k], rates[k], target, duration - t[k], rotation)
         braked += not step.solved
         rates[k + 1] = step.joint_rates
         q[k + 1], _ = advance(sms, q[k], rates[k], (rates[k + 1] - rates[k]) / dt, dt)
         if progress is not None:
             progress((k + 1) / steps)
     note = f"the arm braked in {braked} of {steps} steps whose programme was not solved" if braked else ""
-    return measure(sms, t, q, rates, target, planner.kappa, note)
+    return measure(sms, t, q, rates, target, planner.kappa, note, rotation)
 
 
 def start_sides(sms: SpaceManipulator, q0: FloatArray, target: FloatArray) -> list[FloatArray]:

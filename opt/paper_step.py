@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling import cosine
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.clearances import CollisionMode
 from ffsms_pin.opt.cost import soft_assistance, step_cost
 from ffsms_pin.opt.rate_bounds import rate_bounds
@@ -51,8 +52,19 @@ class PaperStepPlanner:
         self.sms, self.dt, self.kappa, self.clearance = sms, dt, kappa, clearance
         self.clearances = clearance_model(sms, collision)
 
-    def advance(self, q: FloatArray, rates: FloatArray, target: FloatArray, time_left: float) -> Step:
-        """Joint rates for the next step; arguments as for `StepPlanner.step`."""
+    def advance(
+        self,
+        q: FloatArray,
+        rates: FloatArray,
+        target: FloatArray,
+        time_left: float,
+        rotation: FloatArray | None = None,
+    ) -> Step:
+        """Joint rates for the next step; arguments as for `StepPlanner.advance`."""
+        if rotation is not None:
+            raise InvalidValue(
+                "target", rotation, "must be a position for the paper's way: it has no attitude"
+            )
         kinetics = step_kinetics(self.sms, q)
         lower, upper = rate_bounds(self.sms.layout.positions(q), rates, self.sms.limits, self.dt)
         way = target - kinetics.position

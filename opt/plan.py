@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, positive, vector
+from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.clearances import CollisionMode
 from ffsms_pin.opt.marching import Progress, march, rank, start_sides
 from ffsms_pin.opt.step_planner import StepPlanner, StepWeights
+from ffsms_pin.opt.targets import goal
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
 
@@ -26,7 +29,7 @@ REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 def plan(
     sms: SpaceManipulator,
     q0: ArrayLike,
-    target: ArrayLike,
+    target: Any,
     duration: float = 12.0,
     dt: float = 0.01,
     kappa: float = 10.0,
@@ -43,8 +46,8 @@ def plan(
     sms : SpaceManipulator
     q0 : array_like, shape (nq,)
         Start, within the joint limits; the system is at rest.
-    target : array_like, shape (3,)
-        Wanted end-effector position, inertial axes [m].
+    target : array_like, shape (3,), or pinocchio.SE3
+        Wanted end-effector position [m], or pose, in inertial axes.
     duration : float
         Time to arrive [s]. The paper does not state its own; 12 s is ours for its cases: 1.5 to 3 times
         what the joint limits need there.
@@ -77,7 +80,7 @@ def plan(
         A wrong shape, a number out of range, or a start outside the joint limits.
     """
     q0 = sms.checked_configuration("q0", q0)
-    goal = _position(target)
+    position, rotation = goal(target)
     duration, dt = positive("duration", duration, "s"), positive("dt", dt, "s")
     if duration < dt:
         raise InvalidValue("duration", duration, f"must be at least one step of {dt:g} s")
@@ -89,18 +92,18 @@ def plan(
         from ffsms_pin.opt.paper_step import PaperStepPlanner
 
         paper = PaperStepPlanner(sms, dt, kappa, clearance, collision)
-        return march(paper, q0, goal, duration, progress)
+        return march(paper, q0, position, duration, progress, rotation)
     weights = StepWeights() if method == "step" else REFERENCE_WEIGHTS
     planner = StepPlanner(sms, dt, kappa, clearance, collision, weights, method)
     if method != "step":
-        return march(planner, q0, goal, duration, progress)
+        return march(planner, q0, position, duration, progress, rotation)
 
-    sides = start_sides(sms, q0, goal)
+    sides = start_sides(sms, q0, position)
     plans: list[Trajectory] = []
     for i, side in enumerate(sides):
         planner.reset(side)
         report = None if progress is None else _part(progress, i, len(sides))
-        plans.append(march(planner, q0, goal, duration, report))
+        plans.append(march(planner, q0, position, duration, report, rotation))
     return min(plans, key=rank)
 
 
@@ -115,12 +118,6 @@ def check_start(sms: SpaceManipulator, q0: FloatArray) -> None:
             round(float(positions[i]), 6),
             f"must start within [{sms.limits.lower[i]:.6g}, {sms.limits.upper[i]:.6g}] rad",
         )
-
-
-def _position(target: ArrayLike) -> FloatArray:
-    if hasattr(target, "translation"):
-        raise InvalidValue("target", target, "must be a position (3,): orientations cannot be planned yet")
-    return vector("target", target, 3, "m")
 
 
 def _part(progress: Progress, index: int, count: int) -> Progress:

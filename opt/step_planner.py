@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, number, positive, vector
@@ -23,6 +25,7 @@ from ffsms_pin.opt.shape_distances import ShapeDistances
 from ffsms_pin.opt.step import Step
 from ffsms_pin.opt.step_kinetics import StepKinetics, step_kinetics
 from ffsms_pin.opt.step_qp import StepProblem, StepSolver
+from ffsms_pin.opt.targets import goal
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["StepPlanner", "StepWeights"]
@@ -35,7 +38,7 @@ CLEARANCE_MARGIN = 2e-3
 # Below this cosine the path would be a spiral of many turns; its length is then taken as if at this cosine.
 LEAST_APPROACH = 0.2
 _NO_BOUND = 1e20
-_ARRIVED = 1e-12  # [m] nearer than this the direction to the target is rounding
+_ARRIVED = 1e-12  # [m, rad] nearer than this the direction to the target is rounding
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,9 @@ class StepWeights:
     speed : float
         On (s - s_ref)^2 [1/(m/s)^2]. Far below `direction`: where the arm is limited or near-singular, the
         speed gives way and the direction stays.
+    orientation : float
+        On |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2], for targets with an orientation. As far below
+        `direction` as `speed`: turning must not bend the path.
     effort : float
         On |alpha|^2 [1/(rad/s)^2]: the least motion where the arm is redundant. Small enough to slow the
         arrival by about one part in a thousand.
@@ -61,6 +67,7 @@ class StepWeights:
 
     direction: float = 1.0
     speed: float = 1e-2
+    orientation: float = 1e-2
     effort: float = 1e-6
     change: float = 1e-5
     clearance: float = 1.0
@@ -146,13 +153,13 @@ class StepPlanner:
         self._lateral = vector("side", side, 3)
         self._solver = StepSolver(*self._problem.C.shape[::-1])
 
-    def build(self, q: ArrayLike, joint_rates: ArrayLike, target: ArrayLike, time_left: float) -> StepProblem:
+    def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
         """The quadratic programme of a step, without solving it; arguments as for `step`."""
         arguments = self._checked(q, joint_rates, target, time_left)
         self._fill(step_kinetics(self.sms, arguments[0]), *arguments)
         return StepProblem(*(array.copy() for array in self._problem))
 
-    def step(self, q: ArrayLike, joint_rates: ArrayLike, target: ArrayLike, time_left: float) -> Step:
+    def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
         """Joint rates for the next step.
 
         Parameters
@@ -161,8 +168,8 @@ class StepPlanner:
             Configuration at the step's start.
         joint_rates : array_like, shape (n,)
             At the step's start [rad/s].
-        target : array_like, shape (3,)
-            Wanted end-effector position, inertial axes [m].
+        target : array_like, shape (3,), or pinocchio.SE3
+            Wanted end-effector position [m], or pose, in inertial axes.
         time_left : float
             Time to the deadline [s].
         """
@@ -184,10 +191,20 @@ class StepPlanner:
         """A planner like this one with another step, for a look ahead."""
         return StepPlanner(self.sms, dt, self.kappa, self.clearance, self._collision, self.weights, self._aim)
 
-    def advance(self, q: FloatArray, rates: FloatArray, target: FloatArray, time_left: float) -> Step:
-        """`step` for arguments that are known to be right: arrays of float64 of the right shapes."""
+    def advance(
+        self,
+        q: FloatArray,
+        rates: FloatArray,
+        target: FloatArray,
+        time_left: float,
+        rotation: FloatArray | None = None,
+    ) -> Step:
+        """`step` for arguments that are known to be right: arrays of float64 of the right shapes.
+
+        `rotation` (3, 3) is the wanted attitude of the end effector, where there is one.
+        """
         kinetics = step_kinetics(self.sms, q)
-        lower, upper, towards = self._fill(kinetics, q, rates, target, time_left)
+        lower, upper, towards = self._fill(kinetics, q, rates, target, time_left, rotation)
         x, solved = self._solver.solve(self._problem)
         if solved:
             # Within the solver's tolerance already; this makes the limits hold to the last bit.
@@ -200,17 +217,25 @@ class StepPlanner:
         return Step(kinetics.V.T @ chosen, chosen, cos_theta, kinetics.entropy, cost, solved)
 
     def _checked(
-        self, q: ArrayLike, joint_rates: ArrayLike, target: ArrayLike, time_left: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+        self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, float, FloatArray | None]:
+        position, rotation = goal(target)
         return (
             self.sms.checked_configuration("q", q),
             vector("joint_rates", joint_rates, self.sms.n, "rad/s"),
-            vector("target", target, 3, "m"),
+            position,
             number("time_left", time_left),
+            rotation,
         )
 
     def _fill(
-        self, kinetics: StepKinetics, q: FloatArray, rates: FloatArray, target: FloatArray, time_left: float
+        self,
+        kinetics: StepKinetics,
+        q: FloatArray,
+        rates: FloatArray,
+        target: FloatArray,
+        time_left: float,
+        rotation: FloatArray | None,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Write the problem; returns the bounds on the rates and the unit vector to the target."""
         n, p, w = self.sms.n, self._problem, self.weights
@@ -227,11 +252,22 @@ class StepPlanner:
         p.g[:n] = -w.change * (kinetics.V.T @ rates)
         p.g[n] = -w.speed * speed
         p.g[n + 1] = w.clearance
+        if rotation is not None:
+            B = kinetics.J_w @ kinetics.V
+            p.H[:n, :n] += w.orientation * (B.T @ B)
+            p.g[:n] -= w.orientation * (B.T @ self._turn(kinetics, rates, rotation, time_left))
 
         lower, upper = rate_bounds(self.sms.layout.positions(q), rates, self.sms.limits, self.dt)
         p.C[:n, :n] = kinetics.V
         p.l[:n] = np.maximum(lower, -_NO_BOUND)
         p.u[:n] = np.minimum(upper, _NO_BOUND)
+        p.upper[:n] = 1.0
+        if float(rates @ rates) > 1.0:
+            # V turns from step to step, and rates that were within the box |alpha_i| <= 1 may now be outside.
+            # No more than halfway between holding them and braking is asked for: that can always be done.
+            halfway = 0.5 * (np.clip(rates, lower, upper) + np.clip(0.0, lower, upper))
+            p.upper[:n] = np.maximum(1.0, np.abs(kinetics.V.T @ halfway))
+        p.lower[:n] = -p.upper[:n]
         if self.clearances is not None:
             value, gradient = self.clearances.from_data(self.sms._data)
             p.C[n:, :n] = gradient @ kinetics.V
@@ -259,3 +295,17 @@ class StepPlanner:
         # Asking for more than the joints can give in one step would buy speed with direction.
         attainable = now + self.dt * float(np.abs(e @ kinetics.J_v) @ self._acceleration)
         return towards, e, min(wanted, attainable)
+
+    def _turn(
+        self, kinetics: StepKinetics, rates: FloatArray, rotation: FloatArray, time_left: float
+    ) -> FloatArray:
+        """Wanted angular velocity of the end effector (3,): to the wanted attitude, on the same schedule."""
+        way: FloatArray = pin.log3(rotation @ kinetics.rotation.T)
+        angle = math.sqrt(float(way @ way))
+        if angle < _ARRIVED:
+            return np.zeros(3)
+        axis = way / angle
+        now = max(0.0, float(axis @ (kinetics.J_w @ rates)))
+        wanted = reference_speed(angle, now, time_left, self.dt)
+        attainable = now + self.dt * float(np.abs(axis @ kinetics.J_w) @ self._acceleration)
+        return min(wanted, attainable) * axis

@@ -6,6 +6,7 @@ import os
 from dataclasses import dataclass, fields
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, frozen, number
@@ -15,9 +16,10 @@ from ffsms_pin.opt.step_kinetics import step_kinetics
 from ffsms_pin.storage import load_arrays, save_arrays
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["ARRIVAL_SHARE", "REACH", "Trajectory", "measure"]
+__all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
 
 REACH = 0.02  # [m] the paper's r_th
+ORIENTATION_REACH = 0.02  # [rad] ours: about a degree, as far as r_th turns an arm of one metre
 ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
 
 _FORMAT = "ffsms-pin trajectory"
@@ -51,9 +53,15 @@ class Trajectory:
         Distance from the end effector to the target [m].
     target : ndarray, shape (3,)
         [m]
+    target_rotation : ndarray, shape (3, 3)
+        Wanted attitude of the end effector; NaN where any will do.
+    orientation_error : ndarray, shape (N + 1,)
+        Angle from the end effector's attitude to the wanted one [rad]; zero where any will do.
     kappa : float
     reach : float
         The paper's r_th [m].
+    orientation_reach : float
+        The same for the angle [rad].
     note : str
         Why the plan did not reach its target, where it is known; empty otherwise.
     """
@@ -70,8 +78,11 @@ class Trajectory:
     end_effector: FloatArray
     position_error: FloatArray
     target: FloatArray
+    target_rotation: FloatArray
+    orientation_error: FloatArray
     kappa: float
     reach: float = REACH
+    orientation_reach: float = ORIENTATION_REACH
     note: str = ""
 
     def __post_init__(self) -> None:
@@ -97,9 +108,14 @@ class Trajectory:
 
     @property
     def reached(self) -> bool:
-        """Paper Eq. const8: the error stays within r_th throughout the last 10 % of the time."""
+        """Paper Eq. const8: the error stays within r_th throughout the last 10 % of the time.
+
+        For a target with an orientation, the angle stays within `orientation_reach` too.
+        """
         late = self.t >= ARRIVAL_SHARE * self.duration - 1e-9
-        return bool((self.position_error[late] <= self.reach).all())
+        near = self.position_error[late] <= self.reach
+        turned = self.orientation_error[late] <= self.orientation_reach
+        return bool((near & turned).all())
 
     @property
     def cost_integral(self) -> float:
@@ -131,7 +147,12 @@ class Trajectory:
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
         arrays = load_arrays(path, _FORMAT, [field.name for field in fields(cls)])
-        for name, kind in (("kappa", float), ("reach", float), ("note", str)):
+        for name, kind in (
+            ("kappa", float),
+            ("reach", float),
+            ("orientation_reach", float),
+            ("note", str),
+        ):
             arrays[name] = kind(arrays[name])
         return cls(**arrays)
 
@@ -144,6 +165,7 @@ def measure(
     target: ArrayLike,
     kappa: float,
     note: str = "",
+    rotation: FloatArray | None = None,
 ) -> Trajectory:
     """Make a trajectory of a motion, computing the paper's measures along it.
 
@@ -159,6 +181,8 @@ def measure(
     target : array_like, shape (3,)
     kappa : float
     note : str
+    rotation : ndarray, shape (3, 3), optional
+        Wanted attitude of the end effector.
     """
     steps, n = len(t) - 1, sms.n
     dt = t[-1] / steps
@@ -168,11 +192,14 @@ def measure(
         positions = np.unwrap(positions, axis=0)
     v, end_effector = np.empty((steps + 1, sms.nv)), np.empty((steps + 1, 3))
     alpha, cos_theta, entropy, cost = np.empty((steps, n)), np.empty(steps), np.empty(steps), np.empty(steps)
+    turn = np.zeros(steps + 1)
     for k in range(steps + 1):
         kinetics = step_kinetics(sms, q[k])
         v[k, :6] = kinetics.coupling @ rates[k]
         v[k, 6:] = rates[k]
         end_effector[k] = kinetics.position
+        if rotation is not None:
+            turn[k] = np.linalg.norm(pin.log3(rotation @ kinetics.rotation.T))
         if k == steps:
             break
         alpha[k] = kinetics.V.T @ rates[k + 1]
@@ -192,6 +219,8 @@ def measure(
         end_effector=end_effector,
         position_error=np.linalg.norm(goal - end_effector, axis=1),
         target=goal,
+        target_rotation=np.full((3, 3), np.nan) if rotation is None else rotation,
+        orientation_error=turn,
         kappa=kappa,
         note=note,
     )
