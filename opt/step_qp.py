@@ -79,6 +79,8 @@ class StepSolver:
         settings.eps_abs = TOLERANCE
         settings.eps_rel = 0.0
         settings.max_iter = MAX_ITERATIONS
+        # Every step has a solution, and the test for the opposite is easily fooled where bounds move fast.
+        settings.eps_primal_inf = settings.eps_dual_inf = 1e-16
         settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self._fresh = True
         self._eye = np.eye(variables)
