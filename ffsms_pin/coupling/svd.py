@@ -21,12 +21,13 @@ def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
     Parameters
     ----------
-    C_bm : ndarray, shape (6, n)
+    C_bm : ndarray, shape (m, n)
+        Six rows, or fewer where only some count.
 
     Returns
     -------
-    U : ndarray, shape (6, 6)
-    sigma : ndarray, shape (min(6, n),)
+    U : ndarray, shape (m, m)
+    sigma : ndarray, shape (min(m, n),)
         Descending.
     V : ndarray, shape (n, n)
         The principal joint directions are its columns.
@@ -41,20 +42,21 @@ class Coupling:
     """How joint motion moves the base: the decomposition of C_bm at one state (paper Eqs. SVD to SVD_4).
 
     The singular values mix m/rad (translation) and rad/rad (rotation), and depend on the base's reference
-    point: both are the paper's here, metres and the base's centre of mass.
+    point: `State.coupling` has the paper's, metres and the base's centre of mass, `State.coupling_at` any
+    other.
 
     Parameters
     ----------
-    C_bm : ndarray, shape (6, n)
-        Joint-to-base coupling matrix, rows [linear; angular].
+    C_bm : ndarray, shape (m, n)
+        Joint-to-base coupling matrix: m = 6, rows [linear; angular], or m = 3 where only either counts.
     velocity_jacobian : callable
         Gives the linear rows of J*, shape (3, n), when they are first needed.
 
     Attributes
     ----------
-    U : ndarray, shape (6, 6)
+    U : ndarray, shape (m, m)
         Base motions, one a column, strongest first.
-    sigma : ndarray, shape (min(6, n),)
+    sigma : ndarray, shape (min(m, n),)
         Strengths, descending.
     V : ndarray, shape (n, n)
         Joint directions, one a column; signs, and the order of equal strengths, are arbitrary.

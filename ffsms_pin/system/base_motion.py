@@ -3,7 +3,8 @@
 With zero momentum the root's velocity in its own axes is K(joints) times the joint rates, and K does not
 depend on where the base is. So along a known joint motion it is a known function of time, and one Magnus
 step of order 4 (two Gauss points and one Lie bracket) carries the pose over a time step: exact for planar
-motion up to quadrature, and without drift of the quaternion.
+motion up to quadrature, and without drift of the quaternion. With momentum the velocity depends on the
+attitude as well: see `tumbling`.
 
 Reference: A. Iserles, H. Munthe-Kaas, S. Norsett, A. Zanna, "Lie-group methods", Acta Numerica 9 (2000).
 """
@@ -15,10 +16,12 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.system.manipulator import SpaceManipulator
+from ffsms_pin.system.tumbling import moved_root
 
 __all__ = ["advance", "roll_out"]
 
@@ -34,9 +37,14 @@ def _root_velocity(sms: SpaceManipulator, q: FloatArray, rates: FloatArray) -> F
 
 
 def advance(
-    sms: SpaceManipulator, q: FloatArray, rates: FloatArray, accelerations: FloatArray, dt: float
+    sms: SpaceManipulator,
+    q: FloatArray,
+    rates: FloatArray,
+    accelerations: FloatArray,
+    dt: float,
+    momentum: ArrayLike | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry a motionless-momentum system over one step of constant joint accelerations.
+    """Carry a floating system over one step of constant joint accelerations.
 
     Parameters
     ----------
@@ -46,13 +54,20 @@ def advance(
         Joint rates at the start [rad/s], joint accelerations during the step [rad/s^2].
     dt : float
         [s]
+    momentum : array_like, shape (6,), optional
+        Total momentum [linear; angular], inertial axes, about the system's centre of mass
+        [kg m/s; kg m^2/s]; it is constant. Default zero.
 
     Returns
     -------
     q : ndarray, shape (nq,)
-        At the end of the step; the joints exactly, the base to order 4.
+        At the end of the step; the joints exactly, the base to order 4 (with momentum, the system's centre of
+        mass to rounding).
     rates : ndarray, shape (n,)
     """
+    total = _momentum(momentum)
+    if total is not None:
+        return _advance_tumbling(sms, q, rates, accelerations, dt, total)
     positions = sms.layout.positions(q)
     trial = q.copy()
     twists: list[Any] = []
@@ -70,15 +85,54 @@ def advance(
     return result, end
 
 
-def roll_out(
-    sms: SpaceManipulator, q: FloatArray, rates: FloatArray, accelerations: FloatArray, dt: float
+def _momentum(momentum: ArrayLike | None) -> FloatArray | None:
+    """The momentum, None where there is none."""
+    if momentum is None:
+        return None
+    total = vector("momentum", momentum, 6)
+    return total if total.any() else None
+
+
+def _advance_tumbling(
+    sms: SpaceManipulator,
+    q: FloatArray,
+    rates: FloatArray,
+    accelerations: FloatArray,
+    dt: float,
+    momentum: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Configurations (N + 1, nq) and joint rates (N + 1, n) under accelerations (N, n), each held for dt."""
+    positions, trial = sms.layout.positions(q), q.copy()
+
+    def joints_at(t: float) -> tuple[FloatArray, FloatArray]:
+        sms.layout.set_positions(trial, positions + t * (rates + (0.5 * t) * accelerations))
+        return trial, rates + t * accelerations
+
+    pose = moved_root(sms.model, sms._data, pin.XYZQUATToSE3(q[:7]), joints_at, dt, momentum)
+    end = rates + dt * accelerations
+    result = q.copy()
+    result[:7] = pin.SE3ToXYZQUAT(pose)
+    sms.layout.set_positions(result, positions + (0.5 * dt) * (rates + end))
+    return result, end
+
+
+def roll_out(
+    sms: SpaceManipulator,
+    q: FloatArray,
+    rates: FloatArray,
+    accelerations: FloatArray,
+    dt: float,
+    momentum: ArrayLike | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Configurations (N + 1, nq) and joint rates (N + 1, n) under accelerations (N, n), each held for dt.
+
+    `momentum` (6,) as in `advance`.
+    """
+    total = _momentum(momentum)
     steps = accelerations.shape[0]
     configurations, all_rates = np.empty((steps + 1, sms.nq)), np.empty((steps + 1, sms.n))
     configurations[0], all_rates[0] = q, rates
     for k in range(steps):
         configurations[k + 1], all_rates[k + 1] = advance(
-            sms, configurations[k], all_rates[k], accelerations[k], dt
+            sms, configurations[k], all_rates[k], accelerations[k], dt, total
         )
     return configurations, all_rates

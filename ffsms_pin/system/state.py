@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, frozen
-from ffsms_pin.coupling import Coupling
+from ffsms_pin.checks import FloatArray, frozen, vector
+from ffsms_pin.coupling import Coupling, reaction_null_space, scaled
+from ffsms_pin.coupling.null_space import NULL_SPACE_TOLERANCE
+from ffsms_pin.coupling.scaling import Rows
+from ffsms_pin.system.bias import bias_accelerations
 from ffsms_pin.system.kinetics import Kinetics, cross_matrix, evaluate, to_paper, to_root
 
 if TYPE_CHECKING:
@@ -134,6 +138,23 @@ class State:
         effects = self._nonlinear_effects
         return frozen(effects[6:] + self._kinetics.coupling.T @ effects[:6])
 
+    @cached_property
+    def C_q_matrix(self) -> FloatArray:
+        """Coriolis matrix C of the reduced system (n, n) [N m s], at the joint rates and zero momentum.
+
+        C qd = C_q where the total momentum is zero, and dH_q/dt - 2 C is skew at any. With N = [-M_b^-1 M_bm;
+        I], which maps joint rates to the whole velocity, H_q = N^T M N and tau = N^T (M dv/dt + C_M v) for
+        v = N qd give H_q qdd + N^T (M dN/dt + C_M N) qd. Only N's base rows change, and N^T M is zero in the
+        base's columns, so N^T M dN/dt vanishes and C = N^T C_M N. For the same reason dH_q/dt =
+        N^T (dM/dt) N, so C is as skew with it as Pinocchio's C_M is with M (Echeandia and Wensing, "Numerical
+        methods to compute the Coriolis matrix and Christoffel symbols for rigid-body systems", Journal of
+        Computational and Nonlinear Dynamics 16 (2021)).
+        """
+        sms: SpaceManipulator = self.__dict__["_sms"]
+        N = np.vstack([self._kinetics.coupling, np.eye(sms.n)])
+        C_M = pin.computeCoriolisMatrix(sms.model, sms._data, self.q, N @ self.v[6:])
+        return frozen(N.T @ C_M @ N)
+
     # -- kinematics ------------------------------------------------------------------------------------
 
     @property
@@ -172,6 +193,11 @@ class State:
         return frozen(k.J_e[:, :6] @ k.coupling + k.J_e[:, 6:])
 
     @cached_property
+    def end_effector_twist(self) -> FloatArray:
+        """Twist of the end effector (6,) [m/s; rad/s]: velocity of the frame's origin, angular velocity."""
+        return frozen(self._kinetics.J_e @ self.v)
+
+    @cached_property
     def com(self) -> FloatArray:
         """Centre of mass of the whole system (3,) [m]."""
         return frozen(self._kinetics.com)
@@ -200,9 +226,68 @@ class State:
         return drift
 
     @cached_property
+    def drift_twist(self) -> FloatArray:
+        """Base twist (6,) that the momentum alone gives, H_b^-1 h: base_twist = C_bm qd + drift_twist."""
+        return frozen(self.base_twist - self.C_bm @ self.v[6:])
+
+    @cached_property
     def kinetic_energy(self) -> float:
         """Kinetic energy [J]."""
         return 0.5 * float(self.v @ self._kinetics.M @ self.v)
+
+    # -- rates -----------------------------------------------------------------------------------------
+
+    def _bias(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        sms: SpaceManipulator = self.__dict__["_sms"]
+        M = self._kinetics.M
+        return bias_accelerations(sms.model, sms._data, sms.frame_id, sms.base_com, M, self.q, v)
+
+    @cached_property
+    def _bias_accelerations(self) -> tuple[FloatArray, FloatArray]:
+        base, end_effector = self._bias(self.v)
+        return frozen(base), frozen(end_effector)
+
+    @cached_property
+    def _products(self) -> tuple[FloatArray, FloatArray]:
+        """dC_bm/dt qd and dJ*/dt qd along the state's own motion."""
+        # Without momentum they are the bias accelerations of the same joint rates. Seen from the base, both
+        # matrices depend on the joints alone; what else the base turns by only turns them as a whole.
+        rates = self.v[6:]
+        base, end_effector = self._bias(np.concatenate([self._kinetics.coupling @ rates, rates]))
+        extra = cross_matrix(self.drift_twist[3:])
+        for product, matrix in ((base, self.C_bm), (end_effector, self.J_star)):
+            twist = matrix @ rates
+            product[:3] += extra @ twist[:3]
+            product[3:] += extra @ twist[3:]
+        return frozen(base), frozen(end_effector)
+
+    @property
+    def C_bm_dot_qd(self) -> FloatArray:
+        """dC_bm/dt times the joint rates (6,) [m/s^2; rad/s^2], the rate of change along this v."""
+        return self._products[0]
+
+    @property
+    def J_star_dot_qd(self) -> FloatArray:
+        """dJ*/dt times the joint rates (6,) [m/s^2; rad/s^2], the rate of change along this v."""
+        return self._products[1]
+
+    @property
+    def base_bias_acceleration(self) -> FloatArray:
+        """Rate of the base twist (6,) [m/s^2; rad/s^2] with zero joint accelerations and no outer force.
+
+        With joint accelerations, d(base_twist)/dt = C_bm qdd + base_bias_acceleration. It is C_bm_dot_qd plus
+        the rate of `drift_twist`, which is zero where the momentum is.
+        """
+        return self._bias_accelerations[0]
+
+    @property
+    def end_effector_bias_acceleration(self) -> FloatArray:
+        """Rate of the end-effector twist (6,) [m/s^2; rad/s^2], likewise.
+
+        d(end_effector_twist)/dt = J_star qdd + end_effector_bias_acceleration. It is J_star_dot_qd plus the
+        rate of J_b drift_twist, which is zero where the momentum is.
+        """
+        return self._bias_accelerations[1]
 
     # -- dynamic coupling ------------------------------------------------------------------------------
 
@@ -221,6 +306,64 @@ class State:
     def coupling(self) -> Coupling:
         """Singular value decomposition of C_bm, entropy and assistance."""
         return Coupling(self.C_bm, lambda: self.J_star[:3])
+
+    def coupling_at(
+        self, characteristic_length: float = 1.0, reference: ArrayLike | None = None, rows: Rows = "all"
+    ) -> Coupling:
+        """Like `coupling`, for another unit of length, another point of the base, or some rows only.
+
+        Parameters
+        ----------
+        characteristic_length : float
+            [m]. The linear rows of C_bm are divided by it, which makes all of C_bm dimensionless; 1 m is the
+            paper's choice, 0.001 m gives what millimetres give.
+        reference : array_like, shape (3,), optional
+            The point of the base whose translation counts, in the root frame [m]. Default: the base's centre
+            of mass, the paper's choice.
+        rows : {"all", "translation", "rotation"}
+            Which rows of C_bm count. The entropy is divided by log n all the same, so with three rows and
+            n > 3 it is at most log 3 / log n.
+
+        Raises
+        ------
+        InvalidValue
+            The length is not above zero, the point not three numbers, or `rows` another word.
+        """
+        offset = np.zeros(3)
+        if reference is not None:
+            point = vector("reference", reference, 3, "m")
+            offset = self._kinetics.rotation @ (point - self.__dict__["_sms"].base_com)
+        return Coupling(scaled(self.C_bm, characteristic_length, offset, rows), lambda: self.J_star[:3])
+
+    def reaction_null_space(
+        self, of: Literal["attitude", "twist"] = "attitude", tolerance: float = NULL_SPACE_TOLERANCE
+    ) -> FloatArray:
+        """Orthonormal basis (n, k) of the joint rates that leave the base unmoved, at zero momentum.
+
+        Its dimension is its number of columns, n minus the rank of the rows in question: at least n - 3 for
+        the attitude and n - 6 for the twist, more where the arm cannot push the base in some direction (a
+        planar arm of three joints: 2 and 0). Which basis of the space it is is arbitrary.
+
+        Parameters
+        ----------
+        of : {"attitude", "twist"}
+            Whether the base must not turn (angular rows of C_bm), or not move at all. Where the twist is zero
+            it is zero for every point of the base.
+        tolerance : float
+            Relative, in [0, 1): a singular value up to this fraction of the largest one of C_bm (metres, base
+            centre of mass) counts as zero. With a basis N, no rates N x then move the base by more than
+            tolerance times coupling.sigma[0] times |x|. The default is just above rounding.
+
+        Returns
+        -------
+        ndarray, shape (n, k)
+            A new array; k may be 0.
+
+        Raises
+        ------
+        InvalidValue
+        """
+        return reaction_null_space(self.C_bm, of, tolerance)
 
     def __repr__(self) -> str:
         name = self.__dict__["_sms"].model.name

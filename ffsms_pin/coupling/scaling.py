@@ -1,0 +1,52 @@
+"""The coupling matrix in another unit of length and for another point of the base.
+
+The singular values of C_bm mix m/rad (translation) and rad/rad (rotation), so they depend on the unit of
+length, and the base's translation is that of one point. Nothing in mechanics settles either choice; the
+paper's are the metre and the base's centre of mass.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.errors import InvalidValue
+
+__all__ = ["Rows", "scaled"]
+
+Rows: TypeAlias = Literal["all", "translation", "rotation"]
+
+_ROWS = {"all": slice(0, 6), "translation": slice(0, 3), "rotation": slice(3, 6)}
+
+
+def scaled(C_bm: FloatArray, characteristic_length: float, offset: FloatArray, rows: Rows) -> FloatArray:
+    """Rows of the coupling matrix for another length unit and reference point.
+
+    Parameters
+    ----------
+    C_bm : ndarray, shape (6, n)
+        For metres and the base's centre of mass; rows [linear; angular], inertial axes.
+    characteristic_length : float
+        [m]. The linear rows are divided by it: 1 is the paper's, 0.001 gives what millimetres give.
+    offset : ndarray, shape (3,)
+        From the base's centre of mass to the new reference point, inertial axes [m].
+    rows : {"all", "translation", "rotation"}
+
+    Returns
+    -------
+    ndarray, shape (6, n) or (3, n)
+
+    Raises
+    ------
+    InvalidValue
+        `characteristic_length` is not above zero, or `rows` another word.
+    """
+    length = positive("characteristic_length", characteristic_length, "m")
+    if not isinstance(rows, str) or rows not in _ROWS:
+        raise InvalidValue("rows", rows, "must be 'all', 'translation' or 'rotation'")
+    matrix = np.array(C_bm)
+    # A point of the base at `offset` moves with v + omega x offset.
+    matrix[:3] = (matrix[:3] + np.cross(matrix[3:], offset, axisa=0, axisc=0)) / length
+    return matrix[_ROWS[rows]]
