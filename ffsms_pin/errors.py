@@ -11,6 +11,7 @@ __all__ = [
     "AmbiguousEndEffector",
     "DependencyMissing",
     "FfsmsError",
+    "FfsmsWarning",
     "FrameNotFound",
     "GeometryError",
     "InvalidInertia",
@@ -20,8 +21,11 @@ __all__ = [
     "ModelNotFound",
     "ResultError",
     "SimulationDiverged",
+    "SimulationStopped",
+    "SlowGains",
     "SolverError",
     "UnsupportedJoint",
+    "ViewerError",
 ]
 
 
@@ -175,11 +179,36 @@ class SimulationDiverged(FfsmsError, ArithmeticError):
         What was recorded up to that instant.
     """
 
-    def __init__(self, time: float, tracking: Any = None) -> None:
+    def __init__(self, time: float, tracking: Any = None, path: str = "") -> None:
+        saved = f"; recorded until then: {path}" if path else ""
         super().__init__(
-            f"the simulated state is not finite after t = {time:.6g} s; use a smaller dt or softer gains"
+            f"the simulated state is not finite after t = {time:.6g} s; "
+            f"use a smaller dt or softer gains{saved}"
         )
         self.time = time
+        self.tracking = tracking
+
+
+class SimulationStopped(FfsmsError, RuntimeError):
+    """A watchdog stopped a simulation.
+
+    Attributes
+    ----------
+    time : float
+        When [s].
+    reason : str
+    q, v : ndarray
+        The state that stopped it.
+    tracking : object
+        What was recorded until then.
+    """
+
+    def __init__(self, time: float, reason: str, q: Any, v: Any, tracking: Any, path: str = "") -> None:
+        saved = f"; recorded until then: {path}" if path else ""
+        super().__init__(f"the run was stopped at t = {time:.6g} s: {reason}{saved}")
+        self.time = time
+        self.reason = reason
+        self.q, self.v = q, v
         self.tracking = tracking
 
 
@@ -189,6 +218,18 @@ class ResultError(FfsmsError, OSError):
     def __init__(self, path: str | os.PathLike[str], problem: str) -> None:
         super().__init__(f"{os.fspath(path)}: {problem}")
         self.path = str(path)
+
+
+class FfsmsWarning(UserWarning):
+    """Root of the library's warnings."""
+
+
+class SlowGains(FfsmsWarning):
+    """A controller's gains need longer than the move to remove an error."""
+
+
+class ViewerError(FfsmsError, RuntimeError):
+    """The live page of the viewer cannot be served."""
 
 
 def _rebuilt(kind: type[FfsmsError], args: tuple[Any, ...], values: dict[str, Any]) -> FfsmsError:

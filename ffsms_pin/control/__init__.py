@@ -1,6 +1,32 @@
 """Control: joint torques that make a free-floating arm follow a joint motion, the base reacting."""
 
-from ffsms_pin.control.reduced_dynamics import reduced_dynamics
+from ffsms_pin.control.computed_torque import ComputedTorque
+from ffsms_pin.control.gains import check_time_constants
+from ffsms_pin.control.law import JointLaw
+from ffsms_pin.control.passivity import PassivitySlidingMode
+from ffsms_pin.control.pd import PD
+from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics
 from ffsms_pin.control.sliding_mode import SlidingModeController
+from ffsms_pin.control.super_twisting import SuperTwisting
 
-__all__ = ["SlidingModeController", "reduced_dynamics"]
+__all__ = [
+    "LAWS",
+    "PD",
+    "ComputedTorque",
+    "JointLaw",
+    "PassivitySlidingMode",
+    "SlidingModeController",
+    "SuperTwisting",
+    "check_time_constants",
+    "reduced_coriolis",
+    "reduced_dynamics",
+]
+
+# By the names that scenario files use.
+LAWS: dict[str, type[JointLaw]] = {
+    "sliding-mode": SlidingModeController,
+    "passivity": PassivitySlidingMode,
+    "super-twisting": SuperTwisting,
+    "computed-torque": ComputedTorque,
+    "pd": PD,
+}

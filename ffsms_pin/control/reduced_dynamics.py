@@ -1,4 +1,4 @@
-"""The dynamics that the joint torques see while the base floats: H_q and C_q alone, for a control loop."""
+"""The dynamics that joint torques see while the base floats: H_q, C_q and its matrix, for a control loop."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from scipy.linalg import lapack
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["reduced_dynamics"]
+__all__ = ["reduced_coriolis", "reduced_dynamics"]
 
 
 def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -38,3 +38,32 @@ def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tup
     # Neither result depends on the axes or the reference point of the base's velocity, so Pinocchio's serve.
     _, reaction, _ = lapack.dposv(M[:6, :6], M_bm)
     return M[6:, 6:] - M_bm.T @ reaction, effects[6:] - effects[:6] @ reaction
+
+
+def reduced_coriolis(
+    sms: SpaceManipulator, q: FloatArray, v: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """H_q, C_q and the Coriolis matrix of the reduced system: see `State.C_q_matrix`.
+
+    Parameters and the first two results as for `reduced_dynamics`.
+
+    Returns
+    -------
+    H_q : ndarray, shape (n, n)
+    C_q : ndarray, shape (n,)
+        At the velocity as it is, momentum included.
+    C : ndarray, shape (n, n)
+        At the joint rates and zero momentum: dH_q/dt - 2 C is skew, and C qd = C_q where there is none.
+    """
+    model, data = sms.model, sms._data
+    M = pin.crba(model, data, q).copy()
+    effects = pin.nonLinearEffects(model, data, q, v)
+    _, reaction, _ = lapack.dposv(M[:6, :6], M[:6, 6:])
+    H_q = M[6:, 6:] - M[6:, :6] @ reaction
+    C_q = effects[6:] - effects[:6] @ reaction
+    still = v.copy()
+    still[:6] = -(reaction @ v[6:])
+    C = pin.computeCoriolisMatrix(model, data, q, still)
+    # N^T C N with N = [-reaction; I].
+    upper = C[:6, 6:] - C[:6, :6] @ reaction
+    return H_q, C_q, C[6:, 6:] - C[6:, :6] @ reaction - reaction.T @ upper

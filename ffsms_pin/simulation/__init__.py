@@ -1,7 +1,31 @@
 """Simulation: a plant under forward dynamics, in closed loop with a controller and a reference."""
 
+from ffsms_pin.simulation.actuator import Actuator
 from ffsms_pin.simulation.closed_loop import simulate
+from ffsms_pin.simulation.disturbances import Wrench
+from ffsms_pin.simulation.events import Capture, JointFault
+from ffsms_pin.simulation.friction import JointFriction
+from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import Controller, Reference
+from ffsms_pin.simulation.plant import InertialError, perturb, random_plants
+from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.simulation.tracking import Tracking
+from ffsms_pin.simulation.watchdog import Watchdog
 
-__all__ = ["Controller", "Reference", "Tracking", "simulate"]
+__all__ = [
+    "INTEGRATORS",
+    "Actuator",
+    "Capture",
+    "Controller",
+    "InertialError",
+    "JointFault",
+    "JointFriction",
+    "Reference",
+    "Sensors",
+    "Tracking",
+    "Watchdog",
+    "Wrench",
+    "perturb",
+    "random_plants",
+    "simulate",
+]

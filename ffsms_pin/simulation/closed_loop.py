@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,19 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, positive, vector
 from ffsms_pin.control.joint_error import JointError
-from ffsms_pin.errors import InvalidValue, SimulationDiverged
-from ffsms_pin.simulation.integrators import rk4_step
+from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
+from ffsms_pin.simulation import disturbances as outside
+from ffsms_pin.simulation import events as happening
+from ffsms_pin.simulation.actuator import Actuator
+from ffsms_pin.simulation.disturbances import Wrench
+from ffsms_pin.simulation.events import Event, JointFault
+from ffsms_pin.simulation.friction import JointFriction
+from ffsms_pin.simulation.integrators import integrator as integrator_named
 from ffsms_pin.simulation.interfaces import Controller, Reference
+from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.simulation.tracking import Tracking
+from ffsms_pin.simulation.watchdog import Watchdog
+from ffsms_pin.simulation.world import World
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["simulate"]
@@ -30,13 +39,22 @@ def simulate(
     progress: Callable[[float], None] | None = None,
     *,
     v0: ArrayLike | None = None,
+    momentum: ArrayLike | None = None,
+    integrator: str = "rk4",
+    friction: JointFriction | None = None,
+    actuator: Actuator | None = None,
+    sensors: Sensors | None = None,
+    disturbances: Wrench | Sequence[Wrench] = (),
+    events: Event | Sequence[Event] = (),
+    watchdog: Watchdog | None = None,
 ) -> Tracking:
     """Simulate the plant, from the start of the reference to its end, under the controller's torques.
 
     In each control step the controller is given the plant's state and the reference's joint motion at the
     step's start, and its torque is held over the step. The plant moves by its articulated-body dynamics with
     the generalised force [0 (6); tau], so nothing acts on the base, integrated by one Runge-Kutta step of
-    order 4 (see `rk4_step`).
+    order 4 (see `rk4_step`). The keyword options below each add one imperfection; what is recorded is the
+    plant's true motion and the torque that acts.
 
     Parameters
     ----------
@@ -58,6 +76,22 @@ def simulate(
         Called with the share of the work done, 0 to 1.
     v0 : array_like, shape (6 + n,), optional
         Velocity of the plant at the start. Default: the reference's joint rates and no momentum.
+    momentum : array_like, shape (6,), optional
+        Total momentum at the start [linear; angular], inertial axes, about the centre of mass, in place of
+        `v0`.
+    integrator : str
+        One of `INTEGRATORS`: "rk4", "variational", "adaptive", "stiff".
+    friction : JointFriction, optional
+    actuator : Actuator, optional
+        Saturation, rate limit and delay of the torques.
+    sensors : Sensors, optional
+        What the controller and the reference see instead of the true state.
+    disturbances : Wrench or sequence of them
+        External forces.
+    events : Event or sequence of them
+        Captures and joint faults; told in the result's `note`.
+    watchdog : Watchdog, optional
+        When to stop a run that has gone wrong. Default: only where the state is not finite.
 
     Returns
     -------
@@ -69,6 +103,8 @@ def simulate(
         A wrong shape or a number out of range, or a plant with other joints.
     SimulationDiverged
         The state stopped being finite; the error carries what was recorded until then.
+    SimulationStopped
+        The watchdog stopped the run; likewise.
     """
     plant = _checked_plant(sms, sms if plant is None else plant)
     duration, dt = positive("reference.duration", reference.duration, "s"), positive("dt", dt, "s")
@@ -79,34 +115,65 @@ def simulate(
     dt = duration / steps
 
     q = _start(plant, reference, q0)
-    start_rates = vector("joint rates of reference.sample(0)", reference.sample(0.0)[1], sms.n, "rad/s")
-    v = plant.velocity(q, start_rates) if v0 is None else vector("v0", v0, plant.nv)
+    v = _start_velocity(plant, reference, q, v0, momentum)
+    world = World(plant, integrator_named(integrator), friction, outside.checked(disturbances))
+    coming = happening.checked(events, plant, duration)
+    drive = None if actuator is None else actuator.start(plant.n, dt, duration)
+    sensing = None if sensors is None else sensors.start(plant, dt, duration)
     observe = getattr(reference, "observe", None)
+    reset = getattr(controller, "reset", None)
+    if reset is not None:
+        reset(dt)
     record = _Record(plant, t, _target_function(reference.target))
-    model, data = plant.model, plant.model.createData()
-    force = np.zeros(plant.nv)
     work = 0.0
     stride = max(1, steps // 200)  # a progress bar needs no more
 
     for k in range(steps + 1):
         # On its way to infinity a diverging state overflows here and there; the record finds out.
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            now = float(t[k])
+            while coming and coming[0].time <= now + 1e-9:
+                event = coming.pop(0)
+                before = world.energy(q, v)
+                v = world.apply(event, q, v)
+                record.happened(now, event, world.plant)
+                work += world.energy(q, v) - before
+                if isinstance(event, JointFault) and event.told and hasattr(reference, "joint_failed"):
+                    reference.joint_failed(event.index(plant), event.kind == "locked")
+            seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
             if observe is not None and k < steps:
-                observe(float(t[k]), q, v)
-            wanted = reference.sample(float(t[k]))
+                observe(now, seen_q, seen_v)
+            wanted = reference.sample(now)
             if not record.add(k, q, v, wanted, work):
-                raise SimulationDiverged(float(t[max(k - 1, 0)]), record.tracking(k))
+                path = _save(watchdog, record.tracking(k))
+                raise SimulationDiverged(float(t[max(k - 1, 0)]), record.tracking(k), path)
+            if watchdog is not None:
+                complaint = watchdog.complaint(world.plant, q, v, record.joint_error[k], reference)
+                if complaint:
+                    recorded = record.tracking(k + 1)
+                    path = _save(watchdog, recorded)
+                    raise SimulationStopped(now, complaint, q.copy(), v.copy(), recorded, path)
             if k == steps:
                 break
-            tau = np.asarray(controller.torque(q, v, *wanted))
+            tau = np.asarray(controller.torque(seen_q, seen_v, *wanted))
             if tau.shape != (plant.n,):
                 raise InvalidValue("controller.torque", tau, f"must return shape ({plant.n},)")
-            record.tau[k] = force[6:] = tau
-            q, v, done = rk4_step(model, data, q, v, force, dt)
+            if drive is not None:
+                tau = drive.apply(tau)
+            record.tau[k] = tau
+            q, v, done = world.step(now, q, v, tau, dt)
             work += done
         if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):
             progress((k + 1) / steps)
     return record.tracking(steps + 1)
+
+
+def _save(watchdog: Watchdog | None, tracking: Tracking) -> str:
+    """Save what was recorded where the watchdog says; the path, or nothing."""
+    if watchdog is None or watchdog.path is None:
+        return ""
+    tracking.save(watchdog.path)
+    return str(watchdog.path)
 
 
 class _Record:
@@ -125,6 +192,12 @@ class _Record:
         self.joint_error, self.joint_rate_error = np.empty((rows, n)), np.empty((rows, n))
         self.position_error, self.momentum = np.empty(rows), np.empty((rows, 6))
         self.kinetic_energy, self.work = np.empty(rows), np.empty(rows)
+        self._notes: list[str] = []
+
+    def happened(self, t: float, event: Event, plant: SpaceManipulator) -> None:
+        """Note an event, and record from the plant as it is after it."""
+        self._notes.append(f"t = {t:.6g} s: {event}")
+        self._plant, self._data = plant, plant.model.createData()
 
     def add(
         self,
@@ -162,6 +235,7 @@ class _Record:
             momentum=self.momentum[:rows],
             kinetic_energy=self.kinetic_energy[:rows],
             work=self.work[:rows],
+            note="; ".join(self._notes),
         )
 
 
@@ -182,6 +256,21 @@ def _start(plant: SpaceManipulator, reference: Reference, q0: ArrayLike | None) 
     if rows is None:
         raise InvalidValue("q0", None, "must be given: this reference does not say where it starts")
     return plant.checked_configuration("reference.q[0]", rows[0])
+
+
+def _start_velocity(
+    plant: SpaceManipulator,
+    reference: Reference,
+    q: FloatArray,
+    v0: ArrayLike | None,
+    momentum: ArrayLike | None,
+) -> FloatArray:
+    if v0 is not None:
+        if momentum is not None:
+            raise InvalidValue("momentum", momentum, "cannot be given together with v0")
+        return vector("v0", v0, plant.nv)
+    rates = vector("joint rates of reference.sample(0)", reference.sample(0.0)[1], plant.n, "rad/s")
+    return plant.velocity(q, rates, momentum)
 
 
 def _target_function(target: Any) -> Callable[[float], FloatArray]:

@@ -2,17 +2,43 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.simulation.adaptive import adaptive_step, stiff_step
+from ffsms_pin.simulation.disturbances import GeneralisedForce
+from ffsms_pin.simulation.variational import variational_step
 
-__all__ = ["rk4_step"]
+__all__ = ["INTEGRATORS", "Integrator", "integrator", "rk4_step"]
+
+
+class Integrator(Protocol):
+    """One step of the forward dynamics: see `rk4_step`."""
+
+    def __call__(
+        self,
+        model: Any,
+        data: Any,
+        q: FloatArray,
+        v: FloatArray,
+        tau: FloatArray | GeneralisedForce,
+        dt: float,
+        t: float = 0.0,
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """State after the step, and the work done in it."""
 
 
 def rk4_step(
-    model: Any, data: Any, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float
+    model: Any,
+    data: Any,
+    q: FloatArray,
+    v: FloatArray,
+    tau: FloatArray | GeneralisedForce,
+    dt: float,
+    t: float = 0.0,
 ) -> tuple[FloatArray, FloatArray, float]:
     """One Runge-Kutta-Munthe-Kaas step of order 4 of the forward dynamics (articulated-body algorithm).
 
@@ -26,10 +52,13 @@ def rk4_step(
         The model's first joint is a free-flyer, every other joint has one degree of freedom.
     q : ndarray, shape (nq,)
     v : ndarray, shape (nv,)
-    tau : ndarray, shape (nv,)
-        Generalised force, held over the step; for a floating system the first six are zero.
+    tau : ndarray, shape (nv,), or callable
+        Generalised force, held over the step, or a function of time, configuration and velocity that gives
+        it; the first six are zero where nothing acts on the base from outside.
     dt : float
         [s]
+    t : float
+        Time at the step's start [s], for a force that depends on it.
 
     Returns
     -------
@@ -45,28 +74,50 @@ def rk4_step(
     Society A 357 (1999); the brackets' signs are those of velocities in body axes.
     """
     half, sixth = 0.5 * dt, dt / 6.0
-    a1 = pin.aba(model, data, q, v, tau).copy()
+    f1 = tau(t, q, v) if callable(tau) else tau
+    a1 = pin.aba(model, data, q, v, f1).copy()
 
-    v2 = v + half * a1
-    a2 = pin.aba(model, data, pin.integrate(model, q, half * v), v2, tau).copy()
+    q2, v2 = pin.integrate(model, q, half * v), v + half * a1
+    f2 = tau(t + half, q2, v2) if callable(tau) else tau
+    a2 = pin.aba(model, data, q2, v2, f2).copy()
 
     v3 = v + half * a2
     xi = half * v2
     xi[:6] += (0.125 * dt * dt) * _bracket(v, v2)
-    a3 = pin.aba(model, data, pin.integrate(model, q, xi), v3, tau).copy()
+    q3 = pin.integrate(model, q, xi)
+    f3 = tau(t + half, q3, v3) if callable(tau) else tau
+    a3 = pin.aba(model, data, q3, v3, f3).copy()
 
-    v4 = v + dt * a3
-    a4 = pin.aba(model, data, pin.integrate(model, q, dt * v3), v4, tau)
+    q4, v4 = pin.integrate(model, q, dt * v3), v + dt * a3
+    f4 = tau(t + dt, q4, v4) if callable(tau) else tau
+    a4 = pin.aba(model, data, q4, v4, f4)
 
     total = v + 2.0 * (v2 + v3) + v4
     xi = sixth * total
     xi[:6] += (dt * dt / 12.0) * _bracket(v, v4)
     q_end: FloatArray = pin.normalize(model, pin.integrate(model, q, xi))
     v_end: FloatArray = v + sixth * (a1 + 2.0 * (a2 + a3) + a4)
-    return q_end, v_end, sixth * float(tau @ total)
+    power = f1 @ v + 2.0 * (f2 @ v2 + f3 @ v3) + f4 @ v4 if callable(tau) else tau @ total
+    return q_end, v_end, sixth * float(power)
 
 
 def _bracket(a: FloatArray, b: FloatArray) -> FloatArray:
     """Lie bracket of two base velocities; the joints move along fixed axes and have none."""
     bracket: FloatArray = pin.Motion(a[:6]).cross(pin.Motion(b[:6])).vector
     return bracket
+
+
+INTEGRATORS: dict[str, Integrator] = {
+    "rk4": rk4_step,
+    "variational": variational_step,
+    "adaptive": adaptive_step,
+    "stiff": stiff_step,
+}
+
+
+def integrator(name: str) -> Integrator:
+    """The integrator of that name; `InvalidValue` lists those that there are."""
+    try:
+        return INTEGRATORS[name]
+    except (KeyError, TypeError):
+        raise InvalidValue("integrator", name, f"must be one of {', '.join(INTEGRATORS)}") from None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, fields
+from dataclasses import Field, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -42,7 +42,10 @@ class Tracking:
     kinetic_energy : ndarray, shape (N + 1,)
         [J]
     work : ndarray, shape (N + 1,)
-        Work that the torques have done since the start [J].
+        Work done on the plant since the start [J]: by torques, friction and external forces, and the energy
+        that captures and locking joints took.
+    note : str
+        What happened, and when; empty where nothing did.
     """
 
     t: FloatArray
@@ -55,9 +58,10 @@ class Tracking:
     momentum: FloatArray
     kinetic_energy: FloatArray
     work: FloatArray
+    note: str = ""
 
     def __post_init__(self) -> None:
-        for field in fields(self):
+        for field in _arrays():
             array = np.array(getattr(self, field.name), dtype=np.float64)
             object.__setattr__(self, field.name, frozen(array))
 
@@ -67,6 +71,20 @@ class Tracking:
         error: FloatArray = self.kinetic_energy - self.kinetic_energy[0] - self.work
         return error
 
+    @property
+    def effort(self) -> float:
+        """Integral of the square of the torques [N^2 m^2 s]."""
+        return float((self.tau**2).sum()) * self._dt
+
+    @property
+    def chatter(self) -> float:
+        """Integral of the square of the torques' rate, by differences [N^2 m^2 / s]."""
+        return float((np.diff(self.tau, axis=0) ** 2).sum()) / self._dt if len(self.tau) > 1 else 0.0
+
+    @property
+    def _dt(self) -> float:
+        return float(self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
         save_arrays(path, _FORMAT, {field.name: getattr(self, field.name) for field in fields(self)})
@@ -75,8 +93,13 @@ class Tracking:
     def load(cls, path: str | os.PathLike[str]) -> Tracking:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
         arrays = load_arrays(path, _FORMAT, [field.name for field in fields(cls)])
+        note = str(arrays.pop("note"))
         _check_shapes(path, arrays)
-        return cls(**arrays)
+        return cls(**arrays, note=note)
+
+
+def _arrays() -> list[Field[Any]]:
+    return [field for field in fields(Tracking) if field.name != "note"]
 
 
 def _check_shapes(path: str | os.PathLike[str], arrays: dict[str, Any]) -> None:

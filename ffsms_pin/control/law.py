@@ -1,0 +1,115 @@
+"""What every joint torque law shares: its arguments, its error and its torque limits."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.control.gains import torque_limits
+from ffsms_pin.control.joint_error import JointError
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["JointLaw", "Motion"]
+
+
+class Motion(NamedTuple):
+    """A measured state and a wanted joint motion, checked.
+
+    Attributes
+    ----------
+    q, v : ndarray, shape (nq,), (6 + n,)
+        Measured, Pinocchio's.
+    q_e, qd_e : ndarray, shape (n,)
+        Errors q - q_d [rad] and qd - qd_d [rad/s].
+    qd_d, qdd_d : ndarray, shape (n,)
+        Wanted rates [rad/s] and accelerations [rad/s^2].
+    """
+
+    q: FloatArray
+    v: FloatArray
+    q_e: FloatArray
+    qd_e: FloatArray
+    qd_d: FloatArray
+    qdd_d: FloatArray
+
+
+class JointLaw(ABC):
+    """A joint torque law for a free-floating arm.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        The model that the law uses.
+    torque_limit : array_like, optional
+        Largest size of each torque [N m], one number or (n,), infinite for none; default
+        `sms.limits.torque`.
+
+    Attributes
+    ----------
+    sms : SpaceManipulator
+    torque_limit : ndarray, shape (n,)
+    """
+
+    def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
+        self.sms = sms
+        self.torque_limit = torque_limits(sms.limits.torque if torque_limit is None else torque_limit, sms.n)
+        self._error = JointError(sms)
+        self._lowest = -self.torque_limit
+
+    def torque(
+        self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike
+    ) -> FloatArray:
+        """Joint torques for one measured state and one wanted joint motion.
+
+        Parameters
+        ----------
+        q : array_like, shape (nq,)
+            Measured configuration, Pinocchio's.
+        v : array_like, shape (6 + n,)
+            Measured velocity, Pinocchio's.
+        q_d, qd_d, qdd_d : array_like, shape (n,)
+            Wanted joint positions [rad], rates [rad/s] and accelerations [rad/s^2].
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            [N m], within `torque_limit`. NaN in the state gives NaN.
+        """
+        tau = self._law(self._motion(q, v, q_d, qd_d, qdd_d))
+        result: FloatArray = np.minimum(np.maximum(tau, self._lowest), self.torque_limit)
+        return result
+
+    def lyapunov(self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike) -> float:
+        """The function V of the law's proof at one measured state and wanted motion: at least zero."""
+        return self._energy(self._motion(q, v, q_d, qd_d, np.zeros(self.sms.n)))
+
+    @abstractmethod
+    def time_constants(self, q: ArrayLike) -> FloatArray:
+        """Time constants of the error near zero, at a configuration (nq,): [s], ascending."""
+
+    @abstractmethod
+    def _law(self, motion: Motion) -> FloatArray:
+        """Torques (n,), not limited."""
+
+    @abstractmethod
+    def _energy(self, motion: Motion) -> float:
+        """V."""
+
+    def _motion(
+        self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike
+    ) -> Motion:
+        n = self.sms.n
+        q, v = _sized("q", q, self.sms.nq), _sized("v", v, n + 6)
+        q_d, qd_d, qdd_d = _sized("q_d", q_d, n), _sized("qd_d", qd_d, n), _sized("qdd_d", qdd_d, n)
+        return Motion(q, v, self._error(q, q_d), v[6:] - qd_d, qd_d, qdd_d)
+
+
+def _sized(name: str, value: ArrayLike, size: int) -> FloatArray:
+    """`value` as a vector, at no cost where it is one: this runs in the control loop."""
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (size,):
+        return value
+    return vector(name, value, size)

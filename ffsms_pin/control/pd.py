@@ -1,0 +1,67 @@
+"""PD control: the floor that every other law has to beat."""
+
+from __future__ import annotations
+
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.control.gains import gain_matrix
+from ffsms_pin.control.law import JointLaw, Motion
+from ffsms_pin.control.poles import time_constants
+from ffsms_pin.control.reduced_dynamics import reduced_dynamics
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["PD"]
+
+
+class PD(JointLaw):
+    """Proportional-derivative control of the joints, without a model.
+
+    tau = -K_p q_e - K_d qd_e
+
+    Proof, for a constant q_d and zero momentum: V = qd^T H_q qd / 2 + q_e^T K_p q_e / 2 has
+    dV/dt = qd^T tau + qd^T K_p q_e = -qd^T K_d qd <= 0, since dH_q/dt - 2 C is skew, and by LaSalle the
+    joints come to rest at q_d; nothing hangs from them in orbit. A moving q_d is followed with a lag.
+
+    Source: M. Takegaki and S. Arimoto, "A new feedback method for dynamic control of manipulators", Journal
+    of Dynamic Systems, Measurement, and Control 103 (1981), on the reduced system.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        For its joints and torque limits; the law uses no masses.
+    K_p, K_d : array_like
+        Stiffness [N m/rad] and damping [N m s/rad]: one number, a diagonal (n,), or a symmetric positive
+        definite matrix. The defaults suit the paper's planar system at a control step of 1 ms: its smallest
+        H_q is 0.002 kg m^2, and K_d dt must stay below it.
+    torque_limit : array_like, optional
+        As for `JointLaw`.
+
+    Raises
+    ------
+    InvalidValue
+        A wrong shape, or a gain that is not symmetric positive definite.
+    """
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        K_p: ArrayLike = 0.5,
+        K_d: ArrayLike = 0.5,
+        torque_limit: ArrayLike | None = None,
+    ) -> None:
+        super().__init__(sms, torque_limit)
+        self.K_p = gain_matrix("K_p", K_p, sms.n)
+        self.K_d = gain_matrix("K_d", K_d, sms.n)
+
+    def time_constants(self, q: ArrayLike) -> FloatArray:
+        """Time constants of a small error at rest [s], ascending (2 n,): H_q x'' + K_d x' + K_p x = 0."""
+        return time_constants(self.sms.at(q).H_q, self.K_d, self.K_p)
+
+    def _law(self, motion: Motion) -> FloatArray:
+        return -(self.K_p @ motion.q_e) - self.K_d @ motion.qd_e
+
+    def _energy(self, motion: Motion) -> float:
+        H_q, _ = reduced_dynamics(self.sms, motion.q, motion.v)
+        rate_error = motion.qd_e
+        return 0.5 * float(rate_error @ H_q @ rate_error + motion.q_e @ self.K_p @ motion.q_e)

@@ -1,0 +1,150 @@
+"""What happens to the plant at an instant: a client is captured, a joint fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, matrix, number, positive, vector
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.variants import with_model
+
+__all__ = ["Capture", "Event", "JointFault"]
+
+
+@dataclass(frozen=True)
+class Capture:
+    """From `time` on a rigid body belongs to the end effector: a payload, or a client that was flying free.
+
+    The capture is plastic: within no time the client takes the end effector's motion, the joints giving way
+    as they are (drives bear no impulse; locked joints do). The momentum of arm and client together is kept,
+    energy is lost. The reference and the controller are not told.
+
+    Parameters
+    ----------
+    time : float
+        [s]; the capture is made at the first control step from then on.
+    mass : float
+        [kg]
+    inertia : array_like, shape (3, 3) or (3,)
+        About its centre of mass, axes of the end-effector frame at the capture [kg m^2].
+    com : array_like, shape (3,)
+        Its centre of mass in the end-effector frame [m].
+    twist : array_like, shape (6,), optional
+        Its motion before: velocity of its centre of mass and angular velocity, inertial axes [m/s; rad/s].
+        Default: that of the end effector, so that nothing is felt at the instant itself.
+    """
+
+    time: float
+    mass: float
+    inertia: ArrayLike
+    com: ArrayLike = (0.0, 0.0, 0.0)
+    twist: ArrayLike | None = None
+
+    def body(self) -> Any:
+        """The client as a pinocchio.Inertia in the end-effector frame."""
+        tensor = (
+            np.diag(vector("capture.inertia", self.inertia, 3, "kg m^2"))
+            if np.ndim(self.inertia) == 1
+            else matrix("capture.inertia", self.inertia, 3, 3)
+        )
+        a, b, c = np.linalg.eigvalsh(tensor)
+        if (
+            np.abs(tensor - tensor.T).max() > 1e-9 * np.abs(tensor).max()
+            or a <= 0.0
+            or a + b < c * (1 - 1e-9)
+        ):
+            raise InvalidValue("capture.inertia", self.inertia, "must be one that a rigid body can have")
+        return pin.Inertia(
+            positive("capture.mass", self.mass, "kg"), vector("capture.com", self.com, 3, "m"), tensor
+        )
+
+    def apply(
+        self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: list[int]
+    ) -> tuple[SpaceManipulator, FloatArray]:
+        """The plant with the client on it, and the velocity (6 + n,) right after; `locked` indexes v."""
+        frame = plant.model.frames[plant.frame_id]
+        body = frame.placement.act(self.body())
+        model, data = plant.model.copy(), plant.model.createData()
+        pin.computeJointJacobians(model, data, q)
+        place = data.oMi[frame.parentJoint]
+        J = pin.getJointJacobian(model, data, frame.parentJoint, pin.ReferenceFrame.LOCAL)
+        before = pin.crba(model, data, q).copy() @ v
+        if self.twist is None:
+            motion = pin.Motion(J @ v)
+        else:
+            twist = vector("capture.twist", self.twist, 6, "m/s, rad/s")
+            lever = place.rotation @ body.lever
+            linear = twist[:3] - np.cross(twist[3:], lever)
+            motion = pin.Motion(place.rotation.T @ linear, place.rotation.T @ twist[3:])
+        momentum = before + J.T @ (body * motion).vector
+        model.appendBodyToJoint(frame.parentJoint, body, pin.SE3.Identity())
+        M = pin.crba(model, model.createData(), q)
+        free = np.setdiff1d(np.arange(plant.nv), locked)
+        after = np.zeros(plant.nv)
+        after[free] = np.linalg.solve(M[np.ix_(free, free)], momentum[free])
+        return with_model(plant, model), after
+
+    def __str__(self) -> str:
+        return f"captured {self.mass:g} kg"
+
+
+@dataclass(frozen=True)
+class JointFault:
+    """From `time` on a joint is locked where it is, or limp: without torque.
+
+    A locking joint stops within no time; the momentum is kept, energy is lost. Friction stays on a limp one.
+
+    Parameters
+    ----------
+    time : float
+        [s]; at the first control step from then on.
+    joint : str or int
+        Name, or index from 0.
+    kind : {"locked", "limp"}
+    told : bool
+        Whether the reference is told, so that it can plan with what is left: where it has a method
+        `joint_failed(index, locked)`.
+    """
+
+    time: float
+    joint: str | int
+    kind: Literal["locked", "limp"] = "locked"
+    told: bool = True
+
+    def index(self, plant: SpaceManipulator) -> int:
+        """Index of the joint, from 0."""
+        names = plant.joint_names
+        if isinstance(self.joint, str) and self.joint in names:
+            return names.index(self.joint)
+        if isinstance(self.joint, int) and not isinstance(self.joint, bool) and 0 <= self.joint < len(names):
+            return self.joint
+        raise InvalidValue("fault.joint", self.joint, f"is no joint of the plant ({', '.join(names)})")
+
+    def __str__(self) -> str:
+        return f"joint {self.joint} {self.kind}"
+
+
+Event: TypeAlias = Capture | JointFault
+
+
+def checked(events: Any, plant: SpaceManipulator, duration: float) -> list[Event]:
+    """The argument `events` of `simulate`, in order of time."""
+    several = [events] if isinstance(events, (Capture, JointFault)) else list(events)
+    for event in several:
+        if not isinstance(event, (Capture, JointFault)):
+            raise InvalidValue("events", event, "must hold Capture and JointFault objects")
+        if not 0.0 <= number("event.time", event.time) <= duration:
+            raise InvalidValue("event.time", event.time, f"must be within the run's {duration:g} s")
+        if isinstance(event, Capture):
+            event.body()
+        else:
+            event.index(plant)
+            if event.kind not in ("locked", "limp"):
+                raise InvalidValue("fault.kind", event.kind, 'must be "locked" or "limp"')
+    return sorted(several, key=lambda event: event.time)

@@ -1,0 +1,149 @@
+"""A plant that is not the model: the same robot with other masses, inertias and centres of mass."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, number, positive, vector
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.variants import with_model
+
+__all__ = ["InertialError", "perturb", "random_plants"]
+
+
+@dataclass(frozen=True)
+class InertialError:
+    """How a plant's inertial parameters differ from the model's.
+
+    A body's inertia about its centre of mass grows with its mass, as if its density were another, unless an
+    inertia factor says otherwise.
+
+    Parameters
+    ----------
+    arm_mass : array_like
+        Factor on the masses of the arm's bodies: one number, or one a joint (n,).
+    base_mass : float
+        Factor on the mass of the base.
+    arm_inertia, base_inertia : array_like, optional
+        Factors on the inertias; default: the mass's own.
+    arm_com : array_like, shape (3,) or (n, 3)
+        Shift of the arm's centres of mass, in the axes of each body's joint [m].
+    base_com : array_like, shape (3,)
+        Shift of the base's centre of mass in the root frame [m].
+    """
+
+    arm_mass: Any = 1.0
+    base_mass: float = 1.0
+    arm_inertia: Any = None
+    base_inertia: float | None = None
+    arm_com: Any = (0.0, 0.0, 0.0)
+    base_com: Any = (0.0, 0.0, 0.0)
+
+
+def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors: Any) -> SpaceManipulator:
+    """The same robot with other inertial parameters; shapes and limits stay.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    error : InertialError, optional
+        What differs; or its fields as keywords: ``perturb(sms, arm_mass=1.2, base_mass=0.9)``.
+
+    Returns
+    -------
+    SpaceManipulator
+
+    Raises
+    ------
+    InvalidValue
+        A factor that is not above zero, a wrong shape, or a keyword that is no field of `InertialError`.
+    """
+    if error is None:
+        known = [field.name for field in fields(InertialError)]
+        for name in errors:
+            if name not in known:
+                raise InvalidValue("perturb", name, f"knows only {', '.join(known)}")
+        error = InertialError(**errors)
+    elif errors or not isinstance(error, InertialError):
+        raise InvalidValue("error", error, "must be an InertialError, or keywords instead of one")
+    n = sms.n
+    arm_mass = _factors("arm_mass", error.arm_mass, n)
+    arm_inertia = arm_mass if error.arm_inertia is None else _factors("arm_inertia", error.arm_inertia, n)
+    base_mass = positive("base_mass", error.base_mass)
+    base_inertia = base_mass if error.base_inertia is None else positive("base_inertia", error.base_inertia)
+    shifts = np.zeros((n, 3))
+    shifts[:] = (
+        vector("arm_com", error.arm_com, 3, "m")
+        if np.ndim(error.arm_com) < 2
+        else [vector("arm_com", row, 3, "m") for row in _rows("arm_com", error.arm_com, n)]
+    )
+    model = sms.model.copy()
+    model.inertias[1] = _changed(
+        model.inertias[1], base_mass, base_inertia, vector("base_com", error.base_com, 3, "m")
+    )
+    for i in range(n):
+        body = model.inertias[i + 2]
+        model.inertias[i + 2] = _changed(body, float(arm_mass[i]), float(arm_inertia[i]), shifts[i])
+    return with_model(sms, model)
+
+
+def random_plants(
+    sms: SpaceManipulator,
+    rng: np.random.Generator,
+    count: int,
+    arm_mass: float = 0.2,
+    base_mass: float = 0.1,
+    base_inertia: float = 0.1,
+) -> Iterator[SpaceManipulator]:
+    """Robots whose parameters are off by up to the given shares, each drawn uniformly and apart.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    rng : numpy.random.Generator
+    count : int
+    arm_mass : float
+        Largest share by which each arm body's mass, and its inertia with it, is off.
+    base_mass, base_inertia : float
+        Largest shares for the base.
+
+    Yields
+    ------
+    SpaceManipulator
+    """
+    for name, share in (("arm_mass", arm_mass), ("base_mass", base_mass), ("base_inertia", base_inertia)):
+        if not 0.0 <= number(name, share) < 1.0:
+            raise InvalidValue(name, share, "must be a share of at least 0 and below 1")
+    for _ in range(count):
+        yield perturb(
+            sms,
+            arm_mass=1.0 + arm_mass * rng.uniform(-1.0, 1.0, sms.n),
+            base_mass=1.0 + base_mass * float(rng.uniform(-1.0, 1.0)),
+            base_inertia=1.0 + base_inertia * float(rng.uniform(-1.0, 1.0)),
+        )
+
+
+def _changed(body: Any, mass: float, inertia: float, shift: FloatArray) -> Any:
+    return pin.Inertia(mass * body.mass, body.lever + shift, inertia * body.inertia)
+
+
+def _factors(name: str, value: ArrayLike, n: int) -> FloatArray:
+    if np.ndim(value) == 0:
+        return np.full(n, positive(name, value))
+    factors = vector(name, value, n)
+    if not (factors > 0.0).all():
+        raise InvalidValue(name, value, "must be above zero")
+    return factors
+
+
+def _rows(name: str, value: Any, n: int) -> Any:
+    if len(value) != n:
+        raise InvalidValue(name, value, f"must be one shift (3,) or one a joint ({n}, 3)")
+    return value

@@ -1,0 +1,114 @@
+"""The plant in a run: its dynamics with everything that acts on it, and what happens to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.simulation.disturbances import GeneralisedForce, Wrench
+from ffsms_pin.simulation.events import Capture, Event
+from ffsms_pin.simulation.friction import JointFriction
+from ffsms_pin.simulation.integrators import Integrator
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["World"]
+
+
+class World:
+    """A plant with friction, external wrenches and failed joints, integrated step by step.
+
+    Parameters
+    ----------
+    plant : SpaceManipulator
+    integrator : Integrator
+    friction : JointFriction, optional
+    disturbances : sequence of Wrench
+
+    Attributes
+    ----------
+    plant : SpaceManipulator
+        As it is now: a capture changes it.
+    """
+
+    def __init__(
+        self,
+        plant: SpaceManipulator,
+        integrator: Integrator,
+        friction: JointFriction | None = None,
+        disturbances: Sequence[Wrench] = (),
+    ) -> None:
+        self._integrate = integrator
+        self._friction = None if friction is None else friction.torque(plant.n)
+        self._disturbances = tuple(disturbances)
+        self._locked: list[int] = []  # indices in v
+        self._limp = np.zeros(plant.n, dtype=bool)
+        self._tau = np.zeros(plant.nv)
+        self._take(plant)
+
+    def _take(self, plant: SpaceManipulator) -> None:
+        self.plant = plant
+        self._data = plant.model.createData()
+        self._own = plant.model.createData()
+        self._forces: list[GeneralisedForce] = [one.force(plant) for one in self._disturbances]
+
+    def step(
+        self, t: float, q: FloatArray, v: FloatArray, tau: FloatArray, dt: float
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """State after a step under joint torques (n,), and the work done on the plant in it [J]."""
+        force = self._tau
+        force[6:] = tau
+        if self._limp.any():
+            force[6:][self._limp] = 0.0
+        model = self.plant.model
+        if self._friction is None and not self._forces and not self._locked:
+            return self._integrate(model, self._data, q, v, force, dt, t)
+        q_end, v_end, work = self._integrate(model, self._data, q, v, self._force, dt, t)
+        for k in self._locked:  # the lock's torque holds the joint to rounding; this holds it for ever
+            v_end[k] = 0.0
+        if self._locked:
+            positions = self.plant.layout.positions(q_end)
+            failed = [k - 6 for k in self._locked]
+            positions[failed] = self.plant.layout.positions(q)[failed]
+            self.plant.layout.set_positions(q_end, positions)
+        return q_end, v_end, work
+
+    def _force(self, t: float, q: FloatArray, v: FloatArray) -> FloatArray:
+        """Everything that acts (6 + n,)."""
+        force = self._tau.copy()
+        if self._friction is not None:
+            force[6:] += self._friction(v[6:])
+        for disturbance in self._forces:
+            force += disturbance(t, q, v)
+        if self._locked:
+            model, data = self.plant.model, self._own
+            acceleration = pin.aba(model, data, q, v, force)[self._locked]
+            columns = np.zeros((v.size, len(self._locked)))
+            columns[self._locked, range(len(self._locked))] = 1.0
+            compliance = np.linalg.solve(pin.crba(model, data, q), columns)[self._locked]
+            force[self._locked] -= np.linalg.solve(compliance, acceleration)
+        return force
+
+    def apply(self, event: Event, q: FloatArray, v: FloatArray) -> FloatArray:
+        """Let it happen; the velocity (6 + n,) right after."""
+        if isinstance(event, Capture):
+            plant, v = event.apply(self.plant, q, v, self._locked)
+            self._take(plant)
+            return v
+        joint = event.index(self.plant)
+        if event.kind == "limp":
+            self._limp[joint] = True
+            return v
+        if 6 + joint not in self._locked:
+            self._locked.append(6 + joint)
+        M = pin.crba(self.plant.model, self._own, q)
+        free = np.setdiff1d(np.arange(v.size), self._locked)
+        after = np.zeros(v.size)
+        after[free] = np.linalg.solve(M[np.ix_(free, free)], (M @ v)[free])
+        return after
+
+    def energy(self, q: FloatArray, v: FloatArray) -> float:
+        """Kinetic energy [J]."""
+        return float(pin.computeKineticEnergy(self.plant.model, self._own, q, v))

@@ -1,0 +1,463 @@
+"""A plant that is not the model: wrong masses, friction, drives, sensors, captures, faults, watchdog."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+
+import ffsms_pin as ffsms
+from ffsms_pin.control import ComputedTorque
+from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged, SimulationStopped
+from ffsms_pin.simulation import (
+    Actuator,
+    Capture,
+    InertialError,
+    JointFault,
+    JointFriction,
+    Sensors,
+    Tracking,
+    Watchdog,
+    Wrench,
+    perturb,
+    random_plants,
+    simulate,
+)
+from ffsms_pin.simulation.integrators import rk4_step
+
+Array = NDArray[np.float64]
+Refused = Callable[..., FfsmsError]
+START = np.deg2rad([1.0, 1.0, 1.0])
+
+
+class Swing:
+    """Joints from START by `way` along a quintic."""
+
+    def __init__(
+        self, sms: ffsms.SpaceManipulator, way: Any = (0.3, 0.4, -0.3), duration: float = 2.0
+    ) -> None:
+        self.way, self.duration = np.array(way), duration
+        self.q = sms.configuration(np.concatenate([START, np.zeros(sms.n - 3)]))[np.newaxis]
+        self.target = np.array([0.5, 0.5, 0.0])
+        self.seen: list[Array] = []
+
+    def sample(self, t: float) -> tuple[Array, Array, Array]:
+        """Joint motion at t."""
+        x, T = t / self.duration, self.duration
+        position = START + self.way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+        rate = self.way * 30.0 * x**2 * (1.0 - x) ** 2 / T
+        return position, rate, self.way * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / T**2
+
+    def observe(self, t: float, q: Array, v: Array) -> None:
+        """Keep what is seen."""
+        self.seen.append(np.concatenate([q, v]))
+
+
+class Constant:
+    """A controller that always gives the same torque."""
+
+    def __init__(self, tau: Any) -> None:
+        self.tau = np.array(tau, dtype=float)
+
+    def torque(self, q: Array, v: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
+        """The same each time."""
+        return self.tau
+
+
+@pytest.fixture
+def law(planar: ffsms.SpaceManipulator) -> ComputedTorque:
+    return ComputedTorque(planar)
+
+
+# -- the plant's inertia -----------------------------------------------------------------------------------
+
+
+def test_perturbed_masses_inertias_and_centres(planar: ffsms.SpaceManipulator) -> None:
+    error = InertialError(
+        arm_mass=[1.2, 0.9, 1.1], base_mass=0.9, base_inertia=1.3, arm_com=(0.01, 0.0, -0.02)
+    )
+    plant = perturb(planar, error)
+    for j, (mass, inertia) in enumerate([(0.9, 1.3), (1.2, 1.2), (0.9, 0.9), (1.1, 1.1)]):
+        was, now = planar.model.inertias[j + 1], plant.model.inertias[j + 1]
+        assert now.mass == pytest.approx(mass * was.mass)
+        np.testing.assert_allclose(now.inertia, inertia * was.inertia)
+        np.testing.assert_allclose(
+            now.lever - was.lever, (0.01, 0.0, -0.02) if j else np.zeros(3), atol=1e-16
+        )
+    assert plant.limits is planar.limits
+    assert plant.base_size == planar.base_size
+    assert plant.base_box_placement == planar.base_box_placement
+    same = perturb(planar)
+    np.testing.assert_array_equal(
+        same.at(planar.configuration(START)).H, planar.at(planar.configuration(START)).H
+    )
+    moved = perturb(planar, base_com=(0.0, 0.05, 0.0))
+    np.testing.assert_allclose(moved.base_com - planar.base_com, [0.0, 0.05, 0.0])
+
+
+def test_random_plants_stay_in_their_ranges_and_repeat(planar: ffsms.SpaceManipulator) -> None:
+    plants = list(random_plants(planar, np.random.default_rng(3), 40))
+    factors = np.array(
+        [[p.model.inertias[j].mass / planar.model.inertias[j].mass for j in range(1, 5)] for p in plants]
+    )
+    spread = np.abs(factors - 1.0).max(axis=0)
+    assert (spread <= [0.1, 0.2, 0.2, 0.2]).all()
+    assert (spread >= [0.08, 0.16, 0.16, 0.16]).all()
+    again = next(random_plants(planar, np.random.default_rng(3), 1))
+    assert again.model.inertias[2].mass == plants[0].model.inertias[2].mass
+
+
+# -- friction, drives, sensors ----------------------------------------------------------------------------
+
+
+def test_friction_takes_energy_and_leaves_momentum(
+    planar: ffsms.SpaceManipulator, law: ComputedTorque
+) -> None:
+    free = simulate(planar, Swing(planar), law)
+    rubbed = simulate(planar, Swing(planar), law, friction=JointFriction(0.05, [0.02, 0.01, 0.01]))
+    assert np.abs(rubbed.momentum).max() < 1e-12
+    assert np.abs(rubbed.energy_error).max() < 1e-6 * rubbed.kinetic_energy.max()
+    assert np.abs(rubbed.joint_error).max() > 10.0 * np.abs(free.joint_error).max()
+    # The motors now do what the friction takes.
+    paid = float((rubbed.tau * np.diff(rubbed.q[:, 7:], axis=0)).sum()) - rubbed.work[-1]
+    assert paid > 0.01
+    # Coasting joints come to rest.
+    v0 = planar.velocity(planar.configuration(START), [0.2, -0.1, 0.1])
+    coasting = simulate(planar, Swing(planar), Constant(np.zeros(3)), v0=v0, friction=JointFriction(0.5))
+    assert coasting.kinetic_energy[-1] < 1e-2 * coasting.kinetic_energy[0]
+    assert (np.diff(coasting.kinetic_energy) < 0.0).all()
+
+
+def test_coulomb_friction_is_its_size_away_from_rest() -> None:
+    torque = JointFriction([0.1, 0.0], [0.5, 0.2], transition=1e-3).torque(2)
+    np.testing.assert_allclose(torque(np.array([2.0, -2.0])), [-0.7, 0.2])
+    np.testing.assert_allclose(torque(np.array([1e-3, 0.0])), [-0.5 * math.tanh(1.0) - 1e-4, 0.0])
+
+
+def test_actuator_delays_cuts_and_slews() -> None:
+    drive = Actuator(torque_limit=[1.0, 2.0], rate_limit=[10.0, math.inf], delay=0.2).start(2, 0.1, 5.0)
+    given = [drive.apply(np.array([3.0, -3.0])) for _ in range(4)]
+    # Two steps of nothing, then the second drive at its limit at once, the first at 1 N m a step.
+    np.testing.assert_allclose(given, [[0.0, 0.0], [0.0, 0.0], [1.0, -2.0], [1.0, -2.0]])
+    slow = Actuator(rate_limit=5.0).start(2, 0.1, 5.0)
+    np.testing.assert_allclose([slow.apply(np.array([1.2, -9.0])) for _ in range(3)][-1], [1.2, -1.5])
+
+
+def test_recorded_torque_is_the_one_that_acts(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
+    drive = Actuator(torque_limit=0.05, rate_limit=2.0, delay=0.01)
+    tracking = simulate(planar, Swing(planar), law, actuator=drive)
+    plain = simulate(planar, Swing(planar), law)
+    np.testing.assert_array_equal(tracking.tau[:10], 0.0)
+    assert np.abs(tracking.tau).max() == pytest.approx(0.05)
+    assert np.abs(np.diff(tracking.tau, axis=0)).max() <= 2.0e-3 + 1e-15
+    assert np.abs(plain.tau).max() > 0.05
+    assert np.abs(tracking.joint_error).max() > np.abs(plain.joint_error).max()
+    steps = (tracking.tau * np.diff(tracking.q[:, 7:], axis=0)).sum(axis=1)
+    np.testing.assert_allclose(tracking.work[1:], np.cumsum(steps), atol=1e-14)
+
+
+def test_sensors_show_what_they_say(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
+    resolution = 2.0 * math.pi / 4096
+    sensors = Sensors(
+        joint_resolution=resolution,
+        joint_rate_noise=0.01,
+        base_position_noise=1e-3,
+        base_attitude_noise=2e-3,
+        base_velocity_noise=3e-3,
+        base_rate_noise=4e-3,
+    )
+    swing = Swing(planar)
+    tracking = simulate(planar, swing, law, sensors=sensors)
+    seen = np.array(swing.seen)
+    q, v = tracking.q[:-1], tracking.v[:-1]
+    joints = seen[:, 7:10]
+    np.testing.assert_allclose(joints / resolution, np.round(joints / resolution), atol=1e-9)
+    assert np.abs(joints - q[:, 7:]).max() <= 0.5 * resolution + 1e-12
+    attitude = [
+        pin.log3(pin.Quaternion(a[3:7]).matrix().T @ pin.Quaternion(b[3:7]).matrix())
+        for a, b in zip(q, seen, strict=True)
+    ]
+    sizes = [
+        (seen[:, :3] - q[:, :3], 1e-3),
+        (np.array(attitude), 2e-3),
+        (seen[:, 10:13] - v[:, :3], 3e-3),
+        (seen[:, 13:16] - v[:, 3:6], 4e-3),
+        (seen[:, 16:] - v[:, 6:], 0.01),
+    ]
+    for noise, size in sizes:
+        np.testing.assert_allclose(noise.std(axis=0), size, rtol=0.1)
+        assert np.abs(noise.mean(axis=0)).max() < 0.15 * size
+    again = simulate(planar, Swing(planar), law, sensors=sensors)
+    np.testing.assert_array_equal(tracking.q, again.q)
+    assert not np.array_equal(
+        tracking.q, simulate(planar, Swing(planar), law, sensors=Sensors(joint_noise=1e-4)).q
+    )
+
+
+def test_base_is_seen_late_and_joints_are_not(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
+    swing = Swing(planar)
+    tracking = simulate(planar, swing, law, sensors=Sensors(base_latency=0.05))
+    seen = np.array(swing.seen)
+    np.testing.assert_allclose(seen[50:, :7], tracking.q[:-51, :7], atol=1e-14)
+    np.testing.assert_allclose(seen[:50, :7], np.tile(tracking.q[0, :7], (50, 1)), atol=1e-14)
+    np.testing.assert_allclose(seen[50:, 10:16], tracking.v[:-51, :6], atol=1e-14)
+    np.testing.assert_allclose(seen[:, 7:10], tracking.q[:-1, 7:], atol=1e-14)
+
+
+# -- forces and momentum ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("on", ["base", "end-effector"])
+def test_impulse_of_a_wrench_is_the_momentum(on: Any, random_tree: Callable[..., Any]) -> None:
+    sms = ffsms.SpaceManipulator(random_tree(31, 3).model(), "tip")
+    wrench = np.array([1.0, -2.0, 0.5, 0.3, 0.2, -0.4])
+    push = Wrench(wrench, on=on, start=0.1, end=0.3)
+    tracking = simulate(sms, Swing(sms), Constant(np.zeros(3)), disturbances=push)
+    np.testing.assert_allclose(tracking.momentum[99], 0.0, atol=1e-14)
+    # Switching falls on a step's inner stages, so a step's sixth may be missed.
+    np.testing.assert_allclose(tracking.momentum[-1, :3], 0.2 * wrench[:3], rtol=5e-3)
+    np.testing.assert_allclose(tracking.momentum[-1], tracking.momentum[310], atol=1e-9)
+    # The moment about the centre of mass, integrated along the recorded motion.
+    moments = []
+    for q in tracking.q[100:301]:
+        state = sms.at(q)
+        at = state.base_pose if on == "base" else state.end_effector_pose
+        moments.append(wrench[3:] + np.cross(at.translation - state.com, wrench[:3]))
+    wanted = 1e-3 * (np.sum(moments, axis=0) - 0.5 * (moments[0] + moments[-1]))
+    np.testing.assert_allclose(tracking.momentum[-1, 3:], wanted, atol=1e-2 * np.abs(wanted).max())
+    assert np.abs(tracking.energy_error).max() < 1e-3 * tracking.kinetic_energy.max()
+
+
+def test_smooth_wrench_balances_energy(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
+    push = Wrench(lambda t: [0.2 * math.sin(t), 0.1 * t, 0.0, 0.0, 0.0, 0.1], on="end-effector")
+    tracking = simulate(planar, Swing(planar), law, disturbances=[push, Wrench(np.ones(6) * 0.01)])
+    assert np.abs(tracking.momentum[-1]).max() > 0.1
+    assert np.abs(tracking.energy_error).max() < 1e-6 * tracking.kinetic_energy.max()
+
+
+def test_initial_momentum(planar: ffsms.SpaceManipulator, law: ComputedTorque, refused: Refused) -> None:
+    h = np.array([1.0, -0.5, 0.0, 0.0, 0.0, 0.3])
+    tracking = simulate(planar, Swing(planar), law, momentum=h)
+    np.testing.assert_allclose(tracking.momentum, np.tile(h, (2001, 1)), atol=1e-12)
+    refused(
+        lambda: simulate(planar, Swing(planar), law, momentum=h, v0=np.zeros(9)),
+        InvalidValue,
+        "momentum",
+        "v0",
+    )
+
+
+# -- captures ---------------------------------------------------------------------------------------------
+
+
+def momenta(sms: ffsms.SpaceManipulator, q: Array, v: Array) -> Array:
+    """[linear; angular about the inertial origin]."""
+    state = sms.at(q, v)
+    h = np.array(state.momentum)
+    h[3:] += np.cross(state.com, h[:3])
+    return h
+
+
+@pytest.mark.parametrize("locked", [False, True])
+def test_capture_keeps_the_momentum_of_arm_and_client(
+    locked: bool, random_tree: Callable[..., Any], rng: np.random.Generator
+) -> None:
+    sms = ffsms.SpaceManipulator(random_tree(32, 3).model(), "tip")
+    client = Capture(0.7, 15.0, np.diag([1.0, 1.5, 2.0]), (0.1, 0.2, -0.1), twist=0.3 * rng.normal(size=6))
+    events: list[Any] = [client] + [JointFault(0.2, 1, told=False)] * locked
+    h = rng.normal(size=6)
+    tracking = simulate(sms, Swing(sms), ComputedTorque(sms, torque_limit=np.inf), events=events, momentum=h)
+    # The body as it flew: its centre of mass where the end effector's frame puts it.
+    k = 700
+    grip = sms.at(tracking.q[k]).end_effector_pose
+    twist: Any = client.twist
+    centre = grip.act(np.array(client.com))
+    spin = grip.rotation @ np.diag([1.0, 1.5, 2.0]) @ grip.rotation.T @ twist[3:]
+    linear = 15.0 * twist[:3]
+    flying = np.concatenate([linear, spin + np.cross(centre, linear)])
+    before = momenta(sms, tracking.q[0], tracking.v[0])
+    mass = pin.computeTotalMass(sms.model) + 15.0
+    # Afterwards: total linear momentum, and the angular one moved to the inertial origin by hand.
+    after = tracking.momentum[k]
+    com = (sms.at(tracking.q[k]).com * (mass - 15.0) + 15.0 * centre) / mass
+    whole = np.concatenate([after[:3], after[3:] + np.cross(com, after[:3])])
+    np.testing.assert_allclose(whole, before + flying, atol=1e-10)
+    np.testing.assert_allclose(tracking.momentum[k:], np.tile(after, (2001 - k, 1)), atol=1e-10)
+    assert np.abs(tracking.energy_error).max() < 1e-5 * tracking.kinetic_energy.max()
+    assert "captured 15 kg" in tracking.note
+    # Right after, the client moves as the end effector does, and the impact took energy.
+    assert tracking.kinetic_energy[k] < tracking.kinetic_energy[k - 1] + 0.5 * 15.0 * twist[:3] @ twist[
+        :3
+    ] + 0.5 * float(twist[3:] @ grip.rotation @ np.diag([1.0, 1.5, 2.0]) @ grip.rotation.T @ twist[3:])
+    if locked:
+        np.testing.assert_array_equal(tracking.v[201:, 7], 0.0)
+
+
+def test_payload_that_moves_along_is_not_felt_at_once(
+    planar: ffsms.SpaceManipulator, law: ComputedTorque
+) -> None:
+    payload = Capture(1.0, 2.0, [0.01, 0.01, 0.01])
+    tracking = simulate(planar, Swing(planar), law, events=payload)
+    plain = simulate(planar, Swing(planar), law)
+    np.testing.assert_allclose(tracking.v[1000], plain.v[1000], atol=1e-12)
+    assert np.abs(tracking.v[1400] - plain.v[1400]).max() > 1e-4
+    assert np.abs(tracking.momentum[999]).max() < 1e-12
+    np.testing.assert_allclose(
+        tracking.momentum[1000:, :3], np.tile(tracking.momentum[1000, :3], (1001, 1)), atol=1e-12
+    )
+
+
+# -- faults -----------------------------------------------------------------------------------------------
+
+
+def test_locked_joint_stops_and_momentum_stays(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
+    tracking = simulate(planar, Swing(planar), law, events=JointFault(0.8, "joint_2"))
+    assert abs(tracking.v[799, 7]) > 0.1
+    np.testing.assert_array_equal(tracking.v[800:, 7], 0.0)
+    np.testing.assert_array_equal(tracking.q[800:, 8], tracking.q[800, 8])
+    assert np.abs(tracking.momentum).max() < 1e-12
+    assert np.abs(tracking.energy_error).max() < 1e-6 * tracking.kinetic_energy.max()
+    assert tracking.note == "t = 0.8 s: joint joint_2 locked"
+    # The others still move as one with a robot whose joint never could: its model, built by Pinocchio.
+    q = tracking.q[800]
+    reduced, _ = pin.buildReducedModel(planar.model, [pin.GeometryModel()], [3], q)
+    data = reduced.createData()
+    q_r, v_r = np.delete(q, 8), np.delete(tracking.v[800], 7)
+    for tau in tracking.tau[800:1200]:
+        force = np.concatenate([np.zeros(6), np.delete(tau, 1)])
+        q_r, v_r, _ = rk4_step(reduced, data, q_r, v_r, force, 1e-3)
+    np.testing.assert_allclose(np.delete(tracking.q[1200], 8), q_r, atol=1e-9)
+
+
+def test_limp_joint_feels_no_torque(planar: ffsms.SpaceManipulator) -> None:
+    law = Constant([0.0, 0.05, 0.0])
+    tracking = simulate(planar, Swing(planar), law, events=[JointFault(0.5, 1, "limp")])
+    plain = simulate(planar, Swing(planar), law)
+    np.testing.assert_array_equal(tracking.q[:501], plain.q[:501])
+    work = tracking.work
+    assert work[500] > 0.0
+    np.testing.assert_array_equal(work[500:], work[500])
+    np.testing.assert_allclose(tracking.kinetic_energy[500:], tracking.kinetic_energy[500], rtol=1e-9)
+
+
+def test_reference_is_told_of_faults(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
+    told: list[tuple[int, bool]] = []
+
+    class Told(Swing):
+        def joint_failed(self, joint: int, locked: bool) -> None:
+            told.append((joint, locked))
+
+    faults = [JointFault(0.9, 0, "limp"), JointFault(0.3, "joint_3"), JointFault(0.5, 1, told=False)]
+    simulate(planar, Told(planar), law, events=faults)
+    assert told == [(2, True), (0, False)]
+
+
+# -- watchdog ---------------------------------------------------------------------------------------------
+
+
+def test_watchdog_stops_and_saves(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
+    path = tmp_path / "stopped.npz"
+    v0 = planar.velocity(planar.configuration(START), [0.3, 0.0, 0.0])
+
+    def run(tau: Any, **given: Any) -> SimulationStopped:
+        with pytest.raises(SimulationStopped) as caught:
+            simulate(planar, Swing(planar, duration=20.0), Constant(tau), dt=5e-3, v0=v0, **given)
+        return caught.value
+
+    error = run([0.0] * 3, watchdog=Watchdog(path=path, joint_error=math.inf, rate_margin=math.inf))
+    assert "joint_1" in error.reason
+    assert "position limits" in error.reason
+    assert error.q[7] > planar.limits.upper[0]
+    assert str(path) in str(error)
+    assert "\n" not in str(error)
+    saved = Tracking.load(path)
+    np.testing.assert_array_equal(saved.q[-1], error.q)
+    assert saved.t[-1] == error.time == error.tracking.t[-1]
+    assert planar.limits.violation(saved.q[-2, 7:]).max() <= 1e-3
+    assert "rad/s, limit" in run([0.0, 0.05, 0.0], watchdog=Watchdog(joint_error=math.inf)).reason
+    assert "off its reference" in run([0.0] * 3, watchdog=Watchdog(joint_error=0.2)).reason
+
+
+def test_watchdog_counts_failed_plans_and_saves_divergence(
+    planar: ffsms.SpaceManipulator, law: ComputedTorque, tmp_path: Path
+) -> None:
+    class Failing(Swing):
+        failed_in_a_row = 0
+
+        def observe(self, t: float, q: Array, v: Array) -> None:
+            self.failed_in_a_row = max(0, round((t - 0.5) / 0.1))
+
+    with pytest.raises(SimulationStopped, match="4 planning steps in a row") as caught:
+        simulate(planar, Failing(planar), law, dt=0.01, watchdog=Watchdog(failed_steps=4))
+    assert caught.value.time == pytest.approx(0.86, abs=0.011)
+    path = tmp_path / "diverged.npz"
+    with pytest.raises(SimulationDiverged, match="recorded until then") as diverged:
+        simulate(planar, Swing(planar), Constant([math.nan] * 3), watchdog=Watchdog(path=path))
+    np.testing.assert_array_equal(Tracking.load(path).q, diverged.value.tracking.q)
+    good = simulate(planar, Swing(planar), law, watchdog=Watchdog(path=tmp_path / "unused.npz"))
+    assert len(good.t) == 2001
+    assert not (tmp_path / "unused.npz").exists()
+
+
+# -- bad input --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"actuator": Actuator(delay=2.0)}, ("actuator.delay", "2 s")),
+        ({"actuator": Actuator(delay=-1e-3)}, ("actuator.delay",)),
+        ({"actuator": Actuator(torque_limit=[1.0, 1.0])}, ("actuator.torque_limit",)),
+        ({"actuator": Actuator(rate_limit=0.0)}, ("actuator.rate_limit",)),
+        ({"sensors": Sensors(base_latency=3.0)}, ("sensors.base_latency", "2 s")),
+        ({"sensors": Sensors(joint_noise=-1.0)}, ("sensors.joint_noise",)),
+        ({"sensors": Sensors(seed=-1)}, ("sensors.seed",)),
+        ({"friction": JointFriction(viscous=-0.1)}, ("viscous",)),
+        ({"friction": JointFriction(coulomb=[0.1, 0.1])}, ("coulomb",)),
+        ({"friction": JointFriction(transition=0.0)}, ("transition",)),
+        ({"disturbances": Wrench(np.zeros(3))}, ("wrench",)),
+        ({"disturbances": Wrench(lambda t: np.zeros(5))}, ("wrench at t = 0",)),
+        ({"disturbances": Wrench(np.zeros(6), on="link_2")}, ("wrench.on",)),  # type: ignore[arg-type]
+        ({"disturbances": Wrench(np.zeros(6), start=2.0, end=1.0)}, ("wrench.end",)),
+        ({"disturbances": ["push"]}, ("disturbances",)),
+        ({"events": JointFault(0.5, "joint_9")}, ("fault.joint", "joint_9", "joint_1, joint_2, joint_3")),
+        ({"events": JointFault(0.5, 3)}, ("fault.joint",)),
+        ({"events": JointFault(0.5, 0, "stuck")}, ("fault.kind",)),  # type: ignore[arg-type]
+        ({"events": JointFault(2.5, 0)}, ("event.time", "2 s")),
+        ({"events": Capture(0.5, -1.0, np.ones(3))}, ("capture.mass",)),
+        ({"events": Capture(0.5, 1.0, [1.0, 1.0, 9.0])}, ("capture.inertia",)),
+        ({"events": [None]}, ("events",)),
+        ({"momentum": np.zeros(3)}, ("momentum",)),
+    ],
+)
+def test_bad_conditions_are_refused(
+    given: dict[str, Any], words: tuple[str, ...], planar: ffsms.SpaceManipulator, law: Any, refused: Refused
+) -> None:
+    refused(lambda: simulate(planar, Swing(planar), law, **given), InvalidValue, *words)
+
+
+@pytest.mark.parametrize(
+    ("call", "word"),
+    [
+        (lambda sms: perturb(sms, arm_mass=0.0), "arm_mass"),
+        (lambda sms: perturb(sms, arm_mass=[1.0, 1.0]), "arm_mass"),
+        (lambda sms: perturb(sms, base_mass=-1.0), "base_mass"),
+        (lambda sms: perturb(sms, arm_com=np.zeros((2, 3))), "arm_com"),
+        (lambda sms: perturb(sms, arm_com=np.zeros(2)), "arm_com"),
+        (lambda sms: perturb(sms, tool_mass=1.0), "tool_mass"),
+        (lambda sms: perturb(sms, "heavy"), "error"),  # type: ignore[arg-type]
+        (lambda sms: next(random_plants(sms, np.random.default_rng(0), 1, arm_mass=1.5)), "arm_mass"),
+        (lambda sms: Watchdog(joint_error=-1.0), "joint_error"),
+        (lambda sms: Watchdog(failed_steps=0), "failed_steps"),
+    ],
+)
+def test_bad_plants_and_watchdogs_are_refused(
+    call: Callable[[Any], Any], word: str, planar: ffsms.SpaceManipulator, refused: Refused
+) -> None:
+    refused(lambda: call(planar), InvalidValue, word)
