@@ -25,8 +25,9 @@ lint: $(READY)  ## ruff, import contracts, mypy
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-bench: $(READY)  ## measure reach, cost and time
-	$(BIN)/python benchmarks/run.py
+bench: $(READY)  ## measure reach, cost and time; make bench BENCH="--seeds 2 3 --reach 100"
+	$(BIN)/python -m pip install --quiet --editable '.[dev,bench]'
+	$(BIN)/python benchmarks/run.py $(BENCH)
 
 clean:
 	rm -rf $(VENV) build dist results .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

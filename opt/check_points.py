@@ -62,6 +62,16 @@ class CheckPoints:
         """Number of clearances."""
         return len(self._first) + len(self._outside)
 
+    @property
+    def pairs(self) -> tuple[list[int], list[int]]:
+        """First and second points of the pairs that count: joint origins, then the end effector."""
+        return self._first, self._second
+
+    @property
+    def outside(self) -> list[int]:
+        """Points that count against the base box."""
+        return self._outside
+
     def names(self) -> list[str]:
         """What each clearance is between, in order."""
         points = [*self._sms.joint_names, self._sms.end_effector]

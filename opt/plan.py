@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.checks import FloatArray, number, positive
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.clearances import CollisionMode
+from ffsms_pin.opt.horizon import keeps_clear, plan_horizon
 from ffsms_pin.opt.marching import Progress, march, rank, start_sides
 from ffsms_pin.opt.step_planner import StepPlanner, StepWeights
 from ffsms_pin.opt.targets import goal
@@ -19,7 +21,7 @@ from ffsms_pin.system import SpaceManipulator
 __all__ = ["METHODS", "plan"]
 
 
-METHODS = ("step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
+METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
 
 # The references are about what they spare: ten times the step's own price of redundant motion, and still too
 # little to keep an arm from leaving a singular start.
@@ -36,7 +38,7 @@ def plan(
     *,
     clearance: float = 0.01,
     collision: CollisionMode = "points",
-    method: str = "step",
+    method: str = "horizon",
     progress: Progress | None = None,
 ) -> Trajectory:
     """Plan a coupling-informed motion from rest at `q0` to `target`.
@@ -61,6 +63,8 @@ def plan(
     collision : {"points", "shapes", "off"}
         What is kept clear: the paper's points (const4 to const7), the collision shapes, or nothing.
     method : str
+        "horizon": the whole motion at once, from several starts (see docs/horizon.md). The default: it
+        reaches what the step marches past, and its cost is that of a full nonlinear programme.
         "step": the per-step programme, marched from the start once for each side of the cost's cone that the
         end effector can take; of the plans that arrive, the one with the lowest cost.
         "paper": the paper's cost minimised step by step as it stands, with a schedule for const8.
@@ -82,28 +86,45 @@ def plan(
     q0 = sms.checked_configuration("q0", q0)
     position, rotation = goal(target)
     duration, dt = positive("duration", duration, "s"), positive("dt", dt, "s")
+    kappa, clearance = positive("kappa", kappa), number("clearance", clearance)
     if duration < dt:
         raise InvalidValue("duration", duration, f"must be at least one step of {dt:g} s")
     check_start(sms, q0)
     if method not in METHODS:
         raise InvalidValue("method", method, f"must be one of {', '.join(METHODS)}")
     dt = duration / round(duration / dt)
-    if method == "paper":
+    if method == "horizon":
+        return plan_horizon(sms, q0, position, duration, dt, kappa, clearance, collision, progress, rotation)
+    if method == "step":
+        plan = _both_sides(
+            StepPlanner(sms, dt, kappa, clearance, collision), q0, position, duration, progress, rotation
+        )
+    elif method == "paper":
         from ffsms_pin.opt.paper_step import PaperStepPlanner
 
         paper = PaperStepPlanner(sms, dt, kappa, clearance, collision)
-        return march(paper, q0, position, duration, progress, rotation)
-    weights = StepWeights() if method == "step" else REFERENCE_WEIGHTS
-    planner = StepPlanner(sms, dt, kappa, clearance, collision, weights, method)
-    if method != "step":
-        return march(planner, q0, position, duration, progress, rotation)
+        plan = march(paper, q0, position, duration, progress, rotation)
+    else:
+        planner = StepPlanner(sms, dt, kappa, clearance, collision, REFERENCE_WEIGHTS, method)
+        plan = march(planner, q0, position, duration, progress, rotation)
+    return replace(plan, clear=keeps_clear(sms, plan, clearance, collision))
 
-    sides = start_sides(sms, q0, position)
+
+def _both_sides(
+    planner: StepPlanner,
+    q0: FloatArray,
+    target: FloatArray,
+    duration: float,
+    progress: Progress | None,
+    rotation: FloatArray | None,
+) -> Trajectory:
+    """The best of the marches that start on the different sides of the cone."""
+    sides = start_sides(planner.sms, q0, target)
     plans: list[Trajectory] = []
     for i, side in enumerate(sides):
         planner.reset(side)
         report = None if progress is None else _part(progress, i, len(sides))
-        plans.append(march(planner, q0, position, duration, report, rotation))
+        plans.append(march(planner, q0, target, duration, report, rotation))
     return min(plans, key=rank)
 
 

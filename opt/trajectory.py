@@ -23,6 +23,14 @@ ORIENTATION_REACH = 0.02  # [rad] ours: about a degree, as far as r_th turns an 
 ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
 
 _FORMAT = "ffsms-pin trajectory"
+_SCALARS = (
+    ("kappa", float),
+    ("reach", float),
+    ("orientation_reach", float),
+    ("note", str),
+    ("clear", bool),
+    ("shortest_duration", float),
+)
 
 
 @dataclass(frozen=True)
@@ -64,6 +72,11 @@ class Trajectory:
         The same for the angle [rad].
     note : str
         Why the plan did not reach its target, where it is known; empty otherwise.
+    clear : bool
+        Whether the motion keeps the clearance that was asked for, and the joint limits, at every node and
+        between them.
+    shortest_duration : float
+        A duration that would do, where the plan failed for want of time and one is known [s]; else 0.
     """
 
     t: FloatArray
@@ -84,6 +97,8 @@ class Trajectory:
     reach: float = REACH
     orientation_reach: float = ORIENTATION_REACH
     note: str = ""
+    clear: bool = True
+    shortest_duration: float = 0.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -110,12 +125,13 @@ class Trajectory:
     def reached(self) -> bool:
         """Paper Eq. const8: the error stays within r_th throughout the last 10 % of the time.
 
-        For a target with an orientation, the angle stays within `orientation_reach` too.
+        For a target with an orientation, the angle stays within `orientation_reach` too. Never true of a
+        motion that breaks the clearance it was asked to keep.
         """
         late = self.t >= ARRIVAL_SHARE * self.duration - 1e-9
         near = self.position_error[late] <= self.reach
         turned = self.orientation_error[late] <= self.orientation_reach
-        return bool((near & turned).all())
+        return self.clear and bool((near & turned).all())
 
     @property
     def cost_integral(self) -> float:
@@ -147,12 +163,7 @@ class Trajectory:
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
         arrays = load_arrays(path, _FORMAT, [field.name for field in fields(cls)])
-        for name, kind in (
-            ("kappa", float),
-            ("reach", float),
-            ("orientation_reach", float),
-            ("note", str),
-        ):
+        for name, kind in _SCALARS:
             arrays[name] = kind(arrays[name])
         return cls(**arrays)
 

@@ -1,0 +1,64 @@
+"""Reach, cost and time of `opt.plan` on targets that are reachable by construction."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from targets import CLEARANCE, Task, reachable_targets
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.check_points import CheckPoints
+
+DT = 0.01  # [s]
+
+
+def paper_tasks(sms: ffsms.SpaceManipulator, count: int, seed: int) -> list[Task]:
+    """Tasks from the paper's start."""
+    return reachable_targets(sms, np.full(sms.n, np.deg2rad(1.0)), count, seed, DT)
+
+
+def smoothness(rates: FloatArray, dt: float) -> dict[str, float]:
+    """Sign changes of the joint rates, and the integral of the squared accelerations [rad^2/s^3]."""
+    changes = int(np.sum(rates[1:-1] * rates[2:] < -1e-8))
+    return {"sign_changes": changes, "squared_acceleration": float(np.sum(np.diff(rates, axis=0) ** 2) / dt)}
+
+
+def limits_kept(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, points: CheckPoints) -> bool:
+    """Every limit and clearance, at the nodes and between them, worked out apart from the planner."""
+    limits = sms.limits
+    if (np.abs(plan.joint_rates) > limits.velocity + 1e-9).any():
+        return False
+    if (np.abs(plan.joint_accelerations) > limits.acceleration + 1e-9).any():
+        return False
+    h = np.array([0.0, 0.25, 0.5, 0.75])[:, None, None] * plan.dt
+    places = plan.joint_positions[:-1] + h * (plan.joint_rates[:-1] + 0.5 * h * plan.joint_accelerations)
+    if limits.violation(places.reshape(-1, sms.n)).max() > 1e-9:
+        return False
+    return all(
+        points.evaluate(sms.configuration(row)).value.min() >= CLEARANCE
+        for row in places[::2, ::5].reshape(-1, sms.n)
+    )
+
+
+def run_plans(sms: ffsms.SpaceManipulator, tasks: list[Task], kappa: float) -> list[dict[str, Any]]:
+    """One row a task."""
+    points, rows = CheckPoints(sms), []
+    opt.plan(sms, tasks[0].q0, tasks[0].target, tasks[0].duration, DT, kappa)  # first use fills caches
+    for task in tasks:
+        begin = time.perf_counter()
+        plan = opt.plan(sms, task.q0, task.target, task.duration, DT, kappa)
+        seconds = time.perf_counter() - begin
+        rows.append(
+            {
+                "reached": plan.reached and limits_kept(sms, plan, points),
+                "cost": plan.cost_integral,
+                "seconds": seconds,
+                "end_error": float(plan.position_error[-1]),
+                **smoothness(plan.joint_rates, plan.dt),
+            }
+        )
+    return rows

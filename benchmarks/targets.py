@@ -1,0 +1,55 @@
+"""Targets that are reachable by construction.
+
+A joint goal is drawn from 90 % of the joint box. Where the straight joint-space move to it keeps const4 to
+const7, the target is the end effector's place at its end, the base reacting, and the duration is 1.5 times
+what the slowest joint needs.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+import ffsms_pin as ffsms
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.check_points import CheckPoints
+from ffsms_pin.system.base_motion import roll_out
+
+CLEARANCE = 0.01  # [m]
+SHARE = 0.9  # of the joint box
+SLACK = 1.5  # durations, over what the joints need
+STEPS = 120  # of the straight move, for its clearances and the base's reaction
+
+
+class Task(NamedTuple):
+    """A start, a target, a duration, and the joint goal behind them."""
+
+    q0: FloatArray
+    target: FloatArray
+    duration: float
+    joint_goal: FloatArray
+
+
+def reachable_targets(
+    sms: ffsms.SpaceManipulator, start: FloatArray, count: int, seed: int, dt: float
+) -> list[Task]:
+    """`count` tasks from joint positions `start` (n,); durations are whole numbers of steps `dt`."""
+    rng, limits, points = np.random.default_rng(seed), sms.limits, CheckPoints(sms)
+    low = np.where(np.isfinite(limits.lower), limits.lower, -math.pi)
+    high = np.where(np.isfinite(limits.upper), limits.upper, math.pi)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    q0, tasks = sms.configuration(start), []
+    while len(tasks) < count:
+        joint_goal = middle + SHARE * half * rng.uniform(-1.0, 1.0, sms.n)
+        move = joint_goal - start
+        rates = np.tile(move, (STEPS, 1))
+        # One second at constant rates: the base's motion depends on the path alone, not on its timing.
+        q, _ = roll_out(sms, q0, move, np.zeros_like(rates), 1.0 / STEPS)
+        if min(float(points.evaluate(row).value.min()) for row in q) < CLEARANCE:
+            continue
+        least = np.max(np.abs(move) / limits.velocity + limits.velocity / limits.acceleration)
+        duration = dt * math.ceil(SLACK * float(least) / dt - 1e-9)
+        tasks.append(Task(q0, sms.at(q[-1]).end_effector_pose.translation.copy(), duration, joint_goal))
+    return tasks

@@ -1,0 +1,152 @@
+"""From joint rates at the nodes to a trajectory, and the check of every limit on it.
+
+The same motion and measures as `roll_out` and `measure` give (a test compares them), for all nodes at once.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.clearances import CollisionMode
+from ffsms_pin.opt.horizon.arm_stack import ArmStack, ArmValues
+from ffsms_pin.opt.horizon.clearance_stack import clearance_stack
+from ffsms_pin.opt.horizon.coupling_entropy import entropy
+from ffsms_pin.opt.horizon.spline import RateSpline, at_nodes
+from ffsms_pin.opt.horizon.stacks import cross, exp3, log3, products, quaternions
+from ffsms_pin.opt.horizon.task import Task
+from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["keeps_clear", "least_clearance", "limits_kept", "node_rates", "trajectory"]
+
+_GAUSS = (0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0)
+# [m] Clearances are looked at three times a step; what they can lose in between is a few micrometres.
+_BETWEEN = 1e-5
+_ROUNDING = 1e-12  # [rad or rad/s] of sums over a thousand nodes
+
+
+def node_rates(task: Task, spline: RateSpline, p: FloatArray) -> FloatArray:
+    """Joint rates at the nodes (N + 1, n) of control points p (M, n)."""
+    rates: FloatArray = _node_map(spline, task.steps, task.dt) @ p
+    rates[0] = 0.0
+    return rates
+
+
+def trajectory(task: Task, rates: FloatArray) -> Trajectory:
+    """The motion of joint rates (N + 1, n) at the nodes, linear between them, with its measures."""
+    steps, dt, n = task.steps, task.dt, task.arm.n
+    t = np.linspace(0.0, task.duration, steps + 1)
+    accelerations = np.diff(rates, axis=0) / dt
+    travel = np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)
+    positions = task.joints0 + np.vstack([np.zeros(n), travel])
+
+    # Two Gauss points a step carry the base's attitude (see `base_motion`); the system's centre of mass
+    # stays, and puts the root in its place.
+    inside, inside_rates = [], []
+    for c in _GAUSS:
+        h = c * dt
+        inside.append(positions[:-1] + h * (rates[:-1] + (0.5 * h) * accelerations))
+        inside_rates.append(rates[:-1] + h * accelerations)
+    places = np.concatenate([positions, *inside])
+    arm = task.arm.evaluate(places)
+    spin = np.concatenate(inside_rates)[:, None] @ arm.spin[steps + 1 :]
+    first, second = spin[:steps, 0], spin[steps:, 0]
+    turns = exp3(0.5 * dt * (first + second) + (math.sqrt(3.0) / 12.0 * dt * dt) * cross(first, second))
+    R = products(task.rotation0, turns)
+
+    nodes = slice(0, steps + 1)
+    moved = rates[:, None]
+    end_effector = task.com + (R @ arm.rho[nodes, :, None])[..., 0]
+    q, v = np.empty((steps + 1, task.sms.nq)), np.empty((steps + 1, 6 + n))
+    q[:, :3] = task.com - (R @ arm.com[nodes, :, None])[..., 0]
+    q[:, 3:7] = quaternions(R)
+    if task.sms.layout.plain:
+        q[:, 7:] = positions
+    else:
+        for row, place in zip(q, positions, strict=True):
+            task.sms.layout.set_positions(row, place)
+    q[0] = task.q0
+    v[:, :3] = (moved @ arm.root[nodes])[:, 0]
+    v[:, 3:6] = (moved @ arm.spin[nodes])[:, 0]
+    v[:, 6:] = rates
+    way = task.target - end_effector
+
+    # The paper pairs q_k with the rates of the step's end.
+    velocity = (R[:-1] @ np.swapaxes(moved[1:] @ arm.jstar[:steps], 1, 2))[..., 0]
+    both = np.linalg.norm(way[:-1], axis=1) * np.linalg.norm(velocity, axis=1)
+    cosine = np.einsum("ki,ki->k", way[:-1], velocity) / np.where(both > 0.0, both, 1.0)
+    cosine = np.clip(cosine, -1.0, 1.0)
+    V = np.linalg.svd(arm.coupling[:steps])[0]
+    H = entropy(arm.coupling[:steps])
+    cost = (np.logaddexp(0.0, task.kappa * cosine) / task.kappa - (1.0 - H)) ** 2
+    return Trajectory(
+        t=t,
+        q=q,
+        v=v,
+        joint_positions=positions,
+        joint_accelerations=accelerations,
+        alpha=(moved[1:] @ V)[:, 0],
+        cos_theta=cosine,
+        entropy=H,
+        cost=cost,
+        end_effector=end_effector,
+        position_error=np.linalg.norm(way, axis=1),
+        target=task.target,
+        target_rotation=np.full((3, 3), np.nan) if task.rotation is None else task.rotation,
+        orientation_error=_angles(task, R, arm.tip_rotation[nodes]),
+        kappa=task.kappa,
+        clear=least_clearance(task, places, arm)[0] >= task.clearance + _BETWEEN,
+    )
+
+
+def _angles(task: Task, R: FloatArray, tip_rotation: FloatArray) -> FloatArray:
+    """Angles from the end effector's attitude to the wanted one; zero where any will do."""
+    if task.rotation is None:
+        return np.zeros(len(R))
+    return np.asarray(np.linalg.norm(log3(task.rotation @ np.swapaxes(R @ tip_rotation, 1, 2)), axis=1))
+
+
+def least_clearance(task: Task, places: FloatArray, arm: ArmValues | None = None) -> tuple[float, str]:
+    """The least clearance [m] at joint positions (B, n), and what it is between."""
+    if task.clearances is None:
+        return math.inf, ""
+    values = task.clearances.values(places, task.arm.evaluate(places) if arm is None else arm)
+    least = values.min(axis=0)
+    column = int(np.argmin(least))
+    return float(least[column]), task.clearances.names()[column]
+
+
+def keeps_clear(sms: SpaceManipulator, plan: Trajectory, clearance: float, collision: CollisionMode) -> bool:
+    """Whether a plan keeps a clearance [m] at its nodes and in the middle between them."""
+    clearances = clearance_stack(sms, collision)
+    if clearances is None:
+        return True
+    positions, rates = plan.joint_positions, plan.joint_rates
+    middle = positions[:-1] + 0.125 * plan.dt * (3.0 * rates[:-1] + rates[1:])
+    places = np.concatenate([positions, middle])
+    return bool(clearances.values(places, ArmStack(sms).evaluate(places)).min() >= clearance - _BETWEEN)
+
+
+def limits_kept(task: Task, plan: Trajectory) -> bool:
+    """Whether rates, accelerations and positions keep their limits everywhere, between nodes too."""
+    limits, rates, positions = task.sms.limits, plan.joint_rates, plan.joint_positions
+    # Between nodes a position has its extreme where the rate changes sign.
+    start, end = rates[:-1], rates[1:]
+    turning = start * end < 0.0
+    slope = np.where(turning, plan.joint_accelerations, 1.0)
+    extremes = positions[:-1] - np.where(turning, start**2 / (2.0 * slope), 0.0)
+    return bool(
+        (np.abs(rates) <= limits.velocity + _ROUNDING).all()
+        and (np.abs(plan.joint_accelerations) <= limits.acceleration + _ROUNDING / plan.dt).all()
+        and (limits.violation(positions) <= _ROUNDING).all()
+        and (limits.violation(extremes) <= _ROUNDING).all()
+    )
+
+
+@lru_cache(maxsize=16)
+def _node_map(spline: RateSpline, steps: int, dt: float) -> FloatArray:
+    return at_nodes(spline, np.arange(steps + 1, dtype=np.float64) * dt)

@@ -1,0 +1,259 @@
+"""The parts of the whole-horizon planner: kinematics of stacks, derivatives, splines, limits, starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import minimize
+
+import ffsms_pin as ffsms
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.check_points import CheckPoints
+from ffsms_pin.opt.clearances import CollisionMode
+from ffsms_pin.opt.horizon.arm_slopes import arm_slopes
+from ffsms_pin.opt.horizon.arm_stack import ArmStack
+from ffsms_pin.opt.horizon.clearance_stack import clearance_stack
+from ffsms_pin.opt.horizon.coupling_entropy import entropy_and_gradient
+from ffsms_pin.opt.horizon.diagnosis import reach_range
+from ffsms_pin.opt.horizon.limits_qp import LimitsQP
+from ffsms_pin.opt.horizon.linearisation import Weights, linearise
+from ffsms_pin.opt.horizon.motion import limits_kept, node_rates, trajectory
+from ffsms_pin.opt.horizon.search import within
+from ffsms_pin.opt.horizon.spline import at_nodes, embedding, rate_spline
+from ffsms_pin.opt.horizon.stacks import exp3, log3, quaternions
+from ffsms_pin.opt.horizon.starts import halton, shoot, straight_moves
+from ffsms_pin.opt.horizon.task import Task
+from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.system.base_motion import roll_out
+
+
+def planar_task(sms: ffsms.SpaceManipulator, rotation: FloatArray | None = None, **change: Any) -> Task:
+    options: dict[str, Any] = {
+        "target": np.array([0.7, 0.5, 0.0]),
+        "duration": 6.0,
+        "dt": 0.02,
+        "kappa": 10.0,
+        "clearance": 0.01,
+        "collision": "points",
+    } | change
+    return Task.make(sms, sms.configuration([0.4, 0.7, -0.5]), rotation=rotation, **options)
+
+
+@pytest.fixture(scope="module")
+def trees(random_tree: Callable[..., Any]) -> list[ffsms.SpaceManipulator]:
+    """Branched robots in space, with sliding joints and a base whose centre of mass is off its origin."""
+    return [ffsms.SpaceManipulator(random_tree(seed, n).model(), "tip") for seed, n in ((1, 4), (2, 7))]
+
+
+def test_the_stack_agrees_with_the_state(
+    trees: list[ffsms.SpaceManipulator], rng: np.random.Generator
+) -> None:
+    for sms in trees:
+        joints = rng.uniform(-1.0, 1.0, (5, sms.n))
+        arm = ArmStack(sms).evaluate(joints)
+        for k, row in enumerate(joints):
+            state = sms.at(sms.configuration(row))  # the base unturned: base axes are inertial ones
+            np.testing.assert_allclose(arm.coupling[k].T, state.C_bm, atol=1e-12)
+            np.testing.assert_allclose(arm.jstar[k].T, state.J_star[:3], atol=1e-12)
+            np.testing.assert_allclose(
+                arm.rho[k], state.end_effector_pose.translation - state.com, atol=1e-12
+            )
+            np.testing.assert_allclose(arm.tip_rotation[k], state.end_effector_pose.rotation, atol=1e-12)
+
+
+def test_derivatives_of_the_arm(trees: list[ffsms.SpaceManipulator], rng: np.random.Generator) -> None:
+    for sms in trees:
+        stack, joints, h = ArmStack(sms), rng.uniform(-1.0, 1.0, sms.n), 1e-5
+        slopes = arm_slopes(stack, stack.evaluate(joints[None]), 1)
+        for k in range(sms.n):
+            step = h * np.eye(sms.n)[k]
+            ahead, behind = stack.evaluate((joints + step)[None]), stack.evaluate((joints - step)[None])
+            for name in ("spin", "jstar", "coupling"):
+                expected = (getattr(ahead, name)[0] - getattr(behind, name)[0]) / (2.0 * h)
+                np.testing.assert_allclose(getattr(slopes, name)[0, k], expected, atol=2e-8)
+
+
+@pytest.mark.parametrize("n", [1, 3, 6, 7])
+def test_entropy_and_its_gradient(n: int, rng: np.random.Generator) -> None:
+    C, h = rng.normal(size=(1, n, 6)), 1e-6
+    value, gradient = entropy_and_gradient(C)
+    sigma = np.linalg.svd(C[0], compute_uv=False)
+    share = sigma / sigma.sum()
+    assert value[0] == pytest.approx(0.0 if n == 1 else -float(share @ np.log(share)) / np.log(n), abs=1e-12)
+    for index in np.ndindex(n, 6):
+        step = np.zeros_like(C)
+        step[(0, *index)] = h
+        slope = (entropy_and_gradient(C + step)[0] - entropy_and_gradient(C - step)[0])[0] / (2.0 * h)
+        assert gradient[(0, *index)] == pytest.approx(slope, abs=1e-8)
+
+
+@pytest.mark.parametrize("posed", [False, True])
+@pytest.mark.parametrize("weights", [Weights(1e2, 10.0, 0.0, 1e-4, 0.3, 0.03), Weights(1.0, 1.0, 1e3, 1e-5)])
+def test_gradient_of_the_merit(
+    planar: ffsms.SpaceManipulator, weights: Weights, posed: bool, rng: np.random.Generator
+) -> None:
+    """Of every term at once; the clearance is set so wide that many rows are at work."""
+    rotation = pin.utils.rotate("z", 1.3) if posed else None
+    task = planar_task(planar, rotation, clearance=0.35, kappa=4.0)
+    spline = rate_spline(task.steps, task.dt, 6, 3, 2)
+    p = rng.uniform(-0.15, 0.15, (1, spline.size, 3))
+    at, h = linearise(task, spline, p, weights), 1e-6
+    assert at.lack[0] > 0.05
+    for index in rng.choice(p.size, 12, replace=False):
+        step = np.zeros(p.size)
+        step[index] = h
+        ahead = linearise(task, spline, p + step.reshape(p.shape), weights).merit[0]
+        behind = linearise(task, spline, p - step.reshape(p.shape), weights).merit[0]
+        assert 2.0 * at.gradient[0, index] == pytest.approx((ahead - behind) / (2.0 * h), rel=1e-5, abs=1e-6)
+    np.testing.assert_allclose(at.hessian[0], at.hessian[0].T, rtol=1e-10, atol=1e-12)
+    assert np.linalg.eigvalsh(at.hessian[0])[0] > -1e-9
+
+
+@pytest.mark.parametrize("collision", ["points", "shapes"])
+def test_stacked_clearances(planar: ffsms.SpaceManipulator, collision: CollisionMode) -> None:
+    stack, arm_stack = clearance_stack(planar, collision), ArmStack(planar)
+    assert stack is not None
+    joints, h = np.array([[0.9, 1.6, 1.3], [-0.4, -2.1, -0.6]]), 1e-6
+    arm = arm_stack.evaluate(joints)
+    values = stack.values(joints, arm)
+    if collision == "points":
+        for row, value in zip(joints, values, strict=True):
+            expected = CheckPoints(planar).evaluate(planar.configuration(row)).value
+            np.testing.assert_allclose(value, expected, atol=1e-12)
+    rows, columns = (index.ravel() for index in np.indices(values.shape))
+    gradients = stack.gradients(arm_stack, joints, arm, rows, columns)
+    for j in range(3):
+        ahead, behind = joints + h * np.eye(3)[j], joints - h * np.eye(3)[j]
+        slope = stack.values(ahead, arm_stack.evaluate(ahead)) - stack.values(
+            behind, arm_stack.evaluate(behind)
+        )
+        np.testing.assert_allclose(gradients[:, j], slope.ravel() / (2.0 * h), atol=1e-5)
+
+
+def test_rotations_of_stacks(rng: np.random.Generator) -> None:
+    w = np.concatenate([rng.normal(size=(6, 3)), np.zeros((1, 3)), [[np.pi - 1e-9, 0.0, 0.0]]])
+    R = exp3(w)
+    for one, turned in zip(w, R, strict=True):
+        np.testing.assert_allclose(turned, pin.exp3(one), atol=1e-12)
+    small = w[np.linalg.norm(w, axis=1) < np.pi]
+    np.testing.assert_allclose(log3(exp3(small)), small, atol=1e-8)
+    for q, turned in zip(quaternions(R), R, strict=True):
+        np.testing.assert_allclose(pin.Quaternion(q).toRotationMatrix(), turned, atol=1e-12)
+
+
+def test_maps_of_the_spline(rng: np.random.Generator) -> None:
+    spline = rate_spline(300, 0.02, 6, 3, 2)
+    p = rng.normal(size=spline.size)
+
+    def rate(t: float) -> float:
+        return float((at_nodes(spline, np.array([t])) @ p)[0])
+
+    borders = np.unique(spline.knots)
+    for time, travel in zip(spline.times, spline.travel @ p, strict=True):
+        expected = quad(rate, 0.0, time, points=borders[borders < time], limit=200)[0]
+        assert travel == pytest.approx(expected, abs=1e-8)
+    t = np.linspace(0.0, borders[-1], 20001)
+    rates = at_nodes(spline, t) @ p
+    assert rates[0] == rates[-1] == 0.0
+    acceleration = np.diff(rates) / np.diff(t)
+    assert np.sum(acceleration**2 * np.diff(t)) == pytest.approx(float(p @ spline.roughness @ p), rel=1e-3)
+    # Control points bound the curves at every instant.
+    assert np.abs(rates).max() <= np.abs(p).max()
+    assert np.abs(acceleration).max() <= np.abs(spline.acceleration @ p).max() + 1e-9
+    places = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(t) * (rates[1:] + rates[:-1]))])
+    assert places.max() <= max(0.0, float((spline.position @ p).max())) + 1e-6
+    assert places.min() >= min(0.0, float((spline.position @ p).min())) - 1e-6
+    # And the points of the quadrature integrate: the weights sum up to the time, 0.9 T begins `late`.
+    assert spline.weights.sum() == pytest.approx(6.0)
+    assert spline.times[spline.late * 2] > 5.4 > spline.times[spline.late * 2 - 1]
+    fine = rate_spline(300, 0.02, 12, 5, 3)
+    sites = at_nodes(fine, fine.sites) @ embedding(spline, fine) @ p
+    np.testing.assert_allclose(sites, at_nodes(spline, fine.sites) @ p, atol=1e-10)
+
+
+def test_the_motion_is_the_rolled_out_one(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
+    task = planar_task(planar)
+    spline = rate_spline(task.steps, task.dt, 6, 3, 2)
+    rates = node_rates(task, spline, rng.uniform(-0.2, 0.2, (spline.size, 3)))
+    made = trajectory(task, rates)
+    q, v = roll_out(planar, task.q0, np.zeros(3), np.diff(rates, axis=0) / task.dt, task.dt)
+    expected = measure(planar, made.t, q, v, task.target, task.kappa)
+    for name in ("q", "v", "joint_accelerations", "entropy", "cost", "end_effector", "position_error"):
+        np.testing.assert_allclose(getattr(made, name), getattr(expected, name), atol=1e-9)
+
+
+def test_steps_keep_the_limits_and_are_the_best_that_do(
+    planar: ffsms.SpaceManipulator, rng: np.random.Generator
+) -> None:
+    task = planar_task(planar)
+    spline = rate_spline(task.steps, task.dt, 3, 2, 2)
+    qp, size = LimitsQP(task, spline), 3 * spline.size
+    for _ in range(5):
+        root = rng.normal(size=(size, size))
+        H, g = root @ root.T + 0.1 * np.eye(size), 30.0 * rng.normal(size=size)
+        p = within(qp, rng.uniform(-0.05, 0.05, (spline.size, 3)))
+        p -= spline.last_rate[:, None] * (spline.last_rate @ p) / float(spline.last_rate @ spline.last_rate)
+        x = qp.solve(H, g, p)
+        rows = qp.rows @ (p + x).ravel()
+        assert (rows <= qp.upper + 1e-6).all()
+        assert (rows >= qp.lower - 1e-6).all()
+
+        def value(step: FloatArray, H: FloatArray = H, g: FloatArray = g) -> float:
+            return float(0.5 * step @ H @ step + g @ step)
+
+        at = qp.rows @ p.ravel()
+        found = minimize(
+            value,
+            np.zeros(size),
+            jac=lambda step, H=H, g=g: H @ step + g,
+            method="SLSQP",
+            constraints={
+                "type": "ineq",
+                "fun": lambda s, at=at: np.concatenate(
+                    [qp.upper - at - qp.rows @ s, at + qp.rows @ s - qp.lower]
+                ),
+                "jac": lambda s: np.vstack([-qp.rows, qp.rows]),
+            },
+            options={"maxiter": 300, "ftol": 1e-12},
+        )
+        assert value(x.ravel()) <= found.fun + 1e-4 * (1.0 + abs(found.fun))
+
+
+def test_straight_moves_end_where_the_shooting_says(planar: ffsms.SpaceManipulator) -> None:
+    task = planar_task(planar)
+    goals = shoot(task, halton(0, 12, 3))
+    near = goals.distance < 1e-3
+    assert near.sum() >= 4
+    for joints in goals.joints[near]:
+        move = joints - task.joints0
+        q, _ = roll_out(planar, task.q0, move, np.zeros((400, 3)), 1.0 / 400)
+        end = planar.at(q[-1]).end_effector_pose.translation
+        assert np.linalg.norm(end - task.target) < 3e-3
+    spline = rate_spline(task.steps, task.dt, 6, 3, 2)
+    for p, goal in zip(straight_moves(task, spline, goals.joints), goals.joints, strict=True):
+        plan = trajectory(task, node_rates(task, spline, p))
+        assert limits_kept(task, plan)
+        move, wanted = plan.joint_positions[-1] - task.joints0, goal - task.joints0
+        shares = move / wanted  # below one for the joints that the time is too short for
+        assert (shares > 0.0).all()
+        assert (shares < 1.0 + 1e-3).all()
+
+
+def test_halton_points_are_the_known_ones() -> None:
+    np.testing.assert_allclose(
+        halton(0, 4, 2), [[1 / 2, 1 / 3], [1 / 4, 2 / 3], [3 / 4, 1 / 9], [1 / 8, 4 / 9]]
+    )
+    np.testing.assert_array_equal(halton(2, 2, 2), halton(0, 4, 2)[2:])
+
+
+def test_reach_range_of_the_planar_arm(planar: ffsms.SpaceManipulator) -> None:
+    """Longest stretched out; the arm is symmetric, so that is at zero angles."""
+    least, most = reach_range(planar_task(planar))
+    stretched = planar.at(planar.configuration([0.0, 0.0, 0.0])).end_effector_pose.translation
+    assert most == pytest.approx(float(np.linalg.norm(stretched)), abs=1e-3)
+    assert 0.0 <= least < 0.1

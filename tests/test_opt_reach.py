@@ -1,0 +1,169 @@
+"""The default planner reaches what can be reached, the same way every time, and says why when it cannot."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.check_points import CheckPoints
+from ffsms_pin.system.base_motion import roll_out
+
+START = np.deg2rad([1.0, 1.0, 1.0])
+SEED = 42
+
+
+def targets(sms: ffsms.SpaceManipulator, count: int) -> list[tuple[FloatArray, float]]:
+    """Target and duration of straight joint moves that keep clear, the base reacting."""
+    rng, limits, points = np.random.default_rng(SEED), sms.limits, CheckPoints(sms)
+    found: list[tuple[FloatArray, float]] = []
+    while len(found) < count:
+        move = rng.uniform(0.9 * limits.lower, 0.9 * limits.upper) - START
+        q, _ = roll_out(sms, sms.configuration(START), move, np.zeros((100, 3)), 0.01)
+        if min(float(points.evaluate(row).value.min()) for row in q) < 0.01:
+            continue
+        least = np.max(np.abs(move) / limits.velocity + limits.velocity / limits.acceleration)
+        target = sms.at(q[-1]).end_effector_pose.translation.copy()
+        found.append((target, float(np.round(1.5 * least, 2))))
+    return found
+
+
+def check(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> None:
+    """Reached, at rest, and every limit and clearance kept, at nodes and between."""
+    limits, points = sms.limits, CheckPoints(sms)
+    assert plan.reached, plan.note
+    assert plan.position_error[-1] <= 1e-3
+    assert np.abs(plan.joint_rates[-1]).max() < 1e-3
+    assert (np.abs(plan.joint_rates) <= limits.velocity + 1e-12).all()
+    assert (np.abs(plan.joint_accelerations) <= limits.acceleration + 1e-9).all()
+    for t in np.linspace(0.0, plan.duration, 1013):
+        position, _, _ = plan.sample(t)
+        assert limits.violation(position).max() <= 1e-12
+        assert points.evaluate(sms.configuration(position)).value.min() >= 0.01
+
+
+@pytest.mark.parametrize("index", range(12))
+def test_targets_reachable_by_construction_are_reached(planar: ffsms.SpaceManipulator, index: int) -> None:
+    target, duration = targets(planar, 12)[index]
+    plan = opt.plan(planar, planar.configuration(START), target, duration)
+    check(planar, plan)
+    assert plan.cost_integral < 0.35
+    # Neither chatter nor stop-and-go: a handful of turns a joint.
+    turns = int(np.sum(plan.joint_rates[1:-1] * plan.joint_rates[2:] < -1e-8))
+    assert turns <= 24
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_the_stress_regime_is_reached_too(planar: ffsms.SpaceManipulator, index: int) -> None:
+    target, duration = targets(planar, 3)[index]
+    check(planar, opt.plan(planar, planar.configuration(START), target, duration, kappa=1.0))
+
+
+def test_shapes_and_poses(planar: ffsms.SpaceManipulator) -> None:
+    q0, target = planar.configuration([0.4, 0.7, -0.5]), np.array([0.75, 0.5, 0.0])
+    plan = opt.plan(planar, q0, target, 6.0, 0.02, collision="shapes")
+    assert plan.reached
+    assert plan.cost_integral < 1e-2
+    pose = planar.at(plan.q[-1]).end_effector_pose
+    again = opt.plan(planar, q0, pose, 6.0, 0.02)
+    assert again.reached
+    assert again.orientation_error[-1] < 1e-3
+    assert again.position_error[-1] < 2e-3
+
+
+def test_arms_in_space_are_planned(planar: ffsms.SpaceManipulator) -> None:
+    """Seven joints, and continuous joints: a target known to be in reach."""
+    for name, move in (("satellite_xarm7", 0.4), ("satellite_kinova", 0.4)):
+        sms = ffsms.load(name)
+        lower = np.where(np.isfinite(sms.limits.lower), sms.limits.lower, -1.0)
+        upper = np.where(np.isfinite(sms.limits.upper), sms.limits.upper, 1.0)
+        start = 0.5 * (lower + upper) + 0.05 * (upper - lower)
+        change = np.array([move * (-1.0) ** j for j in range(sms.n)])
+        q, _ = roll_out(sms, sms.configuration(start), change, np.zeros((200, sms.n)), 1.0 / 200)
+        target = sms.at(q[-1]).end_effector_pose.translation.copy()
+        plan = opt.plan(sms, sms.configuration(start), target, 8.0, 0.04)
+        assert plan.reached, plan.note
+        assert plan.position_error[-1] <= 1e-3
+        assert (np.abs(plan.joint_rates) <= sms.limits.velocity + 1e-12).all()
+        assert np.abs(sms.at(plan.q[-1], plan.v[-1]).momentum).max() < 1e-9
+
+
+def digest(plan: opt.Trajectory) -> str:
+    arrays = (plan.q, plan.v, plan.alpha, plan.cost)
+    return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
+
+
+def test_same_input_same_output_bit_for_bit(planar: ffsms.SpaceManipulator) -> None:
+    """In one process with a disturbed heap between runs, and in another process."""
+    rng, first = np.random.default_rng(), []
+    tasks = targets(planar, 3)
+    q0 = planar.configuration(START)
+    for _ in range(2):
+        first.append([digest(opt.plan(planar, q0, target, T, 0.02)) for target, T in tasks])
+        junk = [rng.normal(size=rng.integers(1, 5000)) for _ in range(200)]
+        del junk[::2]
+    assert first[0] == first[1]
+    lines = "\n".join(
+        f"print(digest(opt.plan(sms, q0, np.array({[float(x).hex() for x in target]!r} and "
+        f"[float.fromhex(x) for x in {[float(x).hex() for x in target]!r}]), {T!r}, 0.02)))"
+        for target, T in tasks
+    )
+    code = (
+        "import hashlib, numpy as np, ffsms_pin as ffsms\n"
+        "from ffsms_pin import opt\n"
+        "def digest(p):\n"
+        "    return hashlib.sha256(b''.join(a.tobytes() for a in (p.q, p.v, p.alpha, p.cost))).hexdigest()\n"
+        "sms = ffsms.load('planar_3r')\n"
+        "junk = [np.ones(k) for k in range(1, 3000, 7)]\n"
+        "q0 = sms.configuration(np.deg2rad([1.0, 1.0, 1.0]))\n" + lines
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ.copy()
+    )
+    assert run.stdout.split() == first[0]
+
+
+def test_a_target_outside_the_workspace(planar: ffsms.SpaceManipulator) -> None:
+    plan = opt.plan(planar, planar.configuration(START), [3.0, 0.0, 0.0], 6.0)
+    assert not plan.reached
+    assert "workspace" in plan.note
+    assert f"{plan.position_error[-1]:.4f} m" in plan.note
+    assert plan.position_error[-1] < 1.93  # the stretched arm ends 1.904 m from it
+    assert plan.shortest_duration == 0.0
+    for word in ("nearest position", "binding"):
+        assert word in plan.note
+
+
+def test_a_duration_too_short(planar: ffsms.SpaceManipulator) -> None:
+    target, duration = targets(planar, 1)[0]
+    short = opt.plan(planar, planar.configuration(START), target, 0.4 * duration)
+    assert not short.reached
+    assert "binding" in short.note
+    assert "limit of 'joint_" in short.note
+    assert short.shortest_duration > short.duration
+    assert f"{short.shortest_duration:.2f} s would do" in short.note
+    # The limits hold in the failed plan too, and the duration does do.
+    assert (np.abs(short.joint_rates) <= planar.limits.velocity + 1e-12).all()
+    longer = opt.plan(planar, planar.configuration(START), target, short.shortest_duration)
+    check(planar, longer)
+
+
+@pytest.mark.parametrize("method", ["horizon", "step"])
+def test_a_start_in_collision(planar: ffsms.SpaceManipulator, method: str) -> None:
+    q0 = planar.configuration([1.2, 2.4, 1.6])  # the elbow in the base
+    here = planar.at(q0).end_effector_pose.translation
+    plan = opt.plan(planar, q0, here, 2.0, method=method)
+    assert not plan.clear
+    assert not plan.reached
+    if method == "horizon":
+        assert "start breaks the clearance" in plan.note
+        assert "joint_3 - base box" in plan.note
+        assert np.array_equal(plan.q, np.tile(q0, (201, 1)))
+    assert opt.plan(planar, q0, here, 2.0, method=method, collision="off").clear
