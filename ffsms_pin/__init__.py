@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from ffsms_pin.control import SlidingModeController
     from ffsms_pin.scenarios import Scenario, scenario
     from ffsms_pin.simulation import Tracking, simulate
+    from ffsms_pin.viewer import view
 
 __all__ = [
     "FfsmsError",
@@ -27,6 +28,7 @@ __all__ = [
     "opt",
     "scenario",
     "simulate",
+    "view",
 ]
 __version__ = "0.1.0"
 
@@ -37,6 +39,7 @@ _LATER = {
     "Tracking": "ffsms_pin.simulation",
     "scenario": "ffsms_pin.scenarios",
     "simulate": "ffsms_pin.simulation",
+    "view": "ffsms_pin.viewer",
 }
 
 

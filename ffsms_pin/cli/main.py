@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import ffsms_pin
-from ffsms_pin.cli import compare_command, info_command, inspect_command, run_command
+from ffsms_pin.cli import compare_command, info_command, inspect_command, run_command, view_command
 from ffsms_pin.errors import FfsmsError
 
 __all__ = ["main"]
@@ -22,6 +22,7 @@ _COMMANDS: dict[str, Any] = {
     "compare": compare_command,
     "info": info_command,
     "inspect": inspect_command,
+    "view": view_command,
 }
 
 _DESCRIPTION = """\
@@ -31,6 +32,7 @@ examples:
   ffsms-pin run case-2                     the paper's Case 2, into results/case-2
   ffsms-pin run mine.toml --out somewhere  a scenario of your own, into a folder of your choice
   ffsms-pin compare case-2                 the planning methods side by side
+  ffsms-pin view results/case-2            the motion in the browser, as one HTML file
   ffsms-pin info planar_3r                 masses, limits and coupling of a packaged robot
   ffsms-pin info robot.urdf --end-effector tool0
   ffsms-pin inspect robot.urdf             what is wrong with a file, and --repair

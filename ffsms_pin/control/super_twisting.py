@@ -25,8 +25,8 @@ class SuperTwisting(JointLaw):
     (|s|^(1/2) sign(s), w + d), V = z^T P z, P = [[4 k_2 + k_1^2, -k_1], [-k_1, 2]] / 2 is positive definite,
     and for constant d, dV/dt = -|s|^(-1/2) z^T Q z with Q = k_1 / 2 [[2 k_2 + k_1^2, -k_1], [-k_1, 1]]
     positive definite for k_1, k_2 > 0: s and ds/dt are zero after a finite time, then w = -d, and so a
-    constant disturbance leaves no error. For |dd/dt| <= L the same holds with large enough k_1, k_2 (for instance
-    k_1 = 1.5 L^(1/2), k_2 = 1.1 L). Then the error dies out as exp(-Gamma t).
+    constant disturbance leaves no error. For |dd/dt| <= L the same holds with large enough k_1, k_2
+    (for instance k_1 = 1.5 L^(1/2), k_2 = 1.1 L). Then the error dies out as exp(-Gamma t).
 
     Source: J. A. Moreno and M. Osorio, "Strict Lyapunov functions for the super-twisting algorithm", IEEE
     Transactions on Automatic Control 57 (2012). A sampled sign would chatter, so u is the implicit (backward)

@@ -1,5 +1,6 @@
 """Figures: each function draws one panel, on axes that are given or on a new figure, and returns the axes."""
 
+from ffsms_pin.plotting.bands import plot_bands, plot_error_bands, plot_torque_bands
 from ffsms_pin.plotting.base import (
     plot_base_angular_velocity,
     plot_base_position,
@@ -7,6 +8,8 @@ from ffsms_pin.plotting.base import (
     plot_base_velocity,
 )
 from ffsms_pin.plotting.coupling import plot_assistance, plot_cost, plot_position_error
+from ffsms_pin.plotting.coupling_over_time import plot_entropy, plot_sigma_bands
+from ffsms_pin.plotting.entropy_map import entropy_grid, plot_entropy_map
 from ffsms_pin.plotting.figures import FIGURES, figure, save_figure, save_figures
 from ffsms_pin.plotting.joints import plot_joint_positions, plot_joint_rates
 from ffsms_pin.plotting.motion import plot_motion
@@ -19,19 +22,26 @@ from ffsms_pin.plotting.tracking import (
 
 __all__ = [
     "FIGURES",
+    "entropy_grid",
     "figure",
     "plot_assistance",
+    "plot_bands",
     "plot_base_angular_velocity",
     "plot_base_position",
     "plot_base_rotation",
     "plot_base_velocity",
     "plot_cost",
+    "plot_entropy",
+    "plot_entropy_map",
+    "plot_error_bands",
     "plot_joint_error",
     "plot_joint_positions",
     "plot_joint_rate_error",
     "plot_joint_rates",
     "plot_motion",
     "plot_position_error",
+    "plot_sigma_bands",
+    "plot_torque_bands",
     "plot_torques",
     "plot_tracked_position_error",
     "save_figure",

@@ -1,0 +1,10 @@
+"""Animated scenes of planned and simulated motions, on Pinocchio's Meshcat visualizer."""
+
+from ffsms_pin.viewer._meshcat import meshcat  # first of all
+from ffsms_pin.viewer.layers import LAYERS
+from ffsms_pin.viewer.live import LiveView
+from ffsms_pin.viewer.view import View, view
+
+__all__ = ["LAYERS", "LiveView", "View", "view"]
+
+del meshcat

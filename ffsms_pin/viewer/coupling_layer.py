@@ -1,0 +1,133 @@
+"""The coupling, drawn on the moving robot.
+
+The dominant base motion u_1 scaled by sigma_1, as an arrow (translation) and a turn (rotation) at the base's
+centre of mass; the end-effector motion J*_v v_i of each principal joint direction; the direction d to the
+target; and the cone about d on which the paper's cost is zero, of half angle acos(c*).
+
+The signs of u_i and v_i are arbitrary. They are chosen to agree with the motion, and kept where it rests.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.viewer.colours import COLOURS, assistance_colour, rgb
+from ffsms_pin.viewer.frames import Frames
+from ffsms_pin.viewer.meshes import along_z, arrow, cone, turn_arrow
+from ffsms_pin.viewer.stage import Stage
+
+__all__ = ["CouplingLayer"]
+
+_LEAST_RATE = 1e-6  # [rad/s] slower joint motion has no direction to agree with
+
+
+@dataclass(frozen=True)
+class _Scales:
+    """Metres in the scene for each unit of what is drawn."""
+
+    linear: float
+    turn: float
+    principal: float
+
+
+class CouplingLayer:
+    """Arrows that follow the frames; each under its own node, so that each can be switched off.
+
+    Parameters
+    ----------
+    stage : Stage
+    frames : Frames
+        The largest values among them set the lengths of the arrows.
+    """
+
+    def __init__(self, stage: Stage, frames: Frames) -> None:
+        self._stage = stage
+        self._signs: FloatArray | None = None
+        self._last_V: FloatArray | None = None
+        radius = 0.011 * stage.size
+        self._length = 0.42 * stage.size
+        # They start inside of the base, so they must be seen through it.
+        look: dict[str, Any] = {"flat": True, "through": True, "opacity": 0.9}
+        stage.mesh("base motion u1/translation", arrow(1.3 * radius), COLOURS["base_linear"], **look)
+        stage.mesh("base motion u1/rotation", turn_arrow(0.05), COLOURS["base_turn"], **look)
+        self.shown = min(frames.sms.n, 6)
+        for i in range(self.shown):
+            stage.mesh(f"principal motions/v{i + 1}", arrow(0.8 * radius), _faded("principal", i))
+        if frames.target is not None:
+            stage.mesh("direction d", arrow(0.7 * radius), COLOURS["direction"])
+            stage.mesh("cone of the cost", cone(), "#FFFFFF", opacity=0.35, flat=True)
+        self._scales = self._find_scales(frames)
+
+    def show(self, frames: Frames, k: int) -> None:
+        """Place everything as in frame k: at once, or where the scene is filming, in that frame."""
+        stage = self._stage
+        state = frames.states[k]
+        coupling = state.coupling
+        signs = self._agreeing(coupling.V, state.v[6:])
+        base, tip = state.base_pose.translation, frames.tips[k]
+
+        twist = signs[0] * coupling.sigma[0] * coupling.U[:, 0]
+        self._arrow("base motion u1/translation", base, self._scales.linear * twist[:3])
+        turn = self._scales.turn * float(np.linalg.norm(twist[3:]))
+        stage.place("base motion u1/rotation", base, along_z(twist[3:]), turn)
+
+        motions = state.J_star[:3] @ coupling.V * signs
+        for i in range(self.shown):
+            self._arrow(f"principal motions/v{i + 1}", tip, self._scales.principal * motions[:, i])
+        if frames.target is not None:
+            self._towards(frames, k, tip)
+
+    def _towards(self, frames: Frames, k: int, tip: FloatArray) -> None:
+        assert frames.target is not None
+        ahead = frames.target[k] - tip
+        distance = float(np.linalg.norm(ahead))
+        length = min(self._length, distance)
+        direction = ahead / distance if distance > 1e-9 else np.zeros(3)
+        self._arrow("direction d", tip, length * direction)
+        cosine = float(frames.ideal[k])
+        radius = 0.85 * length * float(np.sqrt(1.0 - cosine**2))
+        scale = (radius, radius, 0.85 * length * cosine)
+        self._stage.place("cone of the cost", tip, along_z(direction), scale)
+        self._stage.tint("cone of the cost", assistance_colour(float(frames.assistance[k])))
+
+    def _arrow(self, name: str, place: FloatArray, vector: FloatArray) -> None:
+        length = float(np.linalg.norm(vector))
+        # Short arrows get thinner, or they would be all head.
+        width = min(1.0, length / (0.3 * self._length))
+        self._stage.place(name, place, along_z(vector), (width, width, length))
+
+    def _agreeing(self, V: FloatArray, rates: FloatArray) -> FloatArray:
+        """Signs (n,) that make the columns of V agree with the motion, or with their last selves."""
+        alpha = V.T @ rates
+        signs = np.where(alpha < 0.0, -1.0, 1.0)
+        if self._last_V is not None:
+            still = np.abs(alpha) < _LEAST_RATE
+            kept = np.where(np.einsum("ij,ij->j", V, self._last_V) < 0.0, -1.0, 1.0)
+            signs = np.where(still, kept, signs)
+        self._last_V = V * signs
+        return np.asarray(signs)
+
+    def _find_scales(self, frames: Frames) -> _Scales:
+        largest = np.full(3, 1e-12)
+        for state in frames.states[:: max(1, len(frames.t) // 60)]:
+            twist = state.coupling.sigma[0] * state.coupling.U[:, 0]
+            motions = np.linalg.norm(state.J_star[:3] @ state.coupling.V, axis=0)
+            found = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:]), motions.max()
+            largest = np.maximum(largest, found)
+        linear, turn, principal = self._length * np.array([1.1, 0.62, 1.0]) / largest
+        # Rounding is no motion: what is that small beside the rest of u_1 is not blown up.
+        if largest[1] < 1e-9 * largest[0]:
+            turn = 0.0
+        if largest[0] < 1e-9 * largest[1]:
+            linear = 0.0
+        return _Scales(float(linear), float(turn), float(principal))
+
+
+def _faded(name: str, i: int) -> str:
+    """The colour, paler for each further direction."""
+    pale = 1.0 - (1.0 - rgb(COLOURS[name])) * 0.72**i
+    return "#" + "".join(f"{round(255 * x):02X}" for x in pale)

@@ -1,0 +1,131 @@
+"""A planned or simulated motion, thinned out to the frames that are shown, with the coupling at each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.opt.cost import ideal_cosine
+from ffsms_pin.simulation import Tracking
+from ffsms_pin.system import SpaceManipulator, State
+
+__all__ = ["Frames", "Result", "Target", "surroundings", "target_function"]
+
+Result: TypeAlias = Trajectory | Tracking
+Target: TypeAlias = ArrayLike | Callable[[float], ArrayLike]
+
+MOST = 1800  # frames; a minute at 30 a second
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The instants that are shown.
+
+    Attributes
+    ----------
+    sms : SpaceManipulator
+    t : ndarray, shape (k,)
+        [s]
+    q, v : ndarray, shape (k, nq), (k, nv)
+    target : ndarray, shape (k, 3), or None
+        [m], inertial axes.
+    kappa : float
+    """
+
+    sms: SpaceManipulator
+    t: FloatArray
+    q: FloatArray
+    v: FloatArray
+    target: FloatArray | None
+    kappa: float
+
+    @classmethod
+    def of(
+        cls, sms: SpaceManipulator, result: Result, target: Target | None, kappa: float, rate: float
+    ) -> Frames:
+        """Rows of a result, about `rate` a second; none is made up between them."""
+        if not isinstance(result, (Trajectory, Tracking)):
+            raise InvalidValue("result", result, "must be a Trajectory or a Tracking")
+        if result.q.shape[1] != sms.nq:
+            raise InvalidValue(
+                "result", result.q.shape, f"belongs to another robot: q must have {sms.nq} columns"
+            )
+        duration = float(result.t[-1] - result.t[0])
+        count = min(max(2, round(duration * rate) + 1), MOST, len(result.t))
+        rows = np.unique(np.linspace(0, len(result.t) - 1, count).round().astype(int))
+        t = np.array(result.t[rows])
+        goal = target_function(target)
+        places = None if goal is None else np.array([goal(float(x)) for x in t])
+        return cls(sms, t, np.array(result.q[rows]), np.array(result.v[rows]), places, kappa)
+
+    @cached_property
+    def states(self) -> list[State]:
+        """Kinematics and coupling at each frame."""
+        return [self.sms.at(q, v) for q, v in zip(self.q, self.v, strict=True)]
+
+    @cached_property
+    def tips(self) -> FloatArray:
+        """Places of the end effector (k, 3) [m]."""
+        return np.array([state.end_effector_pose.translation for state in self.states])
+
+    @cached_property
+    def entropy(self) -> FloatArray:
+        """The paper's H_norm (k,)."""
+        return np.array([state.coupling.entropy for state in self.states])
+
+    @cached_property
+    def assistance(self) -> FloatArray:
+        """cos(theta_a) (k,); zero where nothing moves or there is no target."""
+        if self.target is None:
+            return np.zeros(len(self.t))
+        return np.array(
+            [
+                state.coupling.assistance(state.v[6:], goal - tip)
+                for state, goal, tip in zip(self.states, self.target, self.tips, strict=True)
+            ]
+        )
+
+    @cached_property
+    def ideal(self) -> FloatArray:
+        """c* (k,), the cosine at which the paper's cost is zero."""
+        return np.array([ideal_cosine(float(H), self.kappa) for H in self.entropy])
+
+
+def target_function(target: Target | None) -> Callable[[float], FloatArray] | None:
+    """The target's position as a function of time [s]; a pose counts with its translation."""
+    if target is None:
+        return None
+
+    def position(value: Any) -> FloatArray:
+        return vector("target", getattr(value, "translation", value), 3, "m")
+
+    if callable(target):
+        return lambda t: position(target(t))
+    fixed = position(target)
+    return lambda t: fixed
+
+
+def surroundings(frames: Frames) -> tuple[FloatArray, float]:
+    """Centre (3,) and radius [m] of what the camera should see."""
+    sms, data = frames.sms, frames.sms.model.createData()
+    half = 0.0 if sms.base_size is None else 0.5 * max(sms.base_size)
+    points = [frames.tips]
+    for q in frames.q[:: max(1, len(frames.t) // 20)]:
+        pin.forwardKinematics(sms.model, data, q)
+        base = np.array((data.oMi[1] * sms.base_box_placement).translation)
+        points.append(base + half * np.vstack([np.eye(3), -np.eye(3)]))
+        points.append(np.array([data.oMi[j].translation for j in range(2, sms.model.njoints)]))
+    if frames.target is not None:
+        points.append(frames.target)
+    cloud = np.vstack(points)
+    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    return 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-3)

@@ -1,0 +1,154 @@
+"""A simulation watched while it runs."""
+
+from __future__ import annotations
+
+import time
+import webbrowser
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.simulation.interfaces import Reference
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.viewer.coupling_layer import CouplingLayer
+from ffsms_pin.viewer.frames import Frames, Target, surroundings, target_function
+from ffsms_pin.viewer.margins import LimitLayer
+from ffsms_pin.viewer.robot import Robot
+from ffsms_pin.viewer.server import Server
+from ffsms_pin.viewer.stage import Stage
+
+__all__ = ["LiveView"]
+
+
+class LiveView:
+    """A live page that shows one state after another.
+
+    >>> with LiveView(sms, q0, target) as live:                               # doctest: +SKIP
+    ...     tracking = simulate(sms, live.watch(plan), controller)
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        What is shown: the plant, where that is not the model.
+    q : array_like, shape (nq,)
+        Configuration that is shown first.
+    target : array_like, shape (3,), or callable, optional
+        As in `view`.
+    speed : float, optional
+        How fast a watched simulation runs at most, 1 being true time; None does not hold it up.
+    kappa : float
+        Of the cone.
+    fps : float
+        Updates of the page for each second of this machine's time, at most.
+    browser : bool
+        Whether to open a window of the default browser.
+
+    Attributes
+    ----------
+    url : str
+        Of the page.
+    """
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        q: ArrayLike,
+        target: Target | None = None,
+        *,
+        speed: float | None = 1.0,
+        kappa: float = 10.0,
+        fps: float = 30.0,
+        browser: bool = True,
+    ) -> None:
+        self._sms, self._kappa = sms, kappa
+        self._speed = None if speed is None else positive("speed", speed)
+        self._pause = 1.0 / positive("fps", fps, "1/s")
+        self._goal = target_function(target)
+        self._started = self._shown = -np.inf
+        first = self._frame(0.0, sms.checked_configuration("q", q), np.zeros(sms.nv))
+        centre, radius = surroundings(first)
+        self._stage = stage = Stage(radius)
+        stage.set_up(centre, radius, np.array([0.5, -1.2, 1.2]))
+        self._robot = Robot(stage, sms, "robot")
+        if first.target is not None:
+            stage.ball("target", 0.022 * radius, "#D55E00")
+        self._layers: list[Any] = [CouplingLayer(stage, first), LimitLayer(stage, first)]
+        self._draw(first)
+        self._server = Server()
+        stage.scene.attach(self._server)
+        self.url = self._server.url
+        if browser:
+            webbrowser.open(self.url)
+
+    def show(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """Show the state (q, v) at time t [s]."""
+        self._draw(self._frame(t, q, v))
+
+    def watch(self, reference: Reference) -> Reference:
+        """The same reference, which shows the plant's state whenever the simulation asks it."""
+        return _Watched(reference, self)
+
+    def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """`show`, but not more often than the page needs, and not sooner than `speed` allows."""
+        now = time.monotonic()
+        if t <= 0.0 or not np.isfinite(self._started):
+            self._started = now - (0.0 if self._speed is None else t / self._speed)
+        if self._speed is not None:
+            ahead = self._started + t / self._speed - now
+            if ahead > 0.0:
+                time.sleep(ahead)
+                now += ahead
+        if now - self._shown >= self._pause:
+            self._shown = now
+            self.show(t, q, v)
+
+    def close(self) -> None:
+        """Stop the page."""
+        self._stage.scene.detach()
+        self._server.close()
+
+    def __enter__(self) -> LiveView:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _frame(self, t: float, q: FloatArray, v: FloatArray) -> Frames:
+        goal = None if self._goal is None else self._goal(t)[None]
+        return Frames(self._sms, np.array([t]), q[None], v[None], goal, self._kappa)
+
+    def _draw(self, frame: Frames) -> None:
+        self._robot.display(frame.q[0])
+        if frame.target is not None:
+            self._stage.place("target", frame.target[0])
+        for layer in self._layers:
+            layer.show(frame, 0)
+
+
+class _Watched:
+    """A reference that passes on what it is asked, and what it observes to a page too."""
+
+    def __init__(self, reference: Reference, live: LiveView) -> None:
+        self._reference, self._live = reference, live
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._reference, name)
+
+    @property
+    def duration(self) -> float:
+        return self._reference.duration
+
+    @property
+    def target(self) -> Any:
+        return self._reference.target
+
+    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return self._reference.sample(t)
+
+    def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        inner = getattr(self._reference, "observe", None)
+        if inner is not None:
+            inner(t, q, v)
+        self._live.observe(t, q, v)

@@ -1,0 +1,106 @@
+"""The few shapes that are drawn besides the robot, as vertices (k, 3) and triangles (m, 3)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+
+__all__ = ["Mesh", "along_z", "arrow", "cone", "tube", "turn_arrow"]
+
+_SIDES = 20
+
+
+class Mesh(NamedTuple):
+    """Vertices (k, 3) [m], triangles (m, 3), and for each vertex where along the shape it is, 0 to 1."""
+
+    vertices: FloatArray
+    faces: np.ndarray[tuple[int, int], np.dtype[np.int64]]
+    along: FloatArray
+
+
+def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8, closed: bool = True) -> Mesh:
+    """A tube around a path (k, 3); `radii` one number or one a point, zero makes a tip."""
+    points = np.asarray(path, dtype=np.float64)
+    k = len(points)
+    radius = np.broadcast_to(np.asarray(radii, dtype=np.float64), (k,))
+    tangent = np.gradient(points, axis=0)
+    lengths = np.linalg.norm(tangent, axis=1)
+    # Where the path stands still it has no direction of its own: it takes the last one.
+    known = np.flatnonzero(lengths > 1e-12)
+    if known.size == 0:
+        tangent[:] = (0.0, 0.0, 1.0)
+    else:
+        nearest = known[np.clip(np.searchsorted(known, np.arange(k)), 0, known.size - 1)]
+        tangent = tangent[nearest] / lengths[nearest, None]
+    normal = _any_normal(tangent[0])
+    angles = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    rings = []
+    for i in range(k):
+        normal = normal - (normal @ tangent[i]) * tangent[i]  # carried along without twisting
+        length = float(np.linalg.norm(normal))
+        normal = normal / length if length > 1e-9 else _any_normal(tangent[i])
+        across = np.cross(tangent[i], normal)
+        ring = np.cos(angles)[:, None] * normal + np.sin(angles)[:, None] * across
+        rings.append(points[i] + radius[i] * ring)
+    faces = []
+    for i in range(k - 1):
+        for j in range(sides):
+            a, b = i * sides + j, i * sides + (j + 1) % sides
+            faces += [[a, b, b + sides], [a, b + sides, a + sides]]
+    vertices = np.concatenate(rings)
+    along = np.repeat(np.linspace(0.0, 1.0, k), sides)
+    if closed:
+        vertices = np.vstack([vertices, points[0], points[-1]])
+        along = np.append(along, [0.0, 1.0])
+        first, last, end = k * sides, k * sides + 1, (k - 1) * sides
+        for j in range(sides):
+            faces += [[first, (j + 1) % sides, j], [last, end + j, end + (j + 1) % sides]]
+    return Mesh(vertices, np.array(faces), along)
+
+
+def arrow(radius: float) -> Mesh:
+    """An arrow of length 1 from the origin along z; its length is meant to be scaled."""
+    path = np.array([[0.0, 0.0, z] for z in (0.0, 0.74, 0.74, 1.0)])
+    # Two points in one place make the shoulder of the head; tube needs them a little apart.
+    path[2, 2] += 1e-6
+    return tube(path, np.array([radius, radius, 2.6 * radius, 0.0]), _SIDES)
+
+
+def turn_arrow(radius: float) -> Mesh:
+    """Three quarters of a ring of radius 1 about z with a head: a turn by the right-hand rule."""
+    shaft = np.linspace(0.0, 1.35 * np.pi, 40)
+    head = np.linspace(1.35 * np.pi, 1.6 * np.pi, 10)
+    angles = np.concatenate([shaft, head])
+    path = np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)])
+    radii = np.concatenate([np.full(len(shaft), radius), np.linspace(2.8 * radius, 0.0, len(head))])
+    return tube(path, radii, 12)
+
+
+def cone() -> Mesh:
+    """The side of a cone with its tip at the origin, height 1 along z and radius 1."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones_like(angles)])
+    vertices = np.vstack([np.zeros(3), rim])
+    k = len(angles)
+    faces = np.array([[0, 1 + j, 1 + (j + 1) % k] for j in range(k)])
+    return Mesh(vertices, faces, np.concatenate([[0.0], np.ones(k)]))
+
+
+def along_z(direction: FloatArray) -> FloatArray:
+    """A rotation (3, 3) that takes z to a direction; the identity where that vanishes."""
+    length = float(np.linalg.norm(direction))
+    if length < 1e-12:
+        return np.eye(3)
+    z = direction / length
+    x = _any_normal(z)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _any_normal(direction: FloatArray) -> FloatArray:
+    """Some unit vector across a unit vector, that does not jump where the direction changes a little."""
+    axis = np.array([0.0, 0.0, 1.0]) if abs(direction[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    normal = np.cross(axis, direction)
+    return np.asarray(normal / np.linalg.norm(normal))

@@ -1,0 +1,120 @@
+"""The robot itself, drawn by Pinocchio's visualizer, and pale copies of it at the start and the end."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+from pinocchio.visualize import MeshcatVisualizer
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import GeometryError
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.viewer.colours import rgb
+from ffsms_pin.viewer.stage import Stage
+
+__all__ = ["Robot", "plain_shapes", "visual_shapes"]
+
+_BODY, _ARM = (0.80, 0.78, 0.72, 1.0), (0.20, 0.42, 0.63, 1.0)
+_GHOST_OPACITY = 0.22
+
+
+class Robot:
+    """One drawing of the robot in a scene.
+
+    Parameters
+    ----------
+    stage : Stage
+    sms : SpaceManipulator
+    name : str
+        Of the node that it is drawn below.
+    ghost : str, optional
+        A colour "#RRGGBB" for a pale, simplified drawing all of that colour.
+    """
+
+    def __init__(self, stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> None:
+        shapes = visual_shapes(sms)
+        if ghost is not None:
+            shapes = _simplified(shapes)
+        self._visualizer = MeshcatVisualizer(sms.model, None, shapes)
+        self._visualizer.initViewer(viewer=stage.root)
+        colour = None if ghost is None else [*rgb(ghost), _GHOST_OPACITY]
+        with warnings.catch_warnings():
+            # It warns of a shape that it cannot draw and goes on; a missing link should not pass unseen.
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("error", UserWarning)
+            try:
+                self._visualizer.loadViewerModel(rootNodeName=name, visual_color=colour)
+            except UserWarning as problem:
+                raise GeometryError(f"a shape of the robot cannot be drawn ({problem})") from None
+
+    def display(self, q: FloatArray) -> None:
+        """Move to a configuration (nq,)."""
+        self._visualizer.display(q)
+
+
+def visual_shapes(sms: SpaceManipulator) -> Any:
+    """What is drawn of a robot (pinocchio.GeometryModel): its visual shapes, or plain ones without them."""
+    if sms.description is None:
+        return plain_shapes(sms)
+    shapes = sms.geometry("visual")
+    if shapes.ngeoms == 0:
+        return plain_shapes(sms)
+    if sms.base_size is not None and all(item.parentJoint != 1 for item in shapes.geometryObjects):
+        shapes = shapes.copy()
+        shapes.addGeometryObject(_box(sms))
+    return shapes
+
+
+def plain_shapes(sms: SpaceManipulator) -> Any:
+    """The base as its box, the arm as capsules from joint to joint."""
+    model = sms.model
+    shapes = pin.GeometryModel()
+    if sms.base_size is not None:
+        shapes.addGeometryObject(_box(sms))
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, pin.neutral(model))
+    ends = [(j, data.oMi[j].translation) for j in range(2, model.njoints)]
+    tip_joint = int(model.frames[sms.frame_id].parentJoint)
+    links = [(int(model.parents[j]), place) for j, place in ends]
+    links.append((tip_joint, data.oMf[sms.frame_id].translation))
+    lengths = [float(np.linalg.norm(end - data.oMi[j].translation)) for j, end in links if j >= 2]
+    radius = 0.06 * max([*lengths, 1e-3])
+    for number, (j, end) in enumerate(links):
+        reach = data.oMi[j].actInv(end)
+        length = float(np.linalg.norm(reach))
+        if j < 2 or length < 1e-9:
+            continue
+        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), reach / length).toRotationMatrix()
+        item = pin.GeometryObject(
+            f"link_{number}", j, pin.SE3(turn, 0.5 * reach), coal.Capsule(radius, length)
+        )
+        item.meshColor = np.array(_ARM)
+        shapes.addGeometryObject(item)
+    return shapes
+
+
+def _box(sms: SpaceManipulator) -> Any:
+    assert sms.base_size is not None
+    item = pin.GeometryObject("base_box", 1, sms.base_box_placement, coal.Box(*sms.base_size))
+    item.meshColor = np.array(_BODY)
+    return item
+
+
+def _simplified(shapes: Any) -> Any:
+    """The same shapes, meshes as their convex hulls: a hundred times lighter, and enough for a ghost."""
+    light = pin.GeometryModel()
+    for item in shapes.geometryObjects:
+        shape, scale = item.geometry, item.meshScale
+        if isinstance(shape, coal.BVHModelBase):
+            shape.buildConvexHull(True, "Qt")
+            # Hulls are of the vertices as they were read, scale included.
+            shape, scale = shape.convex, np.ones(3)
+        # A little smaller, or faces that coincide with the robot's flicker.
+        light.addGeometryObject(
+            pin.GeometryObject(item.name, item.parentJoint, item.placement, shape, "", 0.985 * scale)
+        )
+    return light

@@ -1,0 +1,243 @@
+"""`view`: a planned or simulated motion as an animated scene, in a file, a browser or a notebook."""
+
+from __future__ import annotations
+
+import html
+import os
+import webbrowser
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import umsgpack
+
+from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.opt.trajectory import REACH
+from ffsms_pin.storage import write_atomically
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.viewer.colours import ASSISTANCE_STOPS, COLOURS, USAGE_STOPS
+from ffsms_pin.viewer.coupling_layer import CouplingLayer
+from ffsms_pin.viewer.frames import Frames, Result, Target, surroundings
+from ffsms_pin.viewer.layers import LAYERS, chosen_layers
+from ffsms_pin.viewer.margins import ClearanceLayer, LimitLayer
+from ffsms_pin.viewer.page import page
+from ffsms_pin.viewer.paths import add_base_trail, add_path, add_target
+from ffsms_pin.viewer.robot import Robot
+from ffsms_pin.viewer.server import Server
+from ffsms_pin.viewer.stage import Stage
+
+__all__ = ["View", "view"]
+
+_KAPPA = 10.0  # where no plan says another one
+_FLAT = 1e-6  # [m] a motion that spreads less along z is planar, and best seen from above
+
+
+def view(
+    sms: SpaceManipulator,
+    result: Result,
+    plan: Trajectory | None = None,
+    *,
+    target: Target | None = None,
+    show: str | Sequence[str] | None = None,
+    speed: float = 1.0,
+    fps: float = 30.0,
+    title: str | None = None,
+    play: bool = True,
+) -> View:
+    """Make an animated scene of a motion, with the coupling drawn on it.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        What moves: the plant, where that is not the model.
+    result : Trajectory or Tracking
+    plan : Trajectory, optional
+        What a `Tracking` followed: its path is drawn too, and its target and kappa are used.
+    target : array_like, shape (3,), or pinocchio.SE3, or callable, optional
+        [m], inertial axes, or a function of time [s]. Default: the plan's. Without one there is no target,
+        no direction to it and no cone.
+    show : str or sequence of str, optional
+        Layers that are visible at first, of `LAYERS`; "all" for every one. The others are in the scene too
+        and can be switched on in it.
+    speed : float
+        1 plays in true time, 2 twice as fast.
+    fps : float
+        Frames for each second of the motion [1/s]; the page interpolates between them.
+    title : str, optional
+    play : bool
+        Whether the page starts playing by itself.
+
+    Returns
+    -------
+    View
+        `to_html(path)` writes one file that opens anywhere, `open()` shows it live in the browser; a
+        notebook shows it inline.
+
+    Raises
+    ------
+    InvalidValue
+        A value out of range, or a result of another robot.
+    GeometryError
+        The robot's shapes cannot be drawn.
+    """
+    speed, fps = positive("speed", speed), positive("fps", fps, "1/s")
+    shown = chosen_layers(show)
+    planned = result if isinstance(result, Trajectory) else plan
+    if planned is not None and not isinstance(planned, Trajectory):
+        raise InvalidValue("plan", planned, "must be a Trajectory")
+    if target is None and planned is not None:
+        target = planned.target
+    kappa = _KAPPA if planned is None else planned.kappa
+    frames = Frames.of(sms, result, target, kappa, fps)
+    path = None if planned is None else Frames.of(sms, planned, target, kappa, fps)
+    reach = REACH if planned is None else planned.reach
+    return View(frames, path, result is not planned, reach, shown, speed, title or sms.model.name, play)
+
+
+class View:
+    """An animated scene; made by `view`."""
+
+    def __init__(
+        self,
+        frames: Frames,
+        plan: Frames | None,
+        tracked: bool,
+        reach: float,
+        shown: set[str],
+        speed: float,
+        title: str,
+        play: bool,
+    ) -> None:
+        self._frames, self._title, self._speed, self._play = frames, title, speed, play
+        self._server: Server | None = None
+        centre, radius = surroundings(frames)
+        self._stage = stage = Stage(radius)
+        flat = bool(np.ptp(frames.tips[:, 2]) < _FLAT)
+        stage.set_up(centre, radius, np.array([-0.12, -0.75, 1.5] if flat else [1.0, -1.5, 0.95]))
+        _draw(stage, frames, plan, tracked, reach)
+        there = set(stage.nodes)
+        self.layers: dict[str, bool] = {}
+        """Whether each layer that the scene has is visible at first."""
+        for name, layer in LAYERS.items():
+            if not there.isdisjoint(layer.nodes):
+                self.layers[name] = name in shown
+                for node in layer.nodes:
+                    stage.root[node].set_property("visible", name in shown)
+
+    def to_html(self, path: str | os.PathLike[str]) -> None:
+        """Write one file that needs nothing else, not even a network; atomically."""
+        text = self.html().encode("utf-8")
+        write_atomically(path, lambda file: _write(file, text))
+
+    def html(self) -> str:
+        """The text of that file."""
+        # The page has its own control of speed, so that its slider shows the motion's time.
+        film = {
+            "type": "set_animation",
+            "path": "",
+            "animations": self._stage.film.lower(1.0),
+            "options": {"play": True, "repetitions": 1_000_000},
+        }
+        return page(self._title, [*self._stage.scene.commands(), umsgpack.packb(film)], self._facts())
+
+    def open(self, browser: bool = True) -> str:
+        """Show the scene on a live page of this machine; returns the page's address.
+
+        Parameters
+        ----------
+        browser : bool
+            Whether to open a window of the default browser on it.
+        """
+        if self._server is None:
+            self._server = Server()
+            self._stage.scene.attach(self._server)
+            self._server.film(self._stage.film.lower(self._speed))
+        if browser:
+            webbrowser.open(self._server.url)
+        return self._server.url
+
+    def close(self) -> None:
+        """Stop the live page, where there is one."""
+        if self._server is not None:
+            self._stage.scene.detach()
+            self._server.close()
+            self._server = None
+
+    def __enter__(self) -> View:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _repr_html_(self) -> str:
+        frame = (
+            f'<iframe srcdoc="{html.escape(self.html())}" style="width: 100%; height: 480px; border: none">'
+        )
+        return f"{frame}</iframe>"
+
+    def _facts(self) -> dict[str, Any]:
+        frames = self._frames
+        readings: list[dict[str, Any]] = [
+            {"label": "entropy", "unit": "", "digits": 3, "values": _short(frames.entropy)}
+        ]
+        if frames.target is not None:
+            distance = 1e3 * np.linalg.norm(frames.target - frames.tips, axis=1)
+            readings += [
+                {"label": "cos θₐ", "unit": "", "digits": 3, "values": _short(frames.assistance)},
+                {"label": "to target", "unit": " mm", "digits": 1, "values": _short(distance)},
+            ]
+        layers = [
+            {"name": name, "shown": on, "label": LAYERS[name].label, "colour": LAYERS[name].colour}
+            | {"nodes": list(LAYERS[name].nodes)}
+            for name, on in self.layers.items()
+        ]
+        scales = [{"label": "use of a limit", "stops": list(USAGE_STOPS), "ends": ["0", "all of it"]}]
+        if frames.target is not None:
+            ends = ["−1 away", "0 across", "1 at it"]
+            scales.insert(0, {"label": "assistance cos θₐ", "stops": list(ASSISTANCE_STOPS), "ends": ends})
+        return {
+            "t": _short(frames.t - frames.t[0]),
+            "speed": self._speed,
+            "play": self._play,
+            "layers": layers,
+            "scales": scales,
+            "readings": readings,
+        }
+
+
+def _draw(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, reach: float) -> None:
+    """Put everything into the scene, then film it frame by frame."""
+    sms = frames.sms
+    robot = Robot(stage, sms, "robot")
+    for name, row in (("start", 0), ("end", -1)):
+        Robot(stage, sms, name, COLOURS[name]).display(frames.q[row])
+    if frames.target is not None:
+        add_target(stage, frames, reach)
+    if plan is not None:
+        add_path(stage, "planned path", plan.tips, plan.assistance if plan.target is not None else None)
+    if tracked:
+        add_path(stage, "tracked path", frames.tips, None, width=0.4)
+    add_base_trail(stage, frames)
+    layers: list[Any] = [CouplingLayer(stage, frames), LimitLayer(stage, frames)]
+    if sms.base_size is not None:
+        layers.append(ClearanceLayer(stage, frames))
+    for k, t in enumerate(frames.t):
+        if k == 0:  # where nothing plays, the scene stands at the start
+            robot.display(frames.q[0])
+            for layer in layers:
+                layer.show(frames, 0)
+        with stage.scene.filming(stage.film, float(t - frames.t[0])):
+            robot.display(frames.q[k])
+            for layer in layers:
+                layer.show(frames, k)
+
+
+def _short(values: FloatArray) -> list[float]:
+    """Numbers as they are read, not as they are computed."""
+    return [round(float(value), 4) for value in values]
+
+
+def _write(file: Any, text: bytes) -> None:
+    file.write(text)
