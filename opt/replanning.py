@@ -2,24 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, number, positive, vector
+from ffsms_pin.checks import FloatArray, number, positive
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.guide import Guide, find_guide
+from ffsms_pin.opt.look_ahead import Outlook, follow, look_ahead
 from ffsms_pin.opt.marching import march, rank, start_sides
+from ffsms_pin.opt.reaction import ReactionEstimate
+from ffsms_pin.opt.targets import Goal, goal
+from ffsms_pin.system import JointLimits, SpaceManipulator
+from ffsms_pin.system.variants import with_limits
 
 if TYPE_CHECKING:
+    from ffsms_pin.opt.step import Step
     from ffsms_pin.opt.step_planner import StepPlanner
 
 __all__ = ["Replanning", "Target"]
 
 # Steps of the look ahead that finds the side to start on: some 0.05 s of computing.
 _LOOK_AHEAD = 150
+# [s] How often the reference looks ahead to the deadline.
+_PERIOD = 1.0
+# [m] A motion that ends nearer than this arrives.
+_NEAR = 5e-4
+# Steps of a look ahead, as shares of the time left; fine ones where joint limits are near.
+_COARSE, _FINE = 0.03, 0.01
+# Share of a joint's range that is kept at either end where room to spare is asked for.
+_ROOM = 0.01
+# [rad/s, rad/s^2] What a failed joint may still do.
+_STILL = 1e-9
+# [1/s] How fast a step that follows a guide comes back to it.
+_GUIDE_GAIN = 2.0
 
-Target: TypeAlias = ArrayLike | Callable[[float], ArrayLike]
+Target: TypeAlias = Any  # array_like (3,), pinocchio.SE3, or a function of time [s] that gives one
 
 
 class Replanning:
@@ -30,24 +49,68 @@ class Replanning:
     model is seen and corrected; joint rates and positions continue what was commanded, so that they stay
     within their limits and without jumps.
 
+    How the base reacts is estimated from the measured motion (`ReactionEstimate`), and once a second the
+    reference looks ahead to the deadline with it. As long as the paper's step arrives, it is taken. Where it
+    would not (a joint limit ahead, or a base that turns too far), a whole joint motion is found and followed
+    (`find_guide`), until the step arrives again. Before that the straight approach is tried. Where nothing
+    arrives, what comes nearest is taken.
+
     Parameters
     ----------
     planner : StepPlanner
         Its `dt` is the planning step. The planner is used up by the run: it remembers its side of the cone.
-    target : array_like, shape (3,), or callable
-        Target position in inertial axes [m], or a function of time [s] that gives one.
+    target : array_like, shape (3,), pinocchio.SE3, or callable
+        Target in inertial axes [m], or a function of time [s] that gives one: it is then met at its place at
+        the deadline with its velocity, and followed from there on.
     duration : float
         Time to arrive [s].
+    hold : float
+        Time for which the target is held after that [s].
+
+    Attributes
+    ----------
+    duration : float
+        Time to arrive and to hold [s].
+    mode : {"cone", "guide", "straight", "hold"}
+        What the steps follow at present.
+    failed_steps, failed_in_a_row : int
+        Steps whose programme was not solved, and how many of them up to now in a row; the arm braked in each.
+    expected_miss : float
+        Distance to the target at the deadline as last foreseen [m].
     """
 
-    def __init__(self, planner: StepPlanner, target: Target, duration: float) -> None:
+    def __init__(self, planner: StepPlanner, target: Target, duration: float, hold: float = 0.0) -> None:
+        self._arrival = positive("duration", duration, "s")
+        if number("hold", hold) < 0.0:
+            raise InvalidValue("hold", hold, "must be at least zero [s]")
+        self.duration = self._arrival + hold
+        if not callable(target):
+            goal(target)
+        self.target: Target = target
         self._planner = planner
-        self.duration = positive("duration", duration, "s")
-        self.target: Target = target if callable(target) else vector("target", target, 3, "m")
+        self._model, self._first_aim = planner.sms, planner._aim
+        self._estimate = ReactionEstimate(planner.sms)
+        n = planner.sms.n
+        self._failed = np.zeros(n, dtype=bool)
+        self._limp = np.zeros(n, dtype=bool)
         self._step = -1
-        self._start = np.zeros(planner.sms.n)
-        self._rates = np.zeros(planner.sms.n)
-        self._accelerations = np.zeros(planner.sms.n)
+        self._start, self._rates, self._accelerations = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._next_look = _PERIOD
+        self._guide: Guide | None = None
+        self._room = False
+        self.mode: Literal["cone", "guide", "straight", "hold"] = "cone"
+        self.failed_steps = self.failed_in_a_row = 0
+        self.expected_miss = np.inf
+
+    @property
+    def note(self) -> str:
+        """What stands in the way, as foreseen; empty where nothing does."""
+        notes = [f"joint '{self._model.joint_names[i]}' has failed" for i in np.flatnonzero(self._failed)]
+        if np.isfinite(self.expected_miss) and self.expected_miss > 2.0 * _NEAR:
+            notes.append(f"no motion found that arrives: the target is missed by {self.expected_miss:.3g} m")
+        if self.failed_steps:
+            notes.append(f"the arm braked in {self.failed_steps} steps whose programme was not solved")
+        return "; ".join(notes)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """Plan the next step from the measured state, where one is due.
@@ -59,36 +122,151 @@ class Replanning:
         q, v : ndarray, shape (nq,), (6 + n,)
             Measured state.
         """
-        planner, sms = self._planner, self._planner.sms
-        step = int(t / planner.dt + 1e-6)
+        dt = self._planner.dt
+        step = int(t / dt + 1e-6)
         if step == self._step:
             return
-        goal = vector("target", self.target(t) if callable(self.target) else self.target, 3, "m")
+        self._estimate.observe(q, v)
         if self._step < 0:
-            self._start, self._rates = sms.layout.positions(q), v[6:].copy()
-            planner.reset(self._best_side(q, goal))
+            self._start, self._rates = self._model.layout.positions(q), v[6:].copy()
+            self._planner.reset(self._best_side(q, self._goal(self._arrival)))
         else:
-            h = (step - self._step) * planner.dt
-            self._start, self._rates, _ = self._after(h)
+            self._start, self._rates, _ = self._after((step - self._step) * dt)
+        if self._failed.any():
+            self._start[self._failed] = self._model.layout.positions(q)[self._failed]
+            self._rates[self._failed] = np.where(self._limp, v[6:], 0.0)[self._failed]
         self._step = step
-        chosen = planner.advance(q, self._rates, goal, self.duration - t)
-        self._accelerations = (chosen.joint_rates - self._rates) / planner.dt
+        left = self._arrival - t
+        if left <= 0.5 * dt:
+            if self.mode != "hold":
+                self.mode = "hold"
+                self._planner = self._like(dt, aim="resolved-rate")
+        elif t >= self._next_look - 1e-9 and left > 10.0 * dt:
+            self._look(t, q, left)
+            # What is followed without seeing the target is checked more often, above all at the end.
+            self._next_look = t + (min(0.5 * _PERIOD, left / 3.0) if self.mode == "guide" else _PERIOD)
+        chosen = self._plan(t, q, left)
+        self.failed_in_a_row = 0 if chosen.solved else self.failed_in_a_row + 1
+        self.failed_steps += not chosen.solved
+        self._accelerations = (chosen.joint_rates - self._rates) / dt
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s], as last planned."""
         return self._after(number("t", t) - max(self._step, 0) * self._planner.dt)
 
-    def _best_side(self, q: FloatArray, goal: FloatArray) -> FloatArray:
+    def joint_failed(self, joint: int, locked: bool) -> None:
+        """Plan with what is left: the joint (index from 0) moves no more, or as it will.
+
+        A limp joint is taken as it is measured, at the rate that it has.
+        """
+        self._failed[joint], self._limp[joint] = True, not locked
+        limits = self._model.limits
+        velocity, acceleration = limits.velocity.copy(), limits.acceleration.copy()
+        velocity[self._failed] = acceleration[self._failed] = _STILL
+        self._model = with_limits(self._model, replace(limits, velocity=velocity, acceleration=acceleration))
+        side = self._planner._lateral
+        self._planner = self._like(self._planner.dt)
+        self._planner.reset(side)
+        self._guide, self._next_look = None, 0.0
+
+    # -- one step --------------------------------------------------------------------------------------
+
+    def _plan(self, t: float, q: FloatArray, left: float) -> Step:
+        aim = self._goal(t)
+        if self.mode == "guide" and self._guide is not None:
+            place, wanted = self._guide.sample(t + self._planner.dt)
+            wanted = wanted + _GUIDE_GAIN * (place - self._start - self._planner.dt * wanted)
+            return follow(self._planner, q, self._rates, wanted, aim, left)
+        ahead = self._lead(t, left)
+        return self._planner.advance(q, self._rates, aim.position + ahead, left, aim.rotation)
+
+    def _lead(self, t: float, left: float) -> FloatArray:
+        """How far ahead of a moving target to aim (3,) [m].
+
+        The step's speed is 2.5 times the way over the time left, each a little later (`reference_speed`).
+        Aimed at a point that is ahead by that time's share of the target's velocity, what is left of the way
+        beyond the lead shrinks as for a target at rest, and the end effector arrives with that velocity.
+        """
+        if not callable(self.target):
+            return np.zeros(3)
+        dt = self._planner.dt
+        velocity = (self._goal(t + dt).position - self._goal(max(t - dt, 0.0)).position) / (dt + min(dt, t))
+        return velocity * ((max(left - dt, 0.0) + 3.25 * dt) / 2.5 + 0.5 * dt)
+
+    def _goal(self, t: float) -> Goal:
+        return goal(self.target(t) if callable(self.target) else self.target)
+
+    # -- the way to the deadline -----------------------------------------------------------------------
+
+    def _look(self, t: float, q: FloatArray, left: float) -> None:
+        """Look ahead with the base as it was seen to react, and choose what to follow."""
+        estimated = self._estimate.model()
+        self._model = with_limits(estimated, self._model.limits)
+        side = self._planner._lateral
+        self._planner = self._like(self._planner.dt, self._first_aim)
+        self._planner.reset(side)
+        aim = self._goal(self._arrival)
+
+        options: list[tuple[float, str, SpaceManipulator]] = []
+        cone: Outlook | None = None
+        # Once a guide was needed, steps keep room to the joint limits, until there is no time to go round.
+        narrowed = with_limits(self._model, _narrowed(self._model.limits))
+        models = [self._model] if not self._room else [narrowed, self._model] if left < 2.0 else [narrowed]
+        for model in models:
+            for kind in dict.fromkeys((self._first_aim, "resolved-rate")):
+                planner = self._like(self._planner.dt, kind, model)
+                planner.reset(side)
+                seen = look_ahead(planner, q, self._rates, aim, left, _FINE if self._room else _COARSE)
+                cone = cone or seen
+                options.append((seen.miss, kind, model))
+                if seen.miss <= _NEAR:
+                    break
+            if options[-1][0] <= _NEAR:
+                break
+        miss, kind, model = options[-1] if options[-1][0] <= _NEAR else min(options, key=lambda one: one[0])
+        if miss > _NEAR and cone is not None:
+            guide = self._find_guide(t, q, aim, left, cone)
+            if guide is not None and guide.miss < miss:
+                self.mode, self.expected_miss, self._guide, self._room = "guide", guide.miss, guide, True
+                return
+        self._guide = None
+        self.mode, self.expected_miss = "cone" if kind == self._first_aim else "straight", miss
+        self._planner = self._like(self._planner.dt, kind, model)
+        self._planner.reset(side)
+
+    def _find_guide(self, t: float, q: FloatArray, aim: Goal, left: float, cone: Outlook) -> Guide | None:
+        """The best guide from a few first guesses: the last one, and the way that the step would take."""
+        guesses = [cone.positions]
+        if self._guide is not None:
+            at = np.linspace(t, self._arrival, 30)
+            guesses.insert(0, np.array([self._guide.sample(float(s))[0] for s in at]))
+        best: Guide | None = None
+        for guess in guesses:
+            found = find_guide(
+                self._model, q, self._rates, aim.position, t, left, guess, aim.rotation, self._failed
+            )
+            if found.fits and (best is None or found.miss < best.miss):
+                best = found
+            if best is not None and best.miss <= 0.5 * _NEAR:
+                break
+        return best
+
+    def _best_side(self, q: FloatArray, aim: Goal) -> FloatArray:
         """Side of the cone to start on: the one whose coarse plan does best."""
-        planner = self._planner
-        coarse = planner.coarse(max(planner.dt, self.duration / _LOOK_AHEAD))
+        coarse = self._like(max(self._planner.dt, self._arrival / _LOOK_AHEAD))
         best, side = None, np.zeros(3)
-        for candidate in start_sides(planner.sms, q, goal):
+        for candidate in start_sides(coarse.sms, q, aim.position):
             coarse.reset(candidate)
-            score = rank(march(coarse, q, goal, self.duration))
+            score = rank(march(coarse, q, aim.position, self._arrival, rotation=aim.rotation))
             if best is None or score < best:
                 best, side = score, candidate
         return side
+
+    def _like(self, dt: float, aim: str | None = None, model: SpaceManipulator | None = None) -> StepPlanner:
+        """A planner like the present one, for the robot as it is known now."""
+        p = self._planner
+        kind = type(p)
+        return kind(model or self._model, dt, p.kappa, p.clearance, p._collision, p.weights, aim or p._aim)
 
     def _after(self, h: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Motion `h` seconds into the planned step, and on at its last rates if nobody plans the next."""
@@ -99,3 +277,9 @@ class Replanning:
         end = self._rates + dt * acceleration
         place = self._start + (0.5 * dt) * (self._rates + end) + (h - dt) * end
         return place, end, np.zeros_like(end)
+
+
+def _narrowed(limits: JointLimits) -> JointLimits:
+    room = _ROOM * (limits.upper - limits.lower)
+    room = np.where(np.isfinite(room), room, 0.0)
+    return replace(limits, lower=limits.lower + room, upper=limits.upper - room)
