@@ -175,17 +175,19 @@ class StepPlanner:
         """
         return self.advance(*self._checked(q, joint_rates, target, time_left))
 
-    def track(self, target: Target, duration: float) -> Replanning:
+    def track(self, target: Target, duration: float, hold: float = 0.0) -> Replanning:
         """A reference for a closed loop that plans again from the measured state at every step.
 
         Parameters
         ----------
-        target : array_like, shape (3,), or callable
-            Position in inertial axes [m], or a function of time [s] that gives one.
+        target : array_like, shape (3,), pinocchio.SE3, or callable
+            Position [m] or pose in inertial axes, or a function of time [s] that gives one.
         duration : float
             Time to arrive [s].
+        hold : float
+            How long to stay at the target, or with it where it moves, after that [s].
         """
-        return Replanning(self, target, duration)
+        return Replanning(self, target, duration, hold)
 
     def coarse(self, dt: float) -> StepPlanner:
         """A planner like this one with another step, for a look ahead."""
