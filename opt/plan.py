@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, number, positive
@@ -15,13 +16,16 @@ from ffsms_pin.opt.horizon import keeps_clear, plan_horizon
 from ffsms_pin.opt.marching import Progress, march, rank, start_sides
 from ffsms_pin.opt.step_planner import StepPlanner, StepWeights
 from ffsms_pin.opt.targets import goal
-from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["METHODS", "plan"]
 
 
 METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
+
+# [m, rad] Nearer than this to its target, an arm is there.
+ALREADY_THERE = 1e-6
 
 # The references are about what they spare: ten times the step's own price of redundant motion, and still too
 # little to keep an arm from leaving a singular start.
@@ -93,6 +97,12 @@ def plan(
     if method not in METHODS:
         raise InvalidValue("method", method, f"must be one of {', '.join(METHODS)}")
     dt = duration / round(duration / dt)
+    start = sms.at(q0).end_effector_pose
+    turned = 0.0 if rotation is None else float(np.linalg.norm(pin.log3(rotation @ start.rotation.T)))
+    if max(float(np.linalg.norm(position - start.translation)), turned) < ALREADY_THERE:
+        plan = _stand_still(sms, q0, position, duration, dt, kappa, rotation)
+        if keeps_clear(sms, plan, clearance, collision):
+            return plan
     if method == "horizon":
         return plan_horizon(sms, q0, position, duration, dt, kappa, clearance, collision, progress, rotation)
     if method == "step":
@@ -108,6 +118,22 @@ def plan(
         planner = StepPlanner(sms, dt, kappa, clearance, collision, REFERENCE_WEIGHTS, method)
         plan = march(planner, q0, position, duration, progress, rotation)
     return replace(plan, clear=keeps_clear(sms, plan, clearance, collision))
+
+
+def _stand_still(
+    sms: SpaceManipulator,
+    q0: FloatArray,
+    target: FloatArray,
+    duration: float,
+    dt: float,
+    kappa: float,
+    rotation: FloatArray | None,
+) -> Trajectory:
+    """The motion of an arm that is already there: none, whatever the paper's cost charges for it."""
+    steps = round(duration / dt)
+    t, q = np.linspace(0.0, duration, steps + 1), np.tile(q0, (steps + 1, 1))
+    note = "the end effector is at its target from the start"
+    return measure(sms, t, q, np.zeros((steps + 1, sms.n)), target, kappa, note, rotation)
 
 
 def _both_sides(

@@ -239,3 +239,14 @@ def test_an_unhindered_reference_is_its_weighted_inverse(sms: ffsms.SpaceManipul
 def test_an_unknown_method_is_named(sms: ffsms.SpaceManipulator) -> None:
     with pytest.raises(InvalidValue, match=r"method.*'magic'"):
         opt.plan(sms, sms.configuration([0, 0, 0]), [1.0, 0.1, 0.0], method="magic")
+
+
+@pytest.mark.parametrize("method", opt.METHODS)
+def test_an_arm_that_is_there_stays(sms: ffsms.SpaceManipulator, method: str) -> None:
+    q0 = sms.configuration([0.4, 0.7, -0.5])
+    here = sms.at(q0).end_effector_pose.translation
+    plan = opt.plan(sms, q0, here, duration=2.0, dt=0.05, method=method)
+    assert plan.reached
+    assert np.array_equal(plan.q, np.tile(q0, (41, 1)))
+    assert not plan.v.any()
+    assert not plan.cos_theta.any()

@@ -346,3 +346,11 @@ def test_the_command_says_what_is_wrong(
     assert "summary.json" in line(str(tmp_path))
     (tmp_path / "summary.json").write_text('{"scenario": "x", "robot": "gone.urdf"}')
     assert "gone.urdf" in line(str(tmp_path))
+
+
+def test_the_result_may_come_first(planar: ffsms.SpaceManipulator) -> None:
+    plan = ffsms.opt.plan(planar, planar.configuration([0.4, 0.7, -0.5]), [0.75, 0.5, 0.0], 2.0, 0.1)
+    one, other = ffsms.view(plan, planar).html(), ffsms.view(planar, plan).html()
+    assert abs(len(one) - len(other)) < 100  # the same but for the random names of the scene's objects
+    with pytest.raises(InvalidValue, match="must be a SpaceManipulator"):
+        ffsms.view(plan, plan)

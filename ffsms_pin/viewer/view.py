@@ -15,6 +15,7 @@ from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import REACH
+from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import write_atomically
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.colours import ASSISTANCE_STOPS, COLOURS, USAGE_STOPS
@@ -35,8 +36,8 @@ _FLAT = 1e-6  # [m] a motion that spreads less along z is planar, and best seen 
 
 
 def view(
-    sms: SpaceManipulator,
-    result: Result,
+    sms: SpaceManipulator | Result,
+    result: Result | SpaceManipulator,
     plan: Trajectory | None = None,
     *,
     target: Target | None = None,
@@ -47,6 +48,8 @@ def view(
     play: bool = True,
 ) -> View:
     """Make an animated scene of a motion, with the coupling drawn on it.
+
+    The first two arguments may come in either order.
 
     Parameters
     ----------
@@ -82,6 +85,12 @@ def view(
     GeometryError
         The robot's shapes cannot be drawn.
     """
+    if isinstance(result, SpaceManipulator):
+        sms, result = result, sms
+    if not isinstance(sms, SpaceManipulator):
+        raise InvalidValue("sms", sms, "must be a SpaceManipulator")
+    if not isinstance(result, Trajectory | Tracking):
+        raise InvalidValue("result", result, "must be a Trajectory or a Tracking")
     speed, fps = positive("speed", speed), positive("fps", fps, "1/s")
     shown = chosen_layers(show)
     planned = result if isinstance(result, Trajectory) else plan
