@@ -12,7 +12,7 @@ import numpy as np
 
 from ffsms_pin.errors import ResultError
 
-__all__ = ["load_arrays", "save_arrays", "write_atomically"]
+__all__ = ["load_arrays", "save_arrays", "write_atomically", "write_content"]
 
 _FORMAT_KEY = "format"
 
@@ -43,6 +43,16 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], 
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def write_content(path: str | os.PathLike[str], content: str | bytes) -> None:
+    """Write a text, in UTF-8, or bytes to a file that is there whole or not at all."""
+    raw = content.encode() if isinstance(content, str) else content
+
+    def write(file: IO[bytes]) -> None:
+        file.write(raw)
+
+    write_atomically(path, write)
 
 
 def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, Any]) -> None:

@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.plotting.comparison import plot_comparison
     from ffsms_pin.scenarios import scenario
     from ffsms_pin.scenarios.compare import compare, comparison_numbers
-    from ffsms_pin.storage import write_atomically
+    from ffsms_pin.storage import write_content
 
     chosen = scenario(arguments.scenario)
     methods = tuple(arguments.methods) if arguments.methods else METHODS
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         comparison = compare(chosen, methods, progress)
         numbers = comparison_numbers(comparison)
         text = json.dumps(numbers, indent=2) + "\n"
-        write_atomically(staging / "comparison.json", lambda file: _write(file, text))
+        write_content(staging / "comparison.json", text)
         figure = plot_comparison(comparison)
         for ending in ("pdf", "png"):
             save_figure(figure, staging / f"comparison.{ending}", ending)
@@ -64,10 +64,6 @@ def run(arguments: argparse.Namespace) -> int:
     output.print(_table(chosen.name, numbers))
     output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
     return 0
-
-
-def _write(file: Any, text: str) -> None:
-    file.write(text.encode())
 
 
 def _table(name: str, numbers: dict[str, dict[str, Any]]) -> Any:

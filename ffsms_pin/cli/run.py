@@ -7,7 +7,6 @@ import os
 import sys
 import webbrowser
 from pathlib import Path
-from typing import IO
 
 from rich.console import Console
 
@@ -17,7 +16,7 @@ from ffsms_pin.cli.results_folder import results_folder
 from ffsms_pin.cli.summary_table import summary_table
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.scenarios import run, scenario, summary
-from ffsms_pin.storage import write_atomically
+from ffsms_pin.storage import write_content
 
 __all__ = ["run_scenario"]
 
@@ -52,7 +51,7 @@ def run_scenario(name: str, out: str | None = None, figures: bool = True, show: 
         outcome.tracking.save(staging / "tracking.npz")
         numbers = summary(outcome)
         text = json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        write_atomically(staging / "summary.json", lambda file: _write(file, text))
+        write_content(staging / "summary.json", text)
         if figures:
             from ffsms_pin.plotting import save_figures
 
@@ -71,7 +70,3 @@ def _show(picture: Path, output: Console) -> None:
     )
     if not (desktop and webbrowser.open(picture.resolve().as_uri())):
         output.print(f"picture of the motion: {picture}", markup=False, highlight=False, soft_wrap=True)
-
-
-def _write(file: IO[bytes], text: str) -> None:
-    file.write(text.encode())

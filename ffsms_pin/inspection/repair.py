@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 from xml.etree import ElementTree
 
 from ffsms_pin.checks import positive
@@ -13,7 +13,7 @@ from ffsms_pin.inspection.examination import examine
 from ffsms_pin.inspection.faults import Change, Settings
 from ffsms_pin.inspection.report import DEFAULT_EFFORT, checked_path
 from ffsms_pin.models.mounting import DEFAULT_RATE
-from ffsms_pin.storage import write_atomically
+from ffsms_pin.storage import write_content
 from ffsms_pin.system.shapes import find_mesh
 
 __all__ = ["repair"]
@@ -69,11 +69,7 @@ def repair(
     if changes:
         found.mended.insert(0, _comment(changes))
     text = ElementTree.tostring(found.mended, encoding="utf-8", xml_declaration=True)
-
-    def write(file: IO[bytes]) -> None:
-        file.write(text)
-
-    write_atomically(out, write)
+    write_content(out, text)
     return changes
 
 

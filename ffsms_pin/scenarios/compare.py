@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.control.reduced_dynamics import reduced_dynamics
 from ffsms_pin.errors import InvalidScenario, InvalidValue
-from ffsms_pin.opt import METHODS, Trajectory, plan
+from ffsms_pin.opt import METHODS, Trajectory
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.extremes import base_numbers
+from ffsms_pin.scenarios.run import planned, stage
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Comparison", "compare", "comparison_numbers"]
@@ -57,17 +58,15 @@ def compare(
     sms = scenario.load()
     plans: dict[str, Trajectory] = {}
     times: dict[str, float] = {}
-    options = {key: value for key, value in scenario.plan.items() if key not in ("reach", "method")}
     for method in methods:
-        report = None if progress is None else _named(progress, method)
         try:
             q0 = scenario.start_configuration(sms)
             started = time.perf_counter()
-            made = plan(sms, q0, scenario.target["position"], method=method, progress=report, **options)
+            made = planned(scenario, sms, q0, stage(progress, method), method)
         except InvalidValue as error:
             raise InvalidScenario(scenario.source, str(error)) from None
         times[method] = time.perf_counter() - started
-        plans[method] = replace(made, reach=scenario.plan.get("reach", made.reach))
+        plans[method] = made
     return Comparison(scenario, sms, plans, times)
 
 
@@ -104,7 +103,3 @@ def _torque_effort(sms: SpaceManipulator, made: Trajectory) -> float:
         H_q, C_q = reduced_dynamics(sms, made.q[k], made.v[k])
         effort += float(np.square(H_q @ acceleration + C_q).sum())
     return effort * made.dt
-
-
-def _named(progress: Callable[[str, float], None], method: str) -> Callable[[float], None]:
-    return lambda share: progress(method, share)

@@ -15,7 +15,7 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.simulation import Tracking, simulate
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Outcome", "Timing", "run"]
+__all__ = ["Outcome", "Timing", "planned", "run", "stage"]
 
 StageProgress = Callable[[str, float], None]
 
@@ -75,27 +75,34 @@ def run(scenario: Scenario, progress: StageProgress | None = None) -> Outcome:
         plant_q0 = scenario.plant_start(sms, q0)
         controller = _controller(scenario, sms)
         started = time.perf_counter()
-        trajectory = _planned(scenario, sms, q0, _stage(progress, "planning"))
-        planned = time.perf_counter()
+        trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
+        ended = time.perf_counter()
         tracking = simulate(
             sms,
             trajectory,
             controller,
             q0=plant_q0,
-            progress=_stage(progress, "tracking"),
+            progress=stage(progress, "tracking"),
             **{key: scenario.control[key] for key in ("dt",) if key in scenario.control},
         )
     except InvalidValue as error:
         raise InvalidScenario(scenario.source, str(error)) from None
     tracked = time.perf_counter()
-    timing = Timing(planned - started, tracked - planned)
+    timing = Timing(ended - started, tracked - ended)
     return Outcome(scenario, sms, controller, trajectory, tracking, timing)
 
 
-def _planned(
-    scenario: Scenario, sms: SpaceManipulator, q0: FloatArray, progress: Callable[[float], None] | None
+def planned(
+    scenario: Scenario,
+    sms: SpaceManipulator,
+    q0: FloatArray,
+    progress: Callable[[float], None] | None,
+    method: str | None = None,
 ) -> Trajectory:
+    """The scenario's plan from q0; `method` stands in for the scenario's own."""
     options = {key: value for key, value in scenario.plan.items() if key != "reach"}
+    if method is not None:
+        options["method"] = method
     trajectory = plan(sms, q0, scenario.target["position"], progress=progress, **options)
     # r_th judges a plan; it does not steer it.
     return replace(trajectory, reach=scenario.plan.get("reach", trajectory.reach))
@@ -110,5 +117,6 @@ def _controller(scenario: Scenario, sms: SpaceManipulator) -> SlidingModeControl
     return SlidingModeController(sms, **gains)
 
 
-def _stage(progress: StageProgress | None, stage: str) -> Callable[[float], None] | None:
-    return None if progress is None else lambda share: progress(stage, share)
+def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] | None:
+    """What reports the share done of one stage, by its name."""
+    return None if progress is None else lambda share: progress(name, share)

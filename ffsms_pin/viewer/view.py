@@ -16,7 +16,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import REACH
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.storage import write_atomically
+from ffsms_pin.storage import write_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.colours import ASSISTANCE_STOPS, COLOURS, USAGE_STOPS
 from ffsms_pin.viewer.coupling_layer import CouplingLayer
@@ -137,8 +137,7 @@ class View:
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
         """Write one file that needs nothing else, not even a network; atomically."""
-        text = self.html().encode("utf-8")
-        write_atomically(path, lambda file: _write(file, text))
+        write_content(path, self.html())
 
     def html(self) -> str:
         """The text of that file."""
@@ -246,7 +245,3 @@ def _draw(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, reac
 def _short(values: FloatArray) -> list[float]:
     """Numbers as they are read, not as they are computed."""
     return [round(float(value), 4) for value in values]
-
-
-def _write(file: Any, text: bytes) -> None:
-    file.write(text)
