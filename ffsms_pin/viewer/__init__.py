@@ -3,7 +3,7 @@
 from ffsms_pin.viewer._meshcat import meshcat  # first of all
 from ffsms_pin.viewer.layers import LAYERS
 from ffsms_pin.viewer.live import LiveView
-from ffsms_pin.viewer.view import View, view
+from ffsms_pin.viewer.opened import View, view
 
 __all__ = ["LAYERS", "LiveView", "View", "view"]
 
