@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -47,6 +48,8 @@ def matrix(name: str, value: ArrayLike, rows: int, columns: int) -> FloatArray:
 
 def number(name: str, value: Any) -> float:
     """One finite number."""
+    if type(value) is float and math.isfinite(value):  # the most common case, and asked in every control step
+        return value
     if isinstance(value, bool):
         raise InvalidValue(name, value, "must be a number")
     array = _floats(name, value)

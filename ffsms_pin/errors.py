@@ -24,6 +24,8 @@ __all__ = [
     "SimulationStopped",
     "SlowGains",
     "SolverError",
+    "TaskError",
+    "TasksFailed",
     "UnsupportedJoint",
     "ViewerError",
 ]
@@ -218,6 +220,31 @@ class ResultError(FfsmsError, OSError):
     def __init__(self, path: str | os.PathLike[str], problem: str) -> None:
         super().__init__(f"{os.fspath(path)}: {problem}")
         self.path = str(path)
+
+
+class TaskError(FfsmsError, RuntimeError):
+    """One of many tasks failed in another process, and its own error could not be sent back."""
+
+
+class TasksFailed(FfsmsError, RuntimeError):
+    """Some of many tasks failed.
+
+    Attributes
+    ----------
+    failures : dict of int to Exception
+        Why, by the place of the task in the sequence.
+    results : list
+        The results of all tasks; None for those that failed.
+    """
+
+    def __init__(self, failures: dict[int, Exception], results: list[Any]) -> None:
+        index, error = next(iter(failures.items()))
+        super().__init__(
+            f"{len(failures)} of {len(results)} tasks failed, the first at index {index} "
+            f"({type(error).__name__}: {error}); the error's `results` has the others"
+        )
+        self.failures = failures
+        self.results = results
 
 
 class FfsmsWarning(UserWarning):

@@ -61,8 +61,10 @@ def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, An
     write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
 
 
-def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -> dict[str, Any]:
-    """Read what `save_arrays` wrote; every one of `names` must be there."""
+def load_arrays(
+    path: str | os.PathLike[str], kind: str, names: Sequence[str], defaults: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Read what `save_arrays` wrote; every one of `names` must be there, or have a default."""
     try:
         # Opened here: numpy would leave a damaged archive open.
         with open(path, "rb") as stream:
@@ -75,6 +77,7 @@ def load_arrays(path: str | os.PathLike[str], kind: str, names: Sequence[str]) -
         raise ResultError(path, f"cannot be read ({error.strerror})") from None
     if str(found.get(_FORMAT_KEY)) != kind:
         raise ResultError(path, f"is not a {kind} file")
+    found = {**(defaults or {}), **found}
     missing = [name for name in names if name not in found]
     if missing:
         raise ResultError(path, f"lacks {', '.join(missing)}; it was written by another version")

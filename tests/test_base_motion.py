@@ -190,3 +190,13 @@ def test_wrong_momentum(
     refused(
         lambda: roll_out(planar, q, zero, np.zeros((1, 3)), 0.01, momentum), InvalidValue, "momentum must"
     )
+
+
+def test_the_quaternion_stays_a_unit_one() -> None:
+    """Through long moves of a heavy arm: rounding of a quaternion must not feed on itself."""
+    sms = ffsms.load("space_arm_7")
+    rng, start = np.random.default_rng(1), np.array([0.0, 0.6, 0.0, 1.2, 0.0, 0.6, 0.0])
+    for _ in range(60):
+        move = 0.9 * sms.limits.upper * rng.uniform(-1.0, 1.0, 7) - start
+        q, _ = roll_out(sms, sms.configuration(start), move, np.zeros((120, 7)), 1.0 / 120)
+        assert np.abs(np.linalg.norm(q[:, 3:7], axis=1) - 1.0).max() < 1e-14

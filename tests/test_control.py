@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import SlidingModeController, reduced_dynamics
+from ffsms_pin.control.reduced_dynamics import reduced_torque
 from ffsms_pin.errors import FfsmsError, InvalidValue
 
 Array = NDArray[np.float64]
@@ -47,6 +48,11 @@ def test_reduced_dynamics_agrees_with_forward_dynamics_and_state(
     for _ in range(5):
         q, v = random_state(sms, rng)
         H_q, C_q = reduced_dynamics(sms, q, v)
+        qdd = rng.normal(size=n)
+        tau = H_q @ qdd + C_q
+        np.testing.assert_allclose(
+            reduced_torque(sms, q, v, qdd), tau, atol=1e-11 * (1.0 + np.abs(tau).max())
+        )
         state = sms.at(q, v)
         np.testing.assert_allclose(H_q, state.H_q, atol=1e-12 * np.abs(H_q).max())
         np.testing.assert_allclose(C_q, state.C_q, atol=1e-12 * max(1.0, np.abs(C_q).max()))

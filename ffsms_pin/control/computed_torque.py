@@ -9,7 +9,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.control.gains import gain_matrix
 from ffsms_pin.control.law import JointLaw, Motion
 from ffsms_pin.control.poles import time_constants
-from ffsms_pin.control.reduced_dynamics import reduced_dynamics
+from ffsms_pin.control.reduced_dynamics import reduced_torque
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["ComputedTorque"]
@@ -60,8 +60,8 @@ class ComputedTorque(JointLaw):
         return time_constants(np.eye(self.sms.n), self.K_d, self.K_p)
 
     def _law(self, motion: Motion) -> FloatArray:
-        H_q, C_q = reduced_dynamics(self.sms, motion.q, motion.v)
-        return H_q @ (motion.qdd_d - self.K_d @ motion.qd_e - self.K_p @ motion.q_e) + C_q
+        wanted = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
+        return reduced_torque(self.sms, motion.q, motion.v, wanted)
 
     def _energy(self, motion: Motion) -> float:
         return 0.5 * float(motion.qd_e @ motion.qd_e + motion.q_e @ self.K_p @ motion.q_e)

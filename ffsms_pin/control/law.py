@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.control.gains import torque_limits
-from ffsms_pin.control.joint_error import JointError
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["JointLaw", "Motion"]
@@ -57,7 +56,8 @@ class JointLaw(ABC):
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
         self.sms = sms
         self.torque_limit = torque_limits(sms.limits.torque if torque_limit is None else torque_limit, sms.n)
-        self._error = JointError(sms)
+        self._error = sms.layout.difference
+        self._sizes = (sms.nq,), (sms.nv,), (sms.n,)
         self._lowest = -self.torque_limit
 
     def torque(
@@ -102,14 +102,17 @@ class JointLaw(ABC):
     def _motion(
         self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike
     ) -> Motion:
-        n = self.sms.n
-        q, v = _sized("q", q, self.sms.nq), _sized("v", v, n + 6)
+        nq, nv, n = self._sizes
+        q, v = _sized("q", q, nq), _sized("v", v, nv)
         q_d, qd_d, qdd_d = _sized("q_d", q_d, n), _sized("qd_d", qd_d, n), _sized("qdd_d", qdd_d, n)
         return Motion(q, v, self._error(q, q_d), v[6:] - qd_d, qd_d, qdd_d)
 
 
-def _sized(name: str, value: ArrayLike, size: int) -> FloatArray:
+_FLOAT64 = np.dtype(np.float64)
+
+
+def _sized(name: str, value: ArrayLike, shape: tuple[int]) -> FloatArray:
     """`value` as a vector, at no cost where it is one: this runs in the control loop."""
-    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (size,):
+    if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == shape:
         return value
-    return vector(name, value, size)
+    return vector(name, value, shape[0])

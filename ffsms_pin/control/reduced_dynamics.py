@@ -8,7 +8,7 @@ from scipy.linalg import lapack
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["reduced_coriolis", "reduced_dynamics"]
+__all__ = ["reduced_coriolis", "reduced_dynamics", "reduced_torque"]
 
 
 def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -38,6 +38,24 @@ def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tup
     # Neither result depends on the axes or the reference point of the base's velocity, so Pinocchio's serve.
     _, reaction, _ = lapack.dposv(M[:6, :6], M_bm)
     return M[6:, 6:] - M_bm.T @ reaction, effects[6:] - effects[:6] @ reaction
+
+
+def reduced_torque(sms: SpaceManipulator, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
+    """Torques H_q qdd + C_q (n,) [N m]: they give the joints the accelerations qdd (n,), the base reacting.
+
+    Without the two being made: with f the generalised force that holds the base's acceleration at zero, the
+    base takes up f_b by accelerating, so tau = f_m - M_bm^T M_b^-1 f_b. Other arguments as for
+    `reduced_dynamics`.
+    """
+    model, data = sms.model, sms._data
+    acceleration = sms._still.copy()
+    acceleration[6:] = qdd
+    force = pin.rnea(model, data, q, v, acceleration)
+    M = pin.crba(model, data, q)
+    M_bm = M[:6, 6:]
+    reaction = lapack.dposv(M[:6, :6], force[:6])[1]
+    tau: FloatArray = force[6:] - reaction.dot(M_bm)
+    return tau
 
 
 def reduced_coriolis(

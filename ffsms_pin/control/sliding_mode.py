@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control.gains import gain_matrix, positives
 from ffsms_pin.control.law import JointLaw, Motion
-from ffsms_pin.control.reduced_dynamics import reduced_dynamics
+from ffsms_pin.control.reduced_dynamics import reduced_dynamics, reduced_torque
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -84,10 +84,11 @@ class SlidingModeController(JointLaw):
             raise InvalidValue("boundary", boundary, "must be one number where K_s is not diagonal")
 
     def _law(self, motion: Motion) -> FloatArray:
-        H_q, C_q = reduced_dynamics(self.sms, motion.q, motion.v)
-        s = motion.qd_e + self.Gamma @ motion.q_e
+        s = motion.qd_e + self.Gamma.dot(motion.q_e)
         sat = np.minimum(np.maximum(s / self.boundary, -1.0), 1.0)
-        return H_q @ (motion.qdd_d - self.Gamma @ motion.qd_e) + C_q - self.K_s @ sat
+        wanted = motion.qdd_d - self.Gamma.dot(motion.qd_e)
+        tau: FloatArray = reduced_torque(self.sms, motion.q, motion.v, wanted) - self.K_s.dot(sat)
+        return tau
 
     def _energy(self, motion: Motion) -> float:
         H_q, _ = reduced_dynamics(self.sms, motion.q, motion.v)

@@ -1,8 +1,16 @@
 """Dynamic coupling between arm and base: the decomposition of C_bm and the paper's metrics."""
 
-from ffsms_pin.coupling.metrics import cosine, normalised_entropy
+from ffsms_pin.coupling.metrics import cosine, cosine_of_triples, normalised_entropy
 from ffsms_pin.coupling.null_space import reaction_null_space
 from ffsms_pin.coupling.scaling import scaled
 from ffsms_pin.coupling.svd import Coupling, decompose
 
-__all__ = ["Coupling", "cosine", "decompose", "normalised_entropy", "reaction_null_space", "scaled"]
+__all__ = [
+    "Coupling",
+    "cosine",
+    "cosine_of_triples",
+    "decompose",
+    "normalised_entropy",
+    "reaction_null_space",
+    "scaled",
+]

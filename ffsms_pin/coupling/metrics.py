@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["cosine", "normalised_entropy"]
+__all__ = ["cosine", "cosine_of_triples", "normalised_entropy"]
 
 # A velocity below this fraction of |J| |rates| is rounding, not motion: it has no direction.
 ROUNDING = 1e-14
@@ -32,7 +33,7 @@ def normalised_entropy(sigma: ArrayLike, n: int) -> float:
         With 0 log 0 = 0; zero for n = 1 and where there is no coupling at all.
     """
     # A handful of numbers: plain Python is several times faster here than array calls.
-    values = [float(x) for x in np.asarray(sigma, dtype=np.float64)]
+    values: list[float] = np.asarray(sigma, dtype=np.float64).tolist()
     total = math.fsum(values)
     if n <= 1 or total <= 0.0:
         return 0.0
@@ -60,8 +61,15 @@ def cosine(velocity: FloatArray, direction: FloatArray, scale: float = 0.0) -> f
     float
         In [-1, 1].
     """
+    return cosine_of_triples(velocity.tolist(), direction.tolist(), scale)
+
+
+def cosine_of_triples(velocity: Sequence[float], direction: Sequence[float], scale: float = 0.0) -> float:
+    """The same, of vectors given as three plain numbers each."""
+    (a, b, c), (x, y, z) = velocity, direction
     # hypot neither overflows nor loses small numbers, so only directions matter.
-    speed, distance = math.hypot(*velocity), math.hypot(*direction)
+    speed, distance = math.hypot(a, b, c), math.hypot(x, y, z)
     if speed == 0.0 or distance == 0.0 or speed <= ROUNDING * scale:
         return 0.0
-    return min(1.0, max(-1.0, float((velocity / speed) @ (direction / distance))))
+    along = (a / speed) * (x / distance) + (b / speed) * (y / distance) + (c / speed) * (z / distance)
+    return min(1.0, max(-1.0, along))

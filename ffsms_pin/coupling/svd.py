@@ -7,8 +7,8 @@ from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import lapack
 
+from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.coupling.metrics import cosine, normalised_entropy
 from ffsms_pin.errors import SolverError

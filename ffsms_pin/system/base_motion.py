@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.linalg import lapack
 
+from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.tumbling import moved_root
@@ -81,6 +81,8 @@ def advance(
     end = rates + dt * accelerations
     result = q.copy()
     result[:7] = pin.SE3ToXYZQUAT(pose)
+    # Else rounding grows: a quaternion off unit length makes a matrix that is off a rotation by more.
+    result[3:7] /= math.sqrt(result[3:7] @ result[3:7])
     sms.layout.set_positions(result, positions + (0.5 * dt) * (rates + end))
     return result, end
 
@@ -111,6 +113,8 @@ def _advance_tumbling(
     end = rates + dt * accelerations
     result = q.copy()
     result[:7] = pin.SE3ToXYZQUAT(pose)
+    # Else rounding grows: a quaternion off unit length makes a matrix that is off a rotation by more.
+    result[3:7] /= math.sqrt(result[3:7] @ result[3:7])
     sms.layout.set_positions(result, positions + (0.5 * dt) * (rates + end))
     return result, end
 

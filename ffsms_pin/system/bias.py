@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
 
+from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.kinetics import cross_matrix
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,8 @@ class JointLayout:
         Number of actuated joints.
     names : list of str
         In the order of v.
+    continuous : ndarray of bool, shape (n,)
+        Which joints are continuous: one turn is where they were.
     plain : bool
         Whether q[7:] are the joint positions themselves (no continuous joint).
     """
@@ -59,6 +62,8 @@ class JointLayout:
             self._index.append(joint.idx_q)
             self._circle.append(joint.nq == 2)
         self.n = len(self.names)
+        self.continuous = np.array(self._circle, dtype=bool)
+        self.continuous.setflags(write=False)
         self.plain = not any(self._circle)
 
     def positions(self, q: FloatArray) -> FloatArray:
@@ -82,6 +87,17 @@ class JointLayout:
                 q[k], q[k + 1] = np.cos(value), np.sin(value)
             else:
                 q[k] = value
+
+    def difference(self, q: FloatArray, positions: FloatArray) -> FloatArray:
+        """Joint positions of q (nq,) less `positions` (n,); of a continuous joint the shorter way round.
+
+        Other joints have a position beyond one turn, so their difference is taken as it is.
+        """
+        if self.plain:
+            return q[7:] - positions
+        difference = self.positions(q) - positions
+        wrapped = (difference + math.pi) % (2.0 * math.pi) - math.pi
+        return np.where(self.continuous, wrapped, difference)
 
     def check_circles(self, name: str, q: FloatArray) -> None:
         """Check that the cosine and sine of every continuous joint in q (nq,) make a unit vector."""

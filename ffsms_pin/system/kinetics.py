@@ -1,87 +1,52 @@
-"""Pinocchio's results at one configuration, and their change to the paper's convention.
+"""Pinocchio's pass at one configuration, and the change of its base velocity to the paper's.
 
 Pinocchio's base velocity is that of the root frame's origin, in the root's own axes. The paper's is that of
 the base's centre of mass, in inertial axes. With R the base attitude and c the centre of mass in the root
-frame, v_root = A x_b where A = [[R^T, [c]x R^T], [0, R^T]]; everything else follows from that one matrix.
+frame, v_root = A x_b where A = [[R^T, [c]x R^T], [0, R^T]]; everything else follows from that one matrix. It
+is the action on motions of the rigid transformation (R^T, c).
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import threading
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
 
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["Kinetics", "cross_matrix", "evaluate", "to_paper", "to_root"]
+__all__ = ["Workspace", "cross_matrix"]
 
 
-class Kinetics(NamedTuple):
-    """What one pass of Pinocchio gives at q. All arrays are copies.
+class Workspace(threading.local):
+    """Pinocchio's scratch data, one a thread; whatever is kept is copied out of it.
 
     Attributes
     ----------
-    M : ndarray, shape (6 + n, 6 + n)
-        Inertia matrix in Pinocchio's own velocity coordinates.
-    coupling : ndarray, shape (6, n)
-        -M_b^-1 M_bm: the root's velocity, in its own axes, a joint rate.
-    rotation, origin : ndarray, shape (3, 3), (3,)
-        Pose of the root frame.
-    J_e : ndarray, shape (6, 6 + n)
-        End-effector Jacobian, inertial axes, in Pinocchio's velocity coordinates.
-    end_effector : pinocchio.SE3
-    com : ndarray, shape (3,)
-        System centre of mass.
+    data : pinocchio.Data
+        For any use.
     """
 
-    M: FloatArray
-    coupling: FloatArray
-    rotation: FloatArray
-    origin: FloatArray
-    J_e: FloatArray
-    end_effector: Any
-    com: FloatArray
+    def __init__(self, model: Any) -> None:
+        self.data = model.createData()
+        self._model = model
+        self._own = model.createData()
+        self._q: FloatArray | None = None
 
+    def at(self, q: FloatArray) -> Any:
+        """Data of their own that hold the inertia matrix, poses, Jacobians and centre of mass at q.
 
-def evaluate(model: Any, data: Any, frame: int, q: FloatArray) -> Kinetics:
-    """Inertia, coupling and end-effector kinematics at q.
-
-    Pinocchio's CRBA in the world convention leaves poses, joint Jacobians and the centre of mass behind, so
-    one pass serves all.
-    """
-    M = pin.crba(model, data, q, pin.Convention.WORLD).copy()
-    # Positive definite, so Cholesky: better than an inverse where a bare arm makes M_b ill-conditioned.
-    _, coupling, _ = lapack.dposv(M[:6, :6], -M[:6, 6:])
-    root = data.oMi[1]
-    pose = pin.updateFramePlacement(model, data, frame)
-    J_e = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-    return Kinetics(
-        M, coupling, root.rotation.copy(), root.translation.copy(), J_e, pose.copy(), data.com[0].copy()
-    )
+        Pinocchio's CRBA in the world convention leaves all of them behind, so one pass serves all, as long as
+        nobody asks for another configuration in between. `q` is known again by being the same array.
+        """
+        if self._q is not q:
+            pin.crba(self._model, self._own, q, pin.Convention.WORLD)
+            self._q = q
+        return self._own
 
 
 def cross_matrix(a: FloatArray) -> FloatArray:
     """The paper's skew matrix [a]x, with [a]x b = a x b."""
     x, y, z = a
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def to_root(rotation: FloatArray, lever: FloatArray) -> FloatArray:
-    """The matrix A (6, 6): paper's base twist to Pinocchio's root velocity."""
-    A = np.zeros((6, 6))
-    Rt = rotation.T
-    A[:3, :3] = Rt
-    A[3:, 3:] = Rt
-    A[:3, 3:] = cross_matrix(lever) @ Rt
-    return A
-
-
-def to_paper(rotation: FloatArray, lever: FloatArray) -> FloatArray:
-    """The inverse of `to_root` (6, 6): Pinocchio's root velocity to the paper's base twist."""
-    A = np.zeros((6, 6))
-    A[:3, :3] = rotation
-    A[3:, 3:] = rotation
-    A[:3, 3:] = -rotation @ cross_matrix(lever)
-    return A

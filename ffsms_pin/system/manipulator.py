@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+import math
 from typing import Any
 
 import numpy as np
@@ -12,18 +12,14 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.errors import FrameNotFound, GeometryError, InvalidInertia, InvalidValue
 from ffsms_pin.system.joints import JointLayout
+from ffsms_pin.system.kinetics import Workspace
 from ffsms_pin.system.limits import ACCELERATION_PER_VELOCITY, JointLimits
 from ffsms_pin.system.shapes import Description, ShapeKind
 from ffsms_pin.system.state import State
 
 __all__ = ["SpaceManipulator"]
 
-
-class _Workspace(threading.local):
-    """Pinocchio's scratch data, one a thread; whatever is kept is copied out of it."""
-
-    def __init__(self, model: Any) -> None:
-        self.data = model.createData()
+_FLOAT64 = np.dtype(np.float64)
 
 
 class SpaceManipulator:
@@ -99,7 +95,14 @@ class SpaceManipulator:
         self.base_box_placement = base_box_placement
         self.description: Description | None = None
         self._geometry: dict[str, Any] = {}
-        self._workspace = _Workspace(self.model)
+        self._workspace = Workspace(self.model)
+        # What states need again and again.
+        self._base_com: list[float] = self.base_com.tolist()
+        self._base_place = pin.SE3(np.eye(3), np.array(base.lever))
+        self._identity = frozen(np.eye(6 + self.n))
+        self._joints_alone = frozen(self._identity[:, 6:].copy())
+        self._still = frozen(np.zeros(6 + self.n))
+        self._nq, self._nv = int(self.model.nq), int(self.model.nv)
         self._check_inertia()
 
     @property
@@ -109,12 +112,12 @@ class SpaceManipulator:
     @property
     def nq(self) -> int:
         """Length of q: 7 for the base, then one a joint, two for a continuous one."""
-        return int(self.model.nq)
+        return self._nq
 
     @property
     def nv(self) -> int:
         """Length of v: 6 + n."""
-        return int(self.model.nv)
+        return self._nv
 
     def at(self, q: ArrayLike, v: ArrayLike | None = None) -> State:
         """Kinematics, dynamics and coupling at one state.
@@ -127,13 +130,12 @@ class SpaceManipulator:
             Velocity, Pinocchio's; default: at rest.
         """
         q = self.checked_configuration("q", q)
-        v = np.zeros(self.nv) if v is None else vector("v", v, self.nv)
-        return State(self, q, v)
+        return State(self, q, self._still if v is None else _vector("v", v, self._nv))
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
         """Copy of `q`, checked for shape, finite values and a unit quaternion."""
-        array = vector(name, q, self.nq)
-        norm = float(np.linalg.norm(array[3:7]))
+        array = _vector(name, q, self._nq)
+        norm = math.hypot(*array[3:7].tolist())
         if abs(norm - 1.0) > 1e-6:
             raise InvalidValue(
                 f"{name}[3:7], the base quaternion (x, y, z, w),",
@@ -189,7 +191,7 @@ class SpaceManipulator:
         state = self.at(q)
         v = np.empty(self.nv)
         v[6:] = vector("joint_rates", joint_rates, self.n, "rad/s")
-        v[:6] = state._kinetics.coupling @ v[6:]
+        v[:6] = state._coupling @ v[6:]
         if momentum is not None:
             v[:6] += state.drift(vector("momentum", momentum, 6))
         return v
@@ -243,10 +245,19 @@ class SpaceManipulator:
     def __setstate__(self, values: dict[str, Any]) -> None:
         self.__dict__.update(values)
         frozen(self.base_com)
-        self._workspace = _Workspace(self.model)
+        self._workspace = Workspace(self.model)
 
     def __repr__(self) -> str:
         return f"SpaceManipulator('{self.model.name}', n={self.n}, end_effector='{self.end_effector}')"
+
+
+def _vector(name: str, value: ArrayLike, size: int) -> FloatArray:
+    """`vector`, at little cost where the value is in order: a sum of squares is finite only if all are."""
+    if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == (size,):
+        copy = value.copy()
+        if copy.dot(copy) < math.inf:
+            return copy
+    return vector(name, value, size)
 
 
 def _frame_id(model: Any, name: str) -> int:

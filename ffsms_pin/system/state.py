@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.coupling import Coupling, reaction_null_space, scaled
 from ffsms_pin.coupling.null_space import NULL_SPACE_TOLERANCE
 from ffsms_pin.coupling.scaling import Rows
 from ffsms_pin.system.bias import bias_accelerations
-from ffsms_pin.system.kinetics import Kinetics, cross_matrix, evaluate, to_paper, to_root
+from ffsms_pin.system.kinetics import cross_matrix
+from ffsms_pin.system.once import once
 
 if TYPE_CHECKING:
     from ffsms_pin.system.manipulator import SpaceManipulator
@@ -23,6 +24,10 @@ __all__ = ["State"]
 
 # A singular value of J* below this fraction of the largest counts as zero.
 RANK_TOLERANCE = 1e-10
+_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+_UNIT = pin.SE3.Identity()
+_FREE = np.zeros(6, np.int32)  # any column may be pivoted
+_LWORK = 512  # of dgelsy, which needs 6 (n + 2) at most
 
 
 class State:
@@ -44,7 +49,10 @@ class State:
     v: FloatArray
 
     def __init__(self, sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> None:
-        self.__dict__.update(_sms=sms, q=frozen(q), v=frozen(v))
+        q.setflags(write=False)
+        v.setflags(write=False)
+        own = self.__dict__
+        own["_sms"], own["q"], own["v"] = sms, q, v
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(
@@ -58,87 +66,168 @@ class State:
         # q and v say it all; a copy computes again what it is asked for.
         return State, (self.__dict__["_sms"], np.array(self.q), np.array(self.v))
 
-    # -- what Pinocchio gives --------------------------------------------------------------------------
+    # -- what is computed together ---------------------------------------------------------------------
+    # Quantities that fall out of the same calls are made and kept together: an entry of __dict__ is found
+    # before the method of its name. On whole arrays numpy's product costs half of what it costs on blocks.
 
-    @cached_property
-    def _kinetics(self) -> Kinetics:
-        sms: SpaceManipulator = self.__dict__["_sms"]
-        return evaluate(sms.model, sms._data, sms.frame_id, self.q)
+    def _keep(self, made: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        for array in made.values():
+            array.setflags(write=False)
+        self.__dict__.update(made)
+        return made
 
-    @cached_property
-    def _nonlinear_effects(self) -> FloatArray:
-        sms: SpaceManipulator = self.__dict__["_sms"]
-        effects: FloatArray = pin.nonLinearEffects(sms.model, sms._data, self.q, self.v)
-        return effects.copy()
+    def _make_coupling(self) -> dict[str, FloatArray]:
+        own = self.__dict__
+        sms = own["_sms"]
+        data = sms._workspace.at(own["q"])
+        M = data.M
+        # Positive definite, so Cholesky: better than an inverse where a bare arm makes M_b ill-conditioned.
+        reaction = lapack.dposv(M[:6, :6], M[:6, 6:])[1]
+        N = sms._joints_alone.copy()
+        coupling = np.negative(reaction, N[:6])
+        own["_root"] = root = data.oMi[1].copy()
+        own["_to_root"] = A = root.inverse()
+        A.translation = sms.base_com
+        return self._keep({"_N": N, "_coupling": coupling, "C_bm": A.actionInverse.dot(coupling)})
 
-    @cached_property
-    def _to_root(self) -> FloatArray:
-        return to_root(self._kinetics.rotation, self.__dict__["_sms"].base_com)
+    def _make_configuration(self) -> dict[str, FloatArray]:
+        N, own = self._N, self.__dict__
+        sms = own["_sms"]
+        model, data, frame = sms.model, sms._workspace.at(own["q"]), sms.frame_id
+        M, T = data.M, sms._identity.copy()
+        T[:6, :6] = own["_to_root"].action
+        H = T.T.dot(M.dot(T))
+        own["_end_effector"] = pose = pin.updateFramePlacement(model, data, frame).copy()
+        own["_base"] = base = own["_root"] * sms._base_place
+        lever = _UNIT.copy()
+        lever.translation = base.translation - pose.translation
+        J_e = pin.getFrameJacobian(model, data, frame, _AXES)
+        return self._keep(
+            {
+                "_T": T,
+                "H": H,
+                "H_b": H[:6, :6],
+                "H_bm": H[:6, 6:],
+                "H_m": H[6:, 6:],
+                "H_q": M.dot(N)[6:],
+                "_J_e": J_e,
+                "J_b": lever.action,
+                "J_m": J_e[:, 6:],
+                "J_star": J_e.dot(N),
+                "com": data.com[0].copy(),
+            }
+        )
 
-    @cached_property
-    def _to_paper(self) -> FloatArray:
-        return to_paper(self._kinetics.rotation, self.__dict__["_sms"].base_com)
+    def _make_motion(self) -> dict[str, FloatArray]:
+        T, own = self._T, self.__dict__
+        sms, q, v = own["_sms"], own["q"], own["v"]
+        model, data = sms.model, sms._workspace.at(q)
+        # Pinocchio's base velocity is in moving axes. With the base twist and the joint rates held constant
+        # its rate is -omega x (velocity of the base's centre of mass), linear rows only.
+        root = v[:6]
+        vx, vy, vz, wx, wy, wz = root.tolist()
+        cx, cy, cz = sms._base_com
+        vx, vy, vz = vx + wy * cz - wz * cy, vy + wz * cx - wx * cz, vz + wx * cy - wy * cx
+        moving = sms._still.copy()
+        moving[0], moving[1], moving[2] = wz * vy - wy * vz, wx * vz - wz * vx, wy * vx - wx * vy
+        effects = pin.rnea(model, data, q, v, moving)
+        C = T.T.dot(effects)
+        C_q = effects.dot(own["_N"])
+        # rnea leaves the bodies' velocities behind.
+        momentum = pin.computeCentroidalMomentum(model, data).vector
+        own["kinetic_energy"] = pin.computeKineticEnergy(model, data)
+        base_twist = own["_to_root"].actionInverse.dot(root)
+        return self._keep(
+            {"C_b": C[:6], "C_m": C[6:], "C_q": C_q, "momentum": momentum, "base_twist": base_twist}
+        )
 
-    @cached_property
-    def _lever_force(self) -> FloatArray:
-        """Rate of A times the base twist: what the moving axes of Pinocchio's base velocity add, (6,)."""
-        linear = self._kinetics.rotation.T @ self.base_twist[:3]
-        return np.concatenate([-np.cross(self.v[3:6], linear), np.zeros(3)])
+    @once
+    def _N(self) -> FloatArray:
+        """[-M_b^-1 M_bm; I] (6 + n, n): Pinocchio's velocity a joint rate, at zero momentum."""
+        return self._make_coupling()["_N"]
+
+    @once
+    def _coupling(self) -> FloatArray:
+        """The base's rows of it (6, n)."""
+        return self._make_coupling()["_coupling"]
+
+    @once
+    def _root(self) -> Any:
+        """Pose of the root frame."""
+        self._make_coupling()
+        return self.__dict__["_root"]
+
+    @once
+    def _to_root(self) -> Any:
+        """The change of the base twist to Pinocchio's: see `kinetics`."""
+        self._make_coupling()
+        return self.__dict__["_to_root"]
+
+    @once
+    def _T(self) -> FloatArray:
+        """The change of [base twist; joint rates] to Pinocchio's velocity (6 + n, 6 + n)."""
+        return self._make_configuration()["_T"]
+
+    @once
+    def _J_e(self) -> FloatArray:
+        """End-effector Jacobian (6, 6 + n), inertial axes, in Pinocchio's velocity coordinates."""
+        return self._make_configuration()["_J_e"]
+
+    @once
+    def _base(self) -> Any:
+        self._make_configuration()
+        return self.__dict__["_base"]
+
+    @once
+    def _end_effector(self) -> Any:
+        self._make_configuration()
+        return self.__dict__["_end_effector"]
 
     # -- inertia matrix --------------------------------------------------------------------------------
 
-    @cached_property
+    @once
     def H(self) -> FloatArray:
         """Generalised inertia matrix (6 + n, 6 + n) for [base twist; joint rates] (paper Eq. T)."""
-        H = np.empty_like(self._kinetics.M)
-        H[:6, :6] = self.H_b
-        H[:6, 6:] = self.H_bm
-        H[6:, :6] = self.H_bm.T
-        H[6:, 6:] = self.H_m
-        return frozen(H)
+        return self._make_configuration()["H"]
 
-    @cached_property
+    @once
     def H_b(self) -> FloatArray:
         """Base block (6, 6): [[H_v, H_vw], [H_vw^T, H_w]] of the paper."""
-        return frozen(self._to_root.T @ self._kinetics.M[:6, :6] @ self._to_root)
+        return self._make_configuration()["H_b"]
 
-    @cached_property
+    @once
     def H_bm(self) -> FloatArray:
         """Base-joint block (6, n): [H_vm; H_wm] of the paper."""
-        return frozen(self._to_root.T @ self._kinetics.M[:6, 6:])
+        return self._make_configuration()["H_bm"]
 
-    @cached_property
+    @once
     def H_m(self) -> FloatArray:
         """Joint block (n, n)."""
-        return frozen(self._kinetics.M[6:, 6:].copy())
+        return self._make_configuration()["H_m"]
 
-    @cached_property
+    @once
     def H_q(self) -> FloatArray:
         """Reduced inertia matrix (n, n): the Schur complement of H_b in H."""
-        k = self._kinetics
-        return frozen(k.M[6:, 6:] + k.M[6:, :6] @ k.coupling)
+        return self._make_configuration()["H_q"]
 
     # -- velocity-dependent forces ---------------------------------------------------------------------
 
-    @cached_property
+    @once
     def C_b(self) -> FloatArray:
         """Coriolis and centrifugal force on the base (6,) [N; N m], conjugate to the base twist."""
-        M, effects = self._kinetics.M, self._nonlinear_effects
-        return frozen(self._to_root.T @ (effects[:6] + M[:6, :6] @ self._lever_force))
+        return self._make_motion()["C_b"]
 
-    @cached_property
+    @once
     def C_m(self) -> FloatArray:
         """Coriolis and centrifugal torque on the joints (n,) [N m], with the base twist held constant."""
-        return frozen(self._nonlinear_effects[6:] + self._kinetics.M[6:, :6] @ self._lever_force)
+        return self._make_motion()["C_m"]
 
-    @cached_property
+    @once
     def C_q(self) -> FloatArray:
         """Reduced Coriolis and centrifugal torque (n,) [N m]: C_m - H_bm^T H_b^-1 C_b, the base reacting."""
-        # The lever force cancels in the reduction, so Pinocchio's own coordinates give the same.
-        effects = self._nonlinear_effects
-        return frozen(effects[6:] + self._kinetics.coupling.T @ effects[:6])
+        return self._make_motion()["C_q"]
 
-    @cached_property
+    @once
     def C_q_matrix(self) -> FloatArray:
         """Coriolis matrix C of the reduced system (n, n) [N m s], at the joint rates and zero momentum.
 
@@ -151,7 +240,7 @@ class State:
         Computational and Nonlinear Dynamics 16 (2021)).
         """
         sms: SpaceManipulator = self.__dict__["_sms"]
-        N = np.vstack([self._kinetics.coupling, np.eye(sms.n)])
+        N = self._N
         C_M = pin.computeCoriolisMatrix(sms.model, sms._data, self.q, N @ self.v[6:])
         return frozen(N.T @ C_M @ N)
 
@@ -160,56 +249,49 @@ class State:
     @property
     def base_pose(self) -> Any:
         """Pose of the base (a new pinocchio.SE3): the root's axes, at the base's centre of mass."""
-        k = self._kinetics
-        return pin.SE3(k.rotation, k.origin + k.rotation @ self.__dict__["_sms"].base_com)
+        return self._base.copy()
 
-    @cached_property
+    @once
     def base_twist(self) -> FloatArray:
         """Twist of the base (6,) [m/s; rad/s]: velocity of its centre of mass, angular velocity."""
-        return frozen(self._to_paper @ self.v[:6])
+        return self._make_motion()["base_twist"]
 
     @property
     def end_effector_pose(self) -> Any:
         """Pose of the end-effector frame (a new pinocchio.SE3)."""
-        return self._kinetics.end_effector.copy()
+        return self._end_effector.copy()
 
-    @cached_property
+    @once
     def J_b(self) -> FloatArray:
         """Base Jacobian (6, 6): end-effector twist a base twist (paper Eq. d1)."""
-        J_b = np.eye(6)
-        lever = self._kinetics.end_effector.translation - self.base_pose.translation
-        J_b[:3, 3:] = cross_matrix(lever).T
-        return frozen(J_b)
+        return self._make_configuration()["J_b"]
 
-    @cached_property
+    @once
     def J_m(self) -> FloatArray:
         """Manipulator Jacobian (6, n): [J_Te; J_Re] of the paper."""
-        return frozen(self._kinetics.J_e[:, 6:].copy())
+        return self._make_configuration()["J_m"]
 
-    @cached_property
+    @once
     def J_star(self) -> FloatArray:
         """Generalised Jacobian (6, n): J_b C_bm + J_m (paper Eq. DC_GJM; Umetani and Yoshida 1989)."""
-        k = self._kinetics
-        return frozen(k.J_e[:, :6] @ k.coupling + k.J_e[:, 6:])
+        return self._make_configuration()["J_star"]
 
-    @cached_property
+    @once
     def end_effector_twist(self) -> FloatArray:
         """Twist of the end effector (6,) [m/s; rad/s]: velocity of the frame's origin, angular velocity."""
-        return frozen(self._kinetics.J_e @ self.v)
+        return frozen(self._J_e.dot(self.v))
 
-    @cached_property
+    @once
     def com(self) -> FloatArray:
         """Centre of mass of the whole system (3,) [m]."""
-        return frozen(self._kinetics.com)
+        return self._make_configuration()["com"]
 
     # -- momentum and energy ---------------------------------------------------------------------------
 
-    @cached_property
+    @once
     def momentum(self) -> FloatArray:
         """Total momentum (6,) [kg m/s; kg m^2/s], angular part about the system's centre of mass."""
-        h = self.H_b @ self.base_twist + self.H_bm @ self.v[6:]
-        h[3:] -= np.cross(self.com - self.base_pose.translation, h[:3])
-        return frozen(h)
+        return self._make_motion()["momentum"]
 
     def drift(self, momentum: FloatArray) -> FloatArray:
         """Root velocity (6,), Pinocchio's, that gives the system `momentum` with the joints at rest.
@@ -219,41 +301,43 @@ class State:
         momentum : ndarray, shape (6,)
             [linear; angular], inertial axes, about the system's centre of mass.
         """
-        k = self._kinetics
-        h = np.concatenate([momentum[:3], momentum[3:] + np.cross(k.com - k.origin, momentum[:3])])
-        h = np.concatenate([k.rotation.T @ h[:3], k.rotation.T @ h[3:]])
-        drift: FloatArray = np.linalg.solve(k.M[:6, :6], h)
+        sms: SpaceManipulator = self.__dict__["_sms"]
+        root = self._root
+        h = np.concatenate([momentum[:3], momentum[3:] + np.cross(self.com - root.translation, momentum[:3])])
+        h = np.concatenate([root.rotation.T @ h[:3], root.rotation.T @ h[3:]])
+        drift: FloatArray = np.linalg.solve(sms._workspace.at(self.q).M[:6, :6], h)
         return drift
 
-    @cached_property
+    @once
     def drift_twist(self) -> FloatArray:
         """Base twist (6,) that the momentum alone gives, H_b^-1 h: base_twist = C_bm qd + drift_twist."""
         return frozen(self.base_twist - self.C_bm @ self.v[6:])
 
-    @cached_property
+    @once
     def kinetic_energy(self) -> float:
         """Kinetic energy [J]."""
-        return 0.5 * float(self.v @ self._kinetics.M @ self.v)
+        self._make_motion()
+        return float(self.__dict__["kinetic_energy"])
 
     # -- rates -----------------------------------------------------------------------------------------
 
     def _bias(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         sms: SpaceManipulator = self.__dict__["_sms"]
-        M = self._kinetics.M
+        M = sms._workspace.at(self.q).M
         return bias_accelerations(sms.model, sms._data, sms.frame_id, sms.base_com, M, self.q, v)
 
-    @cached_property
+    @once
     def _bias_accelerations(self) -> tuple[FloatArray, FloatArray]:
         base, end_effector = self._bias(self.v)
         return frozen(base), frozen(end_effector)
 
-    @cached_property
+    @once
     def _products(self) -> tuple[FloatArray, FloatArray]:
         """dC_bm/dt qd and dJ*/dt qd along the state's own motion."""
         # Without momentum they are the bias accelerations of the same joint rates. Seen from the base, both
         # matrices depend on the joints alone; what else the base turns by only turns them as a whole.
         rates = self.v[6:]
-        base, end_effector = self._bias(np.concatenate([self._kinetics.coupling @ rates, rates]))
+        base, end_effector = self._bias(np.concatenate([self._coupling @ rates, rates]))
         extra = cross_matrix(self.drift_twist[3:])
         for product, matrix in ((base, self.C_bm), (end_effector, self.J_star)):
             twist = matrix @ rates
@@ -291,18 +375,25 @@ class State:
 
     # -- dynamic coupling ------------------------------------------------------------------------------
 
-    @cached_property
+    @once
     def C_bm(self) -> FloatArray:
         """Joint-to-base coupling (6, n): -H_b^-1 H_bm, base twist a joint rate at zero momentum."""
-        return frozen(self._to_paper @ self._kinetics.coupling)
+        return self._make_coupling()["C_bm"]
 
-    @cached_property
+    @once
     def C_be(self) -> FloatArray:
         """End-to-base coupling (6, 6): C_bm J*^+ (paper Eq. DC_4), J*^+ the pseudo-inverse."""
-        # Rounding leaves about 1e-16 of what is exactly zero at a singular posture, or out of an arm's plane.
-        return frozen(self.C_bm @ np.linalg.pinv(self.J_star, rcond=RANK_TOLERANCE))
+        # The least X^T with J*^T X^T = C_bm^T, by a complete orthogonal factorisation. Rounding leaves about
+        # 1e-16 of what is exactly zero at a singular posture, or out of an arm's plane.
+        n = self.__dict__["_sms"].n
+        right = self.C_bm.T
+        if n < 6:
+            right = np.zeros((6, 6))
+            right[:n] = self.C_bm.T
+        X = lapack.dgelsy(self.J_star.T, right, _FREE, RANK_TOLERANCE, _LWORK)[1]
+        return frozen(X[:6].T)
 
-    @cached_property
+    @once
     def coupling(self) -> Coupling:
         """Singular value decomposition of C_bm, entropy and assistance."""
         return Coupling(self.C_bm, lambda: self.J_star[:3])
@@ -332,7 +423,7 @@ class State:
         offset = np.zeros(3)
         if reference is not None:
             point = vector("reference", reference, 3, "m")
-            offset = self._kinetics.rotation @ (point - self.__dict__["_sms"].base_com)
+            offset = self._root.rotation @ (point - self.__dict__["_sms"].base_com)
         return Coupling(scaled(self.C_bm, characteristic_length, offset, rows), lambda: self.J_star[:3])
 
     def reaction_null_space(
