@@ -21,19 +21,15 @@ class Aim:
     ----------
     on_cone : bool
         Whether to move on the cone where the paper's cost vanishes; otherwise straight to the target.
-    effort : callable
+    effort : callable or None
         From kinetics to the matrix W (n, n) of the redundant motion's price, rates^T W rates, scaled to a
-        mean diagonal of one.
+        mean diagonal of one. None: the identity.
     description : str
     """
 
     on_cone: bool
-    effort: Callable[[StepKinetics], FloatArray]
+    effort: Callable[[StepKinetics], FloatArray] | None
     description: str
-
-
-def _rates(kinetics: StepKinetics) -> FloatArray:
-    return np.eye(kinetics.V.shape[0])
 
 
 def _base_rotation(kinetics: StepKinetics) -> FloatArray:
@@ -53,8 +49,8 @@ def _scaled(W: FloatArray) -> FloatArray:
 
 
 AIMS: dict[str, Aim] = {
-    "step": Aim(True, _rates, "the paper's cost as a convex step on its cone"),
-    "resolved-rate": Aim(False, _rates, "resolved motion rate control through J* (Umetani and Yoshida 1989)"),
+    "step": Aim(True, None, "the paper's cost as a convex step on its cone"),
+    "resolved-rate": Aim(False, None, "resolved motion rate control through J* (Umetani and Yoshida 1989)"),
     "least-disturbance": Aim(
         False, _base_rotation, "least base rotation: redundancy in the reaction null space (Yoshida 2001)"
     ),

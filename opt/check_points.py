@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
@@ -21,6 +22,7 @@ __all__ = ["CheckPoints"]
 _SAMPLES = 4
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]  # columns of a cross product
 _STILL = 1e-9  # [m] what is closer to constant than this is constant
+_LEAST = 1e-12  # [m] nearer than this two points have no direction from one to the other
 
 
 class CheckPoints:
@@ -47,15 +49,53 @@ class CheckPoints:
         self._box: Any = sms.base_box_placement
         self._frame_joint = int(sms.model.frames[sms.frame_id].parentJoint)
         self._joints = list(range(2, sms.model.njoints))
-        carriers = [*self._joints, self._frame_joint]
-        # Which joints move which point; a joint leaves its own origin where it is unless it slides.
-        self._moved_by = np.zeros((len(carriers), sms.n))
-        for row, carrier in enumerate(carriers):
-            for joint in list(sms.model.supports[carrier])[2:]:
-                self._moved_by[row, sms.model.joints[joint].idx_v - 6] = 1.0
         self._first, self._second, self._outside = self._what_can_change()
-        self._rows = np.array([*self._first, *self._second, *self._outside], dtype=np.intp)
-        self._moves = self._moved_by[self._rows]
+        self._allocate()
+
+    def _allocate(self) -> None:
+        """Constant matrices, and arrays that `from_data` uses again and again."""
+        sms, pairs, rows = self._sms, len(self._first), self.count
+        n, points = sms.n, len(self._joints) + 1
+        # From the points, and the root's origin below them, to a vector for each clearance: from the second
+        # point of a pair to its first, from the root to a point. And to the first point alone.
+        ahead = [*self._first, *self._outside]
+        behind = [*self._second, *([points] * len(self._outside))]
+        select = np.eye(points + 1)
+        self._select = np.vstack([select[ahead] - select[behind], select[ahead]])
+        # A joint moves a clearance where it carries one of the two points and not the other; it leaves its
+        # own origin where it is unless it slides.
+        carries = np.zeros((points + 1, n))
+        for row, carrier in enumerate([*self._joints, self._frame_joint]):
+            for joint in list(sms.model.supports[carrier])[2:]:
+                carries[row, sms.model.joints[joint].idx_v - 6] = 1.0
+        self._moves = carries[ahead] - carries[behind]
+        # A cross product p x u is a difference of products of turned-round coordinates.
+        nxt, after = np.eye(3)[:, _NEXT], np.eye(3)[:, _AFTER]
+        self._of_point, self._of_direction = np.hstack([nxt, after]), np.hstack([after, nxt])
+        self._twice = np.vstack([np.eye(3), -np.eye(3)])
+        # Outward normals of the faces x, -x, y, -y, z, -z of the box, and where the faces are along them.
+        axes = self._box.rotation.T
+        self._faces = np.array([axes[0], -axes[0], axes[1], -axes[1], axes[2], -axes[2]])
+        places = self._faces @ self._box.translation + np.repeat(self._half, 2)
+        self._places_of_faces = np.tile(places, (len(self._outside), 1))
+
+        self._places = np.empty((points + 1, 3))
+        self._flat = self._places.reshape(-1)
+        self._vectors = np.empty((2 * rows, 3))
+        self._apart, self._from_root = self._vectors[:pairs], self._vectors[pairs:rows]
+        self._ahead = self._vectors[rows:]
+        self._squares, self._distances = np.empty((pairs, 3)), np.empty((pairs, 3))
+        self._sum, self._least = np.ones((3, 3)), np.full((pairs, 3), _LEAST)
+        self._normals = np.empty((6, 3))
+        self._beyond = np.empty((len(self._outside), 6))
+        self._row_starts = np.arange(0, 6 * len(self._outside), 6)
+        self._along, self._products = np.empty((rows, 3)), np.empty((rows, 6))
+        self._along_pairs, self._along_outside = self._along[:pairs], self._along[pairs:]
+        self._data: Any = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Copied one by one, arrays would no longer be views of each other: a copy makes its own.
+        return CheckPoints, (self._sms,)
 
     @property
     def count(self) -> int:
@@ -87,49 +127,50 @@ class CheckPoints:
 
     def from_data(self, data: Any) -> Clearances:
         """The same, where Pinocchio's data already hold poses, Jacobians and the end-effector frame."""
-        points = self._points(data)
-        value = np.empty(self.count)
-        pairs = len(self._first)
-        apart = points[self._first] - points[self._second]
-        distance = np.sqrt(np.einsum("ij,ij->i", apart, apart))
-        unit = apart / np.maximum(distance, 1e-12)[:, None]
-        value[:pairs] = distance
-        box = data.oMi[1] * self._box
-        rotation = box.rotation
-        value[pairs:], normal = self._outside_box((points[self._outside] - box.translation) @ rotation)
-
+        value, face = self._measure(data)
+        along = self._along
+        np.maximum(self._distances, self._least, out=self._distances)
+        np.divide(self._apart, self._distances, self._along_pairs)
+        self._normals.take(face, 0, self._along_outside, "clip")
         # Speed of a point p along a direction u a joint rate, base held still: (l + a x p) . u, which is
-        # l . u + a . (p x u) for a joint of linear and angular columns l and a. One row a point and
-        # direction: the pairs' first points, their second points the other way, those outside the box.
-        along = np.concatenate([unit, -unit, normal @ rotation.T])
-        arm = points[self._rows]
-        turning = arm[:, _NEXT] * along[:, _AFTER] - arm[:, _AFTER] * along[:, _NEXT]
-        J = data.J
-        speed = (along @ J[:3, 6:] + turning @ J[3:, 6:]) * self._moves
-        gradient = np.concatenate([speed[:pairs] + speed[pairs : 2 * pairs], speed[2 * pairs :]])
+        # l . u + a . (p x u) for a joint of linear and angular columns l and a. Both points of a pair give
+        # the same, since they are apart along u: what counts is which of them a joint carries.
+        np.multiply(self._ahead.dot(self._of_point), along.dot(self._of_direction), self._products)
+        gradient = along.dot(self._linear)
+        gradient += self._products.dot(self._twice.dot(self._angular))
+        gradient *= self._moves
         return Clearances(value, gradient)
 
     def values(self, data: Any) -> FloatArray:
         """Clearances alone, from data that hold poses and the end-effector frame."""
-        points = self._points(data)
-        apart = points[self._first] - points[self._second]
-        box = data.oMi[1] * self._box
-        place = (points[self._outside] - box.translation) @ box.rotation
-        return np.concatenate([np.sqrt(np.einsum("ij,ij->i", apart, apart)), self._outside_box(place)[0]])
+        return self._measure(data)[0]
 
-    def _points(self, data: Any) -> FloatArray:
-        points = [data.oMi[j].translation for j in self._joints]
-        points.append(data.oMf[self._sms.frame_id].translation)
-        return np.array(points)
+    def _measure(self, data: Any) -> tuple[FloatArray, NDArray[np.intp]]:
+        """Clearances, and the nearest face of the box for the points that count against it."""
+        if data is not self._data:
+            self._look_at(data)
+        value, pairs = np.empty(self.count), len(self._first)
+        np.concatenate(self._origins, out=self._flat)
+        self._select.dot(self._places, self._vectors)
+        # Every column of the matrix of ones sums the squares: the distance three times, to divide by.
+        np.multiply(self._apart, self._apart, self._squares)
+        np.sqrt(self._squares.dot(self._sum, self._distances), self._distances)
+        value[:pairs] = self._distances[:, 0]
+        # Outside the box in the largest-component sense of const5 to const7.
+        self._faces.dot(self._rotation.T, self._normals)
+        beyond = self._from_root.dot(self._normals.T, self._beyond)
+        beyond -= self._places_of_faces
+        face = beyond.argmax(1)
+        value[pairs:] = beyond.take(face + self._row_starts)
+        return value, face
 
-    def _outside_box(self, place: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distance to the box in the largest-component sense of const5 to const7, and its outward normal."""
-        beyond = np.abs(place) - self._half
-        axis = np.argmax(beyond, axis=1)
-        rows = np.arange(len(place))
-        normal = np.zeros_like(place)
-        normal[rows, axis] = np.where(place[rows, axis] < 0.0, -1.0, 1.0)
-        return beyond[rows, axis], normal
+    def _look_at(self, data: Any) -> None:
+        """Keep views of what is needed of the data: Pinocchio makes new objects at every access."""
+        poses = [*(data.oMi[j] for j in self._joints), data.oMf[self._sms.frame_id], data.oMi[1]]
+        self._origins = [pose.translation for pose in poses]
+        self._rotation = data.oMi[1].rotation
+        self._linear, self._angular = data.J[:3, 6:], data.J[3:, 6:]
+        self._data = data
 
     def _what_can_change(self) -> tuple[list[int], list[int], list[int]]:
         sms = self._sms
@@ -140,7 +181,8 @@ class CheckPoints:
             q = sms.configuration(rng.uniform(-1.0, 1.0, sms.n))
             pin.framesForwardKinematics(sms.model, data, q)
             rotation, origin = data.oMi[1].rotation, data.oMi[1].translation
-            clouds.append((self._points(data) - origin) @ rotation)
+            points = [data.oMi[j].translation for j in self._joints] + [data.oMf[sms.frame_id].translation]
+            clouds.append((np.array(points) - origin) @ rotation)
         cloud = np.array(clouds)
         apart = np.linalg.norm(cloud[:, :, None] - cloud[:, None], axis=-1)
         changing = np.ptp(apart, axis=0) > _STILL

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 __all__ = ["ideal_cosine", "soft_assistance", "step_cost"]
 
 
 def soft_assistance(cos_theta: float, kappa: float) -> float:
     """C~ = log(1 + exp(kappa cos(theta_a))) / kappa, the smooth max(0, cos(theta_a)) of the paper."""
-    return float(np.logaddexp(0.0, kappa * cos_theta)) / kappa
+    x = kappa * cos_theta
+    # log(1 + exp(x)) without overflow.
+    return (max(x, 0.0) + math.log1p(math.exp(-abs(x)))) / kappa
 
 
 def step_cost(cos_theta: float, entropy: float, kappa: float) -> float:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system import JointLimits
 
-__all__ = ["rate_bounds"]
+__all__ = ["UNBOUNDED", "RateBounds", "rate_bounds"]
+
+# What stands for no limit: on a rate, an acceleration and a distance. Finite, so that sums stay numbers.
+UNBOUNDED = 1e20
+_FASTEST, _FARTHEST = 1e6, 1e6
 
 
-def rate_bounds(
-    positions: FloatArray, rates: FloatArray, limits: JointLimits, dt: float
-) -> tuple[FloatArray, FloatArray]:
+class RateBounds:
     """Least and greatest joint rates at the end of a step of constant acceleration.
 
     A rate between the bounds keeps the rate and acceleration limits during the step, and the position limits
@@ -25,38 +29,55 @@ def rate_bounds(
 
     Parameters
     ----------
-    positions, rates : ndarray, shape (n,)
-        At the start of the step [rad], [rad/s].
     limits : JointLimits
     dt : float
         [s]
-
-    Returns
-    -------
-    lower, upper : ndarray, shape (n,)
-        [rad/s]
     """
-    a = limits.acceleration
-    least, greatest = rates - dt * a, rates + dt * a
-    upper = _towards(limits.upper - positions, rates, a, dt)
-    lower = -_towards(positions - limits.lower, -rates, a, dt)
-    # The order matters: an acceleration limit is never broken, whatever rounding does to the others.
-    upper = np.minimum(np.minimum(limits.velocity, upper), greatest)
-    lower = np.maximum(np.maximum(-limits.velocity, lower), least)
-    return np.minimum(lower, greatest), np.maximum(upper, least)
+
+    def __init__(self, limits: JointLimits, dt: float) -> None:
+        self._dt = dt
+        velocity = np.minimum(limits.velocity, UNBOUNDED)
+        acceleration = np.minimum(limits.acceleration, _FASTEST)
+        # Further away than this a joint can brake from any rate within its limit: no position limit counts.
+        clear = 1.001 * (dt * velocity + velocity**2 / (2.0 * acceleration))
+        columns = (limits.lower, limits.upper, velocity, acceleration, clear)
+        self._joints = list(zip(*(column.tolist() for column in columns), strict=True))
+
+    def of(self, positions: FloatArray, rates: FloatArray) -> tuple[list[float], list[float]]:
+        """Lower and upper bounds [rad/s] at positions and rates, (n,) each, at the start of the step."""
+        # Joint by joint, in plain numbers: a few joints are done before arrays would be set up.
+        dt, lower, upper = self._dt, [], []
+        for q, rate, (low, high, v, a, clear) in zip(
+            positions.tolist(), rates.tolist(), self._joints, strict=True
+        ):
+            least, greatest = rate - dt * a, rate + dt * a
+            most, fewest = v, -v
+            slow = -v <= rate <= v
+            if not slow or high - q < clear:
+                most = min(v, _towards(high - q, rate, a, dt))
+            if not slow or q - low < clear:
+                fewest = max(-v, -_towards(q - low, -rate, a, dt))
+            # An acceleration limit is never broken, whatever rounding does to the others.
+            lower.append(min(max(fewest, least), greatest))
+            upper.append(max(min(most, greatest), least))
+        return lower, upper
 
 
-def _towards(distance: FloatArray, rate: FloatArray, a: FloatArray, dt: float) -> FloatArray:
+def rate_bounds(
+    positions: FloatArray, rates: FloatArray, limits: JointLimits, dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest joint rates (n,) [rad/s] at the end of a step; see `RateBounds`."""
+    lower, upper = RateBounds(limits, dt).of(positions, rates)
+    return np.array(lower), np.array(upper)
+
+
+def _towards(distance: float, rate: float, a: float, dt: float) -> float:
     """Greatest rate at the step's end towards a limit that is `distance` away."""
-    if np.isinf(distance).all():
-        return np.full_like(rate, np.inf)
-    half = (0.5 * dt) * a
     # Clipped, so that a joint without limits or at its limit stays finite.
-    room = np.minimum(np.maximum(distance, 0.0), 1e6)
-    greatest = np.sqrt(np.maximum(half * half + 2.0 * a * (room - (0.5 * dt) * rate), 0.0)) - half
-    turning = greatest < 0.0
-    if turning.any():
-        moving = np.maximum(rate, 0.0)
-        turn = rate - moving * moving * dt / (2.0 * np.maximum(room, 1e-300))
-        greatest = np.where(turning, np.minimum(turn, 0.0), greatest)
+    room = min(max(distance, 0.0), _FARTHEST)
+    half = 0.5 * dt * a
+    greatest = math.sqrt(max(half * half + 2.0 * a * (room - 0.5 * dt * rate), 0.0)) - half
+    if greatest < 0.0:
+        moving = max(rate, 0.0)
+        return min(rate - moving * moving * dt / (2.0 * max(room, 1e-300)), 0.0)
     return greatest

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
 
+from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling import decompose, normalised_entropy
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["StepKinetics", "step_kinetics"]
+__all__ = ["KineticsAt", "StepKinetics", "step_kinetics"]
+
+_WORLD, _AXES = pin.Convention.WORLD, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class StepKinetics(NamedTuple):
@@ -29,10 +31,8 @@ class StepKinetics(NamedTuple):
     V : ndarray, shape (n, n)
         Right singular vectors of C_bm.
     entropy : float
-    position : ndarray, shape (3,)
-        Of the end effector [m].
-    rotation : ndarray, shape (3, 3)
-        Of the end effector.
+    pose : pinocchio.SE3
+        Of the end effector, inertial axes.
     """
 
     M: FloatArray
@@ -41,25 +41,57 @@ class StepKinetics(NamedTuple):
     J_w: FloatArray
     V: FloatArray
     entropy: float
-    position: FloatArray
-    rotation: FloatArray
+    pose: Any
+
+    @property
+    def position(self) -> FloatArray:
+        """Position (3,) of the end effector [m]."""
+        position: FloatArray = self.pose.translation.copy()
+        return position
+
+    @property
+    def rotation(self) -> FloatArray:
+        """Rotation (3, 3) of the end effector."""
+        rotation: FloatArray = self.pose.rotation.copy()
+        return rotation
+
+
+class KineticsAt:
+    """The same values as `State` gives, in one pass; for one thread, since it reuses its arrays.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    """
+
+    def __init__(self, sms: SpaceManipulator) -> None:
+        self._sms = sms
+        # Velocities of root and joints a joint rate: the coupling above the identity.
+        self._motion = np.vstack([np.zeros((6, sms.n)), np.eye(sms.n)])
+        self._coupling = self._motion[:6]
+        # The singular values depend on the reference point, not on the axes: shift to the base's centre of
+        # mass in the root's axes, and leave the rotation out.
+        self._to_com = np.eye(6)
+        x, y, z = sms.base_com.tolist()
+        self._to_com[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # omega x com
+        self._shifted = bool(sms.base_com.any())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return KineticsAt, (self._sms,)
+
+    def __call__(self, q: FloatArray) -> StepKinetics:
+        """Kinetics at q (nq,), valid until the next call; leaves poses and Jacobians in the workspace."""
+        sms, coupling = self._sms, self._coupling
+        model, data, frame = sms.model, sms._data, sms.frame_id
+        M = pin.crba(model, data, q, _WORLD)
+        np.negative(lapack.dposv(M[:6, :6], M[:6, 6:])[1], coupling)
+        pose = pin.updateFramePlacement(model, data, frame)
+        J_star = pin.getFrameJacobian(model, data, frame, _AXES).dot(self._motion)
+        _, sigma, V = decompose(self._to_com.dot(coupling) if self._shifted else coupling)
+        entropy = normalised_entropy(sigma, sms.n)
+        return StepKinetics(M, coupling, J_star[:3], J_star[3:], V, entropy, pose)
 
 
 def step_kinetics(sms: SpaceManipulator, q: FloatArray) -> StepKinetics:
-    """The same values as `State` gives, in one pass; leaves poses and Jacobians in the workspace."""
-    model, data = sms.model, sms._data
-    M = pin.crba(model, data, q, pin.Convention.WORLD)
-    _, coupling, _ = lapack.dposv(M[:6, :6], -M[:6, 6:])
-    pose = pin.updateFramePlacement(model, data, sms.frame_id)
-    J = pin.getFrameJacobian(model, data, sms.frame_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-    J_star = J[:, :6] @ coupling + J[:, 6:]
-    C_bm = coupling
-    if sms.base_com.any():
-        # The singular values depend on the reference point, not on the axes: shift to the base's centre of
-        # mass in the root's axes, and leave the rotation out.
-        C_bm = coupling.copy()
-        C_bm[:3] -= np.cross(sms.base_com, coupling[3:], axisb=0, axisc=0)
-    _, sigma, V = decompose(C_bm)
-    entropy = normalised_entropy(sigma, sms.n)
-    position, rotation = pose.translation.copy(), pose.rotation.copy()
-    return StepKinetics(M, coupling, J_star[:3], J_star[3:], V, entropy, position, rotation)
+    """What a step needs at q (nq,); leaves poses and Jacobians in the workspace."""
+    return KineticsAt(sms)(q)

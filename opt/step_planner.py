@@ -3,74 +3,36 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, number, positive, vector
-from ffsms_pin.coupling import cosine
+from ffsms_pin.coupling import cosine_of_triples
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.aims import AIMS
+from ffsms_pin.opt.approach import Approach
+from ffsms_pin.opt.base_limits import BaseLimits
+from ffsms_pin.opt.base_rows import BaseRows
 from ffsms_pin.opt.check_points import CheckPoints
 from ffsms_pin.opt.clearances import ClearanceModel, CollisionMode
-from ffsms_pin.opt.cone import cone_direction, lateral_direction
-from ffsms_pin.opt.cost import ideal_cosine, step_cost
-from ffsms_pin.opt.rate_bounds import rate_bounds
+from ffsms_pin.opt.cone import Triple
+from ffsms_pin.opt.cost import step_cost
+from ffsms_pin.opt.momentum_drift import Drift, momentum_drift
+from ffsms_pin.opt.rate_bounds import RateBounds
 from ffsms_pin.opt.replanning import Replanning, Target
-from ffsms_pin.opt.schedule import reference_speed
 from ffsms_pin.opt.shape_distances import ShapeDistances
 from ffsms_pin.opt.step import Step
-from ffsms_pin.opt.step_kinetics import StepKinetics, step_kinetics
-from ffsms_pin.opt.step_qp import StepProblem, StepSolver
+from ffsms_pin.opt.step_kinetics import KineticsAt, StepKinetics
+from ffsms_pin.opt.step_programme import StepProgramme, StepWeights
+from ffsms_pin.opt.step_qp import StepProblem
 from ffsms_pin.opt.targets import goal
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["StepPlanner", "StepWeights"]
 
-# [1/s] A clearance may shrink at most this fast relative to what is left of it: slow enough for the arm to
-# brake (the paper's arm stops an end effector from 0.2 m/s within a second), fast enough to pass near.
-CLOSING_RATE = 2.0
-# [m] Kept beyond the asked clearance, so that it also holds between nodes and in spite of curvature.
-CLEARANCE_MARGIN = 2e-3
-# Below this cosine the path would be a spiral of many turns; its length is then taken as if at this cosine.
-LEAST_APPROACH = 0.2
-_NO_BOUND = 1e20
-_ARRIVED = 1e-12  # [m, rad] nearer than this the direction to the target is rounding
-
-
-@dataclass(frozen=True)
-class StepWeights:
-    """Weights of the step's objective. They rank the aims; the limits are rows, not weights.
-
-    Attributes
-    ----------
-    direction : float
-        On |J*_v V alpha - s e|^2 [1/(m/s)^2]: keeping the direction, and with it the paper's cost at zero.
-    speed : float
-        On (s - s_ref)^2 [1/(m/s)^2]. Far below `direction`: where the arm is limited or near-singular, the
-        speed gives way and the direction stays.
-    orientation : float
-        On |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2], for targets with an orientation. As far below
-        `direction` as `speed`: turning must not bend the path.
-    effort : float
-        On |alpha|^2 [1/(rad/s)^2]: the least motion where the arm is redundant. Small enough to slow the
-        arrival by about one part in a thousand.
-    change : float
-        On |V alpha - rates|^2 [1/(rad/s)^2]: no jumps of redundant motion between steps.
-    clearance : float
-        On the slack of the clearance rows [1/(m/s)], and on its square [1/(m/s)^2]: some fifty times what any
-        other aim gains by giving way, so a row gives way only where it cannot be kept.
-    """
-
-    direction: float = 1.0
-    speed: float = 1e-2
-    orientation: float = 1e-2
-    effort: float = 1e-6
-    change: float = 1e-5
-    clearance: float = 1.0
+_FLOAT = np.dtype(np.float64)
 
 
 def clearance_model(sms: SpaceManipulator, collision: CollisionMode) -> ClearanceModel | None:
@@ -83,11 +45,13 @@ def clearance_model(sms: SpaceManipulator, collision: CollisionMode) -> Clearanc
 
 
 class StepPlanner:
-    """The trajectory step as a quadratic programme in alpha, solved by ProxQP.
+    """The trajectory step as a quadratic programme in alpha, solved exactly.
 
     The paper's cost (C~ - (1 - H_norm))^2 is zero exactly where the end effector moves at the angle
     acos(c*) to the direction of the target: on a cone. The step picks the direction e of that cone on the
     side it is on, and finds alpha and the speed s with J*_v V alpha = s e as nearly as the limits allow.
+    The rows that were active in the step before are tried first; where they do not lead to the solution,
+    ProxQP finds it (`StepSolver`).
 
     Parameters
     ----------
@@ -104,6 +68,11 @@ class StepPlanner:
     weights : StepWeights
     aim : str
         One of `AIMS`: "step" is the paper's cost; the others are classical references that go straight.
+    base_limits : BaseLimits, optional
+        How far and how fast the base may move, from where it is at the first step after a `reset`.
+    momentum : array_like, shape (6,), optional
+        Total momentum [linear; angular], inertial axes, about the system's centre of mass, as in
+        `sms.velocity`. The step then reckons with the drift H_b^-1 h of the base. Default zero.
     """
 
     def __init__(
@@ -115,34 +84,59 @@ class StepPlanner:
         collision: CollisionMode = "points",
         weights: StepWeights | None = None,
         aim: str = "step",
+        *,
+        base_limits: BaseLimits | None = None,
+        momentum: ArrayLike | None = None,
     ) -> None:
         self.sms = sms
-        self.dt = positive("dt", dt, "s")
         self.kappa = positive("kappa", kappa)
         self.clearance = number("clearance", clearance)
         self.weights = weights or StepWeights()
         if aim not in AIMS:
             raise InvalidValue("aim", aim, f"must be one of {', '.join(AIMS)}")
-        self.aim = AIMS[aim]
-        self._aim, self._collision = aim, collision
+        self.aim, self.collision = aim, collision
         self.clearances = clearance_model(sms, collision)
-        n, m = sms.n, self.clearances.count if self.clearances else 0
-        self._problem = StepProblem(
-            H=np.zeros((n + 2, n + 2)),
-            g=np.zeros(n + 2),
-            C=np.zeros((n + m, n + 2)),
-            l=np.full(n + m, -_NO_BOUND),
-            u=np.full(n + m, _NO_BOUND),
-            lower=np.concatenate([-np.ones(n), np.zeros(2)]),
-            upper=np.concatenate([np.ones(n), np.full(2, _NO_BOUND)]),
+        self.base_limits = base_limits
+        self.base = None if base_limits is None or base_limits.none else BaseRows(sms, base_limits)
+        self.momentum = None if momentum is None else vector("momentum", momentum, 6)
+        self.dt = positive("dt", dt, "s")
+        self._kinetics, self._effort = KineticsAt(sms), AIMS[aim].effort
+        self._approach = Approach(sms, self.kappa, AIMS[aim].on_cone)
+        self._programme = StepProgramme(
+            sms.n,
+            self.clearances.count if self.clearances else 0,
+            self.base.count if self.base else 0,
+            self.clearance,
+            self.weights,
+            plain_effort=self._effort is None,
         )
-        self._problem.C[n:, n + 1] = 1.0
-        self._solver = StepSolver(n + 2, n + m)
-        self._acceleration = np.minimum(sms.limits.acceleration, 1e6)
-        self._lateral = np.zeros(3)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Copied one by one, arrays would no longer be views of each other: a copy makes its own.
+        settings = (self.sms, self._dt, self.kappa, self.clearance, self.collision, self.weights, self.aim)
+        return _copied, (type(self), settings, self.base_limits, self.momentum, self.side, self.base)
+
+    @property
+    def dt(self) -> float:
+        """Step [s]; may be changed between steps."""
+        return self._dt
+
+    @dt.setter
+    def dt(self, dt: float) -> None:
+        self._dt, self._bounds = dt, RateBounds(self.sms.limits, dt)
+
+    @property
+    def side(self) -> FloatArray:
+        """The side of the cone (3,) that the last step was on, for `reset` of another planner."""
+        return np.array(self._approach.side)
+
+    @property
+    def asked_solver(self) -> bool:
+        """Whether the last step took ProxQP: its active rows were not those of the step before."""
+        return self._programme.solver.asked
 
     def reset(self, side: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """Forget the side of the cone and the last solution.
+        """Forget the side of the cone, the last solution, and where the base started.
 
         Parameters
         ----------
@@ -150,14 +144,18 @@ class StepPlanner:
             Direction whose part across the way to the target is the side to start on; default: the side on
             which the end effector is moving, and any where it is at rest.
         """
-        self._lateral = vector("side", side, 3)
-        self._solver = StepSolver(*self._problem.C.shape[::-1])
+        x, y, z = vector("side", side, 3).tolist()
+        self._approach.side = (x, y, z)
+        if self.base is not None:
+            self.base.reset()
+        self._programme.solver.reset()
 
     def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
         """The quadratic programme of a step, without solving it; arguments as for `step`."""
         arguments = self._checked(q, joint_rates, target, time_left)
-        self._fill(step_kinetics(self.sms, arguments[0]), *arguments)
-        return StepProblem(*(array.copy() for array in self._problem))
+        kinetics = self._kinetics(arguments[0])
+        self._fill(kinetics, self._drift(kinetics, arguments[0]), *arguments)
+        return StepProblem(*(array.copy() for array in self._programme.problem))
 
     def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
         """Joint rates for the next step.
@@ -191,7 +189,23 @@ class StepPlanner:
 
     def coarse(self, dt: float) -> StepPlanner:
         """A planner like this one with another step, for a look ahead."""
-        return StepPlanner(self.sms, dt, self.kappa, self.clearance, self._collision, self.weights, self._aim)
+        return self.like(dt)
+
+    def like(
+        self, dt: float | None = None, sms: SpaceManipulator | None = None, aim: str | None = None
+    ) -> StepPlanner:
+        """A planner with the same settings, but for another step, robot or aim where they are given."""
+        return StepPlanner(
+            sms or self.sms,
+            dt or self.dt,
+            self.kappa,
+            self.clearance,
+            self.collision,
+            self.weights,
+            aim or self.aim,
+            base_limits=self.base_limits,
+            momentum=self.momentum,
+        )
 
     def advance(
         self,
@@ -200,31 +214,52 @@ class StepPlanner:
         target: FloatArray,
         time_left: float,
         rotation: FloatArray | None = None,
+        *,
+        prefer: FloatArray | None = None,
     ) -> Step:
         """`step` for arguments that are known to be right: arrays of float64 of the right shapes.
 
-        `rotation` (3, 3) is the wanted attitude of the end effector, where there is one.
+        `rotation` (3, 3) is the wanted attitude of the end effector, where there is one. `prefer` (n,) are
+        joint rates to come as near to as the limits and clearances allow, instead of the step's own aim.
         """
-        kinetics = step_kinetics(self.sms, q)
-        lower, upper, towards = self._fill(kinetics, q, rates, target, time_left, rotation)
-        x, solved = self._solver.solve(self._problem)
-        if solved:
-            # Within the solver's tolerance already; this makes the limits hold to the last bit.
-            chosen = np.minimum(np.maximum(kinetics.V @ x[: self.sms.n], lower), upper)
-        else:
-            chosen = np.minimum(np.maximum(0.0, lower), upper)
-        motion = kinetics.J_v @ chosen
-        cos_theta = cosine(motion, towards)
+        kinetics = self._kinetics(q)
+        drift = self._drift(kinetics, q)
+        towards = self._fill(kinetics, drift, q, rates, target, time_left, rotation)
+        if prefer is not None:
+            self._programme.prefer(kinetics, prefer)
+        x, solved = self._programme.solver.solve()
+        V, J_v = kinetics.V, kinetics.J_v
+        chosen: FloatArray = V.dot(x[: self.sms.n]) if solved else np.zeros(self.sms.n)
+        # Within the solver's tolerance already; this makes the limits hold to the last bit.
+        np.maximum(chosen, self._programme.lower, out=chosen)
+        np.minimum(chosen, self._programme.upper, out=chosen)
+        if self.base is not None:
+            chosen = self._stoppable(q, rates, chosen)
+        cos_theta = cosine_of_triples(_velocity(J_v, chosen, drift), towards)
         cost = step_cost(cos_theta, kinetics.entropy, self.kappa)
-        return Step(kinetics.V.T @ chosen, chosen, cos_theta, kinetics.entropy, cost, solved)
+        return Step(chosen.dot(V), chosen, cos_theta, kinetics.entropy, cost, solved)
 
     def _checked(
         self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float
     ) -> tuple[FloatArray, FloatArray, FloatArray, float, FloatArray | None]:
+        sms = self.sms
+        # What a control loop gives passes as it is; what does not is looked at more closely.
+        if (
+            type(time_left) is float
+            and _is_vector(q, sms.nq)
+            and _is_vector(joint_rates, sms.n)
+            and _is_vector(target, 3)
+            and sms.layout.plain
+            # One number that is not finite makes the sum so.
+            and math.isfinite(time_left + q.dot(q) + joint_rates.dot(joint_rates) + target.dot(target))
+        ):
+            quaternion = q[3:7]
+            if abs(quaternion.dot(quaternion) - 1.0) < 1e-6:
+                return q, joint_rates, target, time_left, None
         position, rotation = goal(target)
         return (
-            self.sms.checked_configuration("q", q),
-            vector("joint_rates", joint_rates, self.sms.n, "rad/s"),
+            sms.checked_configuration("q", q),
+            vector("joint_rates", joint_rates, sms.n, "rad/s"),
             position,
             number("time_left", time_left),
             rotation,
@@ -233,81 +268,75 @@ class StepPlanner:
     def _fill(
         self,
         kinetics: StepKinetics,
+        drift: Drift | None,
         q: FloatArray,
         rates: FloatArray,
         target: FloatArray,
         time_left: float,
         rotation: FloatArray | None,
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Write the problem; returns the bounds on the rates and the unit vector to the target."""
-        n, p, w = self.sms.n, self._problem, self.weights
-        A = kinetics.J_v @ kinetics.V
-        motion = kinetics.J_v @ rates
-        towards, e, speed = self._direction(kinetics, motion, target, time_left)
-
-        p.H[:n, :n] = w.direction * (A.T @ A)
-        p.H[:n, :n] += w.effort * (kinetics.V.T @ self.aim.effort(kinetics) @ kinetics.V)
-        p.H[:n, :n].flat[:: n + 1] += w.change
-        p.H[:n, n] = p.H[n, :n] = -w.direction * (A.T @ e)
-        p.H[n, n] = w.direction * float(e @ e) + w.speed
-        p.H[n + 1, n + 1] = w.clearance
-        p.g[:n] = -w.change * (kinetics.V.T @ rates)
-        p.g[n] = -w.speed * speed
-        p.g[n + 1] = w.clearance
+    ) -> Triple:
+        """Write the programme; returns the unit vector to the target."""
+        programme, V = self._programme, kinetics.V
+        now = _velocity(kinetics.J_v, rates, drift)
+        towards, e, speed = self._approach.way(kinetics, now, target, time_left, self._dt)
+        programme.aim(kinetics, rates, e, speed)
+        if self._effort is not None:
+            programme.price(kinetics, self._effort(kinetics))
+        if drift is not None:
+            programme.drift(kinetics, e, drift)
         if rotation is not None:
-            B = kinetics.J_w @ kinetics.V
-            p.H[:n, :n] += w.orientation * (B.T @ B)
-            p.g[:n] -= w.orientation * (B.T @ self._turn(kinetics, rates, rotation, time_left))
-
-        lower, upper = rate_bounds(self.sms.layout.positions(q), rates, self.sms.limits, self.dt)
-        p.C[:n, :n] = kinetics.V
-        p.l[:n] = np.maximum(lower, -_NO_BOUND)
-        p.u[:n] = np.minimum(upper, _NO_BOUND)
-        p.upper[:n] = 1.0
-        if float(rates @ rates) > 1.0:
-            # V turns from step to step, and rates that were within the box |alpha_i| <= 1 may now be outside.
-            # No more than halfway between holding them and braking is asked for: that can always be done.
-            halfway = 0.5 * (np.clip(rates, lower, upper) + np.clip(0.0, lower, upper))
-            p.upper[:n] = np.maximum(1.0, np.abs(kinetics.V.T @ halfway))
-        p.lower[:n] = -p.upper[:n]
+            own = np.zeros(3) if drift is None else drift.tip_spin
+            spin = kinetics.J_w @ rates + own
+            turn = self._approach.turn(kinetics, spin, rotation, time_left, self._dt)
+            programme.turn(kinetics, turn - own)
+        programme.bound(V, rates, *self._bounds.of(self.sms.layout.positions(q), rates))
         if self.clearances is not None:
-            value, gradient = self.clearances.from_data(self.sms._data)
-            p.C[n:, :n] = gradient @ kinetics.V
-            p.l[n:] = -CLOSING_RATE * (value - self.clearance - CLEARANCE_MARGIN)
-        return lower, upper, towards
+            programme.keep_clear(V, *self.clearances.from_data(self.sms._data))
+        if self.base is not None:
+            root = None if drift is None else drift.root
+            programme.hold_base(V, *self.base.rows(q, rates, kinetics.coupling, root, self._dt, time_left))
+        return towards
 
-    def _direction(
-        self, kinetics: StepKinetics, motion: FloatArray, target: FloatArray, time_left: float
-    ) -> tuple[FloatArray, FloatArray, float]:
-        """Unit vector to the target, wanted direction of motion, wanted speed."""
-        way = target - kinetics.position
-        distance = math.sqrt(float(way @ way))
-        if distance < _ARRIVED:
-            return np.zeros(3), np.zeros(3), 0.0
-        towards = way / distance
-        cos_ideal = ideal_cosine(kinetics.entropy, self.kappa) if self.aim.on_cone else 1.0
-        if not self._lateral.any():
-            self._lateral = motion
-        self._lateral = lateral_direction(towards, self._lateral)
-        e = cone_direction(towards, self._lateral, cos_ideal)
-        # A path at a constant angle to the direction of the target is 1 / cos longer than the straight one.
-        path = distance / max(cos_ideal, LEAST_APPROACH)
-        now = max(0.0, float(motion @ e))
-        wanted = reference_speed(path, now, time_left, self.dt)
-        # Asking for more than the joints can give in one step would buy speed with direction.
-        attainable = now + self.dt * float(np.abs(e @ kinetics.J_v) @ self._acceleration)
-        return towards, e, min(wanted, attainable)
+    def _stoppable(self, q: FloatArray, rates: FloatArray, chosen: FloatArray) -> FloatArray:
+        """The chosen rates, or slower ones from which the arm can stop with the base within its limits."""
+        assert self.base is not None
+        # All joints brake in the same time: what cancels in the base's motion goes on to cancel.
+        longest = float(np.max(np.abs(rates) / self._approach.acceleration))
+        slower = rates * max(0.0, 1.0 - self._dt / max(longest, 1e-12))
+        brake = np.minimum(np.maximum(slower, self._programme.lower), self._programme.upper)
+        return self.base.stoppable(q, rates, chosen, brake, self._dt, self.momentum)
 
-    def _turn(
-        self, kinetics: StepKinetics, rates: FloatArray, rotation: FloatArray, time_left: float
-    ) -> FloatArray:
-        """Wanted angular velocity of the end effector (3,): to the wanted attitude, on the same schedule."""
-        way: FloatArray = pin.log3(rotation @ kinetics.rotation.T)
-        angle = math.sqrt(float(way @ way))
-        if angle < _ARRIVED:
-            return np.zeros(3)
-        axis = way / angle
-        now = max(0.0, float(axis @ (kinetics.J_w @ rates)))
-        wanted = reference_speed(angle, now, time_left, self.dt)
-        attainable = now + self.dt * float(np.abs(axis @ kinetics.J_w) @ self._acceleration)
-        return min(wanted, attainable) * axis
+    def _drift(self, kinetics: StepKinetics, q: FloatArray) -> Drift | None:
+        """What the momentum alone does, where there is any."""
+        if self.momentum is None:
+            return None
+        return momentum_drift(kinetics.M, q, kinetics.position, self.momentum)
+
+
+def _velocity(J_v: FloatArray, rates: FloatArray, drift: Drift | None) -> Triple:
+    """Velocity of the end effector [m/s]."""
+    x, y, z = J_v.dot(rates).tolist()
+    if drift is None:
+        return x, y, z
+    a, b, c = drift.tip_velocity.tolist()
+    return x + a, y + b, z + c
+
+
+def _copied(
+    kind: type[StepPlanner],
+    settings: tuple[Any, ...],
+    base_limits: BaseLimits | None,
+    momentum: FloatArray | None,
+    side: FloatArray,
+    base: BaseRows | None,
+) -> StepPlanner:
+    """A planner that goes on as another one would."""
+    planner = kind(*settings, base_limits=base_limits, momentum=momentum)
+    planner.reset(side)
+    planner.base = base
+    return planner
+
+
+def _is_vector(value: Any, size: int) -> TypeGuard[FloatArray]:
+    """Whether a value is a vector of float64 as it is."""
+    return type(value) is np.ndarray and value.dtype is _FLOAT and value.shape == (size,)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -14,6 +17,11 @@ from ffsms_pin.opt.check_points import CheckPoints
 @pytest.fixture
 def points(planar: ffsms.SpaceManipulator) -> CheckPoints:
     return CheckPoints(planar)
+
+
+@pytest.fixture(scope="module")
+def panda() -> ffsms.SpaceManipulator:
+    return ffsms.load("satellite_panda")
 
 
 def planar_points(joints: np.ndarray) -> np.ndarray:
@@ -72,3 +80,50 @@ def test_a_base_without_a_box_is_said(planar: ffsms.SpaceManipulator) -> None:
     bare = ffsms.SpaceManipulator(planar.model, "end_effector")
     with pytest.raises(InvalidValue, match="base_size"):
         CheckPoints(bare)
+
+
+def plain_clearances(sms: ffsms.SpaceManipulator, points: CheckPoints, q: np.ndarray) -> np.ndarray:
+    """The clearances point by point, from Pinocchio's poses."""
+    data = sms.model.createData()
+    pin.framesForwardKinematics(sms.model, data, q)
+    places = [data.oMi[j].translation for j in range(2, sms.model.njoints)]
+    places.append(data.oMf[sms.frame_id].translation)
+    first, second = points.pairs
+    values = [np.linalg.norm(places[i] - places[j]) for i, j in zip(first, second, strict=True)]
+    box = data.oMi[1] * sms.base_box_placement
+    half = 0.5 * np.array(sms.base_size)
+    values += [(np.abs(box.actInv(places[i])) - half).max() for i in points.outside]
+    return np.array(values)
+
+
+def test_a_spatial_arm_has_the_plain_values_and_their_gradients(panda: ffsms.SpaceManipulator) -> None:
+    points, rng, h = CheckPoints(panda), np.random.default_rng(3), 1e-6
+    for _ in range(5):
+        joints = rng.uniform(panda.limits.lower, panda.limits.upper)
+        base = pin.SE3.Random()
+        q = panda.configuration(joints, base)
+        found = points.evaluate(q)
+        np.testing.assert_allclose(found.value, plain_clearances(panda, points, q), atol=1e-12)
+        np.testing.assert_array_equal(points.values(panda._data), found.value)
+        for i in range(panda.n):
+            change = h * np.eye(panda.n)[i]
+            ahead = plain_clearances(panda, points, panda.configuration(joints + change, base))
+            behind = plain_clearances(panda, points, panda.configuration(joints - change, base))
+            np.testing.assert_allclose(found.gradient[:, i], (ahead - behind) / (2.0 * h), atol=1e-6)
+
+
+def test_what_was_found_stays_when_more_is_asked(panda: ffsms.SpaceManipulator) -> None:
+    """Results are no views of what is used again, and copies of the object do not share it."""
+    points, rng = CheckPoints(panda), np.random.default_rng(4)
+    first, second = (
+        panda.configuration(rng.uniform(panda.limits.lower, panda.limits.upper)) for _ in range(2)
+    )
+    found = points.evaluate(first)
+    value, gradient = found.value.copy(), found.gradient.copy()
+    points.evaluate(second)
+    np.testing.assert_array_equal(found.value, value)
+    np.testing.assert_array_equal(found.gradient, gradient)
+    for other in (copy.deepcopy(points), pickle.loads(pickle.dumps(points))):
+        again = other.evaluate(first)
+        np.testing.assert_array_equal(again.value, value)
+        np.testing.assert_array_equal(again.gradient, gradient)

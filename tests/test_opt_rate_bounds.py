@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.rate_bounds import rate_bounds
+from ffsms_pin.opt.rate_bounds import RateBounds, rate_bounds
 from ffsms_pin.system import JointLimits
 
 LIMITS = JointLimits(
@@ -72,3 +72,47 @@ def test_a_joint_at_rest_at_its_limit_may_leave_and_not_pass() -> None:
     lower, upper = rate_bounds(q, np.zeros(3), LIMITS, 0.01)
     assert upper[0] <= 1e-12
     assert lower[0] == -0.01 * LIMITS.acceleration[0]
+
+
+def plain_bounds(
+    q: FloatArray, rates: FloatArray, limits: JointLimits, dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """The formulas of the docstring, for all joints at once and without leaving anything out."""
+    a, v = limits.acceleration, limits.velocity
+
+    def towards(distance: FloatArray, rate: FloatArray) -> FloatArray:
+        room = np.clip(distance, 0.0, 1e6)
+        # The positive root of dt (rate + w) / 2 + w^2 / (2 a) = room.
+        root = -0.5 * dt * a + np.sqrt(
+            np.maximum((0.5 * dt * a) ** 2 - 2.0 * a * (0.5 * dt * rate - room), 0.0)
+        )
+        turn = rate - np.maximum(rate, 0.0) ** 2 * dt / (2.0 * np.maximum(room, 1e-300))
+        return np.where(root < 0.0, np.minimum(turn, 0.0), root)
+
+    upper = np.minimum(np.minimum(v, towards(limits.upper - q, rates)), rates + dt * a)
+    lower = np.maximum(np.maximum(-v, -towards(q - limits.lower, -rates)), rates - dt * a)
+    return np.minimum(lower, rates + dt * a), np.maximum(upper, rates - dt * a)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.002, 0.01, 0.2]), st.sampled_from([0.001, 0.1, 1.5]))
+def test_bounds_are_those_of_the_plain_formulas(seed: int, dt: float, excess: float) -> None:
+    """Also beyond the limits, and at rates that leave no room to brake."""
+    rng = np.random.default_rng(seed)
+    lower, upper = np.maximum(LIMITS.lower, -5.0), np.minimum(LIMITS.upper, 5.0)
+    bounds = RateBounds(LIMITS, dt)
+    for _ in range(5):
+        q = rng.uniform(lower - 0.1 * excess, upper + 0.1 * excess)
+        rates = (1.0 + excess) * rng.uniform(-1.0, 1.0, 3) * LIMITS.velocity
+        for found, expected in zip(bounds.of(q, rates), plain_bounds(q, rates, LIMITS, dt), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
+
+
+def test_without_any_limit_the_bounds_are_finite_and_wide() -> None:
+    infinite = np.full(3, np.inf)
+    free = JointLimits(-infinite, infinite, infinite, infinite, infinite)
+    lower, upper = rate_bounds(np.zeros(3), np.array([0.1, -3.0, 0.0]), free, 0.01)
+    assert np.isfinite(lower).all()
+    assert np.isfinite(upper).all()
+    assert (lower < -1e3).all()
+    assert (upper > 1e3).all()
