@@ -25,6 +25,7 @@ class Stepper(Protocol):
     sms: SpaceManipulator
     dt: float
     kappa: float
+    momentum: FloatArray | None
 
     def advance(
         self,
@@ -56,11 +57,11 @@ def march(
         step = planner.advance(q[k], rates[k], target, duration - t[k], rotation)
         braked += not step.solved
         rates[k + 1] = step.joint_rates
-        q[k + 1], _ = advance(sms, q[k], rates[k], (rates[k + 1] - rates[k]) / dt, dt)
+        q[k + 1], _ = advance(sms, q[k], rates[k], (rates[k + 1] - rates[k]) / dt, dt, planner.momentum)
         if progress is not None:
             progress((k + 1) / steps)
     note = f"the arm braked in {braked} of {steps} steps whose programme was not solved" if braked else ""
-    return measure(sms, t, q, rates, target, planner.kappa, note, rotation)
+    return measure(sms, t, q, rates, target, planner.kappa, note, rotation, planner.momentum)
 
 
 def start_sides(sms: SpaceManipulator, q0: FloatArray, target: FloatArray) -> list[FloatArray]:

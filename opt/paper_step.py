@@ -16,7 +16,8 @@ from ffsms_pin.opt.rate_bounds import rate_bounds
 from ffsms_pin.opt.schedule import reference_speed
 from ffsms_pin.opt.step import Step
 from ffsms_pin.opt.step_kinetics import StepKinetics, step_kinetics
-from ffsms_pin.opt.step_planner import CLOSING_RATE, clearance_model
+from ffsms_pin.opt.step_planner import clearance_model
+from ffsms_pin.opt.step_programme import CLOSING_RATE
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["PaperStepPlanner"]
@@ -51,6 +52,7 @@ class PaperStepPlanner:
     ) -> None:
         self.sms, self.dt, self.kappa, self.clearance = sms, dt, kappa, clearance
         self.clearances = clearance_model(sms, collision)
+        self.momentum: FloatArray | None = None
 
     def advance(
         self,

@@ -9,8 +9,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, number, positive
+from ffsms_pin.checks import FloatArray, number, positive, vector
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.base_limits import BaseLimits, judged
 from ffsms_pin.opt.clearances import CollisionMode
 from ffsms_pin.opt.horizon import keeps_clear, plan_horizon
 from ffsms_pin.opt.marching import Progress, march, rank, start_sides
@@ -24,7 +25,8 @@ __all__ = ["METHODS", "plan"]
 
 METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
 
-# [m, rad] Nearer than this to its target, an arm is there.
+# [m, rad] Nearer than this to its target, an arm is there. Within the paper's r_th the whole-horizon planner
+# takes no way round for the cost's sake (see its `is_near`).
 ALREADY_THERE = 1e-6
 
 # The references are about what they spare: ten times the step's own price of redundant motion, and still too
@@ -43,6 +45,8 @@ def plan(
     clearance: float = 0.01,
     collision: CollisionMode = "points",
     method: str = "horizon",
+    base_limits: BaseLimits | None = None,
+    momentum: ArrayLike | None = None,
     progress: Progress | None = None,
 ) -> Trajectory:
     """Plan a coupling-informed motion from rest at `q0` to `target`.
@@ -74,6 +78,12 @@ def plan(
         "paper": the paper's cost minimised step by step as it stands, with a schedule for const8.
         "resolved-rate", "least-disturbance", "minimum-effort": classical references that go straight to the
         target (see `AIMS`), under the same limits.
+    base_limits : BaseLimits, optional
+        How far and how fast the base may move. A plan that breaks them has not `reached`. Not for "paper".
+    momentum : array_like, shape (6,), optional
+        Total momentum [linear; angular] of the system about its centre of mass, inertial axes
+        [kg m/s; kg m^2/s], as in `sms.velocity`: the joints start at rest on a base that drifts and turns.
+        Default zero. Not for "paper".
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
 
@@ -96,18 +106,44 @@ def plan(
     check_start(sms, q0)
     if method not in METHODS:
         raise InvalidValue("method", method, f"must be one of {', '.join(METHODS)}")
+    drifting = None if momentum is None else vector("momentum", momentum, 6)
+    if drifting is not None and not drifting.any():
+        drifting = None
+    if base_limits is not None and not isinstance(base_limits, BaseLimits):
+        raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")
+    if method == "paper" and (base_limits is not None or drifting is not None):
+        raise InvalidValue("method", method, "knows no base limits and no momentum; take another one")
     dt = duration / round(duration / dt)
     start = sms.at(q0).end_effector_pose
     turned = 0.0 if rotation is None else float(np.linalg.norm(pin.log3(rotation @ start.rotation.T)))
-    if max(float(np.linalg.norm(position - start.translation)), turned) < ALREADY_THERE:
+    there = max(float(np.linalg.norm(position - start.translation)), turned) < ALREADY_THERE
+    if there and drifting is None:
         plan = _stand_still(sms, q0, position, duration, dt, kappa, rotation)
         if keeps_clear(sms, plan, clearance, collision):
             return plan
     if method == "horizon":
-        return plan_horizon(sms, q0, position, duration, dt, kappa, clearance, collision, progress, rotation)
+        return plan_horizon(
+            sms,
+            q0,
+            position,
+            duration,
+            dt,
+            kappa,
+            clearance,
+            collision,
+            progress,
+            rotation,
+            base_limits,
+            drifting,
+        )
     if method == "step":
         plan = _both_sides(
-            StepPlanner(sms, dt, kappa, clearance, collision), q0, position, duration, progress, rotation
+            StepPlanner(sms, dt, kappa, clearance, collision, base_limits=base_limits, momentum=drifting),
+            q0,
+            position,
+            duration,
+            progress,
+            rotation,
         )
     elif method == "paper":
         from ffsms_pin.opt.paper_step import PaperStepPlanner
@@ -115,9 +151,20 @@ def plan(
         paper = PaperStepPlanner(sms, dt, kappa, clearance, collision)
         plan = march(paper, q0, position, duration, progress, rotation)
     else:
-        planner = StepPlanner(sms, dt, kappa, clearance, collision, REFERENCE_WEIGHTS, method)
+        planner = StepPlanner(
+            sms,
+            dt,
+            kappa,
+            clearance,
+            collision,
+            REFERENCE_WEIGHTS,
+            method,
+            base_limits=base_limits,
+            momentum=drifting,
+        )
         plan = march(planner, q0, position, duration, progress, rotation)
-    return replace(plan, clear=keeps_clear(sms, plan, clearance, collision))
+    kept = replace(plan, clear=keeps_clear(sms, plan, clearance, collision))
+    return judged(sms, kept, base_limits)
 
 
 def _stand_still(

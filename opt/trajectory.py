@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.coupling import cosine
 from ffsms_pin.opt.cost import step_cost
+from ffsms_pin.opt.momentum_drift import momentum_drift
 from ffsms_pin.opt.step_kinetics import step_kinetics
 from ffsms_pin.storage import load_arrays, save_arrays
 from ffsms_pin.system import SpaceManipulator
@@ -39,7 +40,7 @@ class Trajectory:
 
     Between nodes the joint rates are linear and the joint positions quadratic in time, so `q`, `v` and
     `joint_accelerations` agree to rounding, and limits can be checked everywhere. The base follows the
-    momentum equation with zero total momentum.
+    momentum equation with the given total momentum, so `v` includes H_b^-1 h.
 
     Attributes
     ----------
@@ -77,6 +78,8 @@ class Trajectory:
         between them.
     shortest_duration : float
         A duration that would do, where the plan failed for want of time and one is known [s]; else 0.
+    momentum : ndarray, shape (6,)
+        Total momentum [linear; angular], inertial axes, about the system's centre of mass.
     """
 
     t: FloatArray
@@ -99,12 +102,13 @@ class Trajectory:
     note: str = ""
     clear: bool = True
     shortest_duration: float = 0.0
+    momentum: FloatArray = field(default_factory=lambda: np.zeros(6))
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for one in fields(self):
+            value = getattr(self, one.name)
             if isinstance(value, np.ndarray):
-                object.__setattr__(self, field.name, frozen(np.array(value, dtype=np.float64)))
+                object.__setattr__(self, one.name, frozen(np.array(value, dtype=np.float64)))
 
     @property
     def duration(self) -> float:
@@ -157,12 +161,13 @@ class Trajectory:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
-        save_arrays(path, _FORMAT, {field.name: getattr(self, field.name) for field in fields(self)})
+        save_arrays(path, _FORMAT, {one.name: getattr(self, one.name) for one in fields(self)})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
-        arrays = load_arrays(path, _FORMAT, [field.name for field in fields(cls)])
+        # Files from before there was momentum have none.
+        arrays = load_arrays(path, _FORMAT, [one.name for one in fields(cls)], {"momentum": np.zeros(6)})
         for name, kind in _SCALARS:
             arrays[name] = kind(arrays[name])
         return cls(**arrays)
@@ -177,6 +182,7 @@ def measure(
     kappa: float,
     note: str = "",
     rotation: FloatArray | None = None,
+    momentum: FloatArray | None = None,
 ) -> Trajectory:
     """Make a trajectory of a motion, computing the paper's measures along it.
 
@@ -194,6 +200,8 @@ def measure(
     note : str
     rotation : ndarray, shape (3, 3), optional
         Wanted attitude of the end effector.
+    momentum : ndarray, shape (6,), optional
+        Total momentum, as in `roll_out`; default zero.
     """
     steps, n = len(t) - 1, sms.n
     dt = t[-1] / steps
@@ -208,13 +216,18 @@ def measure(
         kinetics = step_kinetics(sms, q[k])
         v[k, :6] = kinetics.coupling @ rates[k]
         v[k, 6:] = rates[k]
+        drift = np.zeros(3)
+        if momentum is not None:
+            drifting = momentum_drift(kinetics.M, q[k], kinetics.position, momentum)
+            v[k, :6] += drifting.root
+            drift = drifting.tip_velocity
         end_effector[k] = kinetics.position
         if rotation is not None:
             turn[k] = np.linalg.norm(pin.log3(rotation @ kinetics.rotation.T))
         if k == steps:
             break
         alpha[k] = kinetics.V.T @ rates[k + 1]
-        cos_theta[k] = cosine(kinetics.J_v @ rates[k + 1], goal - kinetics.position)
+        cos_theta[k] = cosine(kinetics.J_v @ rates[k + 1] + drift, goal - kinetics.position)
         entropy[k] = kinetics.entropy
         cost[k] = step_cost(cos_theta[k], entropy[k], kappa)
     return Trajectory(
@@ -234,4 +247,5 @@ def measure(
         orientation_error=turn,
         kappa=kappa,
         note=note,
+        momentum=np.zeros(6) if momentum is None else momentum,
     )

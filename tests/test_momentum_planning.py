@@ -1,0 +1,198 @@
+"""Planning for a satellite that drifts and tumbles: total momentum from the start to the end of a plan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.momentum_drift import momentum_drift
+from ffsms_pin.opt.step_kinetics import step_kinetics
+from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.system.base_motion import roll_out
+
+Array = NDArray[np.float64]
+
+DURATION, DT = 8.0, 0.02
+
+
+def slow_tumble(sms: ffsms.SpaceManipulator, q0: Array) -> Array:
+    """Momentum that moves the system by some 6 cm and turns it by some 8 degrees within DURATION."""
+    state = sms.at(q0)
+    mass, inertia = state.H[0, 0], state.H[3:6, 3:6]
+    planar = sms.n == 3
+    velocity = np.array([0.006, -0.005, 0.0 if planar else 0.004])
+    spin = np.array([0.0, 0.0, 0.018]) if planar else np.array([0.008, -0.01, 0.012])
+    return np.concatenate([mass * velocity, inertia @ spin])
+
+
+@pytest.fixture(scope="module", params=["planar_3r", "satellite_xarm7"])
+def setting(request: pytest.FixtureRequest) -> tuple[ffsms.SpaceManipulator, Array, Array, Array]:
+    """A robot, its start, a target that is away from the start, and a momentum."""
+    sms = ffsms.load(request.param)
+    if sms.n == 3:
+        q0, way = sms.configuration([0.3, 0.6, 0.5]), np.array([-0.2, 0.15, 0.0])
+    else:
+        base = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.5, -0.2, 0.3]))
+        q0 = sms.configuration([0.2, -0.5, 0.3, 1.2, 0.2, 0.9, 0.1], base)
+        way = base.rotation @ np.array([-0.1, 0.2, 0.15])
+    target = sms.at(q0).end_effector_pose.translation + way
+    return sms, q0, target, slow_tumble(sms, q0)
+
+
+def momenta(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> Array:
+    """Total momentum at every node (N + 1, 6), Pinocchio's."""
+    data = sms.model.createData()
+    pairs = zip(plan.q, plan.v, strict=True)
+    return np.array([pin.computeCentroidalMomentum(sms.model, data, q, v).vector.copy() for q, v in pairs])
+
+
+def test_drift(setting: tuple[ffsms.SpaceManipulator, Array, Array, Array]) -> None:
+    """What a step has at hand gives the same as the state's own formulas."""
+    sms, q0, _, momentum = setting
+    kinetics = step_kinetics(sms, q0)
+    drift = momentum_drift(kinetics.M, q0, kinetics.position, momentum)
+    v = sms.velocity(q0, np.zeros(sms.n), momentum)
+    np.testing.assert_allclose(drift.root, v[:6], rtol=1e-10, atol=1e-15)
+    twist = sms.at(q0, v).end_effector_twist
+    np.testing.assert_allclose(np.concatenate([drift.tip_velocity, drift.tip_spin]), twist, atol=1e-13)
+
+
+@pytest.mark.parametrize("method", ["horizon", "step"])
+def test_plan_reaches(method: str, setting: tuple[ffsms.SpaceManipulator, Array, Array, Array]) -> None:
+    sms, q0, target, momentum = setting
+    plan = opt.plan(sms, q0, target, DURATION, DT, method=method, momentum=momentum)
+    assert plan.reached
+    np.testing.assert_array_equal(plan.momentum, momentum)
+    np.testing.assert_allclose(momenta(sms, plan), np.tile(momentum, (len(plan.t), 1)), atol=1e-9)
+
+    # q, v and the accelerations are one motion: rolled out afresh in finer steps it ends at the same place.
+    fine = 4
+    q, rates = roll_out(
+        sms, q0, plan.joint_rates[0], np.repeat(plan.joint_accelerations, fine, axis=0), DT / fine, momentum
+    )
+    np.testing.assert_allclose(plan.q[-1], q[-1], atol=1e-6)
+    np.testing.assert_allclose(plan.joint_rates[-1], rates[-1], atol=1e-9)
+    end = sms.at(q[-1]).end_effector_pose.translation
+    assert np.linalg.norm(end - target) < 2e-3
+
+    # A plan that knows nothing of the momentum misses the target by centimetres.
+    ignorant = opt.plan(sms, q0, target, DURATION, DT, method=method)
+    assert ignorant.reached
+    q, _ = roll_out(sms, q0, ignorant.joint_rates[0], ignorant.joint_accelerations, DT, momentum)
+    assert np.linalg.norm(sms.at(q[-1]).end_effector_pose.translation - target) > 0.03
+
+
+def test_velocity_is_that_of_the_motion(setting: tuple[ffsms.SpaceManipulator, Array, Array, Array]) -> None:
+    """v from finite differences of q."""
+    sms, q0, target, momentum = setting
+    plan = opt.plan(sms, q0, target, DURATION, DT, method="step", momentum=momentum)
+    for k in range(1, len(plan.t) - 1, 40):
+        both = (
+            pin.difference(sms.model, plan.q[k - 1], plan.q[k]),
+            pin.difference(sms.model, plan.q[k], plan.q[k + 1]),
+        )
+        means = 0.5 * (plan.v[k - 1] + plan.v[k]), 0.5 * (plan.v[k] + plan.v[k + 1])
+        for difference, mean in zip(both, means, strict=True):
+            np.testing.assert_allclose(difference / DT, mean, atol=2e-5)
+
+
+def test_pose_target() -> None:
+    sms = ffsms.load("satellite_xarm7")
+    q0 = sms.configuration([0.2, -0.5, 0.3, 1.2, 0.2, 0.9, 0.1])
+    pose = sms.at(q0).end_effector_pose.copy()
+    pose.translation = pose.translation + np.array([-0.1, 0.15, 0.05])
+    pose.rotation = pose.rotation @ pin.rpy.rpyToMatrix(0.2, -0.1, 0.3)
+    momentum = slow_tumble(sms, q0)
+    plan = opt.plan(sms, q0, pose, DURATION, DT, momentum=momentum)
+    assert plan.reached
+    assert plan.position_error[-1] < 2e-3
+    assert plan.orientation_error[-1] < 5e-3
+
+
+def test_staying_is_work(planar: ffsms.SpaceManipulator) -> None:
+    """An arm that is at its target has to move to stay there on a base that drifts away."""
+    q0 = planar.configuration([0.3, 0.6, 0.5])
+    target, momentum = planar.at(q0).end_effector_pose.translation, slow_tumble(planar, q0)
+    plan = opt.plan(planar, q0, target, DURATION, DT, method="step", momentum=momentum)
+    assert plan.reached
+    assert np.abs(plan.joint_positions[-1] - plan.joint_positions[0]).max() > 0.05
+    still = opt.plan(planar, q0, target, DURATION, DT, momentum=np.zeros(6))
+    np.testing.assert_array_equal(still.joint_positions[-1], still.joint_positions[0])
+
+
+def test_base_limits_with_momentum(planar: ffsms.SpaceManipulator) -> None:
+    """The spin counts: a limit that the tumbling alone breaks cannot be kept, and the plan says so."""
+    q0 = planar.configuration([0.3, 0.6, 0.5])
+    target = planar.at(q0).end_effector_pose.translation + np.array([-0.1, 0.1, 0.0])
+    momentum = slow_tumble(planar, q0)
+    wide, narrow = opt.BaseLimits(translation=0.4), opt.BaseLimits(translation=0.01)
+    assert opt.plan(planar, q0, target, DURATION, DT, momentum=momentum, base_limits=wide).reached
+    plan = opt.plan(planar, q0, target, DURATION, DT, method="step", momentum=momentum, base_limits=narrow)
+    assert not plan.reached
+    assert "translation 0.01 m" in plan.note
+
+
+def test_save_and_load(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
+    q0, momentum = planar.configuration([0.3, 0.6, 0.5]), np.array([0.1, 0.2, 0.0, 0.0, 0.0, 0.05])
+    rates = np.zeros((11, 3))
+    q, _ = roll_out(planar, q0, rates[0], rates[1:], 0.1, momentum)
+    plan = measure(planar, np.linspace(0.0, 1.0, 11), q, rates, [0.7, 0.3, 0.0], 10.0, momentum=momentum)
+    # The joints rest and the base does not.
+    assert np.linalg.norm(plan.q[-1, :3] - plan.q[0, :3]) > 1e-3
+    np.testing.assert_allclose(momenta(planar, plan), np.tile(momentum, (11, 1)), atol=1e-12)
+    plan.save(tmp_path / "plan.npz")
+    again = opt.Trajectory.load(tmp_path / "plan.npz")
+    np.testing.assert_array_equal(again.momentum, momentum)
+    np.testing.assert_array_equal(again.v, plan.v)
+
+    # A file from before there was momentum.
+    with np.load(tmp_path / "plan.npz") as file:
+        arrays = {name: file[name] for name in file.files if name != "momentum"}
+    np.savez(tmp_path / "old.npz", **arrays)
+    np.testing.assert_array_equal(opt.Trajectory.load(tmp_path / "old.npz").momentum, np.zeros(6))
+
+
+def test_closed_loop(setting: tuple[ffsms.SpaceManipulator, Array, Array, Array]) -> None:
+    """The plant starts with the plan's momentum, keeps it, and arrives."""
+    sms, q0, target, momentum = setting
+    plan = opt.plan(sms, q0, target, DURATION, DT, method="step", momentum=momentum)
+    track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=5e-3)
+    np.testing.assert_allclose(track.momentum, np.tile(momentum, (len(track.t), 1)), atol=1e-9)
+    assert track.position_error[-1] < 5e-3
+    # Told otherwise, it starts otherwise.
+    rest = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=5e-3, momentum=np.zeros(6))
+    assert np.abs(rest.momentum).max() < 1e-9
+    assert rest.position_error[-1] > 0.03
+
+
+def test_replanning_with_momentum(planar: ffsms.SpaceManipulator) -> None:
+    q0 = planar.configuration([0.3, 0.6, 0.5])
+    target = planar.at(q0).end_effector_pose.translation + np.array([-0.2, 0.15, 0.0])
+    momentum = slow_tumble(planar, q0)
+    planner = opt.StepPlanner(planar, 0.02, momentum=momentum)
+    reference = planner.track(target, DURATION)
+    track = ffsms.simulate(planar, reference, ffsms.SlidingModeController(planar), dt=5e-3, q0=q0)
+    np.testing.assert_allclose(track.momentum[-1], momentum, atol=1e-9)
+    assert track.position_error[-1] < 2e-3
+
+
+@pytest.mark.parametrize("momentum", [[1.0, 2.0], [np.nan] * 6, "fast"])
+def test_momentum_is_checked(momentum: object, planar: ffsms.SpaceManipulator) -> None:
+    q0 = planar.configuration([0.1, 0.2, 0.3])
+    with pytest.raises(InvalidValue, match="momentum"):
+        opt.plan(planar, q0, [0.9, 0.2, 0.0], momentum=momentum)  # type: ignore[arg-type]
+    with pytest.raises(InvalidValue, match="momentum"):
+        opt.StepPlanner(planar, momentum=momentum)  # type: ignore[arg-type]
+
+
+def test_the_papers_way_has_none(planar: ffsms.SpaceManipulator) -> None:
+    q0 = planar.configuration([0.1, 0.2, 0.3])
+    with pytest.raises(InvalidValue, match="no momentum"):
+        opt.plan(planar, q0, [0.9, 0.2, 0.0], method="paper", momentum=[1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
