@@ -21,6 +21,16 @@ def paper_tasks(sms: ffsms.SpaceManipulator, count: int, seed: int) -> list[Task
     return reachable_targets(sms, np.full(sms.n, np.deg2rad(1.0)), count, seed, DT)
 
 
+def bent(sms: ffsms.SpaceManipulator) -> FloatArray:
+    """Joint positions (n,) to start from: the middle of the joint box, bent where that is a stretched arm.
+
+    The boxes of `satellite_panda` and `satellite_xarm7` have bent middles; that of `space_arm_7` is zero.
+    """
+    limits = sms.limits
+    middle = 0.5 * (limits.lower + limits.upper)
+    return np.where(np.arange(sms.n) % 2 == 1, 0.6, 0.0) if not middle.any() else middle
+
+
 def smoothness(rates: FloatArray, dt: float) -> dict[str, float]:
     """Sign changes of the joint rates, and the integral of the squared accelerations [rad^2/s^3]."""
     changes = int(np.sum(rates[1:-1] * rates[2:] < -1e-8))
@@ -44,13 +54,15 @@ def limits_kept(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, points: Check
     )
 
 
-def run_plans(sms: ffsms.SpaceManipulator, tasks: list[Task], kappa: float) -> list[dict[str, Any]]:
-    """One row a task."""
+def run_plans(
+    sms: ffsms.SpaceManipulator, tasks: list[Task], kappa: float, poses: bool = False
+) -> list[dict[str, Any]]:
+    """One row a task; `poses`: with the attitude."""
     points, rows = CheckPoints(sms), []
     opt.plan(sms, tasks[0].q0, tasks[0].target, tasks[0].duration, DT, kappa)  # first use fills caches
     for task in tasks:
         begin = time.perf_counter()
-        plan = opt.plan(sms, task.q0, task.target, task.duration, DT, kappa)
+        plan = opt.plan(sms, task.q0, task.pose if poses else task.target, task.duration, DT, kappa)
         seconds = time.perf_counter() - begin
         rows.append(
             {
@@ -58,6 +70,8 @@ def run_plans(sms: ffsms.SpaceManipulator, tasks: list[Task], kappa: float) -> l
                 "cost": plan.cost_integral,
                 "seconds": seconds,
                 "end_error": float(plan.position_error[-1]),
+                "end_angle": float(plan.orientation_error[-1]),
+                "note": plan.note,
                 **smoothness(plan.joint_rates, plan.dt),
             }
         )

@@ -1,14 +1,14 @@
 """Targets that are reachable by construction.
 
 A joint goal is drawn from 90 % of the joint box. Where the straight joint-space move to it keeps const4 to
-const7, the target is the end effector's place at its end, the base reacting, and the duration is 1.5 times
-what the slowest joint needs.
+const7, the target is the end effector's place (or pose) at its end, the base reacting, and the duration is
+1.5 times what the slowest joint needs.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,12 +24,13 @@ STEPS = 120  # of the straight move, for its clearances and the base's reaction
 
 
 class Task(NamedTuple):
-    """A start, a target, a duration, and the joint goal behind them."""
+    """A start, a target, a duration, the joint goal behind them, and the target as a pose (pinocchio.SE3)."""
 
     q0: FloatArray
     target: FloatArray
     duration: float
     joint_goal: FloatArray
+    pose: Any
 
 
 def reachable_targets(
@@ -51,5 +52,6 @@ def reachable_targets(
             continue
         least = np.max(np.abs(move) / limits.velocity + limits.velocity / limits.acceleration)
         duration = dt * math.ceil(SLACK * float(least) / dt - 1e-9)
-        tasks.append(Task(q0, sms.at(q[-1]).end_effector_pose.translation.copy(), duration, joint_goal))
+        pose = sms.at(q[-1]).end_effector_pose
+        tasks.append(Task(q0, pose.translation.copy(), duration, joint_goal, pose))
     return tasks

@@ -15,17 +15,27 @@ import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.check_points import CheckPoints
 from ffsms_pin.opt.clearances import CollisionMode
-from ffsms_pin.opt.horizon.arm_slopes import arm_slopes
+from ffsms_pin.opt.horizon.arm_slopes import coupling_slopes, velocity_slopes
 from ffsms_pin.opt.horizon.arm_stack import ArmStack
 from ffsms_pin.opt.horizon.clearance_stack import clearance_stack
-from ffsms_pin.opt.horizon.coupling_entropy import entropy_and_gradient
+from ffsms_pin.opt.horizon.coupling_entropy import entropy, entropy_and_gradient
 from ffsms_pin.opt.horizon.diagnosis import reach_range
 from ffsms_pin.opt.horizon.limits_qp import LimitsQP
 from ffsms_pin.opt.horizon.linearisation import Weights, linearise
 from ffsms_pin.opt.horizon.motion import limits_kept, node_rates, trajectory
 from ffsms_pin.opt.horizon.search import within
 from ffsms_pin.opt.horizon.spline import at_nodes, embedding, rate_spline
-from ffsms_pin.opt.horizon.stacks import exp3, log3, quaternions
+from ffsms_pin.opt.horizon.stacks import (
+    apply,
+    cross,
+    dot,
+    exp3,
+    inverse3,
+    log3,
+    products,
+    quaternions,
+    skew,
+)
 from ffsms_pin.opt.horizon.starts import halton, shoot, straight_moves
 from ffsms_pin.opt.horizon.task import Task
 from ffsms_pin.opt.trajectory import measure
@@ -54,42 +64,67 @@ def test_the_stack_agrees_with_the_state(
     trees: list[ffsms.SpaceManipulator], rng: np.random.Generator
 ) -> None:
     for sms in trees:
-        joints = rng.uniform(-1.0, 1.0, (5, sms.n))
+        joints = rng.uniform(-1.0, 1.0, (sms.n, 2, 3))
         arm = ArmStack(sms).evaluate(joints)
-        for k, row in enumerate(joints):
-            state = sms.at(sms.configuration(row))  # the base unturned: base axes are inertial ones
-            np.testing.assert_allclose(arm.coupling[k].T, state.C_bm, atol=1e-12)
-            np.testing.assert_allclose(arm.jstar[k].T, state.J_star[:3], atol=1e-12)
+        for k in np.ndindex(2, 3):
+            at = (..., *k)
+            state = sms.at(sms.configuration(joints[at]))  # the base unturned: base axes are inertial ones
+            np.testing.assert_allclose(arm.coupling[at], state.C_bm, atol=1e-12)
+            np.testing.assert_allclose(arm.jstar[at], state.J_star[:3], atol=1e-12)
             np.testing.assert_allclose(
-                arm.rho[k], state.end_effector_pose.translation - state.com, atol=1e-12
+                arm.rho[at], state.end_effector_pose.translation - state.com, atol=1e-12
             )
-            np.testing.assert_allclose(arm.tip_rotation[k], state.end_effector_pose.rotation, atol=1e-12)
+            np.testing.assert_allclose(arm.tip_rotation[at], state.end_effector_pose.rotation, atol=1e-12)
 
 
 def test_derivatives_of_the_arm(trees: list[ffsms.SpaceManipulator], rng: np.random.Generator) -> None:
     for sms in trees:
-        stack, joints, h = ArmStack(sms), rng.uniform(-1.0, 1.0, sms.n), 1e-5
-        slopes = arm_slopes(stack, stack.evaluate(joints[None]), 1)
+        stack, joints, h = ArmStack(sms), rng.uniform(-1.0, 1.0, (sms.n, 2)), 1e-5
+        rates, weights = rng.normal(size=(sms.n, 2)), rng.normal(size=(6, sms.n, 2))
+        arm = stack.evaluate(joints)
+        spin, tip = velocity_slopes(stack, arm, rates)
+        coupling = coupling_slopes(stack, arm, weights)
         for k in range(sms.n):
-            step = h * np.eye(sms.n)[k]
-            ahead, behind = stack.evaluate((joints + step)[None]), stack.evaluate((joints - step)[None])
-            for name in ("spin", "jstar", "coupling"):
-                expected = (getattr(ahead, name)[0] - getattr(behind, name)[0]) / (2.0 * h)
-                np.testing.assert_allclose(getattr(slopes, name)[0, k], expected, atol=2e-8)
+            step = h * np.eye(sms.n)[:, [k]]
+            ahead, behind = stack.evaluate(joints + step), stack.evaluate(joints - step)
+            for slope, name, factor in (
+                (spin[:, k], "spin", rates),
+                (tip[:, k], "jstar", rates),
+                (coupling[None, k], "coupling", weights),
+            ):
+                change = (getattr(ahead, name) - getattr(behind, name)) / (2.0 * h)
+                expected = (change * factor).sum(axis=1 if name != "coupling" else (0, 1))
+                np.testing.assert_allclose(slope.squeeze(), expected, atol=2e-8)
 
 
 @pytest.mark.parametrize("n", [1, 3, 6, 7])
 def test_entropy_and_its_gradient(n: int, rng: np.random.Generator) -> None:
-    C, h = rng.normal(size=(1, n, 6)), 1e-6
+    C, h = rng.normal(size=(6, n, 2)), 1e-6
     value, gradient = entropy_and_gradient(C)
-    sigma = np.linalg.svd(C[0], compute_uv=False)
+    sigma = np.asarray(np.linalg.svd(C[..., 1], compute_uv=False), dtype=np.float64)
     share = sigma / sigma.sum()
-    assert value[0] == pytest.approx(0.0 if n == 1 else -float(share @ np.log(share)) / np.log(n), abs=1e-12)
-    for index in np.ndindex(n, 6):
+    expected = 0.0 if n == 1 else -float(share @ np.log(share)) / np.log(n)
+    assert value[1] == pytest.approx(expected, abs=1e-12)
+    assert entropy(sigma, n) == pytest.approx(expected, abs=1e-12)
+    for index in np.ndindex(6, n):
         step = np.zeros_like(C)
-        step[(0, *index)] = h
-        slope = (entropy_and_gradient(C + step)[0] - entropy_and_gradient(C - step)[0])[0] / (2.0 * h)
-        assert gradient[(0, *index)] == pytest.approx(slope, abs=1e-8)
+        step[index] = h
+        slope = (entropy_and_gradient(C + step)[0] - entropy_and_gradient(C - step)[0]) / (2.0 * h)
+        np.testing.assert_allclose(gradient[index], slope, atol=1e-8)
+
+
+def test_entropy_of_coupling_that_lacks_a_direction(rng: np.random.Generator) -> None:
+    """A planar arm of four joints has three singular values: the fourth is rounding, and has no say."""
+    C, h = np.zeros((6, 4, 1)), 1e-6
+    C[[0, 1, 5], :, 0] = rng.normal(size=(3, 4))
+    value, gradient = entropy_and_gradient(C)
+    sigma = np.asarray(np.linalg.svd(C[..., 0], compute_uv=False), dtype=np.float64)
+    assert value[0] == pytest.approx(float(entropy(sigma, 4)), abs=1e-6)
+    for index in np.ndindex(2, 4):
+        step = np.zeros_like(C)
+        step[index] = h
+        slope = (entropy_and_gradient(C + step)[0] - entropy_and_gradient(C - step)[0]) / (2.0 * h)
+        assert gradient[(*index, 0)] == pytest.approx(slope[0], abs=1e-6)
 
 
 @pytest.mark.parametrize("posed", [False, True])
@@ -110,6 +145,11 @@ def test_gradient_of_the_merit(
         ahead = linearise(task, spline, p + step.reshape(p.shape), weights).merit[0]
         behind = linearise(task, spline, p - step.reshape(p.shape), weights).merit[0]
         assert 2.0 * at.gradient[0, index] == pytest.approx((ahead - behind) / (2.0 * h), rel=1e-5, abs=1e-6)
+    # What is not worth derivatives gets none; what is beside it gets its own.
+    pair = linearise(task, spline, np.concatenate([1.1 * p, p]), weights, np.array([0.0, np.inf]))
+    assert not pair.hessian[0].any()
+    np.testing.assert_allclose(pair.hessian[1], at.hessian[0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(pair.gradient[1], at.gradient[0], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(at.hessian[0], at.hessian[0].T, rtol=1e-10, atol=1e-12)
     assert np.linalg.eigvalsh(at.hessian[0])[0] > -1e-9
 
@@ -118,32 +158,46 @@ def test_gradient_of_the_merit(
 def test_stacked_clearances(planar: ffsms.SpaceManipulator, collision: CollisionMode) -> None:
     stack, arm_stack = clearance_stack(planar, collision), ArmStack(planar)
     assert stack is not None
-    joints, h = np.array([[0.9, 1.6, 1.3], [-0.4, -2.1, -0.6]]), 1e-6
+    joints, h = np.array([[0.9, 1.6, 1.3], [-0.4, -2.1, -0.6]]).T, 1e-6
     arm = arm_stack.evaluate(joints)
     values = stack.values(joints, arm)
     if collision == "points":
-        for row, value in zip(joints, values, strict=True):
-            expected = CheckPoints(planar).evaluate(planar.configuration(row)).value
-            np.testing.assert_allclose(value, expected, atol=1e-12)
-    rows, columns = (index.ravel() for index in np.indices(values.shape))
-    gradients = stack.gradients(arm_stack, joints, arm, rows, columns)
+        for k in range(2):
+            expected = CheckPoints(planar).evaluate(planar.configuration(joints[:, k])).value
+            np.testing.assert_allclose(values[:, k], expected, atol=1e-12)
+    gradients = stack.gradients(arm_stack, joints, arm, tuple(i.ravel() for i in np.indices(values.shape)))
     for j in range(3):
-        ahead, behind = joints + h * np.eye(3)[j], joints - h * np.eye(3)[j]
+        ahead, behind = joints + h * np.eye(3)[:, [j]], joints - h * np.eye(3)[:, [j]]
         slope = stack.values(ahead, arm_stack.evaluate(ahead)) - stack.values(
             behind, arm_stack.evaluate(behind)
         )
-        np.testing.assert_allclose(gradients[:, j], slope.ravel() / (2.0 * h), atol=1e-5)
+        np.testing.assert_allclose(gradients[j], slope.ravel() / (2.0 * h), atol=1e-5)
 
 
 def test_rotations_of_stacks(rng: np.random.Generator) -> None:
-    w = np.concatenate([rng.normal(size=(6, 3)), np.zeros((1, 3)), [[np.pi - 1e-9, 0.0, 0.0]]])
+    w = np.concatenate([rng.normal(size=(6, 3)), np.zeros((1, 3)), [[np.pi - 1e-9, 0.0, 0.0]]]).T
     R = exp3(w)
-    for one, turned in zip(w, R, strict=True):
-        np.testing.assert_allclose(turned, pin.exp3(one), atol=1e-12)
-    small = w[np.linalg.norm(w, axis=1) < np.pi]
+    running, product = products(R), np.eye(3)
+    for k in range(w.shape[1]):
+        np.testing.assert_allclose(R[..., k], pin.exp3(w[:, k]), atol=1e-12)
+        product = product @ pin.exp3(w[:, k])
+        np.testing.assert_allclose(running[..., k], product, atol=1e-12)
+    small = w[:, np.linalg.norm(w, axis=0) < np.pi]
     np.testing.assert_allclose(log3(exp3(small)), small, atol=1e-8)
-    for q, turned in zip(quaternions(R), R, strict=True):
+    for q, turned in zip(quaternions(R).T, R.transpose(2, 0, 1), strict=True):
         np.testing.assert_allclose(pin.Quaternion(q).toRotationMatrix(), turned, atol=1e-12)
+
+
+def test_algebra_of_stacks(rng: np.random.Generator) -> None:
+    a, b, A = rng.normal(size=(3, 2, 5)), rng.normal(size=(3, 1, 5)), rng.normal(size=(3, 3, 5))
+    A = np.einsum("xyk,zyk->xzk", A, A) + np.eye(3)[..., None]
+    np.testing.assert_allclose(cross(a, b), np.cross(a, b, axis=0), atol=1e-14)
+    np.testing.assert_allclose(dot(a, b), np.sum(a * b, axis=0), atol=1e-14)
+    for k in range(5):
+        np.testing.assert_allclose(skew(a)[:, :, 1, k] @ b[:, 0, k], np.cross(a[:, 1, k], b[:, 0, k]))
+        np.testing.assert_allclose(apply(A, b[:, 0])[:, k], A[..., k] @ b[:, 0, k])
+        np.testing.assert_allclose(apply(A, a)[..., k], A[..., k] @ a[..., k])
+        np.testing.assert_allclose(inverse3(A)[..., k], np.linalg.inv(A[..., k]), atol=1e-12)
 
 
 def test_maps_of_the_spline(rng: np.random.Generator) -> None:

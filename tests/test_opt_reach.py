@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import os
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.check_points import CheckPoints
+from ffsms_pin.opt.horizon.landing import corrected
+from ffsms_pin.opt.horizon.task import Task
 from ffsms_pin.system.base_motion import roll_out
 
 START = np.deg2rad([1.0, 1.0, 1.0])
@@ -93,6 +98,89 @@ def test_arms_in_space_are_planned(planar: ffsms.SpaceManipulator) -> None:
         assert plan.position_error[-1] <= 1e-3
         assert (np.abs(plan.joint_rates) <= sms.limits.velocity + 1e-12).all()
         assert np.abs(sms.at(plan.q[-1], plan.v[-1]).momentum).max() < 1e-9
+
+
+def moves(sms: ffsms.SpaceManipulator, start: FloatArray, count: int) -> list[tuple[Any, float]]:
+    """Poses at the ends of straight joint moves that keep clear, the base reacting; and durations."""
+    rng, limits, points = np.random.default_rng(1), sms.limits, CheckPoints(sms)
+    middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+    found: list[tuple[Any, float]] = []
+    while len(found) < count:
+        move = middle + 0.9 * half * rng.uniform(-1.0, 1.0, sms.n) - start
+        q, _ = roll_out(sms, sms.configuration(start), move, np.zeros((120, sms.n)), 1.0 / 120)
+        if min(float(points.evaluate(row).value.min()) for row in q) < 0.01:
+            continue
+        least = np.max(np.abs(move) / limits.velocity + limits.velocity / limits.acceleration)
+        found.append((sms.at(q[-1]).end_effector_pose, float(np.ceil(150.0 * least) / 100.0)))
+    return found
+
+
+# Of the second: its duration leaves little; of the third: a corner of the base, and a nearly singular end.
+@pytest.mark.parametrize(
+    ("name", "indices"),
+    [("satellite_panda", (0,)), ("satellite_panda", (15,)), ("satellite_xarm7", (25, 29))],
+)
+def test_poses_in_space_are_reached_exactly(name: str, indices: tuple[int, ...]) -> None:
+    sms = ffsms.load(name)
+    start = 0.5 * (sms.limits.lower + sms.limits.upper)
+    tasks = moves(sms, start, max(indices) + 1)
+    for index in indices:
+        pose, duration = tasks[index]
+        plan = opt.plan(sms, sms.configuration(start), pose, duration)
+        check(sms, plan)
+        end = sms.at(plan.q[-1]).end_effector_pose
+        assert np.linalg.norm(end.translation - pose.translation) <= 1e-3
+        assert np.linalg.norm(pin.log3(pose.rotation @ end.rotation.T)) <= 1e-3
+
+
+@pytest.mark.parametrize("distance", [1e-4, 1e-3, 0.019])
+@pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
+def test_a_target_beside_the_start_is_gone_to_directly(name: str, distance: float) -> None:
+    sms = ffsms.load(name)
+    bent = [0.4, 0.7, -0.5] if sms.n == 3 else 0.5 * (sms.limits.lower + sms.limits.upper)
+    q0 = sms.configuration(bent)
+    target = sms.at(q0).end_effector_pose.translation + distance * np.array([0.6, -0.8, 0.0])
+    plan = opt.plan(sms, q0, target, 6.0, 0.02)
+    check(sms, plan)
+    assert plan.position_error[-1] <= 0.1 * distance
+    length = float(np.linalg.norm(np.diff(plan.end_effector, axis=0), axis=1).sum())
+    assert length <= 3.0 * distance
+
+
+def test_a_small_turn_on_the_spot_is_made_on_the_spot() -> None:
+    sms = ffsms.load("satellite_xarm7")
+    q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
+    here = sms.at(q0).end_effector_pose
+    plan = opt.plan(
+        sms, q0, pin.SE3(pin.exp3(np.array([0.0, 0.01, 0.01])) @ here.rotation, here.translation), 4.0
+    )
+    assert plan.reached
+    assert plan.orientation_error[-1] <= 1e-3
+    assert plan.position_error.max() <= 1e-3
+
+
+def test_a_landing_aims_by_as_much_as_the_plan_missed(planar: ffsms.SpaceManipulator) -> None:
+    q0, duration = planar.configuration([0.4, 0.7, -0.5]), 6.0
+    target = np.array([0.75, 0.5, 0.0])
+    plan = opt.plan(planar, q0, target, duration, 0.02)
+    task = Task.make(planar, q0, target, duration, 0.02, 10.0, 0.01, "points")
+    assert corrected(task, task, plan) is None
+    miss = np.array([0.003, -0.002, 0.0])
+    moved = dataclasses.replace(task, target=target + miss)
+    error = np.linalg.norm(moved.target - plan.end_effector, axis=1)
+    aim = corrected(moved, moved, dataclasses.replace(plan, target=moved.target, position_error=error))
+    assert aim is not None
+    np.testing.assert_allclose(aim.goal - moved.goal, moved.target - plan.end_effector[-1], atol=1e-12)
+    assert aim.clearance == moved.clearance
+    # A plan that comes too near something is aimed further off it.
+    nearest = min(
+        float(CheckPoints(planar).evaluate(planar.configuration(row)).value.min())
+        for row in plan.joint_positions
+    )
+    strict = dataclasses.replace(task, clearance=nearest + 0.01)
+    aim = corrected(strict, strict, dataclasses.replace(plan, clear=False))
+    assert aim is not None
+    assert aim.clearance > strict.clearance + 0.0099
 
 
 def digest(plan: opt.Trajectory) -> str:

@@ -1,78 +1,93 @@
-"""Derivatives of the arm's kinematics and momentum with respect to the joint positions, in closed form.
+"""Derivatives of the arm's velocities and of its coupling by the joint positions, in closed form.
 
-Turning joint k carries everything beyond it as one rigid body. A vector fixed in what it carries changes by
-a_k x, a momentum by the commutator of the joint's twist with it, and what another joint carries changes only
-by the part that k moves: for j before k that is all of what k carries, moving on the axis of j.
+Turning joint k by its twist S_k carries everything beyond it as one rigid body, with inertia I_k. On a base
+that moves on as it did, with V_k the twist of the link before it and h_k the momentum of all that it carries,
+that body's momentum changes by
+
+    S_k x* h_k - I_k (S_k x V_k),
+
+and the base by what the momentum equation asks for. The whole is linear in the rates, so no derivative of a
+single column is needed: neither for the velocities, which sum the columns with the rates, nor for the
+entropy, whose slopes by the columns are summed backwards through the same equations.
 
 Reference: R. Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 2 (spatial cross products).
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.arm_stack import ArmStack, ArmValues
-from ffsms_pin.opt.horizon.stacks import cross, skew
+from ffsms_pin.opt.horizon.stacks import apply, cross, dot
 
-__all__ = ["ArmSlopes", "arm_slopes"]
+__all__ = ["coupling_slopes", "velocity_slopes"]
 
 
-class ArmSlopes(NamedTuple):
-    """Derivatives by joint k of the columns j: index order (B, k, j, ...).
+def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How the joint positions change the velocities at given joint rates.
 
-    Attributes
+    Parameters
     ----------
-    spin, jstar : ndarray, shape (B, n, n, 3)
-    coupling : ndarray, shape (B, n, n, 6)
+    stack : ArmStack
+    arm : ArmValues
+    rates : ndarray, shape (n, ...)
+
+    Returns
+    -------
+    spin, tip : ndarray, shape (3, n, ...)
+        By joint k: of the base's angular velocity, spin @ rates, and of the end effector's, jstar @ rates.
     """
-
-    spin: FloatArray
-    jstar: FloatArray
-    coupling: FloatArray
-
-
-def arm_slopes(stack: ArmStack, arm: ArmValues, count: int) -> ArmSlopes:
-    """Derivatives at the first `count` configurations of `arm`."""
-    axes, velocities = arm.axes[:count], arm.velocities[:count]
-    linear, angular, moments = arm.linear[:count], arm.angular[:count], arm.moments[:count]
-    spin, tip, com = arm.spin[:count], arm.tip[:count], arm.com[:count]
-    eye = np.eye(3)
-    carried = stack.carries[:, :, None]  # [k, j]: joint k moves joint j, and the momentum of its body
-    beyond = carried * (1.0 - np.eye(stack.n))[:, :, None]
-    before = np.swapaxes(beyond, 0, 1)
-    a_k, v_k, a_j, v_j = axes[:, :, None], velocities[:, :, None], axes[:, None], velocities[:, None]
-
-    # A first moment changes by the linear momentum; the inertia about the origin by the turn of its axes and
-    # the shift of its bodies.
-    rolled = skew(axes) @ arm.inertias[:count]
-    shifted = moments[..., :, None] * velocities[..., None, :]
-    d_inertia = rolled - shifted
-    d_inertia = d_inertia + np.swapaxes(d_inertia, -1, -2)
-    d_inertia += 2.0 * np.sum(moments * velocities, axis=-1)[..., None, None] * eye
-
-    l_k, l_j = linear[:, :, None], linear[:, None]
-    d_linear = carried * cross(a_k, l_j) + before * cross(a_j, l_k)
-    d_angular = carried * (cross(a_k, angular[:, None]) + cross(v_k, l_j)) + before * (
-        cross(l_k, v_j) + a_j @ np.swapaxes(d_inertia, -1, -2)
+    a, v, f, c, t = arm.axes, arm.velocities, arm.moments, arm.com[:, None], arm.tip[:, None]
+    spin, root, velocity = (
+        np.einsum("xj...,j...->x...", of, rates)[:, None] for of in (arm.spin, arm.root, arm.jstar)
     )
+    # Of the link before each joint, and the momentum of all that it carries; the base moving.
+    before = _summed(stack.before, np.concatenate([a, v]) * rates)
+    omega, v_0 = spin + before[:3], root + before[3:]
+    carried = _summed(stack.carries, np.concatenate([arm.linear, arm.angular]) * rates)
+    mass = stack.carried_mass.reshape(-1, *(1,) * (rates.ndim - 1))
+    linear = carried[:3] + mass * v_0 + cross(omega, f)
+    angular = carried[3:] + apply(arm.inertias, omega) + cross(f, v_0)
+    # S x V, then what the momentum changes by.
+    turn, shift = cross(a, omega), cross(a, v_0) + cross(v, omega)
+    d_linear = cross(a, linear) - mass * shift - cross(turn, f)
+    d_angular = cross(a, angular) + cross(v, linear) - apply(arm.inertias, turn) - cross(f, shift)
+    d_spin = apply(arm.inverse, cross(c, d_linear) - d_angular)
+    d_root = cross(c, d_spin) - d_linear / stack.mass
+    # The end effector turns about the joint with its velocity beyond the link before it.
+    moves = stack.moves_tip.reshape(-1, *(1,) * (rates.ndim - 1))
+    beyond = velocity - v_0 - cross(omega, t)
+    d_tip = d_root + cross(d_spin, t) + cross(omega, arm.arm) + moves * cross(a, beyond)
+    return d_spin, d_tip
 
-    # The momentum equation, about the system's centre of mass.
-    d_com = l_k / stack.mass
-    c = com[:, None, None]
-    both = skew(linear / stack.mass) @ skew(com)[:, None]
-    d_whole = d_inertia + stack.mass * (both + np.swapaxes(both, -1, -2))
-    right = d_angular - cross(d_com, l_j) - cross(c, d_linear) + spin[:, None] @ d_whole
-    d_spin = -right @ arm.inverse[:count, None]
-    d_root = cross(d_com, spin[:, None]) + cross(c, d_spin) - d_linear / stack.mass
 
-    t, d_tip = tip[:, None, None], arm.arm[:count][:, :, None]
-    d_arm = beyond * (cross(v_k, a_j) + cross(a_k, v_j) + cross(cross(a_k, a_j), t))
-    d_arm = stack.moves_tip[:, None] * (d_arm + cross(a_j, d_tip))
-    return ArmSlopes(
-        spin=d_spin,
-        jstar=d_root + cross(d_spin, t) + cross(spin[:, None], d_tip) + d_arm,
-        coupling=np.concatenate([d_root - cross(stack.base_com, d_spin), d_spin], axis=-1),
-    )
+def coupling_slopes(stack: ArmStack, arm: ArmValues, by_coupling: FloatArray) -> FloatArray:
+    """Gradient (n, ...) by the joint positions of a function of the coupling, with slopes (6, n, ...)."""
+    a, v, f, c, s, r = arm.axes, arm.velocities, arm.moments, arm.com[:, None], arm.spin, arm.root
+    # Slopes by root and spin, then by the momenta that these answer: the base's inertia is symmetric.
+    g = by_coupling[:3]
+    by_spin = by_coupling[3:] + cross(stack.base_com.reshape(3, *(1,) * (g.ndim - 1)), g)
+    x = apply(arm.inverse, cross(c, g) - by_spin)
+    y = cross(c, x) - g / stack.mass
+    # Columns of joints that k carries turn with it.
+    carried = np.concatenate([cross(arm.angular, x) + cross(arm.linear, y), cross(arm.linear, x)])
+    carried = _summed(stack.carries, carried)
+    # Columns of joints before k, and the base, answer to the inertia of what k carries.
+    both = np.concatenate([cross(y, a) + cross(v, x), (x[:, None] * a).reshape(9, *g.shape[1:])])
+    base = np.concatenate([cross(y, s) + cross(r, x), (x[:, None] * s).reshape(9, *g.shape[1:])])
+    both = _summed(stack.before, both) + base.sum(axis=1, keepdims=True)
+    outer = both[3:].reshape(3, 3, *g.shape[1:])
+    outer = outer + np.swapaxes(outer, 0, 1)
+    N = apply(arm.inertias, outer)
+    turned = np.stack([N[1, 2] - N[2, 1], N[2, 0] - N[0, 2], N[0, 1] - N[1, 0]])
+    trace = outer[0, 0] + outer[1, 1] + outer[2, 2]
+    by_axis, by_velocity = carried[:3] + turned, carried[3:] + trace * f - apply(outer, f)
+    return dot(a, by_axis) + dot(v, by_velocity) + dot(arm.linear, both[:3])
+
+
+def _summed(mask: FloatArray, values: FloatArray) -> FloatArray:
+    """Sums (m, n, ...) of values (m, n, ...) over the joints that each row of the mask names."""
+    flat = values.reshape(len(values), len(mask), -1)
+    result: FloatArray = (mask @ flat).reshape(values.shape)
+    return result

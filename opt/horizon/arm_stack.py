@@ -7,13 +7,14 @@ Everything is in base axes with the root frame at the origin, and so depends on 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.stacks import cross, skew
+from ffsms_pin.opt.horizon.stacks import apply, cross, dot, inverse3, skew
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["ArmStack", "ArmValues"]
@@ -21,33 +22,35 @@ __all__ = ["ArmStack", "ArmValues"]
 
 @dataclass(frozen=True, eq=False)
 class ArmValues:
-    """The arm at B configurations, base axes. A column j belongs to a unit rate of joint j.
+    """The arm at a stack of configurations, base axes. A column j belongs to a unit rate of joint j.
+
+    Components come first, joints next, the stack last: `...` stands for any number of axes.
 
     Attributes
     ----------
-    axes, velocities : ndarray, shape (B, n, 3)
+    axes, velocities : ndarray, shape (3, n, ...)
         Twist of the joints on a fixed base: angular, and linear of the point at the origin.
-    linear, angular : ndarray, shape (B, n, 3)
+    linear, angular : ndarray, shape (3, n, ...)
         Momentum on a fixed base, angular about the origin.
-    moments, inertias : ndarray, shape (B, n, 3), (B, n, 3, 3)
+    moments, inertias : ndarray, shape (3, n, ...), (3, 3, n, ...)
         First moment and inertia about the origin of all that a joint carries.
-    com : ndarray, shape (B, 3)
+    com : ndarray, shape (3, ...)
         Of the system.
-    inverse : ndarray, shape (B, 3, 3)
+    inverse : ndarray, shape (3, 3, ...)
         Of the system's inertia about its centre of mass.
-    spin, root : ndarray, shape (B, n, 3)
+    spin, root : ndarray, shape (3, n, ...)
         Angular and linear velocity of the root of the floating base: the momentum equation.
-    tip : ndarray, shape (B, 3)
+    tip : ndarray, shape (3, ...)
         End effector.
-    tip_rotation : ndarray, shape (B, 3, 3)
+    tip_rotation : ndarray, shape (3, 3, ...)
         Its attitude.
-    arm : ndarray, shape (B, n, 3)
+    arm : ndarray, shape (3, n, ...)
         Velocity of the end effector on a fixed base.
-    jstar : ndarray, shape (B, n, 3)
-        Velocity of the end effector, the base reacting: rows of the paper's J*, transposed.
-    coupling : ndarray, shape (B, n, 6)
-        The paper's C_bm, transposed, in base axes.
-    points : ndarray, shape (B, n + 1, 3)
+    jstar : ndarray, shape (3, n, ...)
+        Velocity of the end effector, the base reacting: the linear rows of the paper's J*.
+    coupling : ndarray, shape (6, n, ...)
+        The paper's C_bm, in base axes.
+    points : ndarray, shape (3, n + 1, ...)
         Joint origins and end effector.
     """
 
@@ -70,8 +73,12 @@ class ArmValues:
 
     @property
     def rho(self) -> FloatArray:
-        """End effector from the system's centre of mass, (B, 3)."""
+        """End effector from the system's centre of mass, (3, ...)."""
         return self.tip - self.com
+
+    def take(self, index: Any) -> ArmValues:
+        """The arm at an index of the stack's first axis, of two."""
+        return ArmValues(*(getattr(self, field.name)[..., index, :] for field in fields(self)))
 
 
 class ArmStack:
@@ -91,16 +98,17 @@ class ArmStack:
         places = [model.jointPlacements[j] for j in joints]
         columns = [data.J[:, 6 + i] for i in range(n)]
         self.revolute = [float(np.linalg.norm(column[3:])) > 0.5 for column in columns]
-        self.axis = [
+        axes = [
             data.oMi[j].rotation.T @ (column[3:] if turning else column[:3])
             for j, column, turning in zip(joints, columns, self.revolute, strict=True)
         ]
         self.offset = [place.translation.copy() for place in places]
-        # Rodrigues' formula behind the placement: place (1 + sin K + (1 - cos) K^2).
+        # What the carrier's rotation turns: the joint's own rotation (Rodrigues' formula, I + sin K +
+        # (1 - cos) K^2, behind the placement), its axis, and its origin from the carrier's.
         self.turns = []
-        for place, axis in zip(places, self.axis, strict=True):
-            K = skew(np.asarray(axis))
-            self.turns.append((place.rotation @ K, place.rotation @ K @ K, place.rotation.copy()))
+        for place, axis in zip(places, axes, strict=True):
+            P, K = place.rotation, skew(np.asarray(axis))
+            self.turns.append(np.vstack([P.T, (P @ K).T, (P @ K @ K).T, P @ axis, place.translation]))
         #: Of the way from the root to the end effector along the joints, stretched [m].
         self.length = float(np.linalg.norm(self.tip_in_last))
         j = self.last
@@ -120,6 +128,8 @@ class ArmStack:
         carried = [set(model.supports[j]) for j in joints]
         #: carries[k, j]: joint k moves body j.
         self.carries = np.array([[float(k in carried[j]) for j in range(n)] for k in joints])
+        #: before[k, j]: joint j carries joint k, and is another.
+        self.before = self.carries.T - np.eye(n)
         self.carried_mass = self.carries @ self.masses
         tip = self.carries[:, self.last] if self.last >= 0 else np.zeros(n)
         self.moves_tip = tip
@@ -128,31 +138,44 @@ class ArmStack:
         self.moves_point = np.vstack([self.carries.T, tip])
 
     def evaluate(self, positions: FloatArray) -> ArmValues:
-        """The arm at joint positions (B, n)."""
+        """The arm at joint positions (n, ...)."""
         rotations, origins, axes, velocities = self._poses(positions)
-        centres = origins + np.einsum("jbxy,jy->jbx", rotations, self.levers)
-        first = self.masses[:, None, None] * centres
-        c = skew(centres)
-        second = rotations @ self.body_inertias[:, None] @ np.swapaxes(rotations, -1, -2)
-        second -= self.masses[:, None, None, None] * (c @ c)
-        moments = np.tensordot(self.carries, first, axes=1).transpose(1, 0, 2)
-        inertias = np.tensordot(self.carries, second, axes=1).transpose(1, 0, 2, 3)
-        com = (self.base_moment + first.sum(axis=0)) / self.mass
-        c = skew(com)
-        inverse = np.linalg.inv(self.base_inertia + second.sum(axis=0) + self.mass * (c @ c))
+        n, shape = self.n, positions.shape[1:]
 
-        linear = self.carried_mass[:, None] * velocities + cross(axes, moments)
-        angular = cross(moments, velocities) + (inertias @ axes[..., None])[..., 0]
-        about_com = angular - cross(com[:, None], linear)
-        spin = -about_com @ inverse  # symmetric
-        root = cross(com[:, None], spin) - linear / self.mass
+        def along(values: FloatArray) -> FloatArray:
+            return values.reshape(*values.shape, *(1,) * len(shape))
+
+        # First moments and inertias about the origin: of the bodies, then of all that a joint carries.
+        bodies = np.empty((12, *positions.shape))
+        centres = origins + np.einsum("xyj...,jy->xj...", rotations, self.levers)
+        first, second = bodies[:3], bodies[3:].reshape(3, 3, *positions.shape)
+        np.multiply(along(self.masses), centres, out=first)
+        turned = np.einsum("xyj...,jyz->xzj...", rotations, self.body_inertias)
+        np.einsum("xzj...,yzj...->xyj...", turned, rotations, out=second)
+        second -= first[:, None] * centres
+        second[(0, 1, 2), (0, 1, 2)] += dot(first, centres)
+        carried = (self.carries @ bodies.reshape(12, n, -1)).reshape(bodies.shape)
+        moments, inertias = carried[:3], carried[3:].reshape(second.shape)
+        whole = bodies.sum(axis=1)
+        com = (along(self.base_moment) + whole[:3]) / self.mass
+        inertia = along(self.base_inertia) + whole[3:].reshape(3, 3, *shape) + self.mass * com[:, None] * com
+        inertia[(0, 1, 2), (0, 1, 2)] -= self.mass * dot(com, com)
+        inverse = inverse3(inertia)
+
+        linear = along(self.carried_mass) * velocities + cross(axes, moments)
+        angular = cross(moments, velocities) + apply(inertias, axes)
+        c = com[:, None]
+        spin = apply(inverse, cross(c, linear) - angular)
+        root = cross(c, spin) - linear / self.mass
         if self.last < 0:
-            tip = np.broadcast_to(self.tip_in_last, com.shape)
-            tip_rotation = np.broadcast_to(self.tip_turn, (*com.shape, 3))
+            tip = np.broadcast_to(along(self.tip_in_last), com.shape)
+            tip_rotation = np.broadcast_to(along(self.tip_turn), inverse.shape)
         else:
-            tip = origins[self.last] + rotations[self.last] @ self.tip_in_last
-            tip_rotation = rotations[self.last] @ self.tip_turn
-        arm = (velocities + cross(axes, tip[:, None])) * self.moves_tip[:, None]
+            carrier = rotations[:, :, self.last]
+            tip = origins[:, self.last] + np.einsum("xy...,y->x...", carrier, self.tip_in_last)
+            tip_rotation = np.einsum("xy...,yz->xz...", carrier, self.tip_turn)
+        t = tip[:, None]
+        arm = (velocities + cross(axes, t)) * along(self.moves_tip)
         return ArmValues(
             axes=axes,
             velocities=velocities,
@@ -167,32 +190,30 @@ class ArmStack:
             tip=tip,
             tip_rotation=tip_rotation,
             arm=arm,
-            jstar=root + cross(spin, tip[:, None]) + arm,
-            coupling=np.concatenate([root - cross(self.base_com, spin), spin], axis=-1),
-            points=np.concatenate([origins, tip[None]]).transpose(1, 0, 2),
+            jstar=root + cross(spin, t) + arm,
+            coupling=np.concatenate([root - cross(along(self.base_com[:, None]), spin), spin]),
+            points=np.concatenate([origins, t], axis=1),
         )
 
     def _poses(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Rotations and origins of the joints, (n, B, ...), and their twists on a fixed base, (B, n, 3)."""
-        count, n = positions.shape
-        rotations, origins = np.empty((n, count, 3, 3)), np.empty((n, count, 3))
-        axes, velocities = np.zeros((count, n, 3)), np.empty((count, n, 3))
-        sin, cos = np.sin(positions)[..., None, None], 1.0 - np.cos(positions)[..., None, None]
-        for j, up in enumerate(self.parents):
-            by_sine, by_cosine, still = self.turns[j]
-            origin = self.offset[j]
+        """Rotations (3, 3, n, ...), origins (3, n, ...) and twists of the joints on a fixed base."""
+        shape, positions = positions.shape, positions.reshape(self.n, -1)
+        n, count = positions.shape
+        rotations, origins = np.empty((3, 3, n, count)), np.empty((3, n, count))
+        axes, velocities = np.zeros((3, n, count)), np.empty((3, n, count))
+        sines, cosines = np.sin(positions), 1.0 - np.cos(positions)
+        for j, (up, turns) in enumerate(zip(self.parents, self.turns, strict=True)):
+            # (3, 11, B), or (3, 11, 1) on the base itself.
+            parts = turns @ rotations[:, :, up] if up >= 0 else turns.T[:, :, None]
+            direction, origin = parts[:, 9], parts[:, 10]
             if up >= 0:
-                carrier = rotations[up]
-                by_sine, by_cosine, still = carrier @ by_sine, carrier @ by_cosine, carrier @ still
-                origin = origins[up] + carrier @ origin
-            direction = still @ self.axis[j]
+                origin = origin + origins[:, up]
             if self.revolute[j]:
-                rotations[j] = still + sin[:, j] * by_sine + cos[:, j] * by_cosine
-                origins[j] = origin
-                axes[:, j] = direction
-                velocities[:, j] = cross(origins[j], axes[:, j])
+                rotations[:, :, j] = parts[:, :3] + sines[j] * parts[:, 3:6] + cosines[j] * parts[:, 6:9]
+                origins[:, j], axes[:, j] = origin, direction
+                velocities[:, j] = cross(origins[:, j], axes[:, j])
             else:
-                rotations[j] = still
-                velocities[:, j] = direction
-                origins[j] = origin + positions[:, j, None] * velocities[:, j]
-        return rotations, origins, axes, velocities
+                rotations[:, :, j], velocities[:, j] = parts[:, :3], direction
+                origins[:, j] = origin + positions[j] * direction
+        origins, axes, velocities = (x.reshape(3, *shape) for x in (origins, axes, velocities))
+        return rotations.reshape(3, 3, *shape), origins, axes, velocities

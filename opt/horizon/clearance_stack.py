@@ -13,7 +13,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.check_points import CheckPoints
 from ffsms_pin.opt.clearances import CollisionMode
 from ffsms_pin.opt.horizon.arm_stack import ArmStack, ArmValues
-from ffsms_pin.opt.horizon.stacks import cross
+from ffsms_pin.opt.horizon.stacks import cross, dot
 from ffsms_pin.opt.shape_distances import ShapeDistances
 from ffsms_pin.system import SpaceManipulator
 
@@ -32,12 +32,12 @@ class ClearanceStack(Protocol):
         """What each clearance is between, in order."""
 
     def values(self, positions: FloatArray, arm: ArmValues) -> FloatArray:
-        """Clearances (B, m) [m] at joint positions (B, n)."""
+        """Clearances (m, ...) [m] at joint positions (n, ...)."""
 
     def gradients(
-        self, stack: ArmStack, positions: FloatArray, arm: ArmValues, rows: Indices, columns: Indices
+        self, stack: ArmStack, positions: FloatArray, arm: ArmValues, where: tuple[Indices, ...]
     ) -> FloatArray:
-        """Gradients (V, n) of the clearances at the entries (rows, columns) of `values`."""
+        """Gradients (n, V) of the clearances at V entries of `values`."""
 
 
 def clearance_stack(sms: SpaceManipulator, collision: CollisionMode) -> ClearanceStack | None:
@@ -71,39 +71,36 @@ class PointStack:
         """Distances of pairs of points, then distances outside the base box."""
         points = arm.points
         apart = points[:, self._first] - points[:, self._second]
-        place = (points[:, self._outside] - self._centre) @ self._rotation
-        return np.concatenate(
-            [np.sqrt(np.einsum("bpi,bpi->bp", apart, apart)), (np.abs(place) - self._half).max(axis=-1)],
-            axis=1,
-        )
+        outside = (np.abs(self._in_box(points[:, self._outside])).T - self._half).T
+        return np.concatenate([np.sqrt(dot(apart, apart)), outside.max(axis=0)])
 
     def gradients(
-        self, stack: ArmStack, positions: FloatArray, arm: ArmValues, rows: Indices, columns: Indices
+        self, stack: ArmStack, positions: FloatArray, arm: ArmValues, where: tuple[Indices, ...]
     ) -> FloatArray:
-        """Gradients (V, n) of the clearances at the entries (rows, columns) of `values`."""
-        pairs = len(self._first)
+        """Gradients (n, V) of the clearances at V entries of `values`."""
+        pairs, (columns, *rest) = len(self._first), where
         boxed = columns >= pairs
         one = np.where(boxed, 0, columns)
         other = np.where(boxed, columns - pairs, 0)
         first = np.where(boxed, self._outside[other] if self._outside.size else 0, self._first[one])
-        here = arm.points[rows, first]
-        if pairs:
-            second = self._second[one]
-            there = arm.points[rows, second]
-        else:
-            second, there = first, here
+        second = self._second[one] if pairs else first
+        every: Any = slice(None)
+        here, there = (arm.points[(every, point, *rest)] for point in (first, second))
         apart = here - there
-        unit = apart / np.maximum(np.linalg.norm(apart, axis=1), 1e-12)[:, None]
-        place = (here - self._centre) @ self._rotation
-        axis = np.argmax(np.abs(place) - self._half, axis=1)
-        sign = np.where(np.take_along_axis(place, axis[:, None], axis=1) < 0.0, -1.0, 1.0)
-        unit = np.where(boxed[:, None], sign * self._rotation.T[axis], unit)
-        a, v = arm.axes[rows], arm.velocities[rows]
-        here_moves = (v + cross(a, here[:, None])) * stack.moves_point[first][..., None]
-        there_moves = (v + cross(a, there[:, None])) * stack.moves_point[second][..., None]
-        there_moves[boxed] = 0.0
-        gradient: FloatArray = ((here_moves - there_moves) @ unit[..., None])[..., 0]
-        return gradient
+        unit = apart / np.maximum(np.sqrt(dot(apart, apart)), 1e-12)
+        place = self._in_box(here)
+        axis = np.argmax(np.abs(place) - self._half[:, None], axis=0)
+        sign = np.where(np.take_along_axis(place, axis[None], axis=0) < 0.0, -1.0, 1.0)
+        unit = np.where(boxed, sign * self._rotation[:, axis], unit)
+        a, v = (values[(every, every, *rest)] for values in (arm.axes, arm.velocities))
+        here_moves = (v + cross(a, here[:, None])) * stack.moves_point[first].T
+        there_moves = (v + cross(a, there[:, None])) * stack.moves_point[second].T
+        return dot(here_moves - np.where(boxed, 0.0, there_moves), unit[:, None])
+
+    def _in_box(self, points: FloatArray) -> FloatArray:
+        """Points (3, ...) in the box's own axes, from its centre."""
+        centre = self._centre.reshape(3, *(1,) * (points.ndim - 1))
+        return np.asarray(np.einsum("xi,x...->i...", self._rotation, points - centre))
 
 
 class ShapeStack:
@@ -122,22 +119,23 @@ class ShapeStack:
 
     def values(self, positions: FloatArray, arm: ArmValues) -> FloatArray:
         """Distances of pairs of bodies."""
-        sms = self._sms
-        out = np.empty((len(positions), self._shapes.count))
-        for row, place in zip(out, positions, strict=True):
+        sms, places = self._sms, positions.reshape(len(positions), -1).T
+        out = np.empty((self._shapes.count, len(places)))
+        for k, place in enumerate(places):
             sms.layout.set_positions(self._q, place)
             pin.forwardKinematics(sms.model, sms._data, self._q)
-            row[:] = self._shapes.values(sms._data)
-        return out
+            out[:, k] = self._shapes.values(sms._data)
+        return out.reshape(-1, *positions.shape[1:])
 
     def gradients(
-        self, stack: ArmStack, positions: FloatArray, arm: ArmValues, rows: Indices, columns: Indices
+        self, stack: ArmStack, positions: FloatArray, arm: ArmValues, where: tuple[Indices, ...]
     ) -> FloatArray:
-        """Gradients (V, n) of the distances at the entries (rows, columns) of `values`."""
-        out = np.empty((len(rows), self._sms.n))
-        for row in np.unique(rows):
-            self._sms.layout.set_positions(self._q, positions[row])
-            gradient = self._shapes.evaluate(self._q).gradient
-            here = rows == row
-            out[here] = gradient[columns[here]]
+        """Gradients (n, V) of the distances at V entries of `values`."""
+        columns, *rest = where
+        out = np.empty((len(positions), len(columns)))
+        stacked = np.ravel_multi_index(tuple(rest), positions.shape[1:])
+        for entry in np.unique(stacked):
+            here = stacked == entry
+            self._sms.layout.set_positions(self._q, positions.reshape(len(positions), -1)[:, entry])
+            out[:, here] = self._shapes.evaluate(self._q).gradient[columns[here]].T
         return out

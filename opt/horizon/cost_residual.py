@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.stacks import dot
 
 __all__ = ["CostResidual", "cost_residual"]
 
@@ -27,7 +28,7 @@ class CostResidual(NamedTuple):
     value : ndarray, shape (...,)
     exact : ndarray, shape (...,)
         The paper's residual, whatever `value` is.
-    by_velocity, by_tip : ndarray, shape (..., 3)
+    by_velocity, by_tip : ndarray, shape (3, ...)
         Slopes by the end effector's velocity and position.
     by_entropy : ndarray, shape (...,)
     """
@@ -52,8 +53,8 @@ def cost_residual(
 
     Parameters
     ----------
-    way, velocity : ndarray, shape (..., 3)
-        From the end effector to the target [m]; velocity of the end effector [m/s].
+    way, velocity : ndarray, shape (3, ...)
+        From the end effector to the target [m]; velocity of the end effector [m/s]. In the same axes, any.
     entropy : ndarray, shape (...,)
     kappa : float
     pace : float
@@ -63,17 +64,17 @@ def cost_residual(
     close : float
         And nearer than this to the target [m].
     """
-    length = np.sqrt(np.einsum("...i,...i->...", way, way) + _TINY_WAY)
-    speed = np.sqrt(np.einsum("...i,...i->...", velocity, velocity) + _TINY_SPEED)
-    d, e = way / length[..., None], velocity / speed[..., None]
-    cosine = np.einsum("...i,...i->...", d, e)
+    length = np.sqrt(dot(way, way) + _TINY_WAY)
+    speed = np.sqrt(dot(velocity, velocity) + _TINY_SPEED)
+    d, e = way / length, velocity / speed
+    cosine = dot(d, e)
     exact = np.logaddexp(0.0, kappa * cosine) / kappa - (1.0 - entropy)
 
     # The velocity's parts along d and across it; `side` is the unit vector across.
-    along = np.einsum("...i,...i->...", d, velocity)
-    rest = velocity - along[..., None] * d
-    across = np.sqrt(np.einsum("...i,...i->...", rest, rest) + 1e-14)
-    side = rest / across[..., None]
+    along = dot(d, velocity)
+    rest = velocity - along * d
+    across = np.sqrt(dot(rest, rest) + 1e-14)
+    side = rest / across
 
     fade = speed / np.hypot(speed, slow * pace)
     value = exact * fade
@@ -84,8 +85,7 @@ def cost_residual(
     by_angle, by_speed = near * by_angle, near * by_speed
 
     # Turning the velocity away from d by an angle, and stretching it.
-    away = (side * along[..., None] - d * across[..., None]) / speed[..., None]
-    by_velocity = (by_angle[..., None] * away + by_speed[..., None] * e) / speed[..., None]
-    stretch = value * (1.0 - near * near)
-    by_tip = (by_angle[..., None] * side - stretch[..., None] * d) / length[..., None]
+    away = (side * along - d * across) / speed
+    by_velocity = (by_angle * away + by_speed * e) / speed
+    by_tip = (by_angle * side - value * (1.0 - near * near) * d) / length
     return CostResidual(value, exact, by_velocity, by_tip, by_entropy)

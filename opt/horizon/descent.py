@@ -86,7 +86,7 @@ def descend(bench: Workbench, motions: Motions, weights: Weights, iterations: in
         expected = -2.0 * np.einsum("si,si->s", gradient, flat[..., 0])
         expected -= np.einsum("si,si->s", flat[..., 0], (hessian @ flat)[..., 0])
         trial = motions.p[live] + steps
-        new = linearise(bench.task, bench.spline, trial, weights)
+        new = linearise(bench.task, bench.spline, trial, weights, motions.at.merit[live])
         gain = motions.at.merit[live] - new.merit
         better = gain > 0.0
         motions.p[live[better]] = trial[better]

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.motion import least_clearance
-from ffsms_pin.opt.horizon.starts import Goals, halton, joint_range
+from ffsms_pin.opt.horizon.starts import Goals, halton, joint_range, straight_time
 from ffsms_pin.opt.horizon.task import Task
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE, REACH, Trajectory, measure
+from ffsms_pin.system.base_motion import roll_out
 
-__all__ = ["explain", "reach_range", "start_in_collision"]
+__all__ = ["explain", "reach_range", "start_in_collision", "within_workspace"]
 
 # Joint positions from which the longest and the shortest reach are looked for, and steps of the ascent.
 _SAMPLES, _ASCENT = 64, 40
@@ -25,7 +25,7 @@ _ATTEMPTS = 2  # the second twice as long; the diagnosis takes no longer than th
 
 def start_in_collision(task: Task) -> Trajectory | None:
     """A plan that stays where it is, where the start already breaks the clearance; else None."""
-    least, between = least_clearance(task, task.joints0[None])
+    least, between = least_clearance(task, task.joints0[:, None])
     if least >= task.clearance:
         return None
     note = (
@@ -34,7 +34,9 @@ def start_in_collision(task: Task) -> Trajectory | None:
     )
     t = np.linspace(0.0, task.duration, task.steps + 1)
     q, rates = np.tile(task.q0, (len(t), 1)), np.zeros((len(t), task.arm.n))
-    plan = measure(task.sms, t, q, rates, task.target, task.kappa, note, task.rotation)
+    if task.momentum is not None:
+        q, _ = roll_out(task.sms, task.q0, rates[0], rates[1:], task.dt, task.momentum)
+    plan = measure(task.sms, t, q, rates, task.target, task.kappa, note, task.rotation, task.momentum)
     return replace(plan, clear=False)
 
 
@@ -70,7 +72,7 @@ def explain(
         words.append(plan.note)
     elif not plan.clear:
         words.append("breaks a clearance on the way")
-    distance, (least, most) = float(np.linalg.norm(task.goal)), reach_range(task)
+    distance, least, most = distances(task)
     if not least - REACH <= distance <= most + REACH:
         words.append(
             f"binding: the workspace, since the end effector can be {least:.3f} to {most:.3f} m from the "
@@ -88,6 +90,17 @@ def explain(
     return replace(plan, note="; ".join(words), shortest_duration=shortest)
 
 
+def within_workspace(task: Task) -> bool:
+    """Whether the target is as far from the system's centre of mass as the end effector can be."""
+    distance, least, most = distances(task)
+    return least - REACH <= distance <= most + REACH
+
+
+def distances(task: Task) -> tuple[float, float, float]:
+    """Of the target from the system's centre of mass at the deadline, and the range that can be had [m]."""
+    return float(np.linalg.norm(task.goal - task.duration * task.drift)), *reach_range(task)
+
+
 def reach_range(task: Task) -> tuple[float, float]:
     """Least and greatest distance of the end effector from the system's centre of mass, over the joint range.
 
@@ -99,10 +112,10 @@ def reach_range(task: Task) -> tuple[float, float]:
     for sense in (-1.0, 1.0):
         joints, best = seeds, np.inf
         for k in range(_ASCENT):
-            arm = task.arm.evaluate(joints)
-            distance = np.linalg.norm(arm.rho, axis=1)
+            arm = task.arm.evaluate(joints.T)
+            distance = np.linalg.norm(arm.rho, axis=0)
             best = min(best, float((-sense * distance).min()))
-            slope = np.einsum("bni,bi->bn", arm.arm - arm.linear / task.arm.mass, arm.rho)
+            slope = np.einsum("inb,ib->bn", arm.arm - arm.linear / task.arm.mass, arm.rho)
             step = sense * slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-9)
             joints = np.clip(joints + 0.5 * 0.88**k * step, low, high)
         found.append(abs(best))
@@ -122,18 +135,6 @@ def _sufficient(task: Task, goals: Goals, attempt: Callable[[Task], Trajectory])
             return between if attempt(_lasting(task, between)).reached else longer
         shorter, longer = longer, 2.0 * longer
     return 0.0
-
-
-def straight_time(task: Task, goal: FloatArray) -> float:
-    """Least duration of a straight joint-space move from rest to rest [s]."""
-    limits, way = task.sms.limits, np.abs(goal - task.joints0)
-    if np.isinf(limits.acceleration).any():
-        return 0.0  # nothing is known of how long a joint without limits needs
-    ramp = limits.velocity / limits.acceleration
-    cruise = way / limits.velocity + ramp
-    return float(
-        np.where(way >= limits.velocity * ramp, cruise, 2.0 * np.sqrt(way / limits.acceleration)).max()
-    )
 
 
 def _lasting(task: Task, duration: float) -> Task:

@@ -2,7 +2,7 @@
 
 The unknowns of a motion are the control points p (M, n) of its joint rates. Its residuals are the paper's
 cost, the distance to the target at the deadline, const8 in the last tenth, clearances that are too small,
-and the integral of the squared acceleration.
+and the integral of the squared acceleration. To add one, return another `Residual` from `_residuals`.
 
 The base's attitude follows from the joints by the momentum equation. Its change under a change of p, as a
 rotation of everything about the centre of mass, is the integral of the change of its angular velocity: so
@@ -12,21 +12,26 @@ the same quadrature that gives the attitude gives its derivative.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.arm_slopes import arm_slopes
-from ffsms_pin.opt.horizon.arm_stack import ArmValues
+from ffsms_pin.opt.base_limits import BaseLimits
+from ffsms_pin.opt.horizon.arm_slopes import coupling_slopes, velocity_slopes
+from ffsms_pin.opt.horizon.base_residual import BaseShares, base_shares
 from ffsms_pin.opt.horizon.cost_residual import cost_residual
-from ffsms_pin.opt.horizon.coupling_entropy import entropy_and_gradient
+from ffsms_pin.opt.horizon.course import Course, course
 from ffsms_pin.opt.horizon.orientation import orientation_residual
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.stacks import exp3, skew
+from ffsms_pin.opt.horizon.stacks import apply, cross, dot
 from ffsms_pin.opt.horizon.task import Task
 
-__all__ = ["AIM_TAIL", "Linearisation", "Weights", "base_turns", "linearise"]
+__all__ = ["AIM_TAIL", "CLEARANCE_MARGIN", "Linearisation", "Weights", "linearise"]
+
+# Of the quadrature's points: Q of them, then 0.9 T and T.
+Points: TypeAlias = NDArray[np.signedinteger[Any]] | slice
 
 # [m] What const8 asks, 0.02 m, less what the spline and its penalty may miss.
 AIM_TAIL = 0.018
@@ -54,6 +59,8 @@ class Weights:
         Of what a clearance lacks, over time [1/(m^2 s)].
     rough : float
         Of the acceleration, over time [s^3]. Small: it decides between motions of equal cost.
+    base : float
+        Of the share of a base limit that is used beyond its margin, over time [1/s].
     slow, close : float
         See `cost_residual`.
     """
@@ -64,6 +71,7 @@ class Weights:
     rough: float
     slow: float = 0.0
     close: float = 0.0
+    base: float = 1.0
 
     def fitted(self, task: Task) -> Weights:
         """The weights for a task."""
@@ -75,6 +83,7 @@ class Weights:
             rough=self.rough * task.time**4,
             slow=self.slow,
             close=self.close * task.length,
+            base=self.base,
         )
 
 
@@ -89,12 +98,14 @@ class Linearisation:
     cost : ndarray, shape (S,)
         The paper's cost integral [s], by quadrature.
     gradient : ndarray, shape (S, Mn)
-        Half of the merit's.
+        Half of the merit's; zero where it was not asked for.
     hessian : ndarray, shape (S, Mn, Mn)
-        Half of the merit's, Gauss-Newton.
+        Half of the merit's, Gauss-Newton; likewise.
     error, tail, lack : ndarray, shape (S,)
         Distance at T, the largest in the last tenth, and the largest lack of clearance [m]; where an
         attitude is wanted, the angle to it counts if it is larger [rad].
+    base_lack : ndarray, shape (S,)
+        The largest share of a base limit that is used beyond 1 less its margin.
     way : ndarray, shape (S, 3)
         From the end effector to the target at T, axes of the base at the start [m].
     """
@@ -106,6 +117,7 @@ class Linearisation:
     error: FloatArray
     tail: FloatArray
     lack: FloatArray
+    base_lack: FloatArray
     way: FloatArray
 
     def take(self, index: Any) -> Linearisation:
@@ -123,155 +135,247 @@ class Linearisation:
         return Linearisation(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
 
 
-def base_turns(spline: RateSpline, omega: FloatArray) -> FloatArray:
-    """Base rotations (S, Q + 2, 3, 3) from the start, of angular velocities (S, Q, 3) in base axes."""
-    m, g = spline.whole.shape
-    omega = omega.reshape(-1, m, g, 3)
-    whole = exp3(np.einsum("kg,skgi->ski", spline.whole, omega))
-    part = exp3(np.einsum("kij,skjl->skil", spline.part, omega))
-    starts = np.empty((len(omega), m + 1, 3, 3))
-    starts[:, 0] = np.eye(3)
-    for k in range(m):
-        np.matmul(starts[:, k], whole[:, k], out=starts[:, k + 1])
-    points = (starts[:, :-1, None] @ part).reshape(-1, m * g, 3, 3)
-    return np.concatenate([points, starts[:, [spline.late, -1]]], axis=1)
+@dataclass(frozen=True)
+class Residual:
+    """Values at K points of S motions, weighted, and their slopes by what moves there.
+
+    Attributes
+    ----------
+    value : ndarray, shape (S, K)
+    points : ndarray, shape (K,), or slice
+    by_velocity, by_tip : ndarray, shape (3, S, K), optional
+        By the end effector's velocity and position; base axes.
+    by_turn : ndarray, shape (3, S, K), optional
+        By a turn of the end effector; axes of the base at the start.
+    by_entropy : ndarray, shape (S, K), optional
+    """
+
+    value: FloatArray
+    points: Points
+    by_velocity: FloatArray | None = None
+    by_tip: FloatArray | None = None
+    by_turn: FloatArray | None = None
+    by_entropy: FloatArray | None = None
+
+    def take(self, index: Any) -> Residual:
+        """The motions at an index."""
+        slopes = (self.by_velocity, self.by_tip, self.by_turn, self.by_entropy)
+        taken = (None if x is None else x[..., index, :] for x in slopes)
+        return Residual(self.value[index], self.points, *taken)
 
 
-def linearise(task: Task, spline: RateSpline, p: FloatArray, w: Weights) -> Linearisation:
-    """Residuals of motions with control points p (S, M, n), squared and linearised."""
+def linearise(
+    task: Task, spline: RateSpline, p: FloatArray, w: Weights, below: float | FloatArray = np.inf
+) -> Linearisation:
+    """Residuals of motions with control points p (S, M, n), squared and linearised.
+
+    Motions whose merit is not less than `below`, a number or (S,), are not worth derivatives and get none.
+    """
     w = w.fitted(task)
-    stack, n, size, count, motions = task.arm, task.arm.n, spline.size, spline.points, len(p)
-    joints = task.joints0 + spline.travel @ p
-    u = (spline.rates @ p)[:, :count]
-    # First the quadrature points of all motions, then their two ends, which need no derivatives.
-    inner = motions * count
-    places = np.concatenate([joints[:, :count].reshape(-1, n), joints[:, count:].reshape(-1, n)])
-    arm = stack.evaluate(places)
-    slopes = arm_slopes(stack, arm, inner)
-
-    def spread(values: FloatArray) -> FloatArray:
-        rest = values.shape[1:]
-        first, last = values[:inner].reshape(motions, count, *rest), values[inner:].reshape(motions, 2, *rest)
-        return np.concatenate([first, last], axis=1)
-
-    spin, jstar = np.swapaxes(spread(arm.spin), -1, -2), np.swapaxes(spread(arm.jstar), -1, -2)
-    rho, rates = spread(arm.rho), u[..., None]
-    R = base_turns(spline, (spin[:, :count] @ rates)[..., 0])
-    R_inner = R[:, :count]
-    tip = (R @ rho[..., None])[..., 0]
-    velocity = (R_inner @ (jstar[:, :count] @ rates))[..., 0]
-    way = task.goal - tip
-    H, H_slope = entropy_and_gradient(arm.coupling[:inner])
-    c = cost_residual(
-        way[:, :count], velocity, H.reshape(motions, count), task.kappa, task.pace, w.slow, w.close
-    )
-
-    # Changes by p, flattened to columns (M n): of the base's rotation, the end effector, its velocity.
-    travel, at = spline.travel[:, :, None], spline.rates[:count, :, None]
-    held = u[:, :, None, None, :]
-    spin_q = (held @ slopes.spin.reshape(motions, count, n, n, 3))[..., 0, :]
-    jstar_q = (held @ slopes.jstar.reshape(motions, count, n, n, 3))[..., 0, :]
-    spin_q, jstar_q = np.swapaxes(spin_q, -1, -2), np.swapaxes(jstar_q, -1, -2)
-    flat = (motions, -1, 3, size * n)
-    turn = (R_inner @ spin[:, :count])[..., None, :] * at[:, None]
-    turn += (R_inner @ spin_q)[..., None, :] * travel[:count, None]
-    turn = (spline.sweep @ turn.reshape(motions, count, -1)).reshape(flat)
-    tip_p = ((R @ (jstar + skew(rho) @ spin))[..., None, :] * travel[:, None]).reshape(flat) - skew(
-        tip
-    ) @ turn
-    velocity_p = (R_inner @ jstar[:, :count])[..., None, :] * at[:, None]
-    velocity_p += (R_inner @ jstar_q)[..., None, :] * travel[:count, None]
-    velocity_p = velocity_p.reshape(flat) - skew(velocity) @ turn[:, :count]
-    H_q = (slopes.coupling.reshape(inner, n, -1) @ H_slope.reshape(inner, -1, 1)).reshape(motions, count, n)
-
-    root = np.sqrt(spline.weights)
-    cost_p = (c.by_velocity[..., None, :] @ velocity_p + c.by_tip[..., None, :] @ tip_p[:, :count])[..., 0, :]
-    by_entropy = (c.by_entropy[..., None] * H_q)[:, :, None, :]
-    cost_p += (by_entropy * travel[:count]).reshape(motions, count, -1)
-
-    tail_rows = np.append(np.flatnonzero(spline.times[:count] > spline.times[count]), count)
-    tail_way = way[:, tail_rows]
-    far = np.sqrt(np.einsum("...i,...i->...", tail_way, tail_way))
-    excess = np.maximum(far - AIM_TAIL, 0.0)
-    towards = np.where(excess > 0.0, 1.0, 0.0)[..., None] * tail_way / np.maximum(far, 1e-9)[..., None]
-    tail_p = -(towards[..., None, :] @ tip_p[:, tail_rows])[..., 0, :]
-
-    # The end: the way beyond AIM_END, as a vector.
-    last = way[:, -1]
-    error = np.linalg.norm(last, axis=1)
-    unit = last / np.maximum(error, 1e-9)[:, None]
-    short = np.maximum(error - AIM_END, 0.0)
-    share = (short / np.maximum(error, 1e-9))[:, None, None]
-    radial = unit[:, :, None] * unit[:, None, :]
-    end_map = share * np.eye(3) + (np.where(short > 0.0, 1.0, 0.0)[:, None, None] - share) * radial
-    end_p = -end_map @ tip_p[:, -1]
-
-    value = np.concatenate(
-        [root * c.value, np.sqrt(w.end) * short[:, None] * unit, np.sqrt(w.tail) * excess], axis=1
-    )
-    jacobian = np.concatenate(
-        [root[:, None] * cost_p, np.sqrt(w.end) * end_p, np.sqrt(w.tail) * tail_p], axis=1
-    )
-    transposed = np.swapaxes(jacobian, 1, 2)
+    motions, size, n = p.shape
+    at = course(task, spline, p)
+    result, residuals = _measured(task, spline, at, w)
+    lack = np.maximum(_lack(task, at, spline.points), 0.0)
     rough = spline.roughness @ p
-    result = Linearisation(
-        merit=np.einsum("si,si->s", value, value) + w.rough * np.einsum("smj,smj->s", p, rough),
-        cost=c.exact**2 @ spline.weights,
-        gradient=(transposed @ value[..., None])[..., 0] + w.rough * rough.reshape(motions, -1),
-        hessian=transposed @ jacobian,
-        error=error,
-        tail=far.max(axis=1),
-        lack=np.zeros(motions),
-        way=last,
-    )
-    blocks = result.hessian.reshape(motions, size, n, size, n)
+    result.lack = lack.max(axis=(0, 2), initial=0.0)
+    result.merit += w.clear * np.einsum("msq,msq,q->s", lack, lack, spline.weights)
+    result.merit += w.rough * np.einsum("smj,smj->s", p, rough)
+    result.gradient, result.hessian = np.zeros((motions, size * n)), np.zeros((motions, size * n, size * n))
+    # What base limits add to the merit comes with its derivatives.
+    good = np.flatnonzero(result.merit < (below if task.base_limits is None else np.inf))
+    if not good.size:
+        return result
+    if good.size < motions:
+        at, lack, residuals = at.take(good), lack[:, good], [one.take(good) for one in residuals]
+    jacobian = _Jacobian(task, spline, at)
+    S = np.concatenate([jacobian.rows(one) for one in residuals], axis=-1)
+    value = np.concatenate([one.value for one in residuals], axis=1)
+    gradient, hessian = (S @ value[..., None])[..., 0], S @ np.swapaxes(S, 1, 2)
+    _add_clearances(task, spline, at, w, lack, gradient, hessian)
+    # So far the joints came first; outside of here the control points do.
+    blocks = hessian.reshape(-1, n, size, n, size)
     for j in range(n):
-        blocks[:, :, j, :, j] += w.rough * spline.roughness
-    _add_clearances(task, spline, w, places[:inner], arm, result)
-    if task.rotation is not None:
-        rows = np.append(tail_rows, count + 1)
-        columns = np.swapaxes(spread(arm.axes * stack.moves_tip[:, None]), -1, -2)[:, rows]
-        turns = turn[:, rows] + ((R[:, rows] @ columns)[..., None, :] * travel[rows][:, None]).reshape(flat)
-        attitude = R[:, rows] @ spread(arm.tip_rotation)[:, rows]
-        _add_orientation(task.rotation0.T @ task.rotation, w, attitude, turns, result)
+        blocks[:, j, :, j] += w.rough * spline.roughness
+    result.hessian[good] = blocks.transpose(0, 2, 1, 4, 3).reshape(hessian.shape)
+    gradient = gradient.reshape(-1, n, size).transpose(0, 2, 1) + w.rough * rough[good]
+    result.gradient[good] = gradient.reshape(len(good), -1)
+    if task.base_limits is not None:
+        _add_base_limits(spline, w, task.duration, jacobian.base_shares(task, task.base_limits), result)
     return result
 
 
-def _add_orientation(
-    wanted: FloatArray, w: Weights, attitude: FloatArray, turns: FloatArray, result: Linearisation
-) -> None:
-    """Squares of the angles to the wanted attitude; the last row is the end, a radian weighs like a metre."""
-    for rows, weight, tolerance in ((slice(-1), w.tail, AIM_TAIL), (slice(-1, None), w.end, AIM_END)):
-        value, slope, angle = orientation_residual(wanted, attitude[:, rows], turns[:, rows], tolerance)
-        result.merit += weight * np.einsum("si,si->s", value, value)
-        result.gradient += weight * np.einsum("sip,si->sp", slope, value)
-        result.hessian += weight * (np.swapaxes(slope, 1, 2) @ slope)
-        furthest = result.tail if rows.stop == -1 else result.error
-        np.maximum(furthest, angle.max(axis=1), out=furthest)
+def _measured(task: Task, spline: RateSpline, at: Course, w: Weights) -> tuple[Linearisation, list[Residual]]:
+    """What needs no derivatives, clearances and roughness left out; and the residuals."""
+    count = spline.points
+    c = cost_residual(at.way, at.velocity, at.entropy, task.kappa, task.pace, w.slow, w.close)
+    root = np.append(np.sqrt(spline.weights), [0.0, 0.0])
+    cost = Residual(
+        root * c.value,
+        slice(None),
+        by_velocity=root * c.by_velocity,
+        by_tip=root * c.by_tip,
+        by_entropy=root * c.by_entropy,
+    )
+
+    # The last tenth: what the distance exceeds. The end: the way beyond AIM_END, as a vector.
+    late, last = np.append(np.flatnonzero(spline.times[:count] > spline.times[count]), count), count + 1
+    tail, end = at.way[..., late], at.way[..., last]
+    far, error = np.sqrt(dot(tail, tail)), np.sqrt(dot(end, end))
+    towards, unit = tail / np.maximum(far, 1e-9), end / np.maximum(error, 1e-9)
+    excess, short = np.maximum(far - AIM_TAIL, 0.0), np.maximum(error - AIM_END, 0.0)
+    share = short / np.maximum(error, 1e-9)
+    by_end = share * np.eye(3)[..., None] + ((short > 0.0) - share) * (unit[:, None] * unit)
+    root_tail, root_end = np.sqrt(w.tail), np.sqrt(w.end)
+    arrival = Residual(
+        np.concatenate([root_tail * excess, root_end * (short * unit).T], axis=1),
+        np.append(late, [last] * 3),
+        by_tip=-np.concatenate(
+            [root_tail * (excess > 0.0) * towards, root_end * by_end.transpose(0, 2, 1)], axis=-1
+        ),
+    )
+
+    residuals, furthest = [cost, arrival], far.max(axis=1)
+    if task.rotation is not None:
+        turned, angle = _orientation(task, at, late, root_tail, AIM_TAIL)
+        furthest = np.maximum(furthest, angle.max(axis=1))
+        turned_last, angle = _orientation(task, at, np.full(1, last), root_end, AIM_END)
+        error = np.maximum(error, angle[:, 0])
+        residuals += turned + turned_last
+    empty = np.empty(0)
+    result = Linearisation(
+        merit=sum((np.einsum("sk,sk->s", one.value, one.value) for one in residuals), np.zeros(len(error))),
+        cost=(c.exact * c.exact)[:, :count] @ spline.weights,
+        gradient=empty,
+        hessian=empty,
+        error=error,
+        tail=furthest,
+        lack=empty,
+        base_lack=np.zeros(len(error)),
+        way=np.einsum("xys,ys->sx", at.R[..., -1], end),
+    )
+    return result, residuals
+
+
+def _orientation(
+    task: Task, at: Course, points: NDArray[np.signedinteger[Any]], root: float, tolerance: float
+) -> tuple[list[Residual], FloatArray]:
+    """The components of the turn to the wanted attitude; and its angle. A radian weighs like a metre."""
+    assert task.rotation is not None
+    attitude = apply(at.R[..., points], at.arm.tip_rotation[..., points])
+    value, by_turn, angle = orientation_residual(task.rotation0.T @ task.rotation, attitude, tolerance)
+    components = zip(root * value, root * by_turn, strict=True)
+    return [Residual(one, points, by_turn=slope) for one, slope in components], angle
+
+
+class _Jacobian:
+    """The Jacobian of motions, one residual after the other: transposed, and joints first."""
+
+    def __init__(self, task: Task, spline: RateSpline, at: Course) -> None:
+        self._at, self._spline, self._sweep, self._stack = at, spline, spline.sweep, task.arm
+        self._rates, self._travel = spline.rates.T.copy(), spline.travel.T.copy()
+        self._spin_q, self._jstar_q = velocity_slopes(task.arm, at.arm, at.rates)
+        self._entropy_q = coupling_slopes(task.arm, at.arm, at.by_coupling)
+        # How the base's angular velocity changes with p, in the axes of its start: its integral is the turn
+        # of everything about the centre of mass.
+        count = spline.points
+        by_rates, by_travel = (
+            apply(at.R[..., :count], x[..., :count]).transpose(2, 0, 1, 3)[:, :, :, None]
+            for x in (at.arm.spin, self._spin_q)
+        )
+        change = by_rates * self._rates[:, :count]
+        change += by_travel * self._travel[:, :count]
+        self._change: FloatArray = change
+
+    def rows(self, residual: Residual) -> FloatArray:
+        """Rows of a residual, (S, n M, K)."""
+        at, points, by_tip, by_velocity = self._at, residual.points, residual.by_tip, residual.by_velocity
+        jstar, R = at.arm.jstar[..., points], at.R[..., points]
+        by_travel, by_rates = np.zeros(jstar.shape[1:]), None
+        turn = np.zeros((3, *jstar.shape[2:]))
+        if by_tip is not None:
+            moment = cross(at.arm.rho[..., points], by_tip)
+            by_travel += dot(jstar, by_tip[:, None]) - dot(at.arm.spin[..., points], moment[:, None])
+            turn += moment
+        if by_velocity is not None:
+            by_rates = dot(jstar, by_velocity[:, None])
+            by_travel += dot(self._jstar_q[..., points], by_velocity[:, None])
+            turn += cross(at.relative[..., points], by_velocity)
+        turn = apply(R, turn)
+        if residual.by_entropy is not None:
+            by_travel += residual.by_entropy * self._entropy_q[..., points]
+        if residual.by_turn is not None:
+            here = apply(np.swapaxes(R, 0, 1), residual.by_turn)
+            moves = self._stack.moves_tip[:, None, None]
+            by_travel += moves * dot(at.arm.axes[..., points], here[:, None])
+            turn += residual.by_turn
+        rows = np.einsum("sxjmk,xsk->sjmk", self._change @ self._sweep[points].T, turn)
+        rows += by_travel.swapaxes(0, 1)[:, :, None] * self._travel[:, points]
+        if by_rates is not None:
+            rows += by_rates.swapaxes(0, 1)[:, :, None] * self._rates[:, points]
+        return np.asarray(rows.reshape(len(rows), -1, rows.shape[-1]))
+
+    def base_shares(self, task: Task, limits: BaseLimits) -> BaseShares:
+        """What base limits are exceeded by, for every motion; stack first, control points before joints."""
+        at, arm, count, spline = self._at, self._at.arm, len(self._sweep) - 2, self._spline
+        turn = (self._change @ self._sweep.T).transpose(0, 4, 1, 3, 2)
+        base = self._stack.base_com[:, None, None] - arm.com
+        return base_shares(
+            limits,
+            spline,
+            at.R.transpose(2, 3, 0, 1),
+            turn.reshape(*turn.shape[:3], -1),
+            at.omega[..., :count].transpose(1, 2, 0),
+            arm.spin[..., :count].transpose(2, 3, 0, 1),
+            self._spin_q[..., :count].transpose(2, 3, 0, 1),
+            base.transpose(1, 2, 0),
+            arm.linear.transpose(2, 3, 0, 1) / -self._stack.mass,
+            spline.times[:, None] * task.drift - task.base0,
+        )
+
+
+def _lack(task: Task, at: Course, count: int) -> FloatArray:
+    """What clearances (m, S, Q) lack of the asked one and its margin; negative where they have it."""
+    if task.clearances is None:
+        return np.empty((0, *at.joints.shape[1:-1], count))
+    least = task.clearance + CLEARANCE_MARGIN * task.length
+    return least - task.clearances.values(at.joints, at.arm)[..., :count]
 
 
 def _add_clearances(
-    task: Task, spline: RateSpline, w: Weights, places: FloatArray, arm: ArmValues, result: Linearisation
+    task: Task,
+    spline: RateSpline,
+    at: Course,
+    w: Weights,
+    lack: FloatArray,
+    gradient: FloatArray,
+    hessian: FloatArray,
 ) -> None:
-    """Squares of what clearances lack of the asked one and its margin."""
-    if task.clearances is None:
+    """Squares of what clearances lack: few, and most motions have none."""
+    where = np.nonzero(lack)
+    if task.clearances is None or not where[0].size:
         return
-    lack = (
-        task.clearance + CLEARANCE_MARGIN * task.length - task.clearances.values(places, arm)[: len(places)]
-    )
-    rows, columns = np.nonzero(lack > 0.0)
-    if not rows.size:
-        return
-    missing = lack[rows, columns]
-    gradients = task.clearances.gradients(task.arm, places, arm, rows, columns)
-    motion, point = np.divmod(rows, spline.points)
+    _, motion, point = where
     scale = np.sqrt(w.clear * spline.weights[point])
-    slopes = -(spline.travel[point][:, :, None] * gradients[:, None, :]).reshape(len(rows), -1)
-    slopes *= scale[:, None]
-    values = scale * missing
-    np.maximum.at(result.lack, motion, missing)
+    slopes = -scale * task.clearances.gradients(task.arm, at.joints, at.arm, where)
+    rows = (slopes[:, None] * spline.travel[point].T).reshape(-1, len(point))
+    values = scale * lack[where]
     for s in np.unique(motion):
-        own = slopes[motion == s]
-        result.merit[s] += float(values[motion == s] @ values[motion == s])
-        result.gradient[s] += own.T @ values[motion == s]
-        result.hessian[s] += own.T @ own
+        own = rows[:, motion == s]
+        gradient[s] += own @ values[motion == s]
+        hessian[s] += own @ own.T
+
+
+def _add_base_limits(
+    spline: RateSpline, w: Weights, duration: float, shares: BaseShares, result: Linearisation
+) -> None:
+    """Squares of the shares of base limits that are used beyond their margin."""
+    # What is used too much at 0.9 T or T alone counts as if it were so all the time.
+    over_time = np.append(spline.weights, [duration, duration])
+    scale = shares.weight * np.sqrt(w.base * over_time[shares.point])
+    np.maximum.at(result.base_lack, shares.motion, shares.excess)
+    for s in np.unique(shares.motion):
+        own = shares.motion == s
+        slopes, values = scale[own, None] * shares.slope[own], scale[own] * shares.excess[own]
+        result.merit[s] += float(values @ values)
+        result.gradient[s] += slopes.T @ values
+        result.hessian[s] += slopes.T @ slopes

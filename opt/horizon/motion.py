@@ -6,20 +6,24 @@ The same motion and measures as `roll_out` and `measure` give (a test compares t
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.base_limits import judged
 from ffsms_pin.opt.clearances import CollisionMode
 from ffsms_pin.opt.horizon.arm_stack import ArmStack, ArmValues
 from ffsms_pin.opt.horizon.clearance_stack import clearance_stack
 from ffsms_pin.opt.horizon.coupling_entropy import entropy
+from ffsms_pin.opt.horizon.course import apply_rates
 from ffsms_pin.opt.horizon.spline import RateSpline, at_nodes
-from ffsms_pin.opt.horizon.stacks import cross, exp3, log3, products, quaternions
+from ffsms_pin.opt.horizon.stacks import apply, cross, dot, exp3, log3, products, quaternions
 from ffsms_pin.opt.horizon.task import Task
-from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_motion import roll_out
 
 __all__ = ["keeps_clear", "least_clearance", "limits_kept", "node_rates", "trajectory"]
 
@@ -38,6 +42,8 @@ def node_rates(task: Task, spline: RateSpline, p: FloatArray) -> FloatArray:
 
 def trajectory(task: Task, rates: FloatArray) -> Trajectory:
     """The motion of joint rates (N + 1, n) at the nodes, linear between them, with its measures."""
+    if task.momentum is not None:
+        return _drifting_trajectory(task, rates)
     steps, dt, n = task.steps, task.dt, task.arm.n
     t = np.linspace(0.0, task.duration, steps + 1)
     accelerations = np.diff(rates, axis=0) / dt
@@ -51,45 +57,45 @@ def trajectory(task: Task, rates: FloatArray) -> Trajectory:
         h = c * dt
         inside.append(positions[:-1] + h * (rates[:-1] + (0.5 * h) * accelerations))
         inside_rates.append(rates[:-1] + h * accelerations)
-    places = np.concatenate([positions, *inside])
+    places = np.concatenate([positions, *inside]).T.copy()
     arm = task.arm.evaluate(places)
-    spin = np.concatenate(inside_rates)[:, None] @ arm.spin[steps + 1 :]
-    first, second = spin[:steps, 0], spin[steps:, 0]
+    spin = apply_rates(arm.spin[..., steps + 1 :], np.concatenate(inside_rates).T)
+    first, second = spin[:, :steps], spin[:, steps:]
     turns = exp3(0.5 * dt * (first + second) + (math.sqrt(3.0) / 12.0 * dt * dt) * cross(first, second))
-    R = products(task.rotation0, turns)
+    R = np.empty((3, 3, steps + 1))
+    R[..., 0] = task.rotation0
+    R[..., 1:] = np.einsum("xy,yzk->xzk", task.rotation0, products(turns))
 
-    nodes = slice(0, steps + 1)
-    moved = rates[:, None]
-    end_effector = task.com + (R @ arm.rho[nodes, :, None])[..., 0]
+    end_effector = task.com + apply(R, arm.rho[:, : steps + 1]).T
     q, v = np.empty((steps + 1, task.sms.nq)), np.empty((steps + 1, 6 + n))
-    q[:, :3] = task.com - (R @ arm.com[nodes, :, None])[..., 0]
-    q[:, 3:7] = quaternions(R)
+    q[:, :3] = task.com - apply(R, arm.com[:, : steps + 1]).T
+    q[:, 3:7] = quaternions(R).T
     if task.sms.layout.plain:
         q[:, 7:] = positions
     else:
         for row, place in zip(q, positions, strict=True):
             task.sms.layout.set_positions(row, place)
     q[0] = task.q0
-    v[:, :3] = (moved @ arm.root[nodes])[:, 0]
-    v[:, 3:6] = (moved @ arm.spin[nodes])[:, 0]
+    v[:, :3] = apply_rates(arm.root[..., : steps + 1], rates.T).T
+    v[:, 3:6] = apply_rates(arm.spin[..., : steps + 1], rates.T).T
     v[:, 6:] = rates
     way = task.target - end_effector
 
     # The paper pairs q_k with the rates of the step's end.
-    velocity = (R[:-1] @ np.swapaxes(moved[1:] @ arm.jstar[:steps], 1, 2))[..., 0]
+    velocity = apply(R[..., :-1], apply_rates(arm.jstar[..., :steps], rates[1:].T)).T
     both = np.linalg.norm(way[:-1], axis=1) * np.linalg.norm(velocity, axis=1)
     cosine = np.einsum("ki,ki->k", way[:-1], velocity) / np.where(both > 0.0, both, 1.0)
     cosine = np.clip(cosine, -1.0, 1.0)
-    V = np.linalg.svd(arm.coupling[:steps])[0]
-    H = entropy(arm.coupling[:steps])
+    V, sigma, _ = np.linalg.svd(arm.coupling[..., :steps].transpose(2, 1, 0), full_matrices=n > 6)
+    H = entropy(sigma.T, n)
     cost = (np.logaddexp(0.0, task.kappa * cosine) / task.kappa - (1.0 - H)) ** 2
-    return Trajectory(
+    plan = Trajectory(
         t=t,
         q=q,
         v=v,
         joint_positions=positions,
         joint_accelerations=accelerations,
-        alpha=(moved[1:] @ V)[:, 0],
+        alpha=(rates[1:, None] @ V)[:, 0],
         cos_theta=cosine,
         entropy=H,
         cost=cost,
@@ -97,27 +103,42 @@ def trajectory(task: Task, rates: FloatArray) -> Trajectory:
         position_error=np.linalg.norm(way, axis=1),
         target=task.target,
         target_rotation=np.full((3, 3), np.nan) if task.rotation is None else task.rotation,
-        orientation_error=_angles(task, R, arm.tip_rotation[nodes]),
+        orientation_error=_angles(task, R, arm.tip_rotation[..., : steps + 1]),
         kappa=task.kappa,
         clear=least_clearance(task, places, arm)[0] >= task.clearance + _BETWEEN,
     )
+    return judged(task.sms, plan, task.base_limits)
+
+
+def _drifting_trajectory(task: Task, rates: FloatArray) -> Trajectory:
+    """The same for a system with momentum, step by step."""
+    t = np.linspace(0.0, task.duration, task.steps + 1)
+    accelerations = np.diff(rates, axis=0) / task.dt
+    q, _ = roll_out(task.sms, task.q0, rates[0], accelerations, task.dt, task.momentum)
+    plan = measure(
+        task.sms, t, q, rates, task.target, task.kappa, rotation=task.rotation, momentum=task.momentum
+    )
+    mode = "off" if task.clearances is None else task.clearances.mode
+    plan = replace(plan, clear=keeps_clear(task.sms, plan, task.clearance, mode))
+    return judged(task.sms, plan, task.base_limits)
 
 
 def _angles(task: Task, R: FloatArray, tip_rotation: FloatArray) -> FloatArray:
     """Angles from the end effector's attitude to the wanted one; zero where any will do."""
     if task.rotation is None:
-        return np.zeros(len(R))
-    return np.asarray(np.linalg.norm(log3(task.rotation @ np.swapaxes(R @ tip_rotation, 1, 2)), axis=1))
+        return np.zeros(R.shape[-1])
+    turn = log3(np.einsum("xy,zyk->xzk", task.rotation, apply(R, tip_rotation)))
+    return np.sqrt(dot(turn, turn))
 
 
 def least_clearance(task: Task, places: FloatArray, arm: ArmValues | None = None) -> tuple[float, str]:
-    """The least clearance [m] at joint positions (B, n), and what it is between."""
+    """The least clearance [m] at joint positions (n, B), and what it is between."""
     if task.clearances is None:
         return math.inf, ""
     values = task.clearances.values(places, task.arm.evaluate(places) if arm is None else arm)
-    least = values.min(axis=0)
-    column = int(np.argmin(least))
-    return float(least[column]), task.clearances.names()[column]
+    least = values.min(axis=1)
+    which = int(np.argmin(least))
+    return float(least[which]), task.clearances.names()[which]
 
 
 def keeps_clear(sms: SpaceManipulator, plan: Trajectory, clearance: float, collision: CollisionMode) -> bool:
@@ -127,7 +148,7 @@ def keeps_clear(sms: SpaceManipulator, plan: Trajectory, clearance: float, colli
         return True
     positions, rates = plan.joint_positions, plan.joint_rates
     middle = positions[:-1] + 0.125 * plan.dt * (3.0 * rates[:-1] + rates[1:])
-    places = np.concatenate([positions, middle])
+    places = np.concatenate([positions, middle]).T.copy()
     return bool(clearances.values(places, ArmStack(sms).evaluate(places)).min() >= clearance - _BETWEEN)
 
 

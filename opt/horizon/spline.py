@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
@@ -125,13 +124,13 @@ def rate_spline(steps: int, dt: float, intervals: int, late_intervals: int, gaus
         sweep[-2, columns] = whole[k] if k < late else 0.0
         sweep[-1, columns] = whole[k]
 
+    sites = (0.5 * (knots[1:-2] + knots[2:-1]))[1:-1]
     rates, travel = _maps(knots, times)
     left, right = acceleration[:-1], acceleration[1:]
     lengths = np.diff(borders)[:, None, None] / 6.0
     both = left[:, :, None] * right[:, None, :]
     squares = left[:, :, None] * left[:, None, :] + right[:, :, None] * right[:, None, :]
     roughness = np.sum(lengths * (2.0 * squares + both + np.swapaxes(both, 1, 2)), axis=0)
-    sites = (0.5 * (knots[1:-2] + knots[2:-1]))[1:-1]
     return RateSpline(
         knots=knots,
         rates=rates,
@@ -147,13 +146,13 @@ def rate_spline(steps: int, dt: float, intervals: int, late_intervals: int, gaus
         last_rate=rates[-1],
         roughness=roughness,
         sites=sites,
-        at_sites=_maps(knots, sites)[0],
+        at_sites=_basis(knots, 2, sites)[:, 1:-1],
     )
 
 
 def at_nodes(spline: RateSpline, times: FloatArray) -> FloatArray:
     """Joint rates at any times (K,) as a map (K, M)."""
-    return _maps(spline.knots, times)[0]
+    return _basis(spline.knots, 2, times)[:, 1:-1]
 
 
 @lru_cache(maxsize=32)
@@ -180,7 +179,12 @@ def _summation(knots: FloatArray) -> FloatArray:
 
 def _maps(knots: FloatArray, times: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rates and their integral at times, a control point; the outer two, zero, left out."""
-    rates = BSpline.design_matrix(times, knots, 2).toarray()
     wide = np.concatenate([[knots[0]], knots, [knots[-1]]])
-    cubic = BSpline.design_matrix(times, wide, 3).toarray()
-    return rates[:, 1:-1], cubic[:, 1:] @ _summation(knots)[:, 1:-1]
+    return _basis(knots, 2, times)[:, 1:-1], _basis(wide, 3, times)[:, 1:] @ _summation(knots)[:, 1:-1]
+
+
+def _basis(knots: FloatArray, degree: int, times: FloatArray) -> FloatArray:
+    """Values (K, M) of all B-splines at times (K,)."""
+    from scipy.interpolate import BSpline  # slow to load
+
+    return np.asarray(BSpline(knots, np.eye(len(knots) - degree - 1), degree)(times))

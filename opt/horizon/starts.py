@@ -1,8 +1,9 @@
-"""Where the descents start: straight joint-space moves that end at the target, and the greedy march.
+"""Where the search starts: straight joint-space moves that end at the target, and greedy marches.
 
 A descent finds the nearest minimum, so what decides is where it starts. A joint goal whose straight move
 ends at the target, the base reacting, gives a start that arrives; a spread of goals gives the ways round
-that a single start would not see. The greedy march is free of cost wherever nothing stops it.
+that a single start would not see. A greedy march is free of cost wherever nothing stops it, and may arrive
+where no straight move does.
 """
 
 from __future__ import annotations
@@ -13,15 +14,25 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.course import apply_rates
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.stacks import exp3, log3
+from ffsms_pin.opt.horizon.stacks import apply, dot, exp3, log3, products
 from ffsms_pin.opt.horizon.task import Task
 from ffsms_pin.opt.marching import start_sides
 from ffsms_pin.opt.step_kinetics import step_kinetics
 from ffsms_pin.opt.step_planner import StepPlanner
 from ffsms_pin.system.base_motion import advance
 
-__all__ = ["Goals", "greedy_marches", "halton", "shoot", "straight_moves"]
+__all__ = [
+    "Goals",
+    "greedy_marches",
+    "halton",
+    "joint_range",
+    "seeds",
+    "shoot",
+    "straight_moves",
+    "straight_time",
+]
 
 _MARCH_STEPS = 100  # of the coarse march: some 15 ms a side for three joints
 # [s], [arm lengths] A coarse march that costs more, or ends further away, is not nearly free on the fine step
@@ -33,6 +44,9 @@ _TURN = np.pi  # [rad or m] a joint without a limit is tried this far to each si
 _SHARE = 0.9  # of the joint range
 _STEP = 0.5  # [rad or m] largest Newton step of a joint
 _DAMPING = 1e-3  # of the Newton step, for near-singular goals, in squares of the arm's length
+# [arm lengths] From here on the damping decreases; a move that ends nearer than the other one ends there.
+_FAR, _THERE = 0.1, 1e-3
+_ENOUGH = 7  # Newton steps, where most moves end there after them
 
 
 class Goals(NamedTuple):
@@ -65,7 +79,7 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
     return out
 
 
-def shoot(task: Task, units: FloatArray, iterations: int = 8) -> Goals:
+def shoot(task: Task, units: FloatArray, iterations: int = 20) -> Goals:
     """Joint goals whose straight moves end near the target: Newton's method through J*.
 
     Parameters
@@ -74,42 +88,53 @@ def shoot(task: Task, units: FloatArray, iterations: int = 8) -> Goals:
     units : ndarray, shape (K, n)
         Seeds in the unit cube, spread over the joint range.
     iterations : int
+        At most; fewer where half of the moves end at the target before.
     """
-    arm, n, count = task.arm, task.arm.n, len(units)
+    arm = task.arm
     low, high = joint_range(task)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     goals = middle + _SHARE * half * (2.0 * units - 1.0)
     inset = 0.005 * half
+    wanted = None if task.rotation is None else task.rotation0.T @ task.rotation
+    if wanted is not None and task.momentum is not None:
+        wanted = task.carried.T @ wanted
+    # Of the moves that arrive, rather those that leave the base as it was.
+    limits = task.base_limits
+    steady = limits is not None and min(limits.attitude, limits.final_attitude) < np.inf
     x, w = np.polynomial.legendre.leggauss(_POINTS)
-    fractions = np.append(0.5 * (x + 1.0), 1.0)[:, None]
+    fractions = np.append(0.5 * (x + 1.0), 1.0)
     for k in range(iterations):
-        way = goals - task.joints0
-        values = arm.evaluate((task.joints0 + way[:, None] * fractions).reshape(-1, n))
-        spin = values.spin.reshape(count, _POINTS + 1, n, 3)[:, :-1]
-        turns = exp3((0.5 * w)[:, None] * (way[:, None, None, :] @ spin)[..., 0, :])
-        R = turns[:, 0]
-        for i in range(1, _POINTS):
-            R = R @ turns[:, i]
-        tip = (R @ values.rho.reshape(count, _POINTS + 1, 3)[:, -1, :, None])[..., 0]
-        error = task.goal - tip
-        if task.rotation is not None:
-            attitude = R @ values.tip_rotation.reshape(count, _POINTS + 1, 3, 3)[:, -1]
-            error = np.hstack([error, log3(task.rotation0.T @ task.rotation @ np.swapaxes(attitude, 1, 2))])
-        if k == iterations - 1:
+        way = (goals - task.joints0).T[..., None]
+        values = arm.evaluate(task.joints0[:, None, None] + way * fractions)
+        R = products(exp3(0.5 * w * apply_rates(values.spin[..., :-1], way)))[..., -1]
+        error = task.aim[:, None] - apply(R, values.rho[..., -1])
+        columns = [values.jstar[..., -1]]
+        if wanted is not None:
+            attitude = apply(R, values.tip_rotation[..., -1])
+            error = np.concatenate([error, log3(np.einsum("xy,zyk->xzk", wanted, attitude))])
+            columns.append(values.spin[..., -1] + values.axes[..., -1] * arm.moves_tip[:, None])
+        distance = np.sqrt(dot(error, error))
+        if steady:
+            error = np.concatenate([error, -log3(R)])
+            columns.append(values.spin[..., -1])
+        if k == iterations - 1 or (k >= _ENOUGH and np.median(distance) < _THERE * task.length):
             break
-        columns = values.jstar
-        if task.rotation is not None:
-            columns = np.concatenate([columns, values.spin + values.axes * arm.moves_tip[:, None]], axis=-1)
-        J = np.swapaxes(columns.reshape(count, _POINTS + 1, n, -1)[:, -1], 1, 2)
-        J = (R[:, None] @ J.reshape(count, -1, 3, n)).reshape(count, -1, n)
+        J = np.concatenate([apply(R, column) for column in columns]).transpose(2, 0, 1)
         Jt = np.swapaxes(J, 1, 2)
-        step = (
-            Jt
-            @ np.linalg.solve(J @ Jt + _DAMPING * task.length**2 * np.eye(error.shape[1]), error[..., None])
-        )[..., 0]
+        # Less damping the nearer: it converges fast, and an end that is nearly singular is met too.
+        near = np.clip(np.sqrt(dot(error, error)) / (_FAR * task.length), 1e-4, 1.0)
+        damping = _DAMPING * (task.length * near) ** 2
+        damped = J @ Jt + damping[:, None, None] * np.eye(len(error))
+        step = (Jt @ np.linalg.solve(damped, error.T[..., None]))[..., 0]
         step *= np.minimum(1.0, _STEP / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
         goals = np.clip(goals + step, low + inset, high - inset)
-    return Goals(goals, np.linalg.norm(error, axis=1))
+    return Goals(goals, distance)
+
+
+def seeds(task: Task, joints: FloatArray) -> FloatArray:
+    """The units from which `shoot` starts at joint positions (K, n)."""
+    low, high = joint_range(task)
+    return np.asarray(0.5 + (joints - 0.5 * (low + high)) / (_SHARE * (high - low)))
 
 
 def joint_range(task: Task) -> tuple[FloatArray, FloatArray]:
@@ -151,7 +176,9 @@ def greedy_marches(task: Task, free: float) -> Iterator[FloatArray]:
 def _march(task: Task, steps: int, side: FloatArray, free: float) -> FloatArray | None:
     """Joint rates of a march that costs less than `free` and comes near the target; else None."""
     dt, mode = task.duration / steps, "off" if task.clearances is None else task.clearances.mode
-    planner = StepPlanner(task.sms, dt, task.kappa, task.clearance, mode)
+    planner = StepPlanner(
+        task.sms, dt, task.kappa, task.clearance, mode, base_limits=task.base_limits, momentum=task.momentum
+    )
     planner.reset(side)
     q, rates, cost = task.q0, np.zeros((steps + 1, task.arm.n)), 0.0
     for k in range(steps):
@@ -160,6 +187,18 @@ def _march(task: Task, steps: int, side: FloatArray, free: float) -> FloatArray 
         if cost > free or not step.solved:
             return None
         rates[k + 1] = step.joint_rates
-        q, _ = advance(task.sms, q, rates[k], (rates[k + 1] - rates[k]) / dt, dt)
+        q, _ = advance(task.sms, q, rates[k], (rates[k + 1] - rates[k]) / dt, dt, task.momentum)
     end = step_kinetics(task.sms, q).position
     return rates if float(np.linalg.norm(end - task.target)) <= _MARCH_NEAR * task.length else None
+
+
+def straight_time(task: Task, goal: FloatArray) -> float:
+    """Least duration of a straight joint-space move from rest to rest [s]."""
+    limits, way = task.sms.limits, np.abs(goal - task.joints0)
+    if np.isinf(limits.acceleration).any():
+        return 0.0  # nothing is known of how long a joint without limits needs
+    ramp = limits.velocity / limits.acceleration
+    cruise = way / limits.velocity + ramp
+    return float(
+        np.where(way >= limits.velocity * ramp, cruise, 2.0 * np.sqrt(way / limits.acceleration)).max()
+    )
