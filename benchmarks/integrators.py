@@ -16,17 +16,18 @@ import pinocchio as pin
 import ffsms_pin as ffsms
 from ffsms_pin.simulation.integrators import INTEGRATORS
 
-# Steps [s] at which each is run: where they keep energy to 1e-6 and momentum to 1e-10.
-STEPS = {"rk4": (0.005, 0.02), "variational": (0.02, 0.1), "adaptive": (1.0,)}
+# Steps [s] at which each is run: where momentum stays to 1e-10, relative, over an hour. The variational
+# integrator's does only while the centre of mass is at rest: see docs/integrators.md.
+STEPS = {"rk4": (0.005,), "adaptive": (1.0,)}
 
 
 def free_flight(name: str, sms: Any, duration: float, dt: float) -> dict[str, float]:
     """Largest drifts over a free flight, measured a hundred times."""
     rng = np.random.default_rng(5)
     q = sms.configuration(rng.uniform(-0.5, 0.5, sms.n))
-    # Tumbling at about 0.02 rad/s, the joints coasting as slowly; the centre of mass drifts.
+    # Tumbling at about 0.02 rad/s, the joints coasting as slowly; the centre of mass drifts at 1 cm/s.
     spin = 0.02 * sms.at(q).H_b[3:, 3:] @ rng.normal(size=3)
-    push = 0.0 * pin.computeTotalMass(sms.model) * rng.normal(size=3)
+    push = 0.01 * pin.computeTotalMass(sms.model) * rng.normal(size=3)
     v = sms.velocity(q, 0.02 * rng.normal(size=sms.n), np.concatenate([push, spin]))
     model, data, tau = sms.model, sms.model.createData(), np.zeros(sms.nv)
     own = model.createData()
@@ -46,12 +47,13 @@ def free_flight(name: str, sms: Any, duration: float, dt: float) -> dict[str, fl
             h = momentum() - first
             drift = pin.computeKineticEnergy(model, own, q, v) - energy
             now = {
-                "linear": np.linalg.norm(h[:3]) / max(linear, 1),
+                "linear": np.linalg.norm(h[:3]) / linear,
                 "angular": np.linalg.norm(h[3:]) / angular,
                 "energy": abs(drift) / energy,
                 "quaternion": abs(np.linalg.norm(q[3:7]) - 1.0),
             }
-            worst = {key: max(worst[key], float(now[key])) for key in worst}
+            # numpy's maximum keeps a NaN, where max() would drop it.
+            worst = {key: float(np.maximum(worst[key], now[key])) for key in worst}
     worst["seconds"] = time.perf_counter() - begin
     return worst
 

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.coupling import cosine
-from ffsms_pin.opt.cost import step_cost
 from ffsms_pin.opt.step import Step
 from ffsms_pin.opt.step_kinetics import step_kinetics
 from ffsms_pin.opt.targets import Goal
@@ -52,7 +50,9 @@ def look_ahead(
     while left > 0.5 * finest:
         planner.dt = min(max(finest, share * left), left)
         step = planner.advance(q, rates, goal.position, left, goal.rotation)
-        q, rates = advance(sms, q, rates, (step.joint_rates - rates) / planner.dt, planner.dt)
+        q, rates = advance(
+            sms, q, rates, (step.joint_rates - rates) / planner.dt, planner.dt, planner.momentum
+        )
         left -= planner.dt
         times.append(times[-1] + planner.dt)
         positions.append(sms.layout.positions(q))
@@ -67,18 +67,4 @@ def follow(
     planner: StepPlanner, q: FloatArray, rates: FloatArray, wanted: FloatArray, goal: Goal, left: float
 ) -> Step:
     """The step whose joint rates are nearest to `wanted` (n,), under the planner's limits and clearances."""
-    n = planner.sms.n
-    kinetics = step_kinetics(planner.sms, q)
-    lower, upper, towards = planner._fill(kinetics, q, rates, goal.position, left, None)
-    p = planner._problem
-    p.H[:n, :n] = np.eye(n)
-    p.H[:n, n] = p.H[n, :n] = 0.0
-    p.H[n, n] = 1.0
-    p.g[:n] = -(kinetics.V.T @ wanted)
-    p.g[n] = 0.0
-    x, solved = planner._solver.solve(p)
-    aim = kinetics.V @ x[:n] if solved else np.zeros(n)
-    chosen = np.minimum(np.maximum(aim, lower), upper)
-    cos_theta = cosine(kinetics.J_v @ chosen, towards)
-    cost = step_cost(cos_theta, kinetics.entropy, planner.kappa)
-    return Step(kinetics.V.T @ chosen, chosen, cos_theta, kinetics.entropy, cost, solved)
+    return planner.advance(q, rates, goal.position, left, prefer=wanted)

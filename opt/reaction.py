@@ -86,11 +86,15 @@ class ReactionEstimate:
         parts[:, -1] = place.act(self._turning * twist).vector
         return parts
 
+    def solve(self) -> FloatArray:
+        """The factors (n + 1,) by what was measured until now."""
+        factors = np.asarray(1.0 + np.linalg.solve(self._G, self._g), dtype=np.float64)
+        believable = bool((factors >= _LEAST).all() and (factors <= _MOST).all())
+        return factors if believable else np.ones_like(factors)
+
     def model(self) -> SpaceManipulator:
         """The robot with the estimated factors."""
-        x = np.asarray(np.linalg.solve(self._G, self._g), dtype=np.float64)
-        believable = bool((1.0 + x >= _LEAST).all() and (1.0 + x <= _MOST).all())
-        self.factors = 1.0 + x if believable else np.ones_like(x)
+        self.factors = self.solve()
         model = self._sms.model.copy()
         for i, factor in enumerate(self.factors[:-1]):
             model.inertias[i + 2] = _scaled(model.inertias[i + 2], float(factor), float(factor))

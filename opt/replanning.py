@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, number, positive
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.guide import Guide, find_guide
+from ffsms_pin.opt.guide import Guide, find_guide, followed_on
 from ffsms_pin.opt.look_ahead import Outlook, follow, look_ahead
 from ffsms_pin.opt.marching import march, rank, start_sides
 from ffsms_pin.opt.reaction import ReactionEstimate
@@ -27,8 +27,12 @@ __all__ = ["Replanning", "Target"]
 _LOOK_AHEAD = 150
 # [s] How often the reference looks ahead to the deadline.
 _PERIOD = 1.0
+# A motion that arrives is looked at again when so much of the time left has passed, or when the robot has
+# turned out to be another: its factors by so much, or its joints [rad] so far from where they were foreseen.
+_AGAIN, _FACTORS, _ASTRAY = 0.5, 1e-2, 0.05
 # [m] A motion that ends nearer than this arrives.
 _NEAR = 5e-4
+_FAR = 5e-3  # [m] One that ends further away goes another way.
 # Steps of a look ahead, as shares of the time left; fine ones where joint limits are near.
 _COARSE, _FINE = 0.03, 0.01
 # Share of a joint's range that is kept at either end where room to spare is asked for.
@@ -88,7 +92,7 @@ class Replanning:
             goal(target)
         self.target: Target = target
         self._planner = planner
-        self._model, self._first_aim = planner.sms, planner._aim
+        self._model, self._first_aim = planner.sms, planner.aim
         self._estimate = ReactionEstimate(planner.sms)
         n = planner.sms.n
         self._failed = np.zeros(n, dtype=bool)
@@ -97,10 +101,17 @@ class Replanning:
         self._start, self._rates, self._accelerations = np.zeros(n), np.zeros(n), np.zeros(n)
         self._next_look = _PERIOD
         self._guide: Guide | None = None
+        self._seen: _Foreseen | None = None
         self._room = False
+        self._refreshed = False
         self.mode: Literal["cone", "guide", "straight", "hold"] = "cone"
         self.failed_steps = self.failed_in_a_row = 0
         self.expected_miss = np.inf
+
+    @property
+    def momentum(self) -> FloatArray | None:
+        """Total momentum that the planner reckons with (6,); None: zero."""
+        return self._planner.momentum
 
     @property
     def note(self) -> str:
@@ -142,9 +153,9 @@ class Replanning:
                 self.mode = "hold"
                 self._planner = self._like(dt, aim="resolved-rate")
         elif t >= self._next_look - 1e-9 and left > 10.0 * dt:
-            self._look(t, q, left)
-            # What is followed without seeing the target is checked more often, above all at the end.
-            self._next_look = t + (min(0.5 * _PERIOD, left / 3.0) if self.mode == "guide" else _PERIOD)
+            if not self._as_foreseen(t, q, left):
+                self._look(t, q, left)
+            self._next_look = t + self._period(left)
         chosen = self._plan(t, q, left)
         self.failed_in_a_row = 0 if chosen.solved else self.failed_in_a_row + 1
         self.failed_steps += not chosen.solved
@@ -164,10 +175,11 @@ class Replanning:
         velocity, acceleration = limits.velocity.copy(), limits.acceleration.copy()
         velocity[self._failed] = acceleration[self._failed] = _STILL
         self._model = with_limits(self._model, replace(limits, velocity=velocity, acceleration=acceleration))
-        side = self._planner._lateral
+        side = self._planner.side
         self._planner = self._like(self._planner.dt)
         self._planner.reset(side)
-        self._guide, self._next_look = None, 0.0
+        self._guide, self._seen = None, None
+        self._next_look = 0.0
 
     # -- one step --------------------------------------------------------------------------------------
 
@@ -198,14 +210,42 @@ class Replanning:
 
     # -- the way to the deadline -----------------------------------------------------------------------
 
+    def _as_foreseen(self, t: float, q: FloatArray, left: float) -> bool:
+        """Whether the last look saw a motion that arrives, and nothing speaks against it since."""
+        seen = self._seen
+        if seen is None or self.expected_miss > 0.5 * _NEAR or left < _AGAIN * (self._arrival - seen.t):
+            return False
+        if np.abs(self._estimate.solve() - seen.factors).max() > _FACTORS:
+            return False
+        place = (t - seen.t) / (self._arrival - seen.t) * (len(seen.positions) - 1)
+        k = min(int(place), len(seen.positions) - 2)
+        foreseen = seen.positions[k] + (place - k) * (seen.positions[k + 1] - seen.positions[k])
+        return bool(np.abs(self._model.layout.difference(q, foreseen)).max() <= _ASTRAY)
+
+    def _period(self, left: float) -> float:
+        """Time until the next look [s]."""
+        if self.expected_miss > _FAR:  # what no motion reaches now, none will soon
+            return max(_PERIOD, left / 4.0)
+        # What is followed without seeing the target is checked more often towards the end.
+        return min(0.5 * _PERIOD, left / 3.0) if self.mode == "guide" else _PERIOD
+
     def _look(self, t: float, q: FloatArray, left: float) -> None:
         """Look ahead with the base as it was seen to react, and choose what to follow."""
+        self._seen = None
         estimated = self._estimate.model()
         self._model = with_limits(estimated, self._model.limits)
-        side = self._planner._lateral
+        side = self._planner.side
         self._planner = self._like(self._planner.dt, self._first_aim)
         self._planner.reset(side)
         aim = self._goal(self._arrival)
+
+        # Every second time the guide is only brought up to date.
+        self._refreshed = self.mode == "guide" and not self._refreshed
+        if self._refreshed:
+            guide = self._find_guide(t, q, aim, left, None)
+            if guide is not None and guide.miss <= _NEAR:
+                self.expected_miss, self._guide = guide.miss, guide
+                return
 
         options: list[tuple[float, str, SpaceManipulator]] = []
         cone: Outlook | None = None
@@ -224,31 +264,50 @@ class Replanning:
             if options[-1][0] <= _NEAR:
                 break
         miss, kind, model = options[-1] if options[-1][0] <= _NEAR else min(options, key=lambda one: one[0])
-        if miss > _NEAR and cone is not None:
+        if miss > _NEAR:
             guide = self._find_guide(t, q, aim, left, cone)
             if guide is not None and guide.miss < miss:
                 self.mode, self.expected_miss, self._guide, self._room = "guide", guide.miss, guide, True
                 return
         self._guide = None
         self.mode, self.expected_miss = "cone" if kind == self._first_aim else "straight", miss
+        if miss <= _NEAR:
+            self._seen = _Foreseen(t, self._estimate.factors, seen.positions)
         self._planner = self._like(self._planner.dt, kind, model)
         self._planner.reset(side)
 
-    def _find_guide(self, t: float, q: FloatArray, aim: Goal, left: float, cone: Outlook) -> Guide | None:
+    def _find_guide(
+        self, t: float, q: FloatArray, aim: Goal, left: float, cone: Outlook | None
+    ) -> Guide | None:
         """The best guide from a few first guesses: the last one, and the way that the step would take."""
-        guesses = [cone.positions]
+        guesses = [] if cone is None else [cone.positions]
         if self._guide is not None:
             at = np.linspace(t, self._arrival, 30)
             guesses.insert(0, np.array([self._guide.sample(float(s))[0] for s in at]))
         best: Guide | None = None
         for guess in guesses:
             found = find_guide(
-                self._model, q, self._rates, aim.position, t, left, guess, aim.rotation, self._failed
+                self._model,
+                q,
+                self._rates,
+                aim.position,
+                t,
+                left,
+                guess,
+                aim.rotation,
+                self._failed,
+                self._planner.clearances,
+                self._planner.clearance,
+                self._planner.momentum,
             )
             if found.fits and (best is None or found.miss < best.miss):
                 best = found
             if best is not None and best.miss <= 0.5 * _NEAR:
-                break
+                return best
+        if self._guide is not None:
+            kept = followed_on(self._guide, self._model, q, t, aim.position, self._planner.momentum)
+            if best is None or kept.miss < best.miss:
+                best = kept
         return best
 
     def _best_side(self, q: FloatArray, aim: Goal) -> FloatArray:
@@ -264,9 +323,10 @@ class Replanning:
 
     def _like(self, dt: float, aim: str | None = None, model: SpaceManipulator | None = None) -> StepPlanner:
         """A planner like the present one, for the robot as it is known now."""
-        p = self._planner
-        kind = type(p)
-        return kind(model or self._model, dt, p.kappa, p.clearance, p._collision, p.weights, aim or p._aim)
+        made = self._planner.like(dt, model or self._model, aim)
+        if made.base is not None and self._planner.base is not None:
+            made.base.start, made.base.anchored = self._planner.base.start, True
+        return made
 
     def _after(self, h: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Motion `h` seconds into the planned step, and on at its last rates if nobody plans the next."""
@@ -277,6 +337,14 @@ class Replanning:
         end = self._rates + dt * acceleration
         place = self._start + (0.5 * dt) * (self._rates + end) + (h - dt) * end
         return place, end, np.zeros_like(end)
+
+
+class _Foreseen(NamedTuple):
+    """The motion that a look chose: from when on, for which robot, and the joint positions on its way."""
+
+    t: float
+    factors: FloatArray
+    positions: FloatArray
 
 
 def _narrowed(limits: JointLimits) -> JointLimits:

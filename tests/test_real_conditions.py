@@ -1,10 +1,9 @@
-"""A plant that is not the model: wrong masses, friction, drives, sensors, captures, faults, watchdog."""
+"""A plant that is not the model: wrong masses, friction, drives, sensors and forces from outside."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged, SimulationStopped
+from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation import (
     Actuator,
     Capture,
@@ -22,14 +21,12 @@ from ffsms_pin.simulation import (
     JointFault,
     JointFriction,
     Sensors,
-    Tracking,
     Watchdog,
     Wrench,
     perturb,
     random_plants,
     simulate,
 )
-from ffsms_pin.simulation.integrators import rk4_step
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
@@ -251,158 +248,6 @@ def test_initial_momentum(planar: ffsms.SpaceManipulator, law: ComputedTorque, r
         "momentum",
         "v0",
     )
-
-
-# -- captures ---------------------------------------------------------------------------------------------
-
-
-def momenta(sms: ffsms.SpaceManipulator, q: Array, v: Array) -> Array:
-    """[linear; angular about the inertial origin]."""
-    state = sms.at(q, v)
-    h = np.array(state.momentum)
-    h[3:] += np.cross(state.com, h[:3])
-    return h
-
-
-@pytest.mark.parametrize("locked", [False, True])
-def test_capture_keeps_the_momentum_of_arm_and_client(
-    locked: bool, random_tree: Callable[..., Any], rng: np.random.Generator
-) -> None:
-    sms = ffsms.SpaceManipulator(random_tree(32, 3).model(), "tip")
-    client = Capture(0.7, 15.0, np.diag([1.0, 1.5, 2.0]), (0.1, 0.2, -0.1), twist=0.3 * rng.normal(size=6))
-    events: list[Any] = [client] + [JointFault(0.2, 1, told=False)] * locked
-    h = rng.normal(size=6)
-    tracking = simulate(sms, Swing(sms), ComputedTorque(sms, torque_limit=np.inf), events=events, momentum=h)
-    # The body as it flew: its centre of mass where the end effector's frame puts it.
-    k = 700
-    grip = sms.at(tracking.q[k]).end_effector_pose
-    twist: Any = client.twist
-    centre = grip.act(np.array(client.com))
-    spin = grip.rotation @ np.diag([1.0, 1.5, 2.0]) @ grip.rotation.T @ twist[3:]
-    linear = 15.0 * twist[:3]
-    flying = np.concatenate([linear, spin + np.cross(centre, linear)])
-    before = momenta(sms, tracking.q[0], tracking.v[0])
-    mass = pin.computeTotalMass(sms.model) + 15.0
-    # Afterwards: total linear momentum, and the angular one moved to the inertial origin by hand.
-    after = tracking.momentum[k]
-    com = (sms.at(tracking.q[k]).com * (mass - 15.0) + 15.0 * centre) / mass
-    whole = np.concatenate([after[:3], after[3:] + np.cross(com, after[:3])])
-    np.testing.assert_allclose(whole, before + flying, atol=1e-10)
-    np.testing.assert_allclose(tracking.momentum[k:], np.tile(after, (2001 - k, 1)), atol=1e-10)
-    assert np.abs(tracking.energy_error).max() < 1e-5 * tracking.kinetic_energy.max()
-    assert "captured 15 kg" in tracking.note
-    # Right after, the client moves as the end effector does, and the impact took energy.
-    assert tracking.kinetic_energy[k] < tracking.kinetic_energy[k - 1] + 0.5 * 15.0 * twist[:3] @ twist[
-        :3
-    ] + 0.5 * float(twist[3:] @ grip.rotation @ np.diag([1.0, 1.5, 2.0]) @ grip.rotation.T @ twist[3:])
-    if locked:
-        np.testing.assert_array_equal(tracking.v[201:, 7], 0.0)
-
-
-def test_payload_that_moves_along_is_not_felt_at_once(
-    planar: ffsms.SpaceManipulator, law: ComputedTorque
-) -> None:
-    payload = Capture(1.0, 2.0, [0.01, 0.01, 0.01])
-    tracking = simulate(planar, Swing(planar), law, events=payload)
-    plain = simulate(planar, Swing(planar), law)
-    np.testing.assert_allclose(tracking.v[1000], plain.v[1000], atol=1e-12)
-    assert np.abs(tracking.v[1400] - plain.v[1400]).max() > 1e-4
-    assert np.abs(tracking.momentum[999]).max() < 1e-12
-    np.testing.assert_allclose(
-        tracking.momentum[1000:, :3], np.tile(tracking.momentum[1000, :3], (1001, 1)), atol=1e-12
-    )
-
-
-# -- faults -----------------------------------------------------------------------------------------------
-
-
-def test_locked_joint_stops_and_momentum_stays(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
-    tracking = simulate(planar, Swing(planar), law, events=JointFault(0.8, "joint_2"))
-    assert abs(tracking.v[799, 7]) > 0.1
-    np.testing.assert_array_equal(tracking.v[800:, 7], 0.0)
-    np.testing.assert_array_equal(tracking.q[800:, 8], tracking.q[800, 8])
-    assert np.abs(tracking.momentum).max() < 1e-12
-    assert np.abs(tracking.energy_error).max() < 1e-6 * tracking.kinetic_energy.max()
-    assert tracking.note == "t = 0.8 s: joint joint_2 locked"
-    # The others still move as one with a robot whose joint never could: its model, built by Pinocchio.
-    q = tracking.q[800]
-    reduced, _ = pin.buildReducedModel(planar.model, [pin.GeometryModel()], [3], q)
-    data = reduced.createData()
-    q_r, v_r = np.delete(q, 8), np.delete(tracking.v[800], 7)
-    for tau in tracking.tau[800:1200]:
-        force = np.concatenate([np.zeros(6), np.delete(tau, 1)])
-        q_r, v_r, _ = rk4_step(reduced, data, q_r, v_r, force, 1e-3)
-    np.testing.assert_allclose(np.delete(tracking.q[1200], 8), q_r, atol=1e-9)
-
-
-def test_limp_joint_feels_no_torque(planar: ffsms.SpaceManipulator) -> None:
-    law = Constant([0.0, 0.05, 0.0])
-    tracking = simulate(planar, Swing(planar), law, events=[JointFault(0.5, 1, "limp")])
-    plain = simulate(planar, Swing(planar), law)
-    np.testing.assert_array_equal(tracking.q[:501], plain.q[:501])
-    work = tracking.work
-    assert work[500] > 0.0
-    np.testing.assert_array_equal(work[500:], work[500])
-    np.testing.assert_allclose(tracking.kinetic_energy[500:], tracking.kinetic_energy[500], rtol=1e-9)
-
-
-def test_reference_is_told_of_faults(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
-    told: list[tuple[int, bool]] = []
-
-    class Told(Swing):
-        def joint_failed(self, joint: int, locked: bool) -> None:
-            told.append((joint, locked))
-
-    faults = [JointFault(0.9, 0, "limp"), JointFault(0.3, "joint_3"), JointFault(0.5, 1, told=False)]
-    simulate(planar, Told(planar), law, events=faults)
-    assert told == [(2, True), (0, False)]
-
-
-# -- watchdog ---------------------------------------------------------------------------------------------
-
-
-def test_watchdog_stops_and_saves(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
-    path = tmp_path / "stopped.npz"
-    v0 = planar.velocity(planar.configuration(START), [0.3, 0.0, 0.0])
-
-    def run(tau: Any, **given: Any) -> SimulationStopped:
-        with pytest.raises(SimulationStopped) as caught:
-            simulate(planar, Swing(planar, duration=20.0), Constant(tau), dt=5e-3, v0=v0, **given)
-        return caught.value
-
-    error = run([0.0] * 3, watchdog=Watchdog(path=path, joint_error=math.inf, rate_margin=math.inf))
-    assert "joint_1" in error.reason
-    assert "position limits" in error.reason
-    assert error.q[7] > planar.limits.upper[0]
-    assert str(path) in str(error)
-    assert "\n" not in str(error)
-    saved = Tracking.load(path)
-    np.testing.assert_array_equal(saved.q[-1], error.q)
-    assert saved.t[-1] == error.time == error.tracking.t[-1]
-    assert planar.limits.violation(saved.q[-2, 7:]).max() <= 1e-3
-    assert "rad/s, limit" in run([0.0, 0.05, 0.0], watchdog=Watchdog(joint_error=math.inf)).reason
-    assert "off its reference" in run([0.0] * 3, watchdog=Watchdog(joint_error=0.2)).reason
-
-
-def test_watchdog_counts_failed_plans_and_saves_divergence(
-    planar: ffsms.SpaceManipulator, law: ComputedTorque, tmp_path: Path
-) -> None:
-    class Failing(Swing):
-        failed_in_a_row = 0
-
-        def observe(self, t: float, q: Array, v: Array) -> None:
-            self.failed_in_a_row = max(0, round((t - 0.5) / 0.1))
-
-    with pytest.raises(SimulationStopped, match="4 planning steps in a row") as caught:
-        simulate(planar, Failing(planar), law, dt=0.01, watchdog=Watchdog(failed_steps=4))
-    assert caught.value.time == pytest.approx(0.86, abs=0.011)
-    path = tmp_path / "diverged.npz"
-    with pytest.raises(SimulationDiverged, match="recorded until then") as diverged:
-        simulate(planar, Swing(planar), Constant([math.nan] * 3), watchdog=Watchdog(path=path))
-    np.testing.assert_array_equal(Tracking.load(path).q, diverged.value.tracking.q)
-    good = simulate(planar, Swing(planar), law, watchdog=Watchdog(path=tmp_path / "unused.npz"))
-    assert len(good.t) == 2001
-    assert not (tmp_path / "unused.npz").exists()
 
 
 # -- bad input --------------------------------------------------------------------------------------------

@@ -1,11 +1,10 @@
-"""The closed loop: tracking, conservation laws, model mismatch, divergence and result files."""
+"""The closed loop: tracking, conservation laws, model mismatch and divergence."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
-from pathlib import Path
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import SlidingModeController
-from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError, SimulationDiverged
+from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged
 from ffsms_pin.simulation import Tracking, simulate
 
 Array = NDArray[np.float64]
@@ -332,88 +331,3 @@ def test_bad_references_and_controllers_are_refused(
         "plant",
         "joint_1",
     )
-
-
-def test_tracking_is_read_only(swung: Tracking) -> None:
-    with pytest.raises(ValueError, match="read-only"):
-        swung.q[0, 0] = 1.0
-    with pytest.raises(AttributeError):
-        swung.q = swung.v  # type: ignore[misc]
-
-
-def test_save_and_load_give_the_same_back(swung: Tracking, tmp_path: Path) -> None:
-    path = tmp_path / "tracking.npz"
-    replace(swung, note="something happened").save(path)
-    assert [file.name for file in tmp_path.iterdir()] == ["tracking.npz"]
-    again = Tracking.load(path)
-    assert again.note == "something happened"
-    for name in arrays_of(swung):
-        array = getattr(again, name)
-        np.testing.assert_array_equal(array, getattr(swung, name))
-        assert not array.flags.writeable
-    with np.load(path) as plain:  # readable without this library
-        np.testing.assert_array_equal(plain["tau"], swung.tau)
-
-
-def test_recording_of_a_run_that_stopped_at_once_can_be_saved(
-    planar: ffsms.SpaceManipulator, swing: Swing, tmp_path: Path
-) -> None:
-    with pytest.raises(SimulationDiverged) as caught:
-        simulate(planar, swing, Law(np.full(3, math.nan)))
-    caught.value.tracking.save(tmp_path / "none.npz")
-    assert Tracking.load(tmp_path / "none.npz").tau.shape == (0, 3)
-
-
-def test_bad_result_files_are_refused(swung: Tracking, tmp_path: Path, refused: Refused) -> None:
-    refused(lambda: Tracking.load(tmp_path / "missing.npz"), ResultError, "no such file")
-    text = tmp_path / "text.npz"
-    text.write_text("not an archive")
-    refused(lambda: Tracking.load(text), ResultError, "text.npz", "not an npz")
-    good = tmp_path / "good.npz"
-    swung.save(good)
-    cut = tmp_path / "cut.npz"
-    cut.write_bytes(good.read_bytes()[:2000])
-    refused(lambda: Tracking.load(cut), ResultError, "not an npz")
-    damaged = bytearray(good.read_bytes())
-    damaged[1000:1100] = bytes(100)
-    cut.write_bytes(damaged)
-    refused(lambda: Tracking.load(cut), ResultError, "not an npz")
-    np.save(tmp_path / "one.npy", swung.q)
-    refused(lambda: Tracking.load(tmp_path / "one.npy"), ResultError, "not an npz")
-    refused(lambda: Tracking.load(tmp_path), ResultError, "cannot be read")
-    with np.load(good) as file:
-        arrays = dict(file)
-
-    def changed(words: str, **change: Any) -> None:
-        path = tmp_path / "changed.npz"
-        values = {name: value for name, value in {**arrays, **change}.items() if value is not None}
-        np.savez(path, **values)
-        refused(lambda: Tracking.load(path), ResultError, words)
-
-    changed("lacks tau", tau=None)
-    changed("is not a ffsms-pin tracking", format="ffsms-pin trajectory")
-    changed("is not a ffsms-pin tracking", format=None)
-    changed("holds v of shape", v=swung.v[:-1])
-    changed("holds q of shape", q=swung.q[:, :4])
-    changed("holds tau of shape", tau=swung.tau[0])
-    changed("holds momentum of shape", momentum=swung.momentum[:, :3])
-    changed("no numbers in work", work=np.full(len(swung.t), "much"))
-    refused(lambda: swung.save(tmp_path / "nowhere" / "t.npz"), ResultError, "cannot be written")
-
-
-def test_a_failed_save_leaves_the_old_file(
-    swung: Tracking, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "tracking.npz"
-    swung.save(path)
-    before = path.read_bytes()
-
-    def full_disk(file: Any, **arrays: Any) -> None:
-        file.write(b"half")
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(np, "savez_compressed", full_disk)
-    with pytest.raises(ResultError, match="No space left"):
-        replace(swung, work=swung.work + 1.0).save(path)
-    assert path.read_bytes() == before
-    assert [file.name for file in tmp_path.iterdir()] == ["tracking.npz"]

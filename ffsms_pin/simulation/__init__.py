@@ -7,6 +7,7 @@ from ffsms_pin.simulation.events import Capture, JointFault
 from ffsms_pin.simulation.friction import JointFriction
 from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import Controller, Reference
+from ffsms_pin.simulation.many import simulate_each, simulate_many
 from ffsms_pin.simulation.plant import InertialError, perturb, random_plants
 from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.simulation.tracking import Tracking
@@ -28,4 +29,6 @@ __all__ = [
     "perturb",
     "random_plants",
     "simulate",
+    "simulate_each",
+    "simulate_many",
 ]

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.integrate import solve_ivp
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.simulation.disturbances import GeneralisedForce
@@ -50,6 +49,8 @@ def stiff_step(
 def _step(
     model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Any, dt: float, t: float, method: str
 ) -> tuple[FloatArray, FloatArray, float]:
+    from scipy.integrate import solve_ivp  # slow to load, and this integrator is not the default
+
     nv = v.size
     parts = max(1, int(np.ceil(float(np.abs(v).max()) * dt / _REACH))) if np.isfinite(v).all() else 1
     h, work = dt / parts, 0.0

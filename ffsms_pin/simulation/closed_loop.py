@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, positive, vector
-from ffsms_pin.control.joint_error import JointError
 from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
 from ffsms_pin.simulation import disturbances as outside
 from ffsms_pin.simulation import events as happening
@@ -20,7 +19,9 @@ from ffsms_pin.simulation.events import Event, JointFault
 from ffsms_pin.simulation.friction import JointFriction
 from ffsms_pin.simulation.integrators import integrator as integrator_named
 from ffsms_pin.simulation.interfaces import Controller, Reference
+from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.sensors import Sensors
+from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.watchdog import Watchdog
 from ffsms_pin.simulation.world import World
@@ -47,6 +48,7 @@ def simulate(
     disturbances: Wrench | Sequence[Wrench] = (),
     events: Event | Sequence[Event] = (),
     watchdog: Watchdog | None = None,
+    stream: str | os.PathLike[str] | None = None,
 ) -> Tracking:
     """Simulate the plant, from the start of the reference to its end, under the controller's torques.
 
@@ -75,10 +77,10 @@ def simulate(
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
     v0 : array_like, shape (6 + n,), optional
-        Velocity of the plant at the start. Default: the reference's joint rates and no momentum.
+        Velocity of the plant at the start. Default: the reference's joint rates and momentum.
     momentum : array_like, shape (6,), optional
         Total momentum at the start [linear; angular], inertial axes, about the centre of mass, in place of
-        `v0`.
+        `v0`. Default: that of the reference, zero where it has none.
     integrator : str
         One of `INTEGRATORS`: "rk4", "variational", "adaptive", "stiff".
     friction : JointFriction, optional
@@ -92,6 +94,10 @@ def simulate(
         Captures and joint faults; told in the result's `note`.
     watchdog : Watchdog, optional
         When to stop a run that has gone wrong. Default: only where the state is not finite.
+    stream : path, optional
+        For long runs: an npz file for the recording, whose rows go to disk as they come, so that the memory
+        taken does not grow with the duration. What is returned then reads them from there. If the run is
+        interrupted, `Tracking.load` of the same path reads what was recorded until then.
 
     Returns
     -------
@@ -111,7 +117,6 @@ def simulate(
     if dt > duration * (1.0 + 1e-9):
         raise InvalidValue("dt", dt, f"must not exceed the reference's duration of {duration:g} s")
     steps = round(duration / dt)
-    t = np.linspace(0.0, duration, steps + 1)
     dt = duration / steps
 
     q = _start(plant, reference, q0)
@@ -124,13 +129,16 @@ def simulate(
     reset = getattr(controller, "reset", None)
     if reset is not None:
         reset(dt)
-    record = _Record(plant, t, _target_function(reference.target))
+    target = _target_function(reference.target)
+    rows = None if stream is None else RowStream(stream)
+    t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
+    record = Record(plant, t, target, rows)
     work = 0.0
     stride = max(1, steps // 200)  # a progress bar needs no more
 
-    for k in range(steps + 1):
-        # On its way to infinity a diverging state overflows here and there; the record finds out.
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+    # On its way to infinity a diverging state overflows here and there; the record finds out.
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        for k in range(steps + 1):
             now = float(t[k])
             while coming and coming[0].time <= now + 1e-9:
                 event = coming.pop(0)
@@ -145,8 +153,8 @@ def simulate(
                 observe(now, seen_q, seen_v)
             wanted = reference.sample(now)
             if not record.add(k, q, v, wanted, work):
-                path = _save(watchdog, record.tracking(k))
-                raise SimulationDiverged(float(t[max(k - 1, 0)]), record.tracking(k), path)
+                recorded = record.tracking(k)
+                raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, _save(watchdog, recorded))
             if watchdog is not None:
                 complaint = watchdog.complaint(world.plant, q, v, record.joint_error[k], reference)
                 if complaint:
@@ -163,8 +171,8 @@ def simulate(
             record.tau[k] = tau
             q, v, done = world.step(now, q, v, tau, dt)
             work += done
-        if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):
-            progress((k + 1) / steps)
+            if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):
+                progress((k + 1) / steps)
     return record.tracking(steps + 1)
 
 
@@ -174,69 +182,6 @@ def _save(watchdog: Watchdog | None, tracking: Tracking) -> str:
         return ""
     tracking.save(watchdog.path)
     return str(watchdog.path)
-
-
-class _Record:
-    """The rows of a `Tracking`, as they come."""
-
-    def __init__(self, plant: SpaceManipulator, t: FloatArray, target: Callable[[float], FloatArray]) -> None:
-        rows, n = len(t), plant.n
-        self._plant, self._data, self._target = plant, plant.model.createData(), target
-        self._error = JointError(plant)
-        self.t = t
-        self.q, self.v, self.tau = (
-            np.empty((rows, plant.nq)),
-            np.empty((rows, plant.nv)),
-            np.empty((rows - 1, n)),
-        )
-        self.joint_error, self.joint_rate_error = np.empty((rows, n)), np.empty((rows, n))
-        self.position_error, self.momentum = np.empty(rows), np.empty((rows, 6))
-        self.kinetic_energy, self.work = np.empty(rows), np.empty(rows)
-        self._notes: list[str] = []
-
-    def happened(self, t: float, event: Event, plant: SpaceManipulator) -> None:
-        """Note an event, and record from the plant as it is after it."""
-        self._notes.append(f"t = {t:.6g} s: {event}")
-        self._plant, self._data = plant, plant.model.createData()
-
-    def add(
-        self,
-        k: int,
-        q: FloatArray,
-        v: FloatArray,
-        wanted: tuple[FloatArray, FloatArray, FloatArray],
-        work: float,
-    ) -> bool:
-        """Record row k; False where its state is not finite."""
-        model, data = self._plant.model, self._data
-        momentum = pin.computeCentroidalMomentum(model, data, q, v).vector
-        energy = pin.computeKineticEnergy(model, data)  # of the q and v just given
-        if not (np.isfinite(q).all() and np.isfinite(energy)):
-            return False
-        position = pin.updateFramePlacement(model, data, self._plant.frame_id).translation
-        self.q[k], self.v[k] = q, v
-        self.joint_error[k] = self._error(q, wanted[0])
-        self.joint_rate_error[k] = v[6:] - wanted[1]
-        self.position_error[k] = np.linalg.norm(self._target(float(self.t[k])) - position)
-        self.momentum[k] = momentum
-        self.kinetic_energy[k], self.work[k] = energy, work
-        return True
-
-    def tracking(self, rows: int) -> Tracking:
-        """The first rows, and the steps between them."""
-        return Tracking(
-            t=self.t[:rows],
-            q=self.q[:rows],
-            v=self.v[:rows],
-            tau=self.tau[: max(rows - 1, 0)],
-            joint_error=self.joint_error[:rows],
-            joint_rate_error=self.joint_rate_error[:rows],
-            position_error=self.position_error[:rows],
-            momentum=self.momentum[:rows],
-            kinetic_energy=self.kinetic_energy[:rows],
-            work=self.work[:rows],
-            note="; ".join(self._notes),
-        )
 
 
 def _checked_plant(sms: SpaceManipulator, plant: SpaceManipulator) -> SpaceManipulator:
@@ -270,7 +215,8 @@ def _start_velocity(
             raise InvalidValue("momentum", momentum, "cannot be given together with v0")
         return vector("v0", v0, plant.nv)
     rates = vector("joint rates of reference.sample(0)", reference.sample(0.0)[1], plant.n, "rad/s")
-    return plant.velocity(q, rates, momentum)
+    planned = getattr(reference, "momentum", None)
+    return plant.velocity(q, rates, planned if momentum is None else momentum)
 
 
 def _target_function(target: Any) -> Callable[[float], FloatArray]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.errors import ResultError
+from ffsms_pin.simulation.streaming import recorded, save_mapped
 from ffsms_pin.storage import load_arrays, save_arrays
 
 __all__ = ["Tracking"]
@@ -62,7 +63,9 @@ class Tracking:
 
     def __post_init__(self) -> None:
         for field in _arrays():
-            array = np.array(getattr(self, field.name), dtype=np.float64)
+            value = getattr(self, field.name)
+            # The rows of a run that was streamed to disk stay there.
+            array = value if isinstance(value, np.memmap) else np.array(value, dtype=np.float64)
             object.__setattr__(self, field.name, frozen(array))
 
     @property
@@ -87,11 +90,22 @@ class Tracking:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
-        save_arrays(path, _FORMAT, {field.name: getattr(self, field.name) for field in fields(self)})
+        save = save_mapped if isinstance(self.t, np.memmap) else save_arrays
+        save(path, _FORMAT, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Tracking:
-        """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
+        """Read what `save` wrote; a `ResultError` says what is wrong with another file.
+
+        Of a streamed run that was interrupted, the rows that it left; its `note` says so.
+        """
+        partial = recorded(path)
+        if partial is not None:
+            missing = [field.name for field in _arrays() if field.name not in partial]
+            if missing:
+                raise ResultError(path, f"was left unfinished and lacks {', '.join(missing)}")
+            _check_shapes(path, partial)
+            return cls(**partial, note="interrupted: this is what was recorded until then")
         arrays = load_arrays(path, _FORMAT, [field.name for field in fields(cls)])
         note = str(arrays.pop("note"))
         _check_shapes(path, arrays)

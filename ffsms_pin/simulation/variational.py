@@ -17,8 +17,9 @@ __all__ = ["variational_step"]
 _OUTER = 1.0 / (2.0 - 2.0 ** (1.0 / 3.0))
 _JUMPS = (_OUTER, 1.0 - 2.0 * _OUTER, _OUTER)
 _ITERATIONS = 40
-_SMALL = 1e-11  # [rad/s, m/s] a change this small is near rounding
-_LARGEST = 1e-10  # after all iterations, relative
+_LARGEST = (
+    1e-10  # relative: a change this small may be rounding, which a light wrist on a heavy base enlarges
+)
 
 
 def variational_step(
@@ -35,9 +36,10 @@ def variational_step(
     The action of a step h is taken at its middle, q exp(h v / 2), with a constant velocity v. With T the
     kinetic energy, m = dT/dv there, and p the momentum in body axes at the ends, its stationarity says
     p_0 = dexp^-T(h v) m - h/2 dT/dr and p_1 = dexp^-T(-h v) m + h/2 dT/dr, where dT/dr is by the joints:
-    C^T v with the Coriolis matrix C. The total momentum in inertial axes is the same at both ends, whatever
-    h. The step is symmetric, so three of them make one of order 4; it is symplectic, so without forces the
-    energy oscillates but does not drift. Forces act at the middle of each step.
+    C^T v with the Coriolis matrix C. The total momentum in inertial axes, about the inertial origin, is the
+    same at both ends, whatever h. The step is symmetric, so three of them make one of order 4; it is
+    symplectic, so without forces the energy oscillates but does not drift. Forces act at the middle of each
+    step.
 
     References
     ----------
@@ -81,7 +83,7 @@ def _second_order(
         u = u + change
         size = float(np.abs(change).max())
         # Until rounding is reached: the first changes need not shrink, base and wrist differ so much in size.
-        if size < _SMALL and not size < best:
+        if size < _LARGEST and not size < 0.5 * best:
             break
         best = size
     else:

@@ -44,7 +44,7 @@ class World:
         self._friction = None if friction is None else friction.torque(plant.n)
         self._disturbances = tuple(disturbances)
         self._locked: list[int] = []  # indices in v
-        self._limp = np.zeros(plant.n, dtype=bool)
+        self._limp, self._limp_any = np.zeros(plant.n, dtype=bool), False
         self._tau = np.zeros(plant.nv)
         self._take(plant)
 
@@ -60,7 +60,7 @@ class World:
         """State after a step under joint torques (n,), and the work done on the plant in it [J]."""
         force = self._tau
         force[6:] = tau
-        if self._limp.any():
+        if self._limp_any:
             force[6:][self._limp] = 0.0
         model = self.plant.model
         if self._friction is None and not self._forces and not self._locked:
@@ -99,7 +99,7 @@ class World:
             return v
         joint = event.index(self.plant)
         if event.kind == "limp":
-            self._limp[joint] = True
+            self._limp[joint] = self._limp_any = True
             return v
         if 6 + joint not in self._locked:
             self._locked.append(6 + joint)

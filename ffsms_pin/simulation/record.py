@@ -1,0 +1,114 @@
+"""The rows of a `Tracking`, as they come; what can be worked out afterwards is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.simulation.streaming import RowStream
+from ffsms_pin.simulation.tracking import Tracking
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["Record"]
+
+
+class Record:
+    """States and torques of a run, row by row.
+
+    Momentum, energy and distance follow from a row's state, and are left for the end: in the loop they would
+    cost as much as the controller. Rows that go to disk are completed at once.
+
+    Parameters
+    ----------
+    plant : SpaceManipulator
+    t : ndarray, shape (N + 1,)
+        [s]
+    target : callable
+        Gives the target's position (3,) at a time [s].
+    rows : RowStream, optional
+        Where the rows go, if not into memory.
+    """
+
+    def __init__(
+        self,
+        plant: SpaceManipulator,
+        t: FloatArray,
+        target: Callable[[float], FloatArray],
+        rows: RowStream | None = None,
+    ) -> None:
+        self._plant, self._data, self._rows = plant, plant.model.createData(), rows
+        self._target, self._error = target, plant.layout.difference
+        self._targets: list[FloatArray] = []  # of the rows that are not complete
+        self._complete = 0
+        self._notes: list[str] = []
+
+        def made(name: str, *shape: int) -> FloatArray:
+            return np.empty(shape) if rows is None else rows.empty(name, shape)
+
+        N, n = len(t), plant.n
+        self.t = t
+        self.q, self.v, self.tau = made("q", N, plant.nq), made("v", N, plant.nv), made("tau", N - 1, n)
+        self.joint_error, self.joint_rate_error = made("joint_error", N, n), made("joint_rate_error", N, n)
+        self.position_error, self.momentum = made("position_error", N), made("momentum", N, 6)
+        self.kinetic_energy, self.work = made("kinetic_energy", N), made("work", N)
+
+    def happened(self, t: float, event: object, plant: SpaceManipulator) -> None:
+        """Note an event, and record from the plant as it is after it."""
+        self._finish_rows()
+        self._notes.append(f"t = {t:.6g} s: {event}")
+        self._plant, self._data = plant, plant.model.createData()
+
+    def add(
+        self,
+        k: int,
+        q: FloatArray,
+        v: FloatArray,
+        wanted: tuple[FloatArray, FloatArray, FloatArray],
+        work: float,
+    ) -> bool:
+        """Record row k; False where its state is not finite."""
+        if not q.dot(q) + v.dot(v) < np.inf:
+            return False
+        self.q[k], self.v[k], self.work[k] = q, v, work
+        self.joint_error[k] = self._error(q, wanted[0])
+        self.joint_rate_error[k] = v[6:] - wanted[1]
+        self._targets.append(self._target(float(self.t[k])))
+        if self._rows is not None:
+            self._finish_rows()
+            self._rows.added(k)
+        return True
+
+    def _finish_rows(self) -> None:
+        """Momentum, energy and distance of the rows that came since it was last done."""
+        model, data, frame = self._plant.model, self._data, self._plant.frame_id
+        begin, self._complete = self._complete, self._complete + len(self._targets)
+        for k, target in enumerate(self._targets, start=begin):
+            self.momentum[k] = pin.computeCentroidalMomentum(model, data, self.q[k], self.v[k]).vector
+            self.kinetic_energy[k] = pin.computeKineticEnergy(model, data)  # of the q and v just given
+            x, y, z = (target - pin.updateFramePlacement(model, data, frame).translation).tolist()
+            self.position_error[k] = math.hypot(x, y, z)
+        self._targets.clear()
+
+    def tracking(self, rows: int) -> Tracking:
+        """The first rows, and the steps between them; on disk they become the result's file."""
+        self._finish_rows()
+        tracking = Tracking(
+            t=self.t[:rows],
+            q=self.q[:rows],
+            v=self.v[:rows],
+            tau=self.tau[: max(rows - 1, 0)],
+            joint_error=self.joint_error[:rows],
+            joint_rate_error=self.joint_rate_error[:rows],
+            position_error=self.position_error[:rows],
+            momentum=self.momentum[:rows],
+            kinetic_energy=self.kinetic_energy[:rows],
+            work=self.work[:rows],
+            note="; ".join(self._notes),
+        )
+        if self._rows is not None:
+            self._rows.finish(tracking.save)
+        return tracking
