@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from ffsms_pin import opt
     from ffsms_pin.control import SlidingModeController
     from ffsms_pin.scenarios import Scenario, scenario
-    from ffsms_pin.simulation import Tracking, simulate
+    from ffsms_pin.simulation import Tracking, simulate, simulate_many
     from ffsms_pin.viewer import view
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "opt",
     "scenario",
     "simulate",
+    "simulate_many",
     "view",
 ]
 __version__ = "0.1.0"
@@ -39,6 +40,7 @@ _LATER = {
     "Tracking": "ffsms_pin.simulation",
     "scenario": "ffsms_pin.scenarios",
     "simulate": "ffsms_pin.simulation",
+    "simulate_many": "ffsms_pin.simulation",
     "view": "ffsms_pin.viewer",
 }
 
