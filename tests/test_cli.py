@@ -123,6 +123,32 @@ def test_a_target_that_is_not_reached(
     assert "no" in capsys.readouterr().out.split("reached")[1].splitlines()[0]
 
 
+def test_a_closed_loop_that_ends_elsewhere_is_not_reached_either(
+    quick: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A heavy arm on a light base: the plan reaches, what follows it does not; planned again, it does."""
+    wrong = QUICK.replace("[control]", '[control]\nlaw = "computed-torque"').replace("3.0", "5.0")
+    wrong += "[plant]\narm_mass = 3.0\nbase_mass = 0.5\n"
+    quick.write_text(wrong)
+    assert main(["run", str(quick), "--out", str(tmp_path / "once"), "--no-figures"]) == 1
+    once = json.loads((tmp_path / "once" / "summary.json").read_text())
+    assert once["reached"] is True
+    assert once["tracking"]["arrived"] is False
+    assert "arm_mass 3, base_mass 0.5" in " ".join(capsys.readouterr().out.split())
+
+    quick.write_text(wrong + '[reference]\nkind = "re-planning"\n')
+    assert main(["run", str(quick), "--out", str(tmp_path / "again")]) == 0
+    again = json.loads((tmp_path / "again" / "summary.json").read_text())
+    assert again["tracking"]["arrived"] is True
+    assert again["tracking"]["open_loop"]["final_error_m"] == pytest.approx(once["tracking"]["final_error_m"])
+    assert {path.name for path in (tmp_path / "again").iterdir()} == ALL
+    captured = capsys.readouterr()
+    assert "the same, plan made once" in captured.out
+    assert f"{1e3 * once['tracking']['final_error_m']:.3g} mm" in captured.out
+    stages = [line.split(":")[0] for line in captured.err.splitlines()]
+    assert stages == ["planning", "tracking", "plan once", "figures"]
+
+
 def test_as_a_module_in_a_process_of_its_own(quick: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-W", "error", "-m", "ffsms_pin"]
     done = subprocess.run(
@@ -195,6 +221,11 @@ def test_interrupted(tmp_path: Path, quick: Path) -> None:
         ("[control]", "[control]\nGamma = 0", ["quick.toml", "Gamma", "above zero"]),
         ("[control]", "[control]\nK_s = [1, 2]", ["quick.toml", "K_s", "(3,)"]),
         ("[control]", "[limits]\nupper_deg = -99\n[control]", ["joint 1", "wrong way round"]),
+        ("[control]", "[control]\nlaw = 'pd'\nK_p = [[1,2,0],[2,1,0],[0,0,1]]", ["K_p", "definite"]),
+        ("[control]", "[plant]\nmodel = 'space_arm_7'\n[control]", ["plant", "joint_1, joint_2, joint_3"]),
+        ("[control]", "[actuator]\ndelay = 3.5\n[control]", ["actuator.delay", "duration of 3 s"]),
+        ("[control]", "[[fault]]\ntime = 1\njoint = 'j'\n[control]", ["fault.joint", "'j'"]),
+        ("[control]", "[friction]\nviscus = 1\n[control]", ["did you mean 'viscous'"]),
     ],
 )
 def test_bad_input(quick: Path, fails: Callable[..., str], line: str, instead: str, words: list[str]) -> None:
@@ -296,7 +327,7 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     out = capsys.readouterr().out
     for word in ("ffsms-pin run case-2", "ffsms-pin info planar_3r", "run", "info", "exit codes"):
         assert word in out
-    for command in ("run", "info"):
+    for command in ("run", "info", "compare", "laws", "robustness"):
         assert main([command, "--help"]) == 0
         assert f"example: ffsms-pin {command} " in capsys.readouterr().out
     assert main(["--version"]) == 0

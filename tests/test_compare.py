@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.scenarios import scenario
 from ffsms_pin.scenarios.compare import Comparison, compare, comparison_numbers
@@ -79,6 +80,19 @@ def test_the_command_writes_a_table_and_a_figure(
     printed = capsys.readouterr().out
     for word in (*METHODS, "cost integral", "base rotation", "computing time"):
         assert word in printed
+
+
+def test_the_papers_method_is_left_out_where_it_does_not_know_what_is_asked_for(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "drifting.toml"
+    path.write_text(file.read_text() + "momentum = [0.01, 0, 0, 0, 0, 0]\n")
+    out = tmp_path / "results"
+    assert main(["compare", str(path), "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "left out: paper, which knows no momentum" in printed
+    assert set(json.loads((out / "comparison.json").read_text())) == set(opt.METHODS) - {"paper"}
+    assert main(["compare", str(path), "--out", str(out), "--methods", "paper"]) == 2  # asked for by name
 
 
 def test_an_unknown_method_is_one_line_and_exit_code_2(

@@ -19,6 +19,7 @@ from matplotlib.patches import Circle, Polygon
 
 from ffsms_pin import opt, plotting
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.plotting.series import plot_series
 from ffsms_pin.plotting.style import line
 from ffsms_pin.scenarios import Outcome, run, scenario
 from ffsms_pin.system import SpaceManipulator
@@ -226,3 +227,43 @@ def test_drawing_changes_nothing_global(outcome: Outcome, tmp_path: Path) -> Non
     plotting.save_figures(outcome, tmp_path, formats=("png",))
     assert before == {key: mpl.rcParams[key] for key in before}
     assert ("matplotlib.pyplot" in sys.modules) == loaded
+
+
+def test_long_names_stay_within_the_figure() -> None:
+    t, names = np.linspace(0.0, 1.0, 5), [f"shoulder_and_elbow_joint_{i}" for i in range(9)]
+    for count in (1, 3, 9):
+        limit = np.arange(1.0, 1.0 + count)
+        ax = plot_series(None, t, np.outer(t, limit), "value [-]", names[:count], (limit,))
+        figure = ax.figure
+        assert isinstance(figure, Figure)
+        figure.draw_without_rendering()
+        legend = ax.get_legend()
+        assert legend is not None
+        box = legend.get_window_extent()
+        assert box.x0 >= 0.0
+        assert box.y1 <= figure.bbox.height
+        assert ax.get_window_extent().width > 0.5 * figure.bbox.width  # the panel keeps its room
+
+
+def test_where_the_motion_was_planned_again_both_runs_are_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "again.toml"
+    extra = 'reference.kind = "re-planning"\nplant.arm_mass = 1.5\ncontrol.law = "computed-torque"\n'
+    path.write_text(SCENARIO + extra)
+    outcome = run(scenario(path))
+    assert outcome.open_loop is not None
+    distance = plotting.figure(outcome, "tracking-torques").axes[0]
+    again, once = (points(curve)[:, 1] for curve in curves(distance))
+    np.testing.assert_array_equal(again, outcome.tracking.position_error)
+    np.testing.assert_array_equal(once, outcome.open_loop.tracking.position_error)
+    (drawing,) = plotting.figure(outcome, "motion").axes
+    legend = drawing.get_legend()
+    assert legend is not None
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels[:3] == ["end effector as planned", "planned again", "plan made once"]
+    paths = {str(curve.get_label()): points(curve) for curve in drawing.get_lines()}
+    for name, tracking in (
+        ("planned again", outcome.tracking),
+        ("plan made once", outcome.open_loop.tracking),
+    ):
+        end = outcome.plant.at(tracking.q[-1]).end_effector_pose.translation
+        np.testing.assert_allclose(paths[name][-1], end[:2], atol=1e-12)

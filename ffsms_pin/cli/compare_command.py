@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 __all__ = ["add_parser", "run"]
@@ -25,9 +24,15 @@ def add_parser(subparsers: Any) -> None:
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("scenario", metavar="SCENARIO", help="case-1, case-2, or a scenario file (TOML)")
     parser.add_argument(
-        "--methods", metavar="METHOD", nargs="+", help="only these (default: all of opt.METHODS)"
+        "scenario", metavar="SCENARIO", help="a packaged one, as case-2, or a scenario file (TOML)"
+    )
+    parser.add_argument(
+        "--methods",
+        metavar="METHOD",
+        nargs="+",
+        help="only these, of horizon, step, paper, resolved-rate, least-disturbance, minimum-effort"
+        " (default: all that know what the scenario asks for)",
     )
     parser.add_argument(
         "--out", metavar="DIR", help="folder for the results (default: results/SCENARIO-comparison)"
@@ -41,8 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from ffsms_pin.cli.output import output_console
     from ffsms_pin.cli.progress import shown_progress
-    from ffsms_pin.cli.results_folder import results_folder
-    from ffsms_pin.opt import METHODS
+    from ffsms_pin.cli.results_folder import chosen_folder, results_folder
     from ffsms_pin.plotting import save_figure
     from ffsms_pin.plotting.comparison import plot_comparison
     from ffsms_pin.scenarios import scenario
@@ -50,8 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.storage import write_content
 
     chosen = scenario(arguments.scenario)
-    methods = tuple(arguments.methods) if arguments.methods else METHODS
-    folder = Path(arguments.out) if arguments.out else Path("results") / f"{chosen.name}-comparison"
+    methods = tuple(arguments.methods) if arguments.methods else None
+    folder = chosen_folder(arguments.out, f"{chosen.name}-comparison")
     with results_folder(folder) as staging, shown_progress(Console(stderr=True)) as progress:
         comparison = compare(chosen, methods, progress)
         numbers = comparison_numbers(comparison)
@@ -62,6 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
             save_figure(figure, staging / f"comparison.{ending}", ending)
     output = output_console()
     output.print(_table(chosen.name, numbers))
+    for method, why in comparison.left_out.items():
+        output.print(f"left out: {method}, which {why}", markup=False, highlight=False)
     output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
     return 0
 

@@ -8,7 +8,15 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import ffsms_pin
-from ffsms_pin.cli import compare_command, info_command, inspect_command, run_command, view_command
+from ffsms_pin.cli import (
+    compare_command,
+    info_command,
+    inspect_command,
+    laws_command,
+    robustness_command,
+    run_command,
+    view_command,
+)
 from ffsms_pin.errors import FfsmsError
 
 __all__ = ["main"]
@@ -20,6 +28,8 @@ BAD_INPUT, INTERRUPTED = 2, 130
 _COMMANDS: dict[str, Any] = {
     "run": run_command,
     "compare": compare_command,
+    "laws": laws_command,
+    "robustness": robustness_command,
     "info": info_command,
     "inspect": inspect_command,
     "view": view_command,
@@ -32,13 +42,16 @@ examples:
   ffsms-pin run case-2                     the paper's Case 2, into results/case-2
   ffsms-pin run mine.toml --out somewhere  a scenario of your own, into a folder of your choice
   ffsms-pin compare case-2                 the planning methods side by side
+  ffsms-pin laws wrong-model               the control laws side by side
+  ffsms-pin robustness case-2 --plants 20  on satellites that are not the model
   ffsms-pin view results/case-2            the motion in the browser, as one HTML file
   ffsms-pin info planar_3r                 masses, limits and coupling of a packaged robot
   ffsms-pin info robot.urdf --end-effector tool0
   ffsms-pin inspect robot.urdf             what is wrong with a file, and --repair
 """
 _EPILOG = """\
-exit codes: 0 target reached; 1 target not reached, results written; 2 bad input; 130 interrupted
+exit codes: 0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped;
+130 interrupted
 """
 
 

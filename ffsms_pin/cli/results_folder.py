@@ -9,9 +9,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ffsms_pin.errors import FfsmsError, ResultError
+from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 
-__all__ = ["results_folder"]
+__all__ = ["chosen_folder", "results_folder"]
+
+
+def chosen_folder(out: str | None, name: str) -> Path:
+    """The folder that `--out` names; without it, results/<name>."""
+    if out is not None and (not out.strip() or "\0" in out):
+        raise InvalidValue("--out", out, "must name a folder")
+    return Path(out) if out is not None else Path("results") / name
 
 
 @contextmanager

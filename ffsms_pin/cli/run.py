@@ -12,9 +12,8 @@ from rich.console import Console
 
 from ffsms_pin.cli.output import output_console
 from ffsms_pin.cli.progress import shown_progress
-from ffsms_pin.cli.results_folder import results_folder
+from ffsms_pin.cli.results_folder import chosen_folder, results_folder
 from ffsms_pin.cli.summary_table import summary_table
-from ffsms_pin.errors import InvalidValue
 from ffsms_pin.scenarios import run, scenario, summary
 from ffsms_pin.storage import write_content
 
@@ -38,12 +37,10 @@ def run_scenario(name: str, out: str | None = None, figures: bool = True, show: 
     Returns
     -------
     bool
-        Whether the plan reaches its target.
+        Whether the plan reaches its target, and the closed loop ends there.
     """
     chosen = scenario(name)
-    if out is not None and (not out.strip() or "\0" in out):
-        raise InvalidValue("--out", out, "must name a folder")
-    folder = Path(out) if out is not None else Path("results") / chosen.name
+    folder = chosen_folder(out, chosen.name)
     errors, output = Console(stderr=True), output_console()
     with results_folder(folder) as staging, shown_progress(errors) as progress:
         outcome = run(chosen, progress)
@@ -60,7 +57,7 @@ def run_scenario(name: str, out: str | None = None, figures: bool = True, show: 
     output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
     if show and figures:
         _show(folder / "motion.png", output)
-    return outcome.trajectory.reached
+    return outcome.trajectory.reached and bool(numbers["tracking"]["arrived"])
 
 
 def _show(picture: Path, output: Console) -> None:

@@ -10,10 +10,15 @@ __all__ = ["add_parser", "run"]
 REACHED, NOT_REACHED = 0, 1
 
 _DESCRIPTION = """\
-Plan a scenario and track the plan in closed loop. Prints a summary table, and writes trajectory.npz,
-tracking.npz, summary.json and the figures (pdf and png).
+Plan a scenario and follow it in closed loop, under whatever conditions it sets: a plant that is not the
+model, planning again in the loop, friction, sensors, disturbances, failures (docs/scenarios.md lists all
+keys). Prints a summary table, and writes trajectory.npz, tracking.npz, summary.json and the figures (pdf and
+png).
 
 example: ffsms-pin run case-2 --out results/case-2
+
+exit codes: 0 the plan reaches the target and the closed loop ends there; 1 one of them does not, results
+written; 2 bad input, or the run was stopped; 130 interrupted
 """
 
 
@@ -25,7 +30,9 @@ def add_parser(subparsers: Any) -> None:
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("scenario", metavar="SCENARIO", help="case-1, case-2, or a scenario file (TOML)")
+    parser.add_argument(
+        "scenario", metavar="SCENARIO", help="case-1, case-2, wrong-model, or a scenario file (TOML)"
+    )
     parser.add_argument("--out", metavar="DIR", help="folder for the results (default: results/SCENARIO)")
     parser.add_argument(
         "--no-figures", dest="figures", action="store_false", help="write the numbers only, no figures"

@@ -20,8 +20,9 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
     table.add_column("value", justify="right")
     table.add_column("limit", justify="right")
     _add_plan(table, numbers)
+    _add_conditions(table, numbers["conditions"])
     _add_joints(table, numbers["joints"])
-    _add_tracking(table, numbers["tracking"])
+    _add_tracking(table, numbers)
     table.add_section()
     timing = numbers["timing"]
     table.add_row("planning", f"{timing['planning_s']:.2f} s", "")
@@ -58,6 +59,13 @@ def _add_plan(table: Table, numbers: Mapping[str, Any]) -> None:
     )
 
 
+def _add_conditions(table: Table, conditions: Mapping[str, str]) -> None:
+    """What the scenario says about its closed loop, below the limits of the plan."""
+    table.add_section()
+    for name, words in conditions.items():
+        table.add_row(escape(name), escape(words), "")
+
+
 def _add_joints(table: Table, joints: list[Mapping[str, Any]]) -> None:
     for joint in joints:
         table.add_section()
@@ -83,24 +91,43 @@ def _add_joints(table: Table, joints: list[Mapping[str, Any]]) -> None:
             table.add_row(f"  largest {label}", value, most)
 
 
-def _add_tracking(table: Table, tracking: Mapping[str, Any]) -> None:
+def _add_tracking(table: Table, numbers: Mapping[str, Any]) -> None:
+    tracking, reach = numbers["tracking"], _length(numbers["reach_m"])
     table.add_section()
     for unit in ("rad", "m"):
         if f"joint_error_max_{unit}" in tracking:
             largest, final = tracking[f"joint_error_max_{unit}"], tracking[f"joint_error_final_{unit}"]
             table.add_row("tracking: joint error, max / final", f"{largest:.3g} / {final:.3g} {unit}", "")
-    rows = (
-        ("  end effector from plan, largest", _length(tracking["end_effector_deviation_max_m"])),
-        ("  final error to target", _length(tracking["final_error_m"])),
-        (
-            "  total momentum, largest",
-            f"{tracking['momentum_linear_max_kg_m_per_s']:.1e} kg m/s, "
-            f"{tracking['momentum_angular_max_kg_m2_per_s']:.1e} kg m²/s",
-        ),
-        ("  energy less work, relative", f"{tracking['energy_error_relative']:.1e}"),
+    table.add_row(
+        "  longest time constant of the gains",
+        f"{tracking['longest_time_constant_s']:.3g} s",
+        f"{numbers['duration_s']:g} s",
     )
-    for label, value in rows:
-        table.add_row(label, value, "")
+    table.add_row("  end effector from plan, largest", _length(tracking["end_effector_deviation_max_m"]), "")
+    table.add_row("  final error to target", _final_error(tracking), reach)
+    if tracking["open_loop"] is not None:
+        table.add_row("  the same, plan made once", _final_error(tracking["open_loop"]), reach)
+    if tracking["least_clearance_m"] is not None:
+        wanted = f">= {_length(numbers['clearance']['wanted_m'])}"
+        table.add_row("  least clearance", _length(tracking["least_clearance_m"]), wanted)
+    for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
+        if note:
+            table.add_row(f"  {label}", escape(note), "")
+    table.add_row(
+        "  total momentum, largest",
+        f"{tracking['momentum_linear_max_kg_m_per_s']:.1e} kg m/s, "
+        f"{tracking['momentum_angular_max_kg_m2_per_s']:.1e} kg m²/s",
+        "",
+    )
+    table.add_row("  energy less work, relative", f"{tracking['energy_error_relative']:.1e}", "")
+
+
+def _final_error(run: Mapping[str, Any]) -> str:
+    """Where a run ended: in red where that is too far away."""
+    if run.get("stopped"):
+        return f"[red]{escape(run['stopped'])}[/]"
+    text = _length(run["final_error_m"])
+    return text if run["arrived"] else f"[red]{text}[/]"
 
 
 def _length(metres: float) -> str:

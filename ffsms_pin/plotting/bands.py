@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, line
+from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, legend_columns, line
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
@@ -57,7 +57,14 @@ def plot_bands(
         ax.set_xlabel("time [s]")
         ax.set_ylabel(label)
         ax.margins(x=0.0)
-        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5, borderaxespad=0.2, columnspacing=1.4)
+        labels = ax.get_legend_handles_labels()[1]
+        ax.legend(
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            ncols=legend_columns(labels),
+            borderaxespad=0.2,
+            columnspacing=1.4,
+        )
     return ax
 
 

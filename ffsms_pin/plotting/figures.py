@@ -10,10 +10,12 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.plotting import base, coupling, joints, tracking
 from ffsms_pin.plotting.motion import plot_motion
 from ffsms_pin.plotting.style import applied, stack
 from ffsms_pin.scenarios import Outcome
+from ffsms_pin.scenarios.tracked import end_effector_path
 from ffsms_pin.storage import write_atomically
 
 __all__ = ["FIGURES", "figure", "save_figure", "save_figures"]
@@ -43,12 +45,14 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
         lambda o, ax: tracking.plot_joint_rate_error(o.sms, o.tracking, ax),
     ),
     "tracking-torques": (
-        lambda o, ax: tracking.plot_tracked_position_error(o.tracking, ax),
+        lambda o, ax: tracking.plot_tracked_position_error(
+            o.tracking, ax, None if o.open_loop is None else o.open_loop.tracking
+        ),
         lambda o, ax: tracking.plot_torques(o.sms, o.tracking, ax, o.controller.torque_limit),
         # The limits are far away from what slow motion needs: once more without them.
         lambda o, ax: tracking.plot_torques(o.sms, o.tracking, ax),
     ),
-    "motion": (lambda o, ax: plot_motion(o.sms, o.trajectory, ax),),
+    "motion": (lambda o, ax: plot_motion(o.sms, o.trajectory, ax, paths=_true_paths(o)),),
 }
 """Figures by file name, and their panels from top to bottom."""
 
@@ -56,6 +60,14 @@ _DRAWING_WIDTH = 6.0  # [in]
 
 # Without a date, the same outcome gives the same file.
 _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+
+
+def _true_paths(outcome: Outcome) -> dict[str, FloatArray]:
+    """Where the end effector really went, where that is not as planned: the motion was planned again."""
+    if outcome.open_loop is None:
+        return {}
+    runs = {"planned again": outcome.tracking, "plan made once": outcome.open_loop.tracking}
+    return {name: end_effector_path(outcome.plant, run) for name, run in runs.items() if len(run.t) > 0}
 
 
 def figure(outcome: Outcome, name: str) -> Figure:

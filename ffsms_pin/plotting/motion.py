@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.spatial import ConvexHull
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.style import ACCENT, applied, axes_or_new
+from ffsms_pin.plotting.style import ACCENT, applied, axes_or_new, line
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["plot_motion"]
@@ -23,7 +24,11 @@ _TARGET = "#D55E00"
 
 
 def plot_motion(
-    sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, instants: int = 6
+    sms: SpaceManipulator,
+    trajectory: Trajectory,
+    ax: Axes | None = None,
+    instants: int = 6,
+    paths: Mapping[str, FloatArray] | None = None,
 ) -> Axes:
     """Draw the motion in the plane of inertial axes in which it spreads most.
 
@@ -36,10 +41,15 @@ def plot_motion(
     ax : Axes, optional
     instants : int
         How many postures are drawn, from pale (start) to full (end), the first and last among them.
+    paths : mapping of str to ndarray of shape (k, 3), optional
+        More paths, with their names for the legend: where the end effector really went [m].
     """
+    paths = {} if paths is None else paths
     rows = np.unique(np.linspace(0, len(trajectory.t) - 1, max(2, instants)).round().astype(int))
     shown = [_Posture(sms, trajectory.q[k]) for k in rows]
-    cloud = np.vstack([trajectory.end_effector, trajectory.target[None], *(p.points() for p in shown)])
+    cloud = np.vstack(
+        [trajectory.end_effector, trajectory.target[None], *(p.points() for p in shown), *paths.values()]
+    )
     spread = np.ptp(cloud, axis=0)
     across = 2 - int(np.argmin(spread[::-1]))  # of two as narrow, the later axis
     axes = [axis for axis in range(3) if axis != across]
@@ -49,7 +59,16 @@ def plot_motion(
             posture.draw(ax, axes, 0.15 + 0.85 * i / (len(shown) - 1), last=i == len(shown) - 1)
         path = trajectory.end_effector[:, axes]
         ax.plot(path[:, 0], path[:, 1], color="black", linewidth=1.0, linestyle=(0, (4, 1.5)), zorder=4)
-        ax.plot([], [], color="black", linewidth=1.0, linestyle=(0, (4, 1.5)), label="end-effector path")
+        ax.plot(
+            [],
+            [],
+            color="black",
+            linewidth=1.0,
+            linestyle=(0, (4, 1.5)),
+            label="end-effector path" if not paths else "end effector as planned",
+        )
+        for i, (name, points) in enumerate(paths.items(), start=1):
+            ax.plot(points[:, axes[0]], points[:, axes[1]], label=name, zorder=5, **line(i))
         goal = trajectory.target[axes]
         ax.plot(*goal, marker="+", markersize=8, color=_TARGET, linestyle="none", zorder=6, label="target")
         ax.add_patch(Circle(tuple(goal), trajectory.reach, fill=False, color=_TARGET, zorder=6))
@@ -61,7 +80,8 @@ def plot_motion(
         names = ["xyz"[axis] for axis in axes]
         note = "" if spread[across] < _FLAT else f" (projected along {'xyz'[across]})"
         times = ", ".join(f"{trajectory.t[k]:.3g}" for k in rows)
-        ax.set_xlabel(f"{names[0]} [m]{note}\npale to full: t = {times} s")
+        planned = ", as planned" if paths else ""
+        ax.set_xlabel(f"{names[0]} [m]{note}\npale to full{planned}: t = {times} s")
         ax.set_ylabel(f"{names[1]} [m]{note}")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
     return ax

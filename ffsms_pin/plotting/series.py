@@ -8,11 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.plotting.style import LIMIT, applied, axes_or_new, line
+from ffsms_pin.plotting.style import LIMIT, applied, axes_or_new, legend_columns, line
 
 __all__ = ["plot_series"]
-
-_LEGEND_COLUMNS = 5
 
 
 def plot_series(
@@ -62,12 +60,12 @@ def plot_series(
         ax.set_ylabel(label)
         ax.margins(x=0.0)
         if names or drawn:
-            count = len(names) + bool(drawn)
+            labels = [*names, *(["limits"] if drawn else [])]
             # Above the panel, where no line can run through it; on its left stands the axis' power of ten.
             ax.legend(
                 loc="lower right",
                 bbox_to_anchor=(1.0, 1.0),
-                ncols=min(count, _LEGEND_COLUMNS),
+                ncols=legend_columns(labels),
                 borderaxespad=0.2,
                 columnspacing=1.4,
             )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -10,7 +10,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-__all__ = ["ACCENT", "LIMIT", "NEUTRAL", "applied", "axes_or_new", "line", "stack"]
+__all__ = ["ACCENT", "LIMIT", "NEUTRAL", "applied", "axes_or_new", "legend_columns", "line", "stack"]
 
 # Okabe and Ito's colours, ordered so that neighbours also differ in lightness; each has its own line style.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
@@ -21,6 +21,7 @@ LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.1}
 
 _WIDTH = 5.2  # [in]
 _HEIGHT = 2.1  # [in] a panel
+_LEGEND_WIDTH = 38.0  # [em] what fits above a panel of that width, labels of a long axis beside it
 
 # Matplotlib types the keys one by one, and newer versions know more of them than older ones.
 _STYLE: Any = {
@@ -57,6 +58,13 @@ def applied() -> Iterator[None]:
 def line(index: int) -> dict[str, Any]:
     """Colour and dashes of the index-th of several lines."""
     return {"color": _COLOURS[index % len(_COLOURS)], "linestyle": _DASHES[index % len(_DASHES)]}
+
+
+def legend_columns(labels: Sequence[str]) -> int:
+    """How many columns of a legend with these labels fit above a panel."""
+    # In widths of an m: the line and the gaps, and a little more than half of one for each letter.
+    widest = 4.8 + 0.6 * max((len(label) for label in labels), default=0)
+    return max(1, min(len(labels), int(_LEGEND_WIDTH / widest)))
 
 
 def stack(rows: int) -> tuple[Figure, list[Axes]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from matplotlib.axes import Axes
 
 from ffsms_pin.checks import FloatArray
@@ -27,9 +28,27 @@ def plot_joint_rate_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | 
     return plot_series(ax, tracking.t, values, label, sms.joint_names)
 
 
-def plot_tracked_position_error(tracking: Tracking, ax: Axes | None = None) -> Axes:
-    """Distance from the simulated end effector to the target."""
-    ax = plot_series(ax, tracking.t, tracking.position_error, "distance to target [m]")
+def plot_tracked_position_error(
+    tracking: Tracking, ax: Axes | None = None, open_loop: Tracking | None = None
+) -> Axes:
+    """Distance from the simulated end effector to the target.
+
+    Parameters
+    ----------
+    tracking : Tracking
+    ax : Axes, optional
+    open_loop : Tracking, optional
+        Where the motion was planned again in the loop: the plan made once, for comparison.
+    """
+    label = "distance to target [m]"
+    if open_loop is None:
+        ax = plot_series(ax, tracking.t, tracking.position_error, label)
+    else:
+        # A run that was stopped has fewer rows.
+        other = np.full_like(tracking.position_error, np.nan)
+        other[: len(open_loop.t)] = open_loop.position_error
+        both = np.column_stack([tracking.position_error, other])
+        ax = plot_series(ax, tracking.t, both, label, ("planned again", "plan made once"))
     ax.set_ylim(bottom=0.0)
     return ax
 

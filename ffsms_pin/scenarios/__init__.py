@@ -1,7 +1,26 @@
-"""Scenario files: a whole run in one TOML file, from the robot to the controller's gains."""
+"""Scenario files: a whole run in one TOML file, from the robot to what disturbs it."""
 
+from ffsms_pin.scenarios.closed_loop import Attempt
+from ffsms_pin.scenarios.compare import Comparison, compare
 from ffsms_pin.scenarios.definition import Scenario, scenario, scenario_names
+from ffsms_pin.scenarios.laws import LawComparison, compare_laws
+from ffsms_pin.scenarios.robustness import Robustness, robustness
 from ffsms_pin.scenarios.run import Outcome, Timing, run
 from ffsms_pin.scenarios.summary import summary
 
-__all__ = ["Outcome", "Scenario", "Timing", "run", "scenario", "scenario_names", "summary"]
+__all__ = [
+    "Attempt",
+    "Comparison",
+    "LawComparison",
+    "Outcome",
+    "Robustness",
+    "Scenario",
+    "Timing",
+    "compare",
+    "compare_laws",
+    "robustness",
+    "run",
+    "scenario",
+    "scenario_names",
+    "summary",
+]

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.control.reduced_dynamics import reduced_dynamics
-from ffsms_pin.errors import InvalidScenario, InvalidValue
 from ffsms_pin.opt import METHODS, Trajectory
+from ffsms_pin.scenarios.closed_loop import named
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.extremes import base_numbers
-from ffsms_pin.scenarios.run import planned, stage
+from ffsms_pin.scenarios.references import planned
+from ffsms_pin.scenarios.run import stage
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Comparison", "compare", "comparison_numbers"]
+
+# Keys of [plan] that the paper's method has no place for.
+_NOT_FOR_PAPER = ("base_limits", "momentum")
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,17 +36,20 @@ class Comparison:
         By method, in the order they were asked for.
     times : dict of str to float
         Wall time of each plan [s].
+    left_out : dict of str to str
+        Methods that were not asked for by name and cannot do what the scenario asks for, and why.
     """
 
     scenario: Scenario
     sms: SpaceManipulator
     plans: dict[str, Trajectory]
     times: dict[str, float]
+    left_out: dict[str, str] = field(default_factory=dict)
 
 
 def compare(
     scenario: Scenario,
-    methods: tuple[str, ...] = METHODS,
+    methods: tuple[str, ...] | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Comparison:
     """Plan a scenario's motion by each method: same robot, start, target, time, limits and clearances.
@@ -51,23 +58,26 @@ def compare(
     ----------
     scenario : Scenario
     methods : tuple of str
-        Of `ffsms_pin.opt.METHODS`.
+        Of `ffsms_pin.opt.METHODS`; default: all that know what the scenario asks for.
     progress : callable, optional
         Called with a method's name and the share of its plan that is done, 0 to 1.
     """
     sms = scenario.load()
     plans: dict[str, Trajectory] = {}
     times: dict[str, float] = {}
+    left_out: dict[str, str] = {}
+    if methods is None:
+        methods = METHODS
+        if asked := [key for key in _NOT_FOR_PAPER if key in scenario.plan]:
+            methods = tuple(method for method in METHODS if method != "paper")
+            left_out["paper"] = f"knows no {' and no '.join(asked)}"
     for method in methods:
-        try:
+        with named(scenario):
             q0 = scenario.start_configuration(sms)
             started = time.perf_counter()
-            made = planned(scenario, sms, q0, stage(progress, method), method)
-        except InvalidValue as error:
-            raise InvalidScenario(scenario.source, str(error)) from None
+            plans[method] = planned(scenario, sms, q0, stage(progress, method), method)
         times[method] = time.perf_counter() - started
-        plans[method] = made
-    return Comparison(scenario, sms, plans, times)
+    return Comparison(scenario, sms, plans, times, left_out)
 
 
 def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:

@@ -6,7 +6,7 @@ import copy
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidScenario, InvalidValue
 from ffsms_pin.models import load, satellite_names
 from ffsms_pin.scenarios.joint_units import joint_units, slides
-from ffsms_pin.scenarios.schema import DEGREES, checked_tables
+from ffsms_pin.scenarios.schema import checked_tables
+from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
@@ -33,8 +34,8 @@ __all__ = ["Scenario", "scenario", "scenario_names"]
 class Scenario:
     """A robot, a start, a target, and how to plan and track: the tables of a scenario file, checked.
 
-    The shipped files say in comments what each key means. Tables that a file leaves out are empty here, and
-    what they would set takes the library's defaults.
+    docs/scenarios.md says what each key means. Tables that a file leaves out are empty here, and what they
+    would set takes the library's defaults.
 
     Attributes
     ----------
@@ -44,6 +45,14 @@ class Scenario:
         The file.
     robot, start, target, plan, limits, control : mapping of str to values
         As in the file: SI units, radians, and degrees under keys that end in `_deg`.
+    laws : mapping of str to mapping
+        Gains of other control laws, for `compare_laws`.
+    reference, simulation, plant, friction, actuator, sensors : mapping of str to values
+        The closed loop under real conditions.
+    disturbance, capture, fault : tuple of mappings
+        What happens on the way.
+    watchdog : mapping of str to values, or None
+        None: no watchdog.
     """
 
     name: str
@@ -54,6 +63,37 @@ class Scenario:
     plan: Mapping[str, Any]
     limits: Mapping[str, Any]
     control: Mapping[str, Any]
+    laws: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    reference: Mapping[str, Any] = field(default_factory=dict)
+    simulation: Mapping[str, Any] = field(default_factory=dict)
+    plant: Mapping[str, Any] = field(default_factory=dict)
+    friction: Mapping[str, Any] = field(default_factory=dict)
+    actuator: Mapping[str, Any] = field(default_factory=dict)
+    sensors: Mapping[str, Any] = field(default_factory=dict)
+    disturbance: tuple[Mapping[str, Any], ...] = ()
+    capture: tuple[Mapping[str, Any], ...] = ()
+    fault: tuple[Mapping[str, Any], ...] = ()
+    watchdog: Mapping[str, Any] | None = None
+
+    @property
+    def law(self) -> str:
+        """Name of the control law, of `ffsms_pin.control.LAWS`."""
+        return str(self.control.get("law", DEFAULT_LAW))
+
+    @property
+    def replans(self) -> bool:
+        """Whether the motion is planned again in the loop."""
+        return bool(self.reference.get("kind") == "re-planning")
+
+    @property
+    def arrival(self) -> float:
+        """Time to arrive [s]."""
+        return float(self.plan.get("duration", 12.0))
+
+    @property
+    def duration(self) -> float:
+        """Time to simulate [s]: to arrive, and to hold the target."""
+        return self.arrival + float(self.reference.get("hold", 0.0))
 
     def load(self) -> SpaceManipulator:
         """The robot, with the limits that the scenario sets.
@@ -63,12 +103,9 @@ class Scenario:
         FfsmsError
             What `ffsms_pin.load` raises; `InvalidScenario` where limits do not fit the robot.
         """
-        model = self.robot["model"]
-        if model not in (*model_names(), *satellite_names()):
-            model = self.source.parent / model
         with_values = {key: value for key, value in self.robot.items() if key != "model"}
         try:
-            sms = load(model, **with_values)
+            sms = load(self.robot_path(self.robot["model"]), **with_values)
             limits = {
                 name: self.per_joint(sms, "limits", name)
                 for name in ("lower", "upper", "velocity", "acceleration", "torque")
@@ -81,6 +118,10 @@ class Scenario:
             raise InvalidScenario(self.source, str(error)) from None
         return sms
 
+    def robot_path(self, model: str) -> str | Path:
+        """What `load` takes for a robot of the file: a known name, or a path from the file's folder."""
+        return model if model in (*model_names(), *satellite_names()) else self.source.parent / model
+
     def start_configuration(self, sms: SpaceManipulator) -> FloatArray:
         """Start q0 (nq,) of the plan: the system's centre of mass at the inertial origin, at rest."""
         joints = self.per_joint(sms, "start", "joints")
@@ -89,6 +130,8 @@ class Scenario:
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
         """Start (nq,) of the simulated arm where it is not the plan's `q0`; None where it is."""
+        if "q0" in self.simulation:
+            return sms.checked_configuration("[simulation] q0", self.simulation["q0"])
         offset = self.per_joint(sms, "control", "offset")
         if offset is None or not offset.any():
             return None
@@ -148,7 +191,7 @@ def scenario(name_or_path: str | os.PathLike[str]) -> Scenario:
     Parameters
     ----------
     name_or_path : str or path
-        A packaged scenario ("case-1", "case-2": the paper's), or a TOML file.
+        A packaged scenario ("case-1", "case-2": the paper's; "wrong-model": ours), or a TOML file.
 
     Returns
     -------

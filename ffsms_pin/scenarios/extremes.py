@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,14 @@ from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.clearances import ClearanceModel
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["BaseMotion", "base_motion", "base_numbers", "least_clearances", "position_range"]
+__all__ = [
+    "BaseMotion",
+    "base_motion",
+    "base_numbers",
+    "clearances_along",
+    "least_clearances",
+    "position_range",
+]
 
 _SAMPLES_A_STEP = 4
 
@@ -39,10 +46,16 @@ def least_clearances(sms: SpaceManipulator, trajectory: Trajectory, model: Clear
 
     The joints alone decide a clearance, so the base stays where it is here.
     """
+    home = pin.SE3.Identity()
+    return clearances_along(sms, (sms.configuration(place, home) for place in _fine(trajectory)), model)
+
+
+def clearances_along(sms: SpaceManipulator, q: Iterable[FloatArray], model: ClearanceModel) -> FloatArray:
+    """Least value of each clearance (m,) [m] over configurations (nq,)."""
     data = sms.model.createData()
     least = np.full(model.count, np.inf)
-    for positions in _fine(trajectory):
-        pin.framesForwardKinematics(sms.model, data, sms.configuration(positions, pin.SE3.Identity()))
+    for row in q:
+        pin.framesForwardKinematics(sms.model, data, row)
         least = np.minimum(least, model.values(data))
     return least
 

@@ -1,21 +1,23 @@
-"""Run a scenario: plan it, track the plan, keep what is needed to report both."""
+"""Run a scenario: plan it, follow it in closed loop, keep what is needed to report both."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
-from ffsms_pin.checks import FloatArray
-from ffsms_pin.control import SlidingModeController
-from ffsms_pin.errors import InvalidScenario, InvalidValue
-from ffsms_pin.opt import Trajectory, plan
+from ffsms_pin.control import JointLaw
+from ffsms_pin.opt import Replanning, Trajectory
+from ffsms_pin.scenarios.closed_loop import Attempt, attempt, named, prepared
+from ffsms_pin.scenarios.conditions import controller, own_files
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.simulation import Tracking, simulate
+from ffsms_pin.scenarios.references import planned
+from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Outcome", "Timing", "planned", "run", "stage"]
+__all__ = ["Outcome", "StageProgress", "Timing", "run", "stage"]
 
 StageProgress = Callable[[str, float], None]
 
@@ -35,86 +37,78 @@ class Outcome:
     ----------
     scenario : Scenario
     sms : SpaceManipulator
-    controller : SlidingModeController
+        The model, that plan and controller know.
+    plant : SpaceManipulator
+        What was simulated.
+    controller : JointLaw
     trajectory : Trajectory
         The plan.
     tracking : Tracking
-        The plan, followed in closed loop.
+        The closed loop: the plan followed, or a motion that was planned again on the way.
     timing : Timing
+    note : str
+        What stood in the way of planning again, as the reference says; else empty.
+    open_loop : Attempt, optional
+        Where the motion was planned again: the plan made once, followed under the same conditions.
     """
 
     scenario: Scenario
     sms: SpaceManipulator
-    controller: SlidingModeController
+    plant: SpaceManipulator
+    controller: JointLaw
     trajectory: Trajectory
     tracking: Tracking
     timing: Timing
+    note: str = ""
+    open_loop: Attempt | None = None
 
 
 def run(scenario: Scenario, progress: StageProgress | None = None) -> Outcome:
-    """Plan the scenario's motion and track it in closed loop.
+    """Plan the scenario's motion and follow it in closed loop, under the scenario's conditions.
 
-    A target that is not reached is no error: `outcome.trajectory.reached` says so.
+    A target that is not reached is no error: `outcome.trajectory.reached` says so of the plan.
 
     Parameters
     ----------
     scenario : Scenario
     progress : callable, optional
-        Called with "planning" or "tracking" and the share of that stage that is done, 0 to 1.
+        Called with "planning", "tracking" or "plan once" and the share of that stage that is done, 0 to 1.
 
     Raises
     ------
     InvalidScenario
         A value does not fit the robot.
     FfsmsError
-        The robot cannot be loaded, or the simulation does not stay finite.
+        The robot cannot be loaded, the simulation does not stay finite, or its watchdog stops it.
     """
     sms = scenario.load()
-    try:
+    with named(scenario):
         q0 = scenario.start_configuration(sms)
-        plant_q0 = scenario.plant_start(sms, q0)
-        controller = _controller(scenario, sms)
+        law = controller(scenario, sms)
+        loop = prepared(scenario, sms, q0)
         started = time.perf_counter()
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
-        tracking = simulate(
-            sms,
-            trajectory,
-            controller,
-            q0=plant_q0,
-            progress=stage(progress, "tracking"),
-            **{key: scenario.control[key] for key in ("dt",) if key in scenario.control},
-        )
-    except InvalidValue as error:
-        raise InvalidScenario(scenario.source, str(error)) from None
-    tracked = time.perf_counter()
-    timing = Timing(ended - started, tracked - ended)
-    return Outcome(scenario, sms, controller, trajectory, tracking, timing)
-
-
-def planned(
-    scenario: Scenario,
-    sms: SpaceManipulator,
-    q0: FloatArray,
-    progress: Callable[[float], None] | None,
-    method: str | None = None,
-) -> Trajectory:
-    """The scenario's plan from q0; `method` stands in for the scenario's own."""
-    options = {key: value for key, value in scenario.plan.items() if key != "reach"}
-    if method is not None:
-        options["method"] = method
-    trajectory = plan(sms, q0, scenario.target["position"], progress=progress, **options)
-    # r_th judges a plan; it does not steer it.
-    return replace(trajectory, reach=scenario.plan.get("reach", trajectory.reach))
-
-
-def _controller(scenario: Scenario, sms: SpaceManipulator) -> SlidingModeController:
-    given = scenario.control
-    gains = {key: given[key] for key in ("K_s", "Gamma", "boundary") if key in given}
-    torque_limit = scenario.per_joint(sms, "control", "torque_limit")
-    if torque_limit is not None:
-        gains["torque_limit"] = torque_limit
-    return SlidingModeController(sms, **gains)
+        reference = loop.reference(trajectory)
+        tracking = loop.run(reference, law, stage(progress, "tracking"), **own_files(scenario))
+        tracked = time.perf_counter()
+        note, open_loop = "", None
+        if isinstance(reference, Replanning):
+            note = reference.note
+            open_loop = attempt(
+                partial(loop.run, loop.plan_once(trajectory), law, stage(progress, "plan once"))
+            )
+    return Outcome(
+        scenario,
+        sms,
+        loop.plant,
+        law,
+        trajectory,
+        tracking,
+        Timing(ended - started, tracked - ended),
+        note,
+        open_loop,
+    )
 
 
 def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] | None:

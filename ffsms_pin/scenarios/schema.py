@@ -1,126 +1,22 @@
-"""What a scenario file may hold: its tables, their keys, and what each value must be."""
+"""How a scenario file is read: its tables and keys are known, its values usable."""
 
 from __future__ import annotations
 
 import difflib
-import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+from ffsms_pin.control import LAWS
 from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.opt import METHODS
+from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, TABLES, Table, gains_of
+from ffsms_pin.scenarios.values import Unusable
 
-__all__ = ["DEGREES", "checked_tables"]
-
-DEGREES = "_deg"  # ending of the keys that give an angle in degrees
-
-
-class _Unusable(Exception):
-    """A value is not what its key asks for."""
+__all__ = ["checked_tables"]
 
 
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _Unusable("must be a number")
-    try:
-        result = float(value)
-    except OverflowError:
-        raise _Unusable("is too large") from None
-    if not math.isfinite(result):
-        raise _Unusable("must be finite")
-    return result
-
-
-def _positive(value: Any) -> float:
-    result = _number(value)
-    if result <= 0.0:
-        raise _Unusable("must be above zero")
-    return result
-
-
-def _not_negative(value: Any) -> float:
-    result = _number(value)
-    if result < 0.0:
-        raise _Unusable("must not be negative")
-    return result
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str) or not value.strip() or "\0" in value:
-        raise _Unusable("must be a text that is not empty")
-    return value
-
-
-def _one_of(*choices: str) -> Callable[[Any], str]:
-    def parse(value: Any) -> str:
-        if value not in choices:
-            raise _Unusable("must be one of " + ", ".join(f'"{choice}"' for choice in choices))
-        return str(value)
-
-    return parse
-
-
-def _numbers(size: int | None = None, entry: Callable[[Any], float] = _number) -> Callable[[Any], Any]:
-    def parse(value: Any) -> tuple[float, ...]:
-        if not isinstance(value, list) or not value or (size is not None and len(value) != size):
-            raise _Unusable(f"must be a list of {size or 'one or more'} numbers")
-        return tuple(entry(item) for item in value)
-
-    return parse
-
-
-def _per_joint(entry: Callable[[Any], float] = _number) -> Callable[[Any], Any]:
-    """One number for all joints, or a list with one each; how many those are, only the robot knows."""
-    return lambda value: _numbers(None, entry)(value) if isinstance(value, list) else entry(value)
-
-
-def _gain(value: Any) -> Any:
-    """One number, one a joint, or a matrix."""
-    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
-        return tuple(_numbers(len(value))(row) for row in value)
-    return _per_joint()(value)
-
-
-_TABLES: dict[str, dict[str, Callable[[Any], Any]]] = {
-    "robot": {"model": _text, "end_effector": _text, "base_size": _numbers(3, _positive)},
-    "start": {"joints": _numbers()},
-    "target": {"position": _numbers(3)},
-    "plan": {
-        "duration": _positive,
-        "dt": _positive,
-        "kappa": _positive,
-        "clearance": _not_negative,
-        "collision": _one_of("points", "shapes", "off"),
-        "method": _one_of(*METHODS),
-        "reach": _positive,
-    },
-    "limits": {
-        "lower": _per_joint(),
-        "upper": _per_joint(),
-        "velocity": _per_joint(_positive),
-        "acceleration": _per_joint(_positive),
-        "torque": _per_joint(_positive),
-    },
-    "control": {
-        "K_s": _gain,
-        "Gamma": _gain,
-        "boundary": _per_joint(_positive),
-        "torque_limit": _per_joint(_positive),
-        "dt": _positive,
-        "offset": _per_joint(),
-    },
-}
-_ANGLES = {
-    "start": {"joints"},
-    "limits": {"lower", "upper", "velocity", "acceleration"},
-    "control": {"offset"},
-}
-_REQUIRED = {"robot": "model", "start": "joints", "target": "position"}
-
-
-def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Every table of a scenario, its keys known and its values usable; tables that are left out are empty.
+def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Every table of a scenario, its keys known and its values usable.
 
     Parameters
     ----------
@@ -129,37 +25,94 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, dict[s
     content : mapping
         What the TOML file holds.
 
+    Returns
+    -------
+    dict
+        By table: a dict of values, a tuple of those where there may be several, and where a table is left
+        out, an empty one (None, if its presence means something).
+
     Raises
     ------
     InvalidScenario
         Names the table, the key and the value.
     """
-    for table in content:
-        if table not in _TABLES:
-            raise InvalidScenario(source, f"unknown table [{table}]; {_suggestion(table, _TABLES)}")
-    return {table: _checked(source, table, content.get(table, {})) for table in _TABLES}
+    for name in content:
+        if name not in TABLES:
+            raise InvalidScenario(source, f"unknown table [{name}]; {_suggestion(name, TABLES)}")
+    tables = {name: _table(source, name, table, content.get(name)) for name, table in TABLES.items()}
+    _check_gains(source, tables)
+    _check_alternatives(source, tables)
+    return tables
 
 
-def _checked(source: Path, table: str, given: Any) -> dict[str, Any]:
-    if not isinstance(given, dict):
-        raise InvalidScenario(source, f"'{table}' must be a table: write [{table}] and its keys below it")
-    parsers = dict(_TABLES[table])
-    for key in _ANGLES.get(table, ()):
+def _table(source: Path, name: str, table: Table, given: Any) -> Any:
+    """One table, or all of its kind, with the tables inside it."""
+    if given is None and table.none_if_absent:
+        return None
+    if not table.several:
+        if given is not None and not isinstance(given, dict):
+            raise InvalidScenario(source, f"'{name}' must be a table: write [{name}] and its keys below it")
+        return _checked(source, f"[{name}]", name, table, given or {})
+    rows = [] if given is None else given
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InvalidScenario(
+            source, f"'{name}' may be there several times: write [[{name}]] and its keys below"
+        )
+    return tuple(_checked(source, f"[[{name}]] {i}", name, table, row) for i, row in enumerate(rows, start=1))
+
+
+def _checked(source: Path, title: str, name: str, table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
+    parsers = dict(table.keys)
+    for key in table.angles:
         parsers[key + DEGREES] = parsers[key]
-    values = {}
+    values: dict[str, Any] = {}
     for key, value in given.items():
+        if key in table.tables:
+            values[key] = _table(source, f"{name}.{key}", table.tables[key], value)
+            continue
         if key not in parsers:
-            raise InvalidScenario(source, f"unknown key '{key}' in [{table}]; {_suggestion(key, parsers)}")
+            known = [*parsers, *table.tables]
+            raise InvalidScenario(source, f"unknown key '{key}' in {title}; {_suggestion(key, known)}")
         try:
             values[key] = parsers[key](value)
-        except _Unusable as problem:
-            raise InvalidScenario(source, f"[{table}] {key} {problem}, got {_short(value)}") from None
+        except Unusable as problem:
+            raise InvalidScenario(source, f"{title} {key} {problem}, got {_short(value)}") from None
         if key + DEGREES in given:
-            raise InvalidScenario(source, f"[{table}] has both {key} and {key}{DEGREES}; keep one")
-    required = _REQUIRED.get(table)
-    if required is not None and required not in values and required + DEGREES not in values:
-        raise InvalidScenario(source, f"[{table}] {required} is missing; it has no default")
+            raise InvalidScenario(source, f"{title} has both {key} and {key}{DEGREES}; keep one")
+    for key in table.required:
+        if key not in values and key + DEGREES not in values:
+            raise InvalidScenario(source, f"{title} {key} is missing; it has no default")
     return values
+
+
+def _check_gains(source: Path, tables: Mapping[str, Any]) -> None:
+    """Raise `InvalidScenario` for a gain that the law does not have."""
+    control = tables["control"]
+    law = control.get("law", DEFAULT_LAW)
+    every = {gain for name in LAWS for gain in gains_of(name)}
+    for key in control:
+        if key in every and key not in gains_of(law):
+            raise InvalidScenario(
+                source,
+                f'[control] {key} is no gain of the law "{law}"; its gains: {", ".join(gains_of(law))}',
+            )
+    if law in tables["laws"]:
+        raise InvalidScenario(source, f"[laws.{law}] is the law of [control]: its gains belong there")
+
+
+def _check_alternatives(source: Path, tables: Mapping[str, Any]) -> None:
+    """Raise `InvalidScenario` where two keys say the same thing in different ways, or one has no effect."""
+    simulation, reference = tables["simulation"], tables["reference"]
+    if "v0" in simulation and "momentum" in simulation:
+        raise InvalidScenario(source, "[simulation] has both v0 and momentum; keep one")
+    if "q0" in simulation and {"offset", "offset" + DEGREES} & tables["control"].keys():
+        raise InvalidScenario(source, "[simulation] q0 and [control] offset both move the start; keep one")
+    if "dt" in reference and reference.get("kind", "plan") == "plan":
+        raise InvalidScenario(
+            source, '[reference] dt, the step of planning again, needs kind = "re-planning"'
+        )
+    if "end_effector" in tables["plant"] and "model" not in tables["plant"]:
+        raise InvalidScenario(source, "[plant] end_effector needs a model, the plant's own")
 
 
 def _suggestion(word: str, allowed: Collection[str]) -> str:
@@ -169,5 +122,5 @@ def _suggestion(word: str, allowed: Collection[str]) -> str:
 
 
 def _short(value: Any) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 80 else text[:77] + "..."
+    words = " ".join(repr(value).split())
+    return words if len(words) <= 80 else words[:77] + "..."

@@ -12,10 +12,11 @@ import numpy as np
 import ffsms_pin
 from ffsms_pin.opt.step_planner import clearance_model
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
-from ffsms_pin.scenarios.extremes import base_numbers, least_clearances, position_range
+from ffsms_pin.scenarios.described import described
+from ffsms_pin.scenarios.extremes import base_numbers, clearances_along, least_clearances, position_range
 from ffsms_pin.scenarios.joint_units import joint_units
 from ffsms_pin.scenarios.run import Outcome
-from ffsms_pin.scenarios.tracked import tracked_numbers
+from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers, tracked_numbers
 
 __all__ = ["summary"]
 
@@ -57,7 +58,8 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "joints": joints,
         "clearance": _clearance(outcome),
         "base": base_numbers(outcome.sms, plan.q),
-        "tracking": tracked_numbers(outcome.sms, plan, outcome.tracking),
+        "conditions": described(outcome.scenario),
+        "tracking": _tracking(outcome),
         "timing": _timing(outcome),
         "versions": {
             "python": platform.python_version(),
@@ -65,6 +67,28 @@ def summary(outcome: Outcome) -> dict[str, Any]:
             **{name: version(name) for name in ("pin", "proxsuite", "numpy", "scipy")},
         },
     }
+
+
+def _tracking(outcome: Outcome) -> dict[str, Any]:
+    """The closed loop, and where the motion was planned again, the plan made once beside it."""
+    sms, plan = outcome.sms, outcome.trajectory
+    numbers = {
+        **tracked_numbers(sms, plan, outcome.tracking, outcome.plant),
+        "least_clearance_m": _tracked_clearance(outcome),
+        "planning_note": outcome.note,
+        "longest_time_constant_s": float(outcome.controller.time_constants(plan.q[0])[-1]),
+        "open_loop": None,
+    }
+    if outcome.open_loop is not None:
+        tracking, stopped = outcome.open_loop
+        ended = len(tracking.t) > 0
+        numbers["open_loop"] = {
+            "stopped": stopped,
+            "arrived": not stopped and arrived(plan, tracking),
+            "final_error_m": float(tracking.position_error[-1]) if ended else None,
+            **(joint_error_numbers(sms, tracking) if ended else {}),
+        }
+    return numbers
 
 
 def _joints(outcome: Outcome) -> list[dict[str, Any]]:
@@ -119,6 +143,16 @@ def _clearance(outcome: Outcome) -> dict[str, Any]:
         "least_m": float(least.min()),
         "pairs_m": pairs,
     }
+
+
+def _tracked_clearance(outcome: Outcome) -> float | None:
+    """Least clearance of the simulated motion, at every planning step: the loop does not follow the plan."""
+    model = clearance_model(outcome.plant, outcome.scenario.plan.get("collision", "points"))
+    if model is None or model.count == 0:
+        return None
+    tracking = outcome.tracking
+    every = max(1, round(outcome.trajectory.dt / float(tracking.t[1] - tracking.t[0])))
+    return float(clearances_along(outcome.plant, tracking.q[::every], model).min())
 
 
 def _timing(outcome: Outcome) -> dict[str, float]:

@@ -9,27 +9,45 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
+from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.extremes import base_numbers
 from ffsms_pin.scenarios.joint_units import slides
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
 
-__all__ = ["end_effector_deviation", "tracked_numbers"]
+__all__ = ["arrived", "end_effector_deviation", "end_effector_path", "joint_error_numbers", "tracked_numbers"]
 
 
-def tracked_numbers(sms: SpaceManipulator, plan: Trajectory, tracking: Tracking) -> dict[str, Any]:
-    """The part of a summary that is about the closed loop."""
-    deviation = end_effector_deviation(sms, plan, tracking)
+def arrived(plan: Trajectory, tracking: Tracking) -> bool:
+    """Whether a closed loop ended within the plan's reach of the target.
+
+    const8 asks more of a plan, to be there from 0.9 T on: `plan.reached`.
+    """
+    return bool(len(tracking.t) and tracking.position_error[-1] <= plan.reach)
+
+
+def tracked_numbers(
+    sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, plant: SpaceManipulator | None = None
+) -> dict[str, Any]:
+    """The part of a summary that is about the closed loop; `plant` is what was simulated, if not `sms`."""
+    plant = sms if plant is None else plant
+    deviation = end_effector_deviation(sms, plan, tracking, plant)
+    late = tracking.t >= ARRIVAL_SHARE * plan.duration - 1e-9
     momentum = tracking.momentum - tracking.momentum[0]
     energy = float(np.abs(tracking.energy_error).max())
     scale = float(tracking.kinetic_energy.max())
     return {
+        "arrived": arrived(plan, tracking),
+        "note": tracking.note,
         "control_step_s": float(tracking.t[1] - tracking.t[0]),
-        **_joint_errors(sms, tracking),
+        **joint_error_numbers(sms, tracking),
         "end_effector_deviation_max_m": float(deviation.max()),
         "end_effector_deviation_final_m": float(deviation[-1]),
         "final_error_m": float(tracking.position_error[-1]),
+        "error_over_last_10_percent_m": float(tracking.position_error[late].max()),
+        "effort_N2m2s": tracking.effort,
+        "chatter_N2m2_per_s": tracking.chatter,
         "momentum_linear_max_kg_m_per_s": float(np.linalg.norm(tracking.momentum[:, :3], axis=1).max()),
         "momentum_angular_max_kg_m2_per_s": float(np.linalg.norm(tracking.momentum[:, 3:], axis=1).max()),
         "momentum_drift_linear_kg_m_per_s": float(np.linalg.norm(momentum[:, :3], axis=1).max()),
@@ -38,22 +56,27 @@ def tracked_numbers(sms: SpaceManipulator, plan: Trajectory, tracking: Tracking)
         "energy_error_max_J": energy,
         # Share of the largest kinetic energy: dimensionless.
         "energy_error_relative": energy / scale if scale > 0.0 else 0.0,
-        "base": base_numbers(sms, tracking.q),
+        "base": base_numbers(plant, tracking.q),
     }
 
 
-def end_effector_deviation(sms: SpaceManipulator, plan: Trajectory, tracking: Tracking) -> FloatArray:
+def end_effector_deviation(
+    sms: SpaceManipulator, plan: Trajectory, tracking: Tracking, plant: SpaceManipulator | None = None
+) -> FloatArray:
     """Distance (k,) [m] from the simulated end effector to the planned one, once for each planning step.
 
     At the first control instants at or after the plan's nodes. Where these are not nodes themselves, the plan
     is carried there from its last node, exactly.
     """
-    data = sms.model.createData()
+    plant = sms if plant is None else plant
+    workspaces = {robot: robot.model.createData() for robot in (sms, plant)}
 
-    def place(q: FloatArray) -> FloatArray:
-        pin.framesForwardKinematics(sms.model, data, q)
-        return np.array(data.oMf[sms.frame_id].translation)
+    def place(robot: SpaceManipulator, q: FloatArray) -> FloatArray:
+        data = workspaces[robot]
+        pin.framesForwardKinematics(robot.model, data, q)
+        return np.array(data.oMf[robot.frame_id].translation)
 
+    momentum = plan.momentum if plan.momentum.any() else None
     steps = len(plan.t) - 1
     rows = np.searchsorted(tracking.t, plan.t - 1e-9)
     rows = np.unique(np.minimum(rows, len(tracking.t) - 1))
@@ -64,12 +87,22 @@ def end_effector_deviation(sms: SpaceManipulator, plan: Trajectory, tracking: Tr
         h = t - float(plan.t[k])
         planned = plan.q[k]
         if k < steps and h > 1e-12:
-            planned, _ = advance(sms, planned, plan.joint_rates[k], plan.joint_accelerations[k], h)
-        distances.append(np.linalg.norm(place(planned) - place(tracking.q[row])))
+            planned, _ = advance(sms, planned, plan.joint_rates[k], plan.joint_accelerations[k], h, momentum)
+        distances.append(np.linalg.norm(place(sms, planned) - place(plant, tracking.q[row])))
     return np.array(distances)
 
 
-def _joint_errors(sms: SpaceManipulator, tracking: Tracking) -> dict[str, float]:
+def end_effector_path(plant: SpaceManipulator, tracking: Tracking, rows: int = 400) -> FloatArray:
+    """Places (k, 3) [m] of the simulated end effector at k <= `rows` instants, first and last among them."""
+    chosen = np.unique(np.linspace(0, len(tracking.t) - 1, min(rows, len(tracking.t))).astype(int))
+    data, places = plant.model.createData(), []
+    for q in tracking.q[chosen]:
+        pin.framesForwardKinematics(plant.model, data, q)
+        places.append(np.array(data.oMf[plant.frame_id].translation))
+    return np.array(places)
+
+
+def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, float]:
     """Largest errors, apart for joints that turn and joints that slide."""
     sliding = np.array(slides(sms))
     position, rate = np.abs(tracking.joint_error), np.abs(tracking.joint_rate_error)

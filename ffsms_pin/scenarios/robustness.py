@@ -1,0 +1,191 @@
+"""One scenario on many plants that are not its model: planned again in the loop, and planned once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.processes import all_results, outcomes
+from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, named, prepared
+from ffsms_pin.scenarios.conditions import control_steps, controller
+from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.references import planned, replanning
+from ffsms_pin.scenarios.run import StageProgress, stage
+from ffsms_pin.scenarios.tracked import arrived
+from ffsms_pin.simulation import random_plants
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["METHODS", "Robustness", "robustness", "robustness_numbers"]
+
+METHODS = ("re-planning", "plan made once")
+
+_INSTANTS = 400  # of a run that are kept
+
+
+class _End(NamedTuple):
+    """What is kept of a run."""
+
+    distance: FloatArray  # (k,) [m], NaN from where it was stopped
+    arrived: bool
+    stopped: str
+
+
+@dataclass(frozen=True, eq=False)
+class Robustness:
+    """Runs of one scenario on random plants, by two methods.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    sms : SpaceManipulator
+        The model.
+    plan : Trajectory
+        The plan made once.
+    shares : dict of str to float
+        By how much masses and inertias are off at most, as for `random_plants`.
+    seed : int
+    t : ndarray, shape (k,)
+        Instants that were kept [s].
+    distance : dict of str to ndarray, each of shape (plants, k)
+        By method: distance from the end effector to the target [m], NaN from where a run was stopped.
+    arrived : dict of str to ndarray of bool, each of shape (plants,)
+        Whether the end effector ended within the plan's reach of the target.
+    stopped : dict of str to list of str
+        Why a run did not get to its end; empty where it did.
+    """
+
+    scenario: Scenario
+    sms: SpaceManipulator
+    plan: Trajectory
+    shares: dict[str, float]
+    seed: int
+    t: FloatArray
+    distance: dict[str, FloatArray]
+    arrived: dict[str, np.ndarray[tuple[int], np.dtype[np.bool_]]]
+    stopped: dict[str, list[str]]
+
+    def final_errors(self, method: str) -> FloatArray:
+        """Distance to the target at the end (plants,) [m]; infinite where a run was stopped."""
+        ends = self.distance[method][:, -1]
+        return np.where(np.isnan(ends), np.inf, ends)
+
+
+def robustness(
+    scenario: Scenario,
+    plants: int = 200,
+    seed: int = 1,
+    *,
+    arm_mass: float = 0.2,
+    base_mass: float = 0.1,
+    base_inertia: float = 0.1,
+    jobs: int | None = None,
+    progress: StageProgress | None = None,
+) -> Robustness:
+    """Follow a scenario's motion on random plants, planned again in the loop and planned once.
+
+    All else is the scenario's: its control law, sensors, friction and disturbances. Its [plant] is not used.
+    Both methods meet the same plants.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    plants : int
+    seed : int
+        Of the random plants.
+    arm_mass, base_mass, base_inertia : float
+        By what share they are off at most, as for `ffsms_pin.simulation.random_plants`.
+    jobs : int, optional
+        Processes at once; default: one for each core. The results do not depend on it.
+    progress : callable, optional
+        Called with "planning" or "plants" and the share of that stage that is done, 0 to 1.
+
+    Raises
+    ------
+    InvalidScenario
+        A value does not fit the robot.
+    InvalidValue
+        No plants, or a share out of range.
+    TasksFailed
+        Some runs raised errors; those that were stopped are no error.
+    """
+    whole = (("plants", plants, 1), ("seed", seed, 0), ("jobs", 1 if jobs is None else jobs, 1))
+    for name, value, least in whole:
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            raise InvalidValue(name, value, f"must be a whole number of at least {least}")
+    sms = scenario.load()
+    shares = {"arm_mass": arm_mass, "base_mass": base_mass, "base_inertia": base_inertia}
+    drawn = list(random_plants(sms, np.random.default_rng(seed), plants, **shares))
+    with named(scenario):
+        q0 = scenario.start_configuration(sms)
+        loop = prepared(scenario, sms, q0)
+        controller(scenario, sms)
+        plan = planned(scenario, sms, q0, stage(progress, "planning"))
+        report = stage(progress, "plants")
+        pairs = all_results(outcomes(_ends, (loop, plan), drawn, jobs), plants, report)
+    ends = dict(zip(METHODS, zip(*pairs, strict=True), strict=True))
+    t = np.linspace(0.0, scenario.duration, control_steps(scenario) + 1)[_rows(scenario)]
+    return Robustness(
+        scenario,
+        sms,
+        plan,
+        shares,
+        seed,
+        t,
+        {method: np.array([end.distance for end in ends[method]]) for method in METHODS},
+        {method: np.array([end.arrived for end in ends[method]]) for method in METHODS},
+        {method: [end.stopped for end in ends[method]] for method in METHODS},
+    )
+
+
+def robustness_numbers(found: Robustness) -> dict[str, Any]:
+    """What the runs come to, every key of a quantity ending in its unit; a stopped run has no final error."""
+    numbers: dict[str, Any] = {
+        "scenario": found.scenario.name,
+        "plants": len(found.arrived[METHODS[0]]),
+        "seed": found.seed,
+        "largest_relative_error": dict(found.shares),
+        "reach_m": found.plan.reach,
+        "methods": {},
+    }
+    for method in METHODS:
+        errors = found.final_errors(method)
+        numbers["methods"][method] = {
+            "arrived": int(found.arrived[method].sum()),
+            "stopped": sum(bool(why) for why in found.stopped[method]),
+            "final_error_median_m": _finite(np.median(errors)),
+            "final_error_95_percent_m": _finite(np.quantile(errors, 0.95, method="higher")),
+            "final_error_worst_m": _finite(errors.max()),
+            "final_errors_m": [_finite(error) for error in errors],
+        }
+    return numbers
+
+
+def _ends(shared: tuple[ClosedLoop, Trajectory], plant: SpaceManipulator) -> tuple[_End, ...]:
+    """The runs on one plant, by method."""
+    return tuple(_end(*shared, method, plant) for method in METHODS)
+
+
+def _end(loop: ClosedLoop, plan: Trajectory, method: str, plant: SpaceManipulator) -> _End:
+    """One run on one plant; law and reference are new, for some remember."""
+    scenario, sms = loop.scenario, loop.sms
+    reference = replanning(scenario, sms) if method == METHODS[0] else loop.plan_once(plan)
+    tracking, stopped = attempt(partial(loop.run, reference, controller(scenario, sms), plant=plant))
+    whole = np.full(control_steps(scenario) + 1, np.nan)
+    whole[: len(tracking.t)] = tracking.position_error
+    return _End(whole[_rows(scenario)], not stopped and arrived(plan, tracking), stopped)
+
+
+def _rows(scenario: Scenario) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """The control steps that are kept, the first and the last among them."""
+    steps = control_steps(scenario)
+    return np.unique(np.linspace(0, steps, min(steps, _INSTANTS) + 1).round().astype(np.int64))
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,226 @@
+"""The tables of a scenario file and their keys; docs/scenarios.md says what each means."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from ffsms_pin.control import LAWS
+from ffsms_pin.opt import METHODS
+from ffsms_pin.scenarios.values import (
+    Parser,
+    either,
+    flag,
+    gain,
+    matrix,
+    not_negative,
+    number,
+    numbers,
+    one_of,
+    or_infinite,
+    per_joint,
+    positive,
+    text,
+    whole,
+)
+from ffsms_pin.simulation import INTEGRATORS
+
+__all__ = ["DEFAULT_LAW", "DEGREES", "TABLES", "Table", "gains_of"]
+
+DEGREES = "_deg"  # ending of the keys that give an angle in degrees
+DEFAULT_LAW = "sliding-mode"
+
+
+@dataclass(frozen=True)
+class Table:
+    """What may stand in a table.
+
+    Attributes
+    ----------
+    keys : mapping of str to parser
+    angles : frozenset of str
+        Keys that may be given in degrees as well, under their name with `_deg`.
+    required : tuple of str
+        Keys without a default.
+    tables : mapping of str to Table
+        Tables inside it.
+    several : bool
+        Whether it is an array of tables, [[name]].
+    none_if_absent : bool
+        Whether a table without keys is another thing than no table.
+    """
+
+    keys: Mapping[str, Parser]
+    angles: frozenset[str] = frozenset()
+    required: tuple[str, ...] = ()
+    tables: Mapping[str, Table] = field(default_factory=dict)
+    several: bool = False
+    none_if_absent: bool = False
+
+
+def gains_of(law: str) -> tuple[str, ...]:
+    """Names of a control law's gains."""
+    others = ("sms", "dt", "torque_limit")
+    return tuple(name for name in inspect.signature(LAWS[law]).parameters if name not in others)
+
+
+_GAINS: Mapping[str, Parser] = {
+    "K_s": gain,
+    "K_p": gain,
+    "K_d": gain,
+    "Gamma": gain,
+    "boundary": per_joint(positive),
+    "k_1": per_joint(positive),
+    "k_2": per_joint(positive),
+}
+
+_SIZE = or_infinite(positive)
+_MARGIN = or_infinite(not_negative)
+_SHIFTS = either(numbers(3), matrix(None, 3))
+
+TABLES: Mapping[str, Table] = {
+    "robot": Table(
+        {"model": text, "end_effector": text, "base_size": numbers(3, positive)}, required=("model",)
+    ),
+    "start": Table({"joints": numbers()}, frozenset({"joints"}), required=("joints",)),
+    "target": Table({"position": numbers(3)}, required=("position",)),
+    "plan": Table(
+        {
+            "duration": positive,
+            "dt": positive,
+            "kappa": positive,
+            "clearance": not_negative,
+            "collision": one_of("points", "shapes", "off"),
+            "method": one_of(*METHODS),
+            "reach": positive,
+            "momentum": numbers(6),
+        },
+        tables={
+            "base_limits": Table(
+                {"attitude": _SIZE, "attitude_rate": _SIZE, "translation": _SIZE, "final_attitude": _SIZE},
+                frozenset({"attitude", "attitude_rate", "final_attitude"}),
+            )
+        },
+    ),
+    "limits": Table(
+        {
+            "lower": per_joint(),
+            "upper": per_joint(),
+            "velocity": per_joint(positive),
+            "acceleration": per_joint(positive),
+            "torque": per_joint(positive),
+        },
+        frozenset({"lower", "upper", "velocity", "acceleration"}),
+    ),
+    "control": Table(
+        {
+            "law": one_of(*LAWS),
+            **_GAINS,
+            "torque_limit": per_joint(_SIZE),
+            "dt": positive,
+            "offset": per_joint(),
+        },
+        frozenset({"offset"}),
+    ),
+    "laws": Table({}, tables={law: Table({name: _GAINS[name] for name in gains_of(law)}) for law in LAWS}),
+    "reference": Table({"kind": one_of("plan", "re-planning"), "dt": positive, "hold": not_negative}),
+    "simulation": Table(
+        {
+            "integrator": one_of(*INTEGRATORS),
+            "momentum": numbers(6),
+            "q0": numbers(),
+            "v0": numbers(),
+            "stream": text,
+        }
+    ),
+    "plant": Table(
+        {
+            "model": text,
+            "end_effector": text,
+            "arm_mass": per_joint(positive),
+            "arm_inertia": per_joint(positive),
+            "arm_com": _SHIFTS,
+            "base_mass": positive,
+            "base_inertia": positive,
+            "base_com": numbers(3),
+        },
+        tables={
+            "random": Table(
+                {
+                    "seed": whole(0),
+                    "arm_mass": not_negative,
+                    "base_mass": not_negative,
+                    "base_inertia": not_negative,
+                },
+                required=("seed",),
+            )
+        },
+    ),
+    "friction": Table(
+        {"viscous": per_joint(not_negative), "coulomb": per_joint(not_negative), "transition": positive},
+        frozenset({"transition"}),
+    ),
+    "actuator": Table(
+        {"torque_limit": per_joint(_SIZE), "rate_limit": per_joint(_SIZE), "delay": not_negative}
+    ),
+    "sensors": Table(
+        {
+            "joint_resolution": not_negative,
+            "joint_noise": not_negative,
+            "joint_rate_noise": not_negative,
+            "base_position_noise": not_negative,
+            "base_attitude_noise": not_negative,
+            "base_velocity_noise": not_negative,
+            "base_rate_noise": not_negative,
+            "base_latency": not_negative,
+            "seed": whole(0),
+        },
+        frozenset(
+            {"joint_resolution", "joint_noise", "joint_rate_noise", "base_attitude_noise", "base_rate_noise"}
+        ),
+    ),
+    "disturbance": Table(
+        {
+            "wrench": numbers(6),
+            "on": one_of("base", "end-effector"),
+            "start": number,
+            "end": or_infinite(number),
+        },
+        required=("wrench",),
+        several=True,
+    ),
+    "capture": Table(
+        {
+            "time": not_negative,
+            "mass": positive,
+            "inertia": either(numbers(3, positive), matrix(3, 3)),
+            "com": numbers(3),
+            "twist": numbers(6),
+        },
+        required=("time", "mass", "inertia"),
+        several=True,
+    ),
+    "fault": Table(
+        {
+            "time": not_negative,
+            "joint": lambda value: text(value) if isinstance(value, str) else whole(0)(value),
+            "kind": one_of("locked", "limp"),
+            "told": flag,
+        },
+        required=("time", "joint"),
+        several=True,
+    ),
+    "watchdog": Table(
+        {
+            "position_margin": _MARGIN,
+            "rate_margin": _MARGIN,
+            "joint_error": _MARGIN,
+            "failed_steps": whole(1),
+            "path": text,
+        },
+        frozenset({"position_margin", "joint_error"}),
+        none_if_absent=True,
+    ),
+}
+"""Of a whole file, by name."""

@@ -1,0 +1,194 @@
+"""What scenario files are refused for: one line that names file, table, key and what to write."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ffsms_pin.errors import InvalidScenario, InvalidValue
+from ffsms_pin.scenarios import run, scenario
+
+QUICK = """
+[robot]
+model = "planar_3r"
+[start]
+joints_deg = [23.0, 40.0, -29.0]
+[target]
+position = [0.75, 0.5, 0.0]
+[plan]
+duration = 3.0
+dt = 0.05
+[control]
+dt = 0.004
+offset_deg = [0.5, 0.0, -0.5]
+"""
+
+
+def write(folder: Path, text: str, name: str = "mine.toml") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+KEYS = [
+    ("robot", "end_effector"),
+    ("start", "joints"),
+    ("plan", "duration"),
+    ("plan", "clearance"),
+    ("limits", "acceleration_deg"),
+    ("control", "torque_limit"),
+]
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(key=st.sampled_from(KEYS), data=st.data())
+def test_a_misspelt_key_is_named_with_what_was_meant(
+    tmp_path: Path, key: tuple[str, str], data: st.DataObject
+) -> None:
+    table, word = key
+    place = data.draw(st.integers(1, len(word) - 1))
+    slip = data.draw(st.sampled_from(["drop", "double", "capital"]))
+    wrong = {
+        "drop": word[:place] + word[place + 1 :],
+        "double": word[:place] + word[place] + word[place:],
+        "capital": word[:place] + word[place:].upper(),
+    }[slip]
+    if wrong == word:
+        return
+    text = QUICK
+    path = write(tmp_path, _with(text, table, f"{wrong} = 1"))
+    with pytest.raises(InvalidScenario) as caught:
+        scenario(path)
+    message = str(caught.value)
+    assert str(path) in message
+    assert f"unknown key '{wrong}' in [{table}]" in message
+    assert word in message
+    if slip != "capital":
+        assert "did you mean" in message
+
+
+def _with(text: str, table: str, line: str) -> str:
+    """The text with one more line in a table."""
+    header = f"[{table}]\n"
+    if header in text:
+        return text.replace(header, f"{header}{line}\n")
+    return f"{text}{header}{line}\n"
+
+
+def test_a_misspelt_table_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InvalidScenario, match=r"unknown table \[contrl\]; did you mean 'control'\?"):
+        scenario(write(tmp_path, QUICK.replace("[control]", "[contrl]")))
+
+
+@pytest.mark.parametrize(
+    ("line", "instead", "words"),
+    [
+        ("duration = 3.0", "duration = 0", ["[plan] duration", "above zero", "0"]),
+        ("duration = 3.0", "duration = -2.5", ["[plan] duration", "above zero", "-2.5"]),
+        ("duration = 3.0", "duration = nan", ["[plan] duration", "finite", "nan"]),
+        ("duration = 3.0", "duration = true", ["[plan] duration", "a number", "True"]),
+        ("duration = 3.0", 'duration = "3"', ["[plan] duration", "a number", "'3'"]),
+        ("duration = 3.0", "duration = 1" + "0" * 400, ["[plan] duration", "too large"]),
+        ("dt = 0.05", "dt = 0.0", ["[plan] dt", "above zero"]),
+        ("dt = 0.05", "dt = inf", ["[plan] dt", "finite"]),
+        ("dt = 0.05", "kappa = -1", ["[plan] kappa", "above zero"]),
+        ("dt = 0.05", "clearance = -0.01", ["[plan] clearance", "negative"]),
+        (
+            "dt = 0.05",
+            'collision = "sometimes"',
+            ["[plan] collision", '"points", "shapes", "off"', "sometimes"],
+        ),
+        ("dt = 0.05", "collision = [1]", ["[plan] collision", "[1]"]),
+        ("position = [0.75, 0.5, 0.0]", "position = [0.75, 0.5]", ["[target] position", "3 numbers"]),
+        ("position = [0.75, 0.5, 0.0]", "position = 0.75", ["[target] position", "3 numbers"]),
+        ("position = [0.75, 0.5, 0.0]", "position = [0.75, 0.5, nan]", ["[target] position", "finite"]),
+        ("position = [0.75, 0.5, 0.0]", 'position = [0.75, 0.5, "0"]', ["[target] position", "number"]),
+        ("position = [0.75, 0.5, 0.0]", "", ["[target] position is missing"]),
+        ('model = "planar_3r"', "model = 3", ["[robot] model", "text"]),
+        ('model = "planar_3r"', 'model = ""', ["[robot] model", "text"]),
+        ('model = "planar_3r"', "", ["[robot] model is missing"]),
+        ("joints_deg = [23.0, 40.0, -29.0]", "", ["[start] joints is missing"]),
+        ("joints_deg = [23.0, 40.0, -29.0]", "joints = []", ["[start] joints", "list"]),
+        ("joints_deg = [23.0, 40.0, -29.0]", "joints = [0,0,0]\njoints_deg = [0,0,0]", ["both joints"]),
+        ("[start]\njoints_deg = [23.0, 40.0, -29.0]", "", ["[start] joints is missing"]),
+        ("[robot]", "plan = 3\n[robot]", ["TOML"]),
+        ("dt = 0.004", "K_s = [[1, 0], [0]]", ["[control] K_s", "2 numbers"]),
+        ("dt = 0.004", "torque_limit = [1, 0, 1]", ["[control] torque_limit", "above zero"]),
+    ],
+)
+def test_a_wrong_value_is_named_with_file_and_key(
+    tmp_path: Path, line: str, instead: str, words: list[str]
+) -> None:
+    assert line in QUICK
+    path = write(tmp_path, QUICK.replace(line, instead))
+    with pytest.raises(InvalidScenario) as caught:
+        scenario(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in [str(path), *words]:
+        assert word in message
+
+
+@pytest.mark.parametrize(
+    ("line", "instead", "words"),
+    [
+        ("joints_deg = [23.0, 40.0, -29.0]", "joints = [0.4, 0.7]", ["[start] joints", "3 joints", "got 2"]),
+        (
+            "joints_deg = [23.0, 40.0, -29.0]",
+            "joints_deg = [90, 0, 0]",
+            ["joint_1", "90 deg", "[-81, 81] deg"],
+        ),
+        (
+            "offset_deg = [0.5, 0.0, -0.5]",
+            "offset_deg = [60, 0, 0]",
+            ["[control] offset", "joint_1", "83 deg"],
+        ),
+        ("dt = 0.05", "dt = 5.0", ["duration", "5 s"]),
+        ("dt = 0.004", "dt = 4.0", ["dt", "duration of 3 s"]),
+        ("dt = 0.004", "K_s = [1.0, 1.0]", ["K_s", "(3,)"]),
+        ("dt = 0.004", "K_s = [[1,2,0],[0,1,0],[0,0,1]]", ["K_s", "symmetric"]),
+        ("dt = 0.004", "Gamma = -1.0", ["Gamma", "above zero"]),
+        ("[control]", "[limits]\nlower_deg = 100\n[control]", ["limits of joint 1", "wrong way round"]),
+        ("[control]", "[limits]\ntorque = [1, 2]\n[control]", ["[limits] torque", "3 joints", "got 2"]),
+    ],
+)
+def test_a_value_that_does_not_fit_the_robot_is_named(
+    tmp_path: Path, line: str, instead: str, words: list[str]
+) -> None:
+    assert line in QUICK
+    path = write(tmp_path, QUICK.replace(line, instead))
+    with pytest.raises(InvalidScenario) as caught:
+        run(scenario(path))
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in [str(path), *words]:
+        assert word in message
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        (b"[robot\nmodel", "line 1"),
+        (b"\xff\xfe\x00", "UTF-8"),
+        (b"a = 1\na = 2", "TOML"),
+        (b"[" * 5000, "TOML"),
+    ],
+)
+def test_a_file_that_is_not_toml(tmp_path: Path, content: bytes, word: str) -> None:
+    path = tmp_path / "bad.toml"
+    path.write_bytes(content)
+    with pytest.raises(InvalidScenario, match="is not a TOML file") as caught:
+        scenario(path)
+    assert word in str(caught.value)
+
+
+def test_a_missing_file_says_which_scenarios_there_are(tmp_path: Path) -> None:
+    with pytest.raises(InvalidScenario, match=r"case-3: there is no such file.*case-1, case-2"):
+        scenario("case-3")
+    with pytest.raises(InvalidScenario, match="cannot be read"):
+        scenario(tmp_path)
+    with pytest.raises(InvalidValue, match="must be a name or a path"):
+        scenario(3)  # type: ignore[arg-type]
