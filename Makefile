@@ -25,9 +25,12 @@ lint: $(READY)  ## ruff, import contracts, mypy
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-bench: $(READY)  ## measure reach, cost and time; make bench BENCH="--seeds 2 3 --reach 100"
-	$(BIN)/python -m pip install --quiet --editable '.[dev,bench]'
-	$(BIN)/python benchmarks/run.py $(BENCH)
+# A peer that cannot be installed is named as not measured; the others still are.
+PEERS = adam-robotics casadi mujoco pin-pink
+bench: $(READY)  ## measure speed, reach and cost on one core; make bench BENCH="--only step state peers"
+	$(BIN)/python -m pip install --quiet --editable '.[dev,bench]' \
+		|| for peer in $(PEERS); do $(BIN)/python -m pip install --quiet $$peer || true; done
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python benchmarks/run.py $(BENCH)
 
 clean:
 	rm -rf $(VENV) build dist results .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

@@ -1,61 +1,113 @@
-"""`make bench`: reach, cost and time of the planner, beside the full nonlinear programme by IPOPT.
+"""`make bench`: the speed of the library, its reach and its cost, beside the least possible and others.
 
-Prints Markdown tables and writes all numbers as JSON.
+Writes all tables to one Markdown file and all numbers to one JSON file. `--only` chooses sections. One core
+is used (but for the section `many`). What to look at are the ratios: both sides of each were measured in the
+same run, in turns.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import json
-import os
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import machine
+import many
 import numpy as np
-from ipopt import solve
+import peers
+import reach as space
+import sizes
+import startup
+import state_floor
+import step_floor
+import table
 from planner import DT, paper_tasks, run_plans, smoothness
 
 import ffsms_pin as ffsms
+from ffsms_pin.storage import write_content
 
 COARSE = 100  # steps of the nonlinear programme
 TIME_LIMIT = 120.0  # [s] of one of its solutions
 
+# Section: heading, what measures it, and what makes a table of that.
+Section = tuple[str, Callable[[argparse.Namespace], Any], Callable[[Any], str]]
+
 
 def main() -> None:
-    """Run the benchmarks that the command line asks for."""
+    """Run the sections that the command line asks for; the files are complete after each."""
     arguments = parser().parse_args()
-    sms = ffsms.load("planar_3r")
-    out: dict[str, Any] = {"arguments": {k: v for k, v in vars(arguments).items() if k != "out"}}
-    out["reach"] = [
-        reach(sms, kappa, seed, arguments.reach) for kappa in arguments.kappa for seed in arguments.seeds
-    ]
-    print_reach(out["reach"])
-    out["cost"] = [
-        compare(sms, kappa, seed, arguments.targets, arguments.fine)
-        for kappa in arguments.kappa
-        for seed in arguments.seeds
-    ]
-    print_costs(out["cost"])
+    out: dict[str, Any] = {
+        "arguments": {k: v for k, v in vars(arguments).items() if k != "out"},
+        "machine": machine.facts(),
+        "seconds": {},
+    }
+    parts = ["# Measured by `make bench`", table.machine(out["machine"])]
+    print("\n\n".join(parts), flush=True)
     path = Path(arguments.out)
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    part.write_text(json.dumps(out, indent=1))
-    os.replace(part, path)
-    print(f"\nAll numbers: {path}")
+    for name in arguments.only:
+        heading, measure, report = SECTIONS[name]
+        begin = time.perf_counter()
+        out[name] = measure(arguments)
+        out["seconds"][name] = time.perf_counter() - begin
+        parts.append(f"## {heading}\n\n{report(out[name])}")
+        print(f"\n{parts[-1]}\n\n({out['seconds'][name]:.0f} s)", flush=True)
+        write_content(path, json.dumps(out, indent=1))
+        write_content(path.with_suffix(".md"), "\n\n".join(parts) + "\n")
+    print(f"\nTables: {path.with_suffix('.md')}; all numbers: {path}")
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
     p = argparse.ArgumentParser(description=__doc__)
+    p.add_argument(
+        "--only", nargs="+", choices=list(SECTIONS), default=list(SECTIONS), help="sections (default: all)"
+    )
     p.add_argument("--seeds", type=int, nargs="+", default=[2], help="of the targets (default: 2)")
     p.add_argument("--kappa", type=float, nargs="+", default=[10.0, 1.0], help="default: 10 1")
-    p.add_argument("--reach", type=int, default=300, help="targets for reach, a seed (default: 300)")
-    p.add_argument("--targets", type=int, default=20, help="targets beside IPOPT, a seed (default: 20)")
+    p.add_argument("--reach", type=int, default=100, help="targets for reach, a seed (default: 100)")
+    p.add_argument("--space", type=int, default=100, help="targets in space, a set (default: 100)")
+    p.add_argument("--targets", type=int, default=10, help="targets beside IPOPT, a seed (default: 10)")
     p.add_argument(
-        "--fine", type=int, default=3, help="of these, how many on the plan's own grid (default: 3)"
+        "--fine", type=int, default=0, help="of these, how many on the plan's own grid (default: 0)"
     )
-    p.add_argument("--out", default="results/bench.json", help="file for all numbers")
+    p.add_argument("--plans", type=int, default=200, help="plans over processes (default: 200)")
+    p.add_argument("--out", default="results/bench.json", help="file for all numbers; tables beside it")
     return p
+
+
+def reach_section(arguments: argparse.Namespace) -> list[dict[str, Any]]:
+    """Reach for every kappa and seed."""
+    sms = ffsms.load("planar_3r")
+    return [reach(sms, kappa, seed, arguments.reach) for kappa in arguments.kappa for seed in arguments.seeds]
+
+
+def cost_section(arguments: argparse.Namespace) -> list[dict[str, Any]] | str:
+    """Cost beside IPOPT, or why not."""
+    sms = ffsms.load("planar_3r")
+    try:
+        return [
+            compare(sms, kappa, seed, arguments.targets, arguments.fine)
+            for kappa in arguments.kappa
+            for seed in arguments.seeds
+        ]
+    except ImportError as error:
+        return f"IPOPT was not measured: not installed here ({error})."
+
+
+def printed(show: Callable[[Any], None], results: Any) -> str:
+    """What a function prints of results."""
+    if isinstance(results, str):
+        return results
+    text = io.StringIO()
+    with contextlib.redirect_stdout(text):
+        show(results)
+    return text.getvalue().strip()
 
 
 def reach(sms: ffsms.SpaceManipulator, kappa: float, seed: int, count: int) -> dict[str, Any]:
@@ -65,6 +117,8 @@ def reach(sms: ffsms.SpaceManipulator, kappa: float, seed: int, count: int) -> d
 
 def compare(sms: ffsms.SpaceManipulator, kappa: float, seed: int, count: int, fine: int) -> dict[str, Any]:
     """Plans and the nonlinear programme on the same tasks, on its own coarse grid and on the plans' grid."""
+    from ipopt import solve
+
     tasks = paper_tasks(sms, count, seed)
     result: dict[str, Any] = {"kappa": kappa, "seed": seed, "plans": run_plans(sms, tasks, kappa)}
     for name, chosen in (("coarse", tasks), ("fine", tasks[:fine])):
@@ -137,6 +191,23 @@ def row_of(label: str, r: dict[str, Any], rows: list[dict[str, Any]], plans: lis
         f"{1e3 * seconds:.0f} | {build} | {ratio} | {median(rows, 'sign_changes'):.0f} | "
         f"{median(rows, 'squared_acceleration'):.3f} |"
     )
+
+
+SECTIONS: dict[str, Section] = {
+    "startup": ("Start-up, whole processes", lambda _: startup.run(), table.startup),
+    "state": ("A state and a control step over their floors", lambda _: state_floor.run(), table.state),
+    "step": ("A planning step over its floor", lambda _: step_floor.run(), step_floor.report),
+    "peers": ("The same work by others", lambda _: peers.run(), table.peers),
+    "sizes": ("Growth with joints and duration", lambda _: sizes.run(), table.sizes),
+    "many": ("Many plans over processes", lambda a: many.run(a.plans), table.many),
+    "reach": ("Reach of the planner", reach_section, lambda found: printed(print_reach, found)),
+    "space": (
+        "Reach of the planner in space",
+        lambda a: space.run(a.space, a.seeds[0]),
+        space.report,
+    ),
+    "cost": ("The plan beside IPOPT", cost_section, lambda found: printed(print_costs, found)),
+}
 
 
 if __name__ == "__main__":

@@ -1,0 +1,304 @@
+"""The same work by others, in the same run: adam, MuJoCo and Pink.
+
+Their results are checked against ours before the clock runs. Licences: adam BSD-3-Clause, MuJoCo and Pink
+Apache-2.0, qpsolvers (which Pink solves with) LGPL-3.0. A package that is not installed is named in the
+table, with the reason.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from timing import in_turns
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.simulation.integrators import rk4_step
+from ffsms_pin.urdf import model_path
+
+ROBOTS = ("planar_3r", "space_arm_7")
+STATES, DT = 20, 1e-3
+STEP, DURATION, FIRST = 0.01, 4.0, 100  # [s] of inverse kinematics; the first of the steps that are timed
+ROUNDING = 1e-10  # relative to the largest entry
+
+Call = Callable[[int], Any]
+
+
+class Work(NamedTuple):
+    """One comparison: both sides take the number of a state."""
+
+    what: str
+    ours: Call
+    theirs: Call
+    agreement: float  # largest difference found, relative
+    within: float  # and how large it may be
+
+
+def run(turns: int = 60) -> list[dict[str, Any]]:
+    """One row a peer, robot and piece of work; `reason` where it was not measured."""
+    rows: list[dict[str, Any]] = []
+    for peer, package, make in (
+        ("adam", "adam-robotics", adam_work),
+        ("MuJoCo", "mujoco", mujoco_work),
+        ("Pink", "pin-pink", pink_work),
+    ):
+        for name in ROBOTS:
+            row = {"peer": peer, "robot": name}
+            try:
+                pieces = make(name)
+            except ImportError as error:
+                rows.append({**row, "reason": f"not installed here ({error})"})
+                continue
+            for work in pieces:
+                # Not a time is taken of a peer that computes something else.
+                assert work.agreement <= work.within, (peer, name, work.what, work.agreement)
+                found = in_turns({"ours": work.ours, "theirs": work.theirs}, turns, STATES)
+                rows.append(
+                    {
+                        **row,
+                        "version": version(package),
+                        "what": work.what,
+                        "agreement": work.agreement,
+                        **found,
+                        "ratio": found["theirs"]["median"] / found["ours"]["median"],
+                    }
+                )
+    return rows
+
+
+def states(sms: ffsms.SpaceManipulator) -> list[tuple[FloatArray, FloatArray]]:
+    """Random states, tumbling, the base anywhere."""
+    rng = np.random.default_rng(7)
+    found = []
+    for _ in range(STATES):
+        base = pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(size=3))
+        q = sms.configuration(rng.uniform(-1.0, 1.0, sms.n), base)
+        found.append((q, 0.2 * rng.normal(size=sms.nv)))
+    return found
+
+
+def apart(pairs: list[tuple[Any, Any]]) -> float:
+    """Largest difference, relative to the largest entry of each first one."""
+    return max(float(np.abs(a - b).max() / np.abs(a).max()) for a, b in pairs)
+
+
+def adam_work(name: str) -> list[Work]:
+    """H and the generalised Jacobian; adam has the mass matrix and the Jacobian, the rest is put together."""
+    kindyn = importlib.import_module("adam.numpy").KinDynComputations
+    sms = ffsms.load(name)
+    peer = kindyn(str(model_path(name)), sms.joint_names)
+    at, n = states(sms), sms.n
+    poses = [pin.XYZQUATToSE3(q[:7]) for q, _ in at]
+
+    def theirs(i: int) -> tuple[FloatArray, FloatArray]:
+        pose, joints = poses[i].homogeneous, at[i][0][7:]
+        M = peer.mass_matrix(pose, joints)
+        J = peer.jacobian(sms.end_effector, pose, joints)
+        return M, J[:, 6:] - J[:, :6] @ np.linalg.solve(M[:6, :6], M[:6, 6:])
+
+    def ours(i: int) -> tuple[FloatArray, FloatArray]:
+        state = sms.at(at[i][0])
+        return state.H, state.J_star
+
+    pairs = []
+    for i, pose in enumerate(poses):
+        H, J_star = ours(i)
+        M, J = theirs(i)
+        # adam's base velocity is that of the root's origin, inertial axes; ours of the base's centre of mass.
+        lever = pose.rotation @ sms.base_com
+        T = np.eye(6 + n)
+        T[:3, 3:6] = pin.skew(lever)
+        pairs += [(H, T.T @ M @ T), (J_star, J)]
+    return [Work("H and J*", ours, theirs, apart(pairs), ROUNDING)]
+
+
+def mujoco_model(sms: ffsms.SpaceManipulator) -> str:
+    """The robot in MuJoCo's own format, number by number from Pinocchio's model."""
+    model = sms.model
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    children: dict[int, list[int]] = {j: [] for j in range(model.njoints)}
+    for j in range(2, model.njoints):
+        children[model.parents[j]].append(j)
+
+    def numbers(values: Any) -> str:
+        return " ".join(repr(float(x)) for x in np.ravel(values))
+
+    def place(pose: Any) -> str:
+        x, y, z, w = pin.SE3ToXYZQUAT(pose)[3:]
+        return f'pos="{numbers(pose.translation)}" quat="{numbers([w, x, y, z])}"'
+
+    def body(j: int) -> str:
+        inertia = model.inertias[j]
+        entries = [inertia.inertia[a, b] for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        if j == 1:
+            opening, joint = '<body name="base">', "<freejoint/>"
+        else:
+            axis = pin.getJointJacobian(model, data, j, pin.LOCAL)[3:, j + 4]
+            opening = f"<body {place(model.jointPlacements[j])}>"
+            joint = f'<joint type="hinge" axis="{numbers(axis)}" damping="0" armature="0"/>'
+        mass = (
+            f'<inertial pos="{numbers(inertia.lever)}" mass="{inertia.mass!r}" '
+            f'fullinertia="{numbers(entries)}"/>'
+        )
+        site = ""
+        frame = model.frames[sms.frame_id]
+        if frame.parentJoint == j:
+            site = f'<site name="tip" {place(frame.placement)}/>'
+        return opening + joint + mass + site + "".join(body(k) for k in children[j]) + "</body>"
+
+    return (
+        f'<mujoco><option gravity="0 0 0" timestep="{DT}" integrator="RK4">'
+        '<flag contact="disable" constraint="disable"/></option>'
+        f"<worldbody>{body(1)}</worldbody></mujoco>"
+    )
+
+
+def mujoco_work(name: str) -> list[Work]:
+    """J*, H_q and C_q at a state; and one step of the closed loop under the same sliding mode law."""
+    mj = importlib.import_module("mujoco")
+    sms = ffsms.load(name)
+    model = mj.MjModel.from_xml_string(mujoco_model(sms))
+    data = mj.MjData(model)
+    tip = mj.mj_name2id(model, mj.mjtObj.mjOBJ_SITE, "tip")
+    M, jacp, jacr = np.empty((sms.nv, sms.nv)), np.empty((3, sms.nv)), np.empty((3, sms.nv))
+    at, n = states(sms), sms.n
+    # MuJoCo's quaternions begin with w, and its base's linear velocity has inertial axes.
+    turns = [pin.XYZQUATToSE3(q[:7]).rotation for q, _ in at]
+    given = [
+        (
+            np.concatenate([q[:3], q[[6, 3, 4, 5]], q[7:]]),
+            np.concatenate([R @ v[:3], v[3:]]),
+        )
+        for (q, v), R in zip(at, turns, strict=True)
+    ]
+
+    try:
+        mj.mj_fullM(model, data, M)
+    except TypeError:  # before MuJoCo 4
+        full = lambda M: mj.mj_fullM(model, M, data.qM)  # noqa: E731
+    else:
+        full = lambda M: mj.mj_fullM(model, data, M)  # noqa: E731
+
+    def reduced(i: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        data.qpos[:], data.qvel[:] = given[i]
+        mj.mj_fwdPosition(model, data)
+        mj.mj_fwdVelocity(model, data)
+        full(M)
+        bias = data.qfrc_bias
+        coupling = np.linalg.solve(M[:6, :6], M[:6, 6:])
+        return coupling, M[6:, 6:] - M[6:, :6] @ coupling, bias[6:] - bias[:6] @ coupling
+
+    def theirs(i: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        coupling, H_q, C_q = reduced(i)
+        mj.mj_jacSite(model, data, jacp, jacr, tip)
+        J = np.concatenate([jacp, jacr])
+        return J[:, 6:] - J[:, :6] @ coupling, H_q, C_q
+
+    def ours(i: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        state = sms.at(*at[i])
+        return state.J_star, state.H_q, state.C_q
+
+    same = apart([pair for i in range(STATES) for pair in zip(ours(i), theirs(i), strict=True)])
+
+    law = ffsms.SlidingModeController(sms, torque_limit=np.inf)
+    wanted = [q[7:] + 1e-3 for q, _ in at]
+    rest = np.zeros(n)
+    own, force = sms.model.createData(), np.zeros(sms.nv)
+
+    def torque(i: int) -> FloatArray:
+        _, H_q, C_q = reduced(i)
+        joints, rates = given[i][0][7:], given[i][1][6:]
+        s = rates + law.Gamma.dot(joints - wanted[i])
+        sat = np.minimum(np.maximum(s / law.boundary, -1.0), 1.0)
+        tau: FloatArray = C_q - H_q.dot(law.Gamma.dot(rates)) - law.K_s.dot(sat)
+        return tau
+
+    def their_step(i: int) -> None:
+        data.qfrc_applied[6:] = torque(i)
+        mj.mj_step(model, data)
+
+    def our_step(i: int) -> Any:
+        q, v = at[i]
+        force[6:] = law.torque(q, v, wanted[i], rest, rest)
+        return rk4_step(sms.model, own, q, v, force, DT)
+
+    torques, ends = [], []
+    for i in range(STATES):
+        q, v, _ = our_step(i)
+        torques.append((force[6:].copy(), torque(i)))
+        their_step(i)
+        R = pin.XYZQUATToSE3(q[:7]).rotation
+        theirs_now = pin.XYZQUATToSE3(data.qpos[[0, 1, 2, 4, 5, 6, 3]])
+        ends += [
+            (q[:3], theirs_now.translation),
+            (R, theirs_now.rotation),
+            (np.concatenate([q[7:], R @ v[:3], v[3:]]), np.concatenate([data.qpos[7:], data.qvel])),
+        ]
+    assert apart(torques) <= ROUNDING, apart(torques)
+    # The methods differ: MuJoCo's does not correct for the turning of the base within the step.
+    return [
+        Work("J*, H_q and C_q", ours, theirs, same, ROUNDING),
+        Work("control step, Runge-Kutta", our_step, their_step, apart(ends), 1e-6),
+    ]
+
+
+def pink_work(name: str) -> list[Work]:
+    """One step of differential inverse kinematics with the momentum equation as a constraint."""
+    pink = importlib.import_module("pink")
+    tasks = importlib.import_module("pink.tasks")
+    importlib.import_module("qpsolvers")
+    sms = ffsms.load(name)
+    q0 = sms.configuration(np.full(sms.n, 0.3))
+    target = sms.at(sms.configuration(np.full(sms.n, 0.5))).end_effector_pose.translation
+    # Successive states of a march straight to a target: what a solver that starts warm is made for.
+    plan = opt.plan(sms, q0, target, DURATION, STEP, method="resolved-rate", collision="off")
+    planner = opt.StepPlanner(sms, STEP, collision="off", aim="resolved-rate")
+    starts, rates = plan.q[FIRST : FIRST + STATES], plan.joint_rates[FIRST : FIRST + STATES]
+
+    class Momentum(tasks.Task):  # type: ignore[misc, name-defined]
+        """Keeps the total momentum at zero."""
+
+        def compute_error(self, configuration: Any) -> FloatArray:
+            return np.zeros(6)
+
+        def compute_jacobian(self, configuration: Any) -> FloatArray:
+            A: FloatArray = pin.computeCentroidalMap(configuration.model, configuration.data, configuration.q)
+            return A
+
+        def __repr__(self) -> str:
+            return "Momentum()"
+
+    model = sms.model.copy()
+    model.lowerPositionLimit[:7], model.upperPositionLimit[:7] = -1e20, 1e20
+    hold = tasks.FrameTask(sms.end_effector, position_cost=1.0, orientation_cost=0.0)
+    momentum = Momentum()
+    fresh = model.createData()
+
+    def ours(i: int) -> FloatArray:
+        return planner.step(starts[i], rates[i], target, DURATION - plan.t[FIRST + i]).joint_rates
+
+    def theirs(i: int) -> FloatArray:
+        configuration = pink.Configuration(model, fresh, starts[i], copy_data=False)
+        pose = configuration.get_transform_frame_to_world(sms.end_effector)
+        hold.set_target(pin.SE3(pose.rotation, pose.translation + goals[i]))
+        v: FloatArray = pink.solve_ik(configuration, [hold], STEP, "proxqp", constraints=[momentum])
+        return v
+
+    # What our step does in its time is what Pink is asked for.
+    goals = [STEP * sms.at(q).J_star[:3] @ ours(i) for i, q in enumerate(starts)]
+    found = [theirs(i) for i in range(STATES)]
+    # The base must move as our momentum equation says, to the solver's tolerance; and the end effector as it
+    # was asked, but for what the logarithm of a turning frame adds.
+    base = apart([(sms.velocity(q, v[6:]), v) for q, v in zip(starts, found, strict=True)])
+    assert base <= 1e-5, base
+    motion = apart(
+        [(goal / STEP, sms.at(q).J_star[:3] @ v[6:]) for q, goal, v in zip(starts, goals, found, strict=True)]
+    )
+    return [Work("inverse kinematics step", ours, theirs, motion, 5e-3)]

@@ -1,0 +1,42 @@
+"""Start-up: whole processes that import the library, beside ones that import Pinocchio and numpy."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+from timing import times
+
+PROGRAMS = {
+    "python alone": "pass",
+    "import pinocchio, numpy": "import pinocchio, numpy",
+    "import ffsms_pin": "import ffsms_pin",
+    "load a model": "import ffsms_pin; ffsms_pin.load('planar_3r')",
+    "first coupling": (
+        "import ffsms_pin as f; s = f.load('planar_3r'); s.at(s.configuration([0, 0, 0])).coupling"
+    ),
+    "import ffsms_pin.opt": "import ffsms_pin.opt",
+}
+BASE = "import pinocchio, numpy"
+
+
+def run(repeats: int = 15) -> dict[str, Any]:
+    """Times of whole processes, in turns, and their multiples of importing Pinocchio and numpy."""
+    samples: dict[str, list[float]] = {name: [] for name in PROGRAMS}
+    # Compiled once, as an installed package is, wherever the environment says that caches may not be written.
+    with tempfile.TemporaryDirectory() as cache:
+        environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+        environment["PYTHONPYCACHEPREFIX"] = cache
+        for k in range(repeats + 1):
+            for name, code in PROGRAMS.items():
+                begin = time.perf_counter()
+                subprocess.run([sys.executable, "-c", code], check=True, env=environment)
+                if k > 0:  # the first fills the cache
+                    samples[name].append(time.perf_counter() - begin)
+    found = {name: times(values) for name, values in samples.items()}
+    ratios = {name: found[name]["median"] / found[BASE]["median"] for name in PROGRAMS}
+    return {"repeats": repeats, "times": found, "ratios": ratios}

@@ -1,0 +1,194 @@
+"""How near a planning step is to the least that it could take: the library calls it cannot do without.
+
+The floor of a step is the sum of its calls into Pinocchio, LAPACK and ProxQP, on the same states, with the
+same matrices, in the same run: a step that took no time for anything else. Prints the tables as Markdown:
+
+    OMP_NUM_THREADS=1 python benchmarks/step_floor.py
+
+Other programs on the machine lengthen single calls by milliseconds. So a march is replayed a few times, which
+asks for the same work at every step, and a step's time is the least of its repeats.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from proxsuite import proxqp
+from scipy.linalg import lapack
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.marching import start_sides
+from ffsms_pin.opt.step_qp import StepProblem, new_solver
+from ffsms_pin.system.base_motion import advance
+
+DT = 0.01  # [s]
+MODELS = ("planar_3r", "satellite_panda")
+CALLS = ("crba with Jacobians", "frame Jacobian", "6 x 6 solve", "SVD", "ProxQP, warm")
+
+
+class Task(NamedTuple):
+    """A march: its states, and the programmes that were solved on the way."""
+
+    sms: ffsms.SpaceManipulator
+    target: FloatArray
+    side: FloatArray
+    states: list[tuple[FloatArray, FloatArray, float]]
+    problems: list[StepProblem]
+
+
+def run(repeats: int = 7) -> dict[str, Any]:
+    """Time steps and their floor on the packaged robots, joint limits and the paper's clearances kept.
+
+    Parameters
+    ----------
+    repeats : int
+        Replays of each march.
+
+    Returns
+    -------
+    dict
+        One entry a model: `calls` (medians of the floor's calls), `floor` (of their sum), `step`, `step_p999`
+        and `step_worst`, all in microseconds; `ratio` = step / floor; `tail` = step_p999 / step; `steps`, and
+        `proxqp_share` of them in which ProxQP was called, because the active rows of the step before did not
+        lead to the solution, with `step_proxqp`, the median of these (NaN where there are none).
+    """
+    return {name: measure(march(name), repeats) for name in MODELS}
+
+
+def march(name: str) -> Task:
+    """The paper's Case 2, or a reach of similar size with another robot."""
+    sms = ffsms.load(name)
+    if name == "planar_3r":
+        q, duration = sms.configuration(np.deg2rad([1.0, 1.0, 1.0])), 12.0
+        target = np.array([0.45, 0.75, 0.0])
+    else:
+        middle, spread = (
+            0.5 * (sms.limits.upper + sms.limits.lower),
+            sms.limits.upper - sms.limits.lower,
+        )
+        q, duration = sms.configuration(middle), 8.0
+        goal = middle + 0.25 * spread * np.random.default_rng(1).uniform(-1.0, 1.0, sms.n)
+        target = sms.at(sms.configuration(goal)).end_effector_pose.translation.copy()
+    side = start_sides(sms, q, target)[0]
+    planner, inspected = opt.StepPlanner(sms, DT), opt.StepPlanner(sms, DT)
+    planner.reset(side)
+    inspected.reset(side)
+    rates, states, problems = np.zeros(sms.n), [], []
+    for k in range(round(duration / DT)):
+        states.append((q, rates, duration - k * DT))
+        problems.append(inspected.build(q, rates, target, duration - k * DT))
+        chosen = planner.step(q, rates, target, duration - k * DT).joint_rates
+        q, rates = advance(sms, q, rates, (chosen - rates) / DT, DT)
+    return Task(sms, target, side, states, problems)
+
+
+def measure(task: Task, repeats: int) -> dict[str, Any]:
+    """Times of a march's steps and of their floors [us]."""
+    empty = _clock()
+    # One after the other in turn, so that a busy machine slows both.
+    times = [(_steps(task), _floors(task)) for _ in range(repeats)]
+    steps = np.min([step for step, _ in times], axis=0) - empty
+    floors = np.array([floor for _, floor in times]) - empty
+    asked = _asked(task)
+    # Of the calls together, so that what counts is one undisturbed run, as for the step.
+    step, floor = float(np.median(steps)), float(np.median(floors.sum(axis=2).min(axis=0)))
+    p999 = float(np.percentile(steps, 99.9))
+    return {
+        "calls": dict(zip(CALLS, np.median(floors.min(axis=0), axis=0).tolist(), strict=True)),
+        "floor": floor,
+        "step": step,
+        "step_p999": p999,
+        "step_worst": float(steps.max()),
+        "ratio": step / floor,
+        "tail": p999 / step,
+        "steps": len(steps),
+        "proxqp_share": float(asked.mean()),
+        "step_proxqp": float(np.median(steps[asked])) if asked.any() else float("nan"),
+    }
+
+
+def _clock() -> float:
+    """What reading the clock twice takes [us]."""
+    now = time.perf_counter_ns
+    return 1e-3 * float(np.median([-(now() - now()) for _ in range(10000)]))
+
+
+def _steps(task: Task) -> FloatArray:
+    """Time of each step (N,) [us]."""
+    planner, now, spent = opt.StepPlanner(task.sms, DT), time.perf_counter_ns, []
+    planner.reset(task.side)
+    for q, rates, left in task.states:
+        begin = now()
+        planner.step(q, rates, task.target, left)
+        spent.append(now() - begin)
+    return 1e-3 * np.array(spent)
+
+
+def _asked(task: Task) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """In which steps ProxQP was called (N,)."""
+    planner, asked = opt.StepPlanner(task.sms, DT), []
+    planner.reset(task.side)
+    for q, rates, left in task.states:
+        planner.step(q, rates, task.target, left)
+        asked.append(planner.asked_solver)
+    return np.array(asked)
+
+
+def _floors(task: Task) -> FloatArray:
+    """Time of each call of each step, (N, calls) [us]."""
+    sms, now = task.sms, time.perf_counter_ns
+    model, data, frame = sms.model, sms.model.createData(), sms.frame_id
+    qp = new_solver(*task.problems[0].C.shape[::-1])
+    qp.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+    axes, world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, pin.Convention.WORLD
+    rows: list[tuple[int, ...]] = []
+    for (q, _, _), p in zip(task.states, task.problems, strict=True):
+        give: Callable[..., None] = qp.update if rows else qp.init
+        options = {} if rows else {"compute_preconditioner": False}
+        t0 = now()
+        M = pin.crba(model, data, q, world)
+        t1 = now()
+        pin.updateFramePlacement(model, data, frame)
+        pin.getFrameJacobian(model, data, frame, axes)
+        t2 = now()
+        _, coupling, _ = lapack.dposv(M[:6, :6], M[:6, 6:])
+        t3 = now()
+        lapack.dgesdd(coupling)
+        t4 = now()
+        give(H=p.H, g=p.g, C=p.C, l=p.l, u=p.u, l_box=p.lower, u_box=p.upper, **options)
+        qp.solve()
+        t5 = now()
+        assert qp.results.info.status == proxqp.PROXQP_SOLVED
+        rows.append((t1 - t0, t2 - t1, t3 - t2, t4 - t3, t5 - t4))
+    return 1e-3 * np.array(rows, dtype=np.float64)
+
+
+def report(results: dict[str, Any]) -> str:
+    """Both tables, as Markdown."""
+    lines = ["| model | " + " | ".join(f"{call} [us]" for call in CALLS) + " | floor [us] |"]
+    lines.append("|" + "---|" * (len(CALLS) + 2))
+    for name, r in results.items():
+        calls = " | ".join(f"{r['calls'][call]:.1f}" for call in CALLS)
+        lines.append(f"| `{name}` | {calls} | {r['floor']:.1f} |")
+    lines.append("")
+    lines.append(
+        "| model | step, median [us] | step / floor | 99.9th percentile [us] | over the median | steps | "
+        "of which call ProxQP | their median [us] |"
+    )
+    lines.append("|" + "---|" * 8)
+    lines += [
+        f"| `{name}` | {r['step']:.1f} | {r['ratio']:.2f} | {r['step_p999']:.1f} | {r['tail']:.2f} | "
+        f"{r['steps']} | {100.0 * r['proxqp_share']:.1f} % | {r['step_proxqp']:.1f} |"
+        for name, r in results.items()
+    ]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    print(report(run()))

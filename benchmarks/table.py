@@ -1,0 +1,159 @@
+"""Results as Markdown: one table a section, what is ratio and what is time said in its head."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+
+def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def us(seconds: float) -> str:
+    """Microseconds."""
+    return f"{1e6 * seconds:.1f}"
+
+
+def spread(times: dict[str, float], unit: float = 1e6, digits: int = 1) -> str:
+    """Median, and in brackets the 10th and 90th percentiles."""
+    return (
+        f"{unit * times['median']:.{digits}f} "
+        f"({unit * times['p10']:.{digits}f} to {unit * times['p90']:.{digits}f})"
+    )
+
+
+def machine(facts: dict[str, Any]) -> str:
+    """What was measured on."""
+    packages = ", ".join(f"{name} {version}" for name, version in facts["packages"].items())
+    threads = ", ".join(f"{name}={value}" for name, value in facts["threads"].items())
+    return (
+        f"{facts['processor']}, {facts['cores']} cores, {facts['system']}, Python {facts['python']}; "
+        f"load before the run {facts['load']}; {threads}.\n\n{packages}."
+    )
+
+
+def startup(found: dict[str, Any]) -> str:
+    """Whole processes."""
+    rows = [
+        (name, spread(found["times"][name], 1e3, 0), f"{found['ratios'][name]:.2f}")
+        for name in found["times"]
+    ]
+    return markdown(("process", "time [ms], median (10 to 90 %)", "over pinocchio and numpy"), rows)
+
+
+def state(found: dict[str, Any]) -> str:
+    """States and control steps over their floors."""
+    rows = [
+        (
+            row["what"],
+            row["robot"],
+            f"{row['least_us']:.1f}",
+            f"{row['floor_us']:.1f}",
+            f"{row['ratio']:.2f}",
+            ", ".join(f"{name} {value:.1f}" for name, value in row["parts"].items()),
+        )
+        for rows in found.values()
+        for row in rows
+    ]
+    return markdown(("what", "robot", "least time [us]", "floor [us]", "ratio", "the floor's calls"), rows)
+
+
+def peers(found: list[dict[str, Any]]) -> str:
+    """The same work by others."""
+    rows = []
+    for row in found:
+        who = f"{row['peer']} {row.get('version', '')}".strip()
+        if "reason" in row:
+            rows.append((who, row["robot"], "", "not measured", "", row["reason"], ""))
+            continue
+        rows.append(
+            (
+                who,
+                row["robot"],
+                row["what"],
+                spread(row["ours"]),
+                spread(row["theirs"]),
+                f"{row['ratio']:.2f}",
+                f"{row['agreement']:.0e}",
+            )
+        )
+    head = ("peer", "robot", "work", "ours [us]", "theirs [us]", "theirs / ours", "largest difference")
+    return markdown(head, rows)
+
+
+def sizes(found: dict[str, Any]) -> str:
+    """Growth with joints and durations."""
+    what = ("state", "planning step", "control step")
+    rows = [
+        (row["robot"], str(row["joints"]), *(spread(row[name]) for name in what))
+        for row in [*found["joints"], found["two_arms"]]
+    ]
+    for key, label in (("fitted", "exponent, all sizes"), ("last", "exponent, 14 to 30 joints")):
+        rows.append((label, "", *(f"{found['exponents'][name][key]:.2f}" for name in what)))
+    first = markdown(("robot", "joints", *(f"{name} [us]" for name in what)), rows)
+    plans = [
+        (
+            row["robot"],
+            str(row["joints"]),
+            f"{1e3 * row['seconds']['median']:.0f}",
+            f"{1e3 * row['seconds']['most']:.0f}",
+            f"{row['reached']} of {row['plans']}",
+        )
+        for row in found["plans"]
+    ]
+    second = markdown(("robot", "joints", "opt.plan, median [ms]", "longest [ms]", "reached"), plans)
+    runs = [
+        (
+            f"{row['duration']:g}",
+            "to disk" if row["streamed"] else "in memory",
+            us(row["seconds"] / row["steps"]),
+            f"{row['memory_MB']:.1f}",
+            f"{row['bytes_a_step']:.0f}",
+            f"{row['momentum']:.0e}",
+        )
+        for row in found["durations"]
+    ]
+    third = markdown(
+        (
+            "simulated [s]",
+            "recording",
+            "time a step [us]",
+            "memory taken [MB]",
+            "bytes a step",
+            "largest momentum",
+        ),
+        runs,
+    )
+    return "\n\n".join([first, second, third])
+
+
+def many(found: dict[str, Any]) -> str:
+    """Plans over processes."""
+    e = found["efficiency"]
+    first = markdown(
+        ("plans", "processes", "one by one [s]", "at once, cold / warm [s]", "efficiency, cold / warm"),
+        [
+            (
+                str(e["plans"]),
+                str(e["jobs"]),
+                f"{e['one_by_one']:.1f}",
+                f"{e['cold']:.1f} / {e['warm']:.1f}",
+                f"{e['efficiency_cold']:.2f} / {e['efficiency_warm']:.2f}",
+            )
+        ],
+    )
+    last = found["tiny"][-1]
+    rows = [
+        (f"{row['plans']}", f"{row['seconds']:.2f}", f"{1e3 * row['each']:.1f}", f"{row['peak_MB']:.0f}")
+        for row in found["tiny"]
+    ]
+    rows.append(("100000, extrapolated", f"{1e5 * last['each']:.0f}", f"{1e3 * last['each']:.1f}", ""))
+    second = markdown(("small plans", "time [s]", "each [ms]", "peak of memory [MB]"), rows)
+    cpu = (
+        f"By processor time, which other programs do not lengthen, the efficiency is "
+        f"{e['efficiency_cpu']:.2f}, starting the processes included."
+    )
+    return "\n\n".join([first, cpu, second])
