@@ -126,6 +126,8 @@ def _momentum_slope(sms: SpaceManipulator, q: FloatArray, v: FloatArray, still: 
     The root is at the inertial origin and the velocity has no momentum. So the change is one of the momentum
     about the centre of mass, and taking it about the root adds com x (change of the linear part).
     """
-    slope: FloatArray = pin.computeCentroidalDynamicsDerivatives(sms.model, sms._data, q, v, still)[0][:, 6:].copy()
+    slope: FloatArray = pin.computeCentroidalDynamicsDerivatives(sms.model, sms._data, q, v, still)[0][
+        :, 6:
+    ].copy()
     slope[3:] += cross_matrix(sms._data.com[0]) @ slope[:3]
     return slope

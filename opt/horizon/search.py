@@ -62,8 +62,6 @@ class Effort(NamedTuple):
 
     Attributes
     ----------
-    marches : bool
-        Whether greedy marches are tried before.
     goals : int
         New joint goals.
     promising : float
@@ -72,27 +70,35 @@ class Effort(NamedTuple):
         Motions that are followed: on the coarse spline, on the fine one, and there to the end.
     patience : int
         How many times the usual iterations these make: those whose end is hard to meet need more.
-    enough : float
-        A plan this cheap ends the search.
+    enough, soft : float
+        A plan as cheap as enough + soft (log 2 / kappa)^2 ends the search. C~ exceeds max(0, cos(theta_a)) by
+        up to log 2 / kappa, so that for a small kappa no motion that arrives is nearly free.
+    marches : bool
+        Whether greedy marches are tried after it.
     """
 
-    marches: bool
     goals: int
     promising: float
     keep: tuple[int, int, int]
     patience: int
     enough: float
+    soft: float
+    marches: bool
+
+    def content(self, kappa: float) -> float:
+        """The cost [s] that ends the search, of motions up to 8 s."""
+        return self.enough + self.soft * (np.log(2.0) / kappa) ** 2
 
 
 # An early motion says little of what it comes to in the end, so where the first plans are not nearly free,
-# many are followed.
+# more are followed, and longer.
 _EFFORTS = (
-    Effort(False, 8, 0.05, (1, 1, 1), 1, _CHEAP),
-    Effort(True, 16, 0.5, (6, 4, 2), 2, 0.01),
-    Effort(False, 24, np.inf, (10, 6, 4), 3, np.inf),
+    Effort(8, 0.3, (3, 2, 2), 1, _CHEAP, 0.1, marches=False),
+    Effort(12, np.inf, (6, 4, 2), 1, 0.03, 0.5, marches=True),
+    Effort(24, np.inf, (10, 6, 4), 3, np.inf, 0.0, marches=False),
 )
 # For a plan at any cost.
-_HASTE = (Effort(False, 8, np.inf, (1, 1, 1), 2, np.inf),)
+_HASTE = (Effort(8, np.inf, (1, 1, 1), 2, np.inf, 0.0, marches=False),)
 
 
 def plan_horizon(
@@ -153,10 +159,6 @@ class Search:
             efforts = ()
         pool: Motions | None = None
         for turn, effort in enumerate(efforts):
-            if effort.marches:
-                self._march()
-                if self._done(_CHEAP * scale):
-                    break
             motions = self._early(straight_moves(task, self.coarse.spline, self._new_goals(effort.goals)))
             pool = motions if pool is None else pool.join(motions)
             report((turn + 0.5) / len(efforts))
@@ -165,8 +167,12 @@ class Search:
                 effort = _HASTE[0]
             if np.min(pool.at.merit + pool.at.cost) < effort.promising * scale:
                 self._follow(pool, effort)
-            if outside or self._done(effort.enough * scale):
+            if outside or self._done(effort.content(task.kappa) * scale):
                 break
+            if effort.marches:
+                self._march()
+                if self._done(_CHEAP * scale):
+                    break
         if not self._done(np.inf):
             self._go_straight()
         report(1.0)
