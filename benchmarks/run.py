@@ -163,7 +163,7 @@ def print_costs(results: list[dict[str, Any]]) -> None:
     """Ours beside IPOPT: medians over the same targets."""
     print(
         "\n| kappa | seed | planner | done | median cost [s] | worst excess of ours [s] | median time [ms] | "
-        "building [ms] | times ours: solving, with building | sign changes | integral of squared acceleration |"
+        "building [ms] | times ours (with building) | sign changes | integral of squared acceleration |"
     )
     print("|" + "---|" * 11)
     for r in results:
@@ -185,7 +185,7 @@ def row_of(label: str, r: dict[str, Any], rows: list[dict[str, Any]], plans: lis
     excess = "" if ours else f"{max(pairs, default=float('nan')):.4f}"
     build = 0.0 if ours else median(rows, "build_seconds")
     building = "" if ours else f"{1e3 * build:.0f}"
-    ratio = "" if ours else f"{seconds / own:.0f}, {(seconds + build) / own:.0f}"
+    ratio = "" if ours else f"{seconds / own:.0f} ({(seconds + build) / own:.0f})"
     print(
         f"| {r['kappa']:g} | {r['seed']} | {label} | {done} of {len(rows)} | "
         f"{median(rows, 'cost'):.5f} | {excess} | "

@@ -17,6 +17,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.clearances import ClearanceModel
 from ffsms_pin.opt.guide_roll import roll
 from ffsms_pin.opt.least_squares import least_squares
+from ffsms_pin.opt.step_kinetics import KineticsAt
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Guide", "find_guide", "followed_on"]
@@ -116,6 +117,7 @@ def find_guide(
         knots - 3,
         (knots - 3) * len(free),
     )  # the last control point is there twice: at rest at the end
+    kinetics, trial = KineticsAt(sms), q.copy()
     keep = None if clearances is None else _Keep(sms, clearances, q, clearance + _BEYOND)
     # Control points are linear in the unknowns: the last of these moves the last two of those.
     spread = np.zeros((knots, rows))
@@ -129,6 +131,15 @@ def find_guide(
         P = np.tile(head[1], (rows, 1))
         P[:, free] = x.reshape(rows, -1)
         return np.vstack([head, P, P[-1:]])
+
+    def sides(path: FloatArray, speeds: FloatArray) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
+        """alpha = V^T rates (k, n) of the samples whose rates are long enough for it to matter, and their V."""
+        where = np.flatnonzero((speeds**2).sum(axis=1) > _SHARE**2)
+        V = np.empty((len(where), n, n))
+        for k, positions in enumerate(path[where]):
+            sms.layout.set_positions(trial, positions)
+            V[k] = kinetics(trial).V
+        return np.einsum("kji,kj->ki", V, speeds[where]), where, V
 
     def columns(slopes: FloatArray, B: FloatArray) -> FloatArray:
         """Slopes (S, m, n) with the samples' values, as slopes (m, unknowns)."""
@@ -145,10 +156,19 @@ def find_guide(
         S[np.arange(len(s)), :, j] = (np.sign(values[:, free]) / most[free])[s, j][:, None] * B[s]
         return excess[:, free][s, j], S.reshape(len(s), count)
 
+    def boxed(path: FloatArray, speeds: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same for the box |alpha_i| <= 1 of the steps; slopes leave out that V turns."""
+        alphas, where, V = sides(path, speeds)
+        k, i = np.nonzero(np.abs(alphas) > _SHARE)
+        along = np.sign(alphas[k, i])[:, None] * V[k, :, i][:, free]
+        S = inner[1][where[k]][:, :, None] * along[:, None, :]
+        return np.abs(alphas[k, i]) - _SHARE, S.reshape(len(k), count)
+
     def residuals(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         P = points(x)
         path = basis[0] @ P
-        end = roll(sms, q, path, basis[1] @ P, P[-1], duration, momentum, slopes=True)
+        speeds = basis[1] @ P
+        end = roll(sms, q, path, speeds, P[-1], duration, momentum, slopes=True)
         assert end.slopes is not None
         tip = columns(end.slopes.positions, inner[0]) + columns(end.slopes.rates, inner[1])
         tip.reshape(6, rows, len(free))[:, -1] += end.slopes.last[:, free]
@@ -156,6 +176,8 @@ def find_guide(
         if rotation is not None:
             apart = rotation @ end.rotation.T
             parts.append((_ROTATION * pin.log3(apart), -_ROTATION * (pin.Jlog3(apart) @ tip[3:])))
+        value, slope = boxed(path, speeds)
+        parts.append((_RATE * value, _RATE * slope))
         for weight, B, order, most in (
             (_RATE, inner[1], 1, limits.velocity),
             (_ACCELERATION, inner[2], 2, limits.acceleration),
@@ -176,14 +198,17 @@ def find_guide(
         parts.append((_EASE * np.diff(P, axis=0)[:, free].ravel(), ease))
         return np.concatenate([part[0] for part in parts]), np.vstack([part[1] for part in parts])
 
-    at = np.linspace(0.0, len(first) - 1.0, rows + 2)[1:-1]
-    guess = np.array([np.interp(at, np.arange(len(first)), first[:, i]) for i in range(n)]).T
+    # The spline nearest to the first guess: one that is nearly right already hardly has to change.
+    B = _basis(knots, 0, np.linspace(0.0, 1.0, len(first)))
+    guess = np.linalg.lstsq(B @ spread, first - B[:, :2] @ head, rcond=None)[0]
     bounds = np.where(np.isfinite(limits.upper), 0.99 * half, 1e3)[free]
     lower, upper = np.tile(middle[free] - bounds, rows), np.tile(middle[free] + bounds, rows)
     x = least_squares(residuals, guess[:, free].ravel(), lower, upper, _ITERATIONS)
     P = points(x)
-    end = roll(sms, q, basis[0] @ P, basis[1] @ P, P[-1], duration, momentum)
-    excess = (np.abs(basis[1] @ P) / limits.velocity)[:, free].max(initial=0.0)
+    path, speeds = basis[0] @ P, basis[1] @ P
+    end = roll(sms, q, path, speeds, P[-1], duration, momentum)
+    # Its ends are given, and steps that brake late still follow: accelerations are not looked at.
+    excess = (np.abs(speeds) / limits.velocity)[:, free].max(initial=np.abs(sides(path, speeds)[0]).max(initial=0.0))
     clear = True
     if keep is not None:
         dense = _basis(knots, 0, np.linspace(0.0, 1.0, 2 * _SAMPLES + 1)) @ P

@@ -225,7 +225,7 @@ class Replanning:
     def _period(self, left: float) -> float:
         """Time until the next look [s]."""
         if self.expected_miss > _FAR:  # what no motion reaches now, none will soon
-            return max(_PERIOD, left / 4.0)
+            return min(max(_PERIOD, left / 4.0), left / 2.0)
         # What is followed without seeing the target is checked more often towards the end.
         return min(0.5 * _PERIOD, left / 3.0) if self.mode == "guide" else _PERIOD
 
@@ -248,7 +248,7 @@ class Replanning:
                 return
 
         options: list[tuple[float, str, SpaceManipulator]] = []
-        cone: Outlook | None = None
+        nearest: Outlook | None = None
         # Once a guide was needed, steps keep room to the joint limits, until there is no time to go round.
         narrowed = with_limits(self._model, _narrowed(self._model.limits))
         models = [self._model] if not self._room else [narrowed, self._model] if left < 2.0 else [narrowed]
@@ -257,7 +257,7 @@ class Replanning:
                 planner = self._like(self._planner.dt, kind, model)
                 planner.reset(side)
                 seen = look_ahead(planner, q, self._rates, aim, left, _FINE if self._room else _COARSE)
-                cone = cone or seen
+                nearest = seen if nearest is None or seen.miss < nearest.miss else nearest
                 options.append((seen.miss, kind, model))
                 if seen.miss <= _NEAR:
                     break
@@ -265,7 +265,7 @@ class Replanning:
                 break
         miss, kind, model = options[-1] if options[-1][0] <= _NEAR else min(options, key=lambda one: one[0])
         if miss > _NEAR:
-            guide = self._find_guide(t, q, aim, left, cone)
+            guide = self._find_guide(t, q, aim, left, nearest)
             if guide is not None and guide.miss < miss:
                 self.mode, self.expected_miss, self._guide, self._room = "guide", guide.miss, guide, True
                 return
@@ -277,10 +277,10 @@ class Replanning:
         self._planner.reset(side)
 
     def _find_guide(
-        self, t: float, q: FloatArray, aim: Goal, left: float, cone: Outlook | None
+        self, t: float, q: FloatArray, aim: Goal, left: float, seen: Outlook | None
     ) -> Guide | None:
-        """The best guide from a few first guesses: the last one, and the way that the step would take."""
-        guesses = [] if cone is None else [cone.positions]
+        """The best guide from a few first guesses: the last one, and the nearest that steps would come."""
+        guesses = [] if seen is None else [seen.positions]
         if self._guide is not None:
             at = np.linspace(t, self._arrival, 30)
             guesses.insert(0, np.array([self._guide.sample(float(s))[0] for s in at]))
