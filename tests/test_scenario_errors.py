@@ -7,31 +7,10 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scenario_files import QUICK, write
 
 from ffsms_pin.errors import InvalidScenario, InvalidValue
 from ffsms_pin.scenarios import run, scenario
-
-QUICK = """
-[robot]
-model = "planar_3r"
-[start]
-joints_deg = [23.0, 40.0, -29.0]
-[target]
-position = [0.75, 0.5, 0.0]
-[plan]
-duration = 3.0
-dt = 0.05
-[control]
-dt = 0.004
-offset_deg = [0.5, 0.0, -0.5]
-"""
-
-
-def write(folder: Path, text: str, name: str = "mine.toml") -> Path:
-    path = folder / name
-    path.write_text(text, encoding="utf-8")
-    return path
-
 
 KEYS = [
     ("robot", "end_effector"),

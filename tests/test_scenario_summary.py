@@ -6,13 +6,13 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
+from scenario_files import QUICK, write
 
 import ffsms_pin as ffsms
 from ffsms_pin.opt.check_points import CheckPoints
@@ -21,27 +21,6 @@ from ffsms_pin.scenarios import Outcome, run, scenario, summary
 from ffsms_pin.scenarios.extremes import least_clearances, position_range
 from ffsms_pin.scenarios.tracked import end_effector_deviation
 from ffsms_pin.system.base_motion import roll_out
-
-QUICK = """
-[robot]
-model = "planar_3r"
-[start]
-joints_deg = [23.0, 40.0, -29.0]
-[target]
-position = [0.75, 0.5, 0.0]
-[plan]
-duration = 3.0
-dt = 0.05
-[control]
-dt = 0.004
-offset_deg = [0.5, 0.0, -0.5]
-"""
-
-
-def write(folder: Path, text: str, name: str = "mine.toml") -> Path:
-    path = folder / name
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +113,7 @@ def test_a_plan_beyond_a_limit_is_reported_as_one(outcome: Outcome) -> None:
 
 def test_clearances_against_plain_geometry(outcome: Outcome, numbers: dict[str, Any]) -> None:
     """Planar arm by hand: links of 0.3 m from (0.232, 0) in base axes; box of 0.464 m."""
-    times = np.linspace(0.0, 3.0, 3_001)
+    times = np.linspace(0.0, 3.0, 30_001)
     angles = np.cumsum([outcome.trajectory.sample(t)[0] for t in times], axis=1)
     links = 0.3 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     points = np.concatenate([np.zeros((len(times), 1, 2)), np.cumsum(links, axis=1)], axis=1)

@@ -9,26 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenario_files import QUICK, write
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import SlidingModeController
 from ffsms_pin.errors import InvalidScenario, ModelNotFound
 from ffsms_pin.scenarios import Outcome, run, scenario, scenario_names, summary
-
-QUICK = """
-[robot]
-model = "planar_3r"
-[start]
-joints_deg = [23.0, 40.0, -29.0]
-[target]
-position = [0.75, 0.5, 0.0]
-[plan]
-duration = 3.0
-dt = 0.05
-[control]
-dt = 0.004
-offset_deg = [0.5, 0.0, -0.5]
-"""
 
 SLIDER = """
 <robot name="slider">
@@ -44,12 +30,6 @@ SLIDER = """
     <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.2"/></inertial></link>
 </robot>
 """
-
-
-def write(folder: Path, text: str, name: str = "mine.toml") -> Path:
-    path = folder / name
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 @pytest.fixture(scope="module")

@@ -24,6 +24,7 @@ __all__ = [
 ]
 
 _SAMPLES_A_STEP = 4
+_CLOSER = 101  # samples around the least one
 
 
 def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
@@ -44,20 +45,44 @@ def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
 def least_clearances(sms: SpaceManipulator, trajectory: Trajectory, model: ClearanceModel) -> FloatArray:
     """Least value of each clearance (m,) [m], at the nodes and at places between them.
 
-    The joints alone decide a clearance, so the base stays where it is here.
+    The joints alone decide a clearance, so the base stays where it is here. Around the least sample of each
+    the motion is looked at once more, closely: where another face of the box becomes the nearest a clearance
+    has a corner, which samples miss.
     """
-    home = pin.SE3.Identity()
-    return clearances_along(sms, (sms.configuration(place, home) for place in _fine(trajectory)), model)
+    rough = trajectory.dt / _SAMPLES_A_STEP
+    times = rough * np.arange(_SAMPLES_A_STEP * (len(trajectory.t) - 1) + 1)
+    values = _clearances(sms, trajectory, model, times)
+    least = values.min(axis=0)
+    close: FloatArray = rough * np.linspace(-1.0, 1.0, _CLOSER)
+    for i, k in enumerate(values.argmin(axis=0)):
+        around: FloatArray = np.clip(times[k] + close, 0.0, trajectory.duration)
+        least[i] = min(least[i], _clearances(sms, trajectory, model, around)[:, i].min())
+    return np.asarray(least)
 
 
 def clearances_along(sms: SpaceManipulator, q: Iterable[FloatArray], model: ClearanceModel) -> FloatArray:
     """Least value of each clearance (m,) [m] over configurations (nq,)."""
-    data = sms.model.createData()
     least = np.full(model.count, np.inf)
+    for values in _each(sms, q, model):
+        least = np.minimum(least, values)
+    return least
+
+
+def _clearances(
+    sms: SpaceManipulator, trajectory: Trajectory, model: ClearanceModel, times: FloatArray
+) -> FloatArray:
+    """Clearances (k, m) at times (k,) of a trajectory."""
+    home = pin.SE3.Identity()
+    q = (sms.configuration(trajectory.sample(float(t))[0], home) for t in times)
+    return np.array(list(_each(sms, q, model))).reshape(len(times), model.count)
+
+
+def _each(sms: SpaceManipulator, q: Iterable[FloatArray], model: ClearanceModel) -> Iterator[FloatArray]:
+    """Clearances (m,) at each configuration (nq,)."""
+    data = sms.model.createData()
     for row in q:
         pin.framesForwardKinematics(sms.model, data, row)
-        least = np.minimum(least, model.values(data))
-    return least
+        yield np.array(model.values(data))
 
 
 class BaseMotion(NamedTuple):
@@ -99,13 +124,3 @@ def base_numbers(sms: SpaceManipulator, q: FloatArray) -> dict[str, float]:
         "rotation_max_deg": float(rotation.max()),
         "rotation_final_deg": float(rotation[-1]),
     }
-
-
-def _fine(trajectory: Trajectory) -> Iterator[FloatArray]:
-    """Joint positions (n,) at every node and evenly between them."""
-    for k in range(len(trajectory.t) - 1):
-        for share in range(_SAMPLES_A_STEP):
-            h = share / _SAMPLES_A_STEP * trajectory.dt
-            motion = trajectory.joint_rates[k] + 0.5 * h * trajectory.joint_accelerations[k]
-            yield trajectory.joint_positions[k] + h * motion
-    yield trajectory.joint_positions[-1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -87,7 +88,7 @@ class Effort(NamedTuple):
 
     def content(self, kappa: float) -> float:
         """The cost [s] that ends the search, of motions up to 8 s."""
-        return self.enough + self.soft * (np.log(2.0) / kappa) ** 2
+        return self.enough + self.soft * (math.log(2.0) / kappa) ** 2
 
 
 # An early motion says little of what it comes to in the end, so where the first plans are not nearly free,

@@ -1,0 +1,29 @@
+"""A scenario file of a second's computing, and writing such files, for the tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+__all__ = ["QUICK", "write"]
+
+QUICK = """
+[robot]
+model = "planar_3r"
+[start]
+joints_deg = [23.0, 40.0, -29.0]
+[target]
+position = [0.75, 0.5, 0.0]
+[plan]
+duration = 3.0
+dt = 0.05
+[control]
+dt = 0.004
+offset_deg = [0.5, 0.0, -0.5]
+"""
+
+
+def write(folder: Path, text: str, name: str = "mine.toml") -> Path:
+    """A file of this text."""
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
