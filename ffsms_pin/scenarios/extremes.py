@@ -50,7 +50,7 @@ def least_clearances(sms: SpaceManipulator, trajectory: Trajectory, model: Clear
     has a corner, which samples miss.
     """
     rough = trajectory.dt / _SAMPLES_A_STEP
-    times: FloatArray = rough * np.arange(_SAMPLES_A_STEP * (len(trajectory.t) - 1) + 1)
+    times = rough * np.arange(_SAMPLES_A_STEP * (len(trajectory.t) - 1) + 1, dtype=np.float64)
     values = _clearances(sms, trajectory, model, times)
     least = values.min(axis=0)
     close: FloatArray = rough * np.linspace(-1.0, 1.0, _CLOSER)
