@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from motions import START, Swing
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -26,30 +27,6 @@ from ffsms_pin.simulation.integrators import rk4_step
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
-START = np.deg2rad([1.0, 1.0, 1.0])
-
-
-class Swing:
-    """Joints from START by `way` along a quintic."""
-
-    def __init__(
-        self, sms: ffsms.SpaceManipulator, way: Any = (0.3, 0.4, -0.3), duration: float = 2.0
-    ) -> None:
-        self.way, self.duration = np.array(way), duration
-        self.q = sms.configuration(np.concatenate([START, np.zeros(sms.n - 3)]))[np.newaxis]
-        self.target = np.array([0.5, 0.5, 0.0])
-        self.seen: list[Array] = []
-
-    def sample(self, t: float) -> tuple[Array, Array, Array]:
-        """Joint motion at t."""
-        x, T = t / self.duration, self.duration
-        position = START + self.way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-        rate = self.way * 30.0 * x**2 * (1.0 - x) ** 2 / T
-        return position, rate, self.way * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / T**2
-
-    def observe(self, t: float, q: Array, v: Array) -> None:
-        """Keep what is seen."""
-        self.seen.append(np.concatenate([q, v]))
 
 
 class Constant:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from motions import START, Swing
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -28,25 +29,7 @@ from ffsms_pin.simulation import Tracking, simulate
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
-START = np.deg2rad([1.0, 1.0, 1.0])
-
-
-class Swing:
-    """Joints along a quintic from START by `way`; a constant position where `way` is zero."""
-
-    def __init__(
-        self, sms: ffsms.SpaceManipulator, way: Any = (0.9, 1.2, -0.9), duration: float = 3.0
-    ) -> None:
-        self.way, self.duration = np.array(way), duration
-        self.q = sms.configuration(START)[np.newaxis]
-        self.target = np.array([0.5, 0.5, 0.0])
-
-    def sample(self, t: float) -> tuple[Array, Array, Array]:
-        """Joint motion at t."""
-        x, T = t / self.duration, self.duration
-        position = START + self.way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-        rate = self.way * 30.0 * x**2 * (1.0 - x) ** 2 / T
-        return position, rate, self.way * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / T**2
+WAY = (0.9, 1.2, -0.9)
 
 
 def values(law: JointLaw, tracking: Tracking, reference: Swing) -> Array:
@@ -90,7 +73,7 @@ def test_coriolis_matrix_of_the_reduced_system(
 
 
 def test_passivity_law_makes_v_decrease_at_any_rate(planar: ffsms.SpaceManipulator) -> None:
-    reference = Swing(planar)
+    reference = Swing(planar, WAY, 3.0)
     law = PassivitySlidingMode(planar, K_s=0.2, Gamma=4.0, boundary=0.2, torque_limit=np.inf)
     tracking = simulate(planar, reference, law, q0=planar.configuration(START + np.array([0.2, -0.1, 0.15])))
     V = values(law, tracking, reference)
@@ -105,7 +88,7 @@ def test_passivity_law_makes_v_decrease_at_any_rate(planar: ffsms.SpaceManipulat
 
 
 def test_passivity_law_also_holds_with_momentum(planar: ffsms.SpaceManipulator) -> None:
-    reference = Swing(planar)
+    reference = Swing(planar, WAY, 3.0)
     law = PassivitySlidingMode(planar, K_s=0.2, K_d=0.2, Gamma=4.0, boundary=0.2, torque_limit=np.inf)
     q0 = planar.configuration(START + 0.1)
     v0 = planar.velocity(q0, np.zeros(3), np.array([0.3, -0.2, 0.0, 0.0, 0.0, 0.8]))
@@ -129,7 +112,7 @@ def test_neglected_term_of_the_paper_shows(planar: ffsms.SpaceManipulator) -> No
 
 
 def test_computed_torque_error_is_linear_and_v_decreases(planar: ffsms.SpaceManipulator) -> None:
-    reference = Swing(planar)
+    reference = Swing(planar, WAY, 3.0)
     law = ComputedTorque(planar, K_p=9.0, K_d=6.0, torque_limit=np.inf)
     tracking = simulate(planar, reference, law, q0=planar.configuration(START + 0.2))
     assert np.diff(values(law, tracking, reference))[1:].max() < 1e-8
@@ -146,13 +129,13 @@ def test_pd_brings_the_joints_to_rest_with_v_decreasing(planar: ffsms.SpaceManip
     V = values(law, tracking, reference)
     assert np.diff(V)[1:].max() < 1e-9 * V[0]  # from rest, where dV/dt = 0, a held torque may gain a trifle
     assert np.abs(tracking.joint_error[-1]).max() < 1e-2
-    moving = Swing(planar, duration=8.0)
+    moving = Swing(planar, WAY, 8.0)
     lag = np.abs(simulate(planar, moving, law, dt=2e-3).joint_error).max()
     assert lag > 10.0 * np.abs(simulate(planar, moving, ComputedTorque(planar), dt=2e-3).joint_error).max()
 
 
 def test_super_twisting_reaches_in_finite_time_with_v_decreasing(planar: ffsms.SpaceManipulator) -> None:
-    reference = Swing(planar)
+    reference = Swing(planar, WAY, 3.0)
     law = SuperTwisting(planar, k_1=2.0, k_2=1.0, Gamma=5.0, torque_limit=np.inf)
     law.w += 99.0  # a memory that `simulate` has to clear
     q0 = planar.configuration(START + np.array([0.02, -0.01, 0.015]))
@@ -182,7 +165,7 @@ def test_super_twisting_leaves_no_error_under_a_wrong_model(planar: ffsms.SpaceM
         body = model.inertias[j]
         model.inertias[j] = pin.Inertia(1.3 * body.mass, body.lever, 1.3 * body.inertia)
     plant = ffsms.SpaceManipulator(model, planar.end_effector, planar.base_size)
-    reference = Swing(planar)
+    reference = Swing(planar, WAY, 3.0)
     worst = {}
     for law in (SuperTwisting(planar, k_1=2.0, k_2=2.0), SlidingModeController(planar)):
         tracking = simulate(planar, reference, law, plant=plant)
@@ -194,7 +177,7 @@ def test_super_twisting_leaves_no_error_under_a_wrong_model(planar: ffsms.SpaceM
 @pytest.mark.parametrize("name", sorted(LAWS))
 def test_every_law_follows_the_move(name: str, planar: ffsms.SpaceManipulator) -> None:
     law = LAWS[name](planar)
-    tracking = simulate(planar, Swing(planar, (0.3, 0.4, -0.3)), law)
+    tracking = simulate(planar, Swing(planar, (0.3, 0.4, -0.3), 3.0), law)
     limit = 0.2 if name == "pd" else 1e-3
     assert np.abs(tracking.joint_error).max() < limit
     assert np.abs(tracking.momentum).max() < 1e-12
@@ -203,7 +186,7 @@ def test_every_law_follows_the_move(name: str, planar: ffsms.SpaceManipulator) -
 
 
 def test_effort_and_chatter_are_integrals(planar: ffsms.SpaceManipulator) -> None:
-    tracking = simulate(planar, Swing(planar), ComputedTorque(planar), dt=0.01)
+    tracking = simulate(planar, Swing(planar, WAY, 3.0), ComputedTorque(planar), dt=0.01)
     assert tracking.effort == pytest.approx(float((tracking.tau**2).sum() * 0.01))
     steps = tracking.tau[1:] - tracking.tau[:-1]
     assert tracking.chatter == pytest.approx(float((steps**2).sum() / 0.01))
@@ -290,4 +273,9 @@ def test_super_twisting_refuses_a_loop_with_another_step(
     planar: ffsms.SpaceManipulator, refused: Refused
 ) -> None:
     law = SuperTwisting(planar, dt=1e-3)
-    refused(lambda: simulate(planar, Swing(planar), law, dt=2e-3), InvalidValue, "controller.dt", "0.002")
+    refused(
+        lambda: simulate(planar, Swing(planar, WAY, 3.0), law, dt=2e-3),
+        InvalidValue,
+        "controller.dt",
+        "0.002",
+    )

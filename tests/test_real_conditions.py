@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from motions import START, ObservedSwing, Swing
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -30,30 +31,6 @@ from ffsms_pin.simulation import (
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
-START = np.deg2rad([1.0, 1.0, 1.0])
-
-
-class Swing:
-    """Joints from START by `way` along a quintic."""
-
-    def __init__(
-        self, sms: ffsms.SpaceManipulator, way: Any = (0.3, 0.4, -0.3), duration: float = 2.0
-    ) -> None:
-        self.way, self.duration = np.array(way), duration
-        self.q = sms.configuration(np.concatenate([START, np.zeros(sms.n - 3)]))[np.newaxis]
-        self.target = np.array([0.5, 0.5, 0.0])
-        self.seen: list[Array] = []
-
-    def sample(self, t: float) -> tuple[Array, Array, Array]:
-        """Joint motion at t."""
-        x, T = t / self.duration, self.duration
-        position = START + self.way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-        rate = self.way * 30.0 * x**2 * (1.0 - x) ** 2 / T
-        return position, rate, self.way * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / T**2
-
-    def observe(self, t: float, q: Array, v: Array) -> None:
-        """Keep what is seen."""
-        self.seen.append(np.concatenate([q, v]))
 
 
 class Constant:
@@ -169,7 +146,7 @@ def test_sensors_show_what_they_say(planar: ffsms.SpaceManipulator, law: Compute
         base_velocity_noise=3e-3,
         base_rate_noise=4e-3,
     )
-    swing = Swing(planar)
+    swing = ObservedSwing(planar)
     tracking = simulate(planar, swing, law, sensors=sensors)
     seen = np.array(swing.seen)
     q, v = tracking.q[:-1], tracking.v[:-1]
@@ -198,7 +175,7 @@ def test_sensors_show_what_they_say(planar: ffsms.SpaceManipulator, law: Compute
 
 
 def test_base_is_seen_late_and_joints_are_not(planar: ffsms.SpaceManipulator, law: ComputedTorque) -> None:
-    swing = Swing(planar)
+    swing = ObservedSwing(planar)
     tracking = simulate(planar, swing, law, sensors=Sensors(base_latency=0.05))
     seen = np.array(swing.seen)
     np.testing.assert_allclose(seen[50:, :7], tracking.q[:-51, :7], atol=1e-14)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from motions import START, Swing
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -20,23 +21,6 @@ from ffsms_pin.simulation import Tracking, simulate
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
-START = np.deg2rad([1.0, 1.0, 1.0])
-
-
-class Swing:
-    """Joints from `start` to `end` along a quintic, at rest and without acceleration at both."""
-
-    def __init__(self, sms: ffsms.SpaceManipulator, start: Array, end: Array, duration: float = 2.0) -> None:
-        self.first, self.way, self.duration = np.array(start), np.array(end) - start, duration
-        self.q = sms.configuration(start)[np.newaxis]
-        self.target: Any = np.array([0.5, 0.5, 0.0])
-
-    def sample(self, t: float) -> tuple[Array, Array, Array]:
-        """Joint motion at t."""
-        x, T = t / self.duration, self.duration
-        position = self.first + self.way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-        rate = self.way * 30.0 * x**2 * (1.0 - x) ** 2 / T
-        return position, rate, self.way * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / T**2
 
 
 def arrays_of(tracking: Tracking) -> list[str]:
@@ -46,7 +30,7 @@ def arrays_of(tracking: Tracking) -> list[str]:
 
 @pytest.fixture(scope="module")
 def swing(planar: ffsms.SpaceManipulator) -> Swing:
-    return Swing(planar, START, START + np.array([0.3, 0.4, -0.3]))
+    return Swing(planar)
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +68,7 @@ def test_paper_gains_track_a_whole_case(planar: ffsms.SpaceManipulator, target: 
 def test_paper_gains_leave_an_initial_error_and_larger_ones_remove_it(
     planar: ffsms.SpaceManipulator,
 ) -> None:
-    swing = Swing(planar, START, START + np.array([0.3, 0.4, -0.3]), duration=12.0)
+    swing = Swing(planar, duration=12.0)
     q0 = planar.configuration(START + 0.02)
     ends = {}
     for K_s in (0.001, 0.01):
@@ -102,7 +86,7 @@ def test_paper_gains_leave_an_initial_error_and_larger_ones_remove_it(
 def test_error_in_the_boundary_layer_dies_out_with_the_time_constants(
     planar: ffsms.SpaceManipulator,
 ) -> None:
-    hold = Swing(planar, START, START, duration=0.3)
+    hold = Swing(planar, np.zeros(3), duration=0.3)
     controller = SlidingModeController(planar, K_s=0.01, Gamma=2.0)
     q0 = planar.configuration(START + np.array([2e-3, -1e-3, 3e-3]))
     tracking = simulate(planar, hold, controller, q0=q0)
@@ -143,7 +127,7 @@ def test_work_is_torque_times_travel(swung: Tracking) -> None:
 
 def test_base_stays_free_in_space_with_momentum(random_tree: Callable[..., Any]) -> None:
     sms = ffsms.SpaceManipulator(random_tree(11, 4, ("revolute", "continuous")).model(), "tip")
-    swing = Swing(sms, np.zeros(4), np.array([0.5, -0.4, 0.6, 0.3]), duration=1.0)
+    swing = Swing(sms, [0.5, -0.4, 0.6, 0.3], 1.0, start=np.zeros(4))
     momentum = np.array([0.5, -0.3, 0.2, 1.0, -2.0, 1.5])
     v0 = sms.velocity(swing.q[0], np.zeros(4), momentum)
     controller = SlidingModeController(sms, K_s=1.0, torque_limit=np.inf)
@@ -186,7 +170,7 @@ def test_start_with_moving_joints_has_no_momentum(planar: ffsms.SpaceManipulator
         def sample(self, t: float) -> tuple[Array, Array, Array]:
             return swing.sample(t + 0.8)
 
-    late = Late(planar, swing.sample(0.8)[0], START, duration=0.2)
+    late = Late(planar, duration=0.2, start=swing.sample(0.8)[0])
     tracking = simulate(planar, late, SlidingModeController(planar))
     assert np.abs(tracking.v[0, 6:]).min() > 0.1
     assert np.abs(tracking.momentum).max() < 1e-14
@@ -204,7 +188,7 @@ def test_reference_is_shown_the_measured_state(planar: ffsms.SpaceManipulator) -
             assert not self.seen or self.seen[-1][0] == t or t == self.duration  # the state comes first
             return super().sample(t)
 
-    watching = Watching(planar, START, START + 0.1, duration=0.05)
+    watching = Watching(planar, np.full(3, 0.1), duration=0.05)
     watching.seen = []
     tracking = simulate(planar, watching, SlidingModeController(planar))
     assert len(watching.seen) == 50
@@ -215,7 +199,7 @@ def test_reference_is_shown_the_measured_state(planar: ffsms.SpaceManipulator) -
 
 
 def test_target_may_move_or_be_a_pose(planar: ffsms.SpaceManipulator) -> None:
-    hold = Swing(planar, START, START, duration=0.1)
+    hold = Swing(planar, np.zeros(3), duration=0.1)
     at = planar.at(hold.q[0]).end_effector_pose.translation
     controller = SlidingModeController(planar)
     hold.target = lambda t: at + np.array([t, 0.0, 0.0])
@@ -229,7 +213,7 @@ def test_target_may_move_or_be_a_pose(planar: ffsms.SpaceManipulator) -> None:
 
 def test_progress_rises_to_one(planar: ffsms.SpaceManipulator) -> None:
     shares: list[float] = []
-    hold = Swing(planar, START, START, duration=0.5)
+    hold = Swing(planar, np.zeros(3), duration=0.5)
     simulate(planar, hold, SlidingModeController(planar), progress=shares.append)
     assert shares[-1] == 1.0
     assert np.all(np.diff(shares) > 0.0)
@@ -237,7 +221,7 @@ def test_progress_rises_to_one(planar: ffsms.SpaceManipulator) -> None:
 
 
 def test_step_is_the_nearest_that_fits(planar: ffsms.SpaceManipulator) -> None:
-    hold = Swing(planar, START, START, duration=0.1)
+    hold = Swing(planar, np.zeros(3), duration=0.1)
     controller = SlidingModeController(planar)
     assert len(simulate(planar, hold, controller, dt=0.03).tau) == 3
     assert len(simulate(planar, hold, controller, dt=0.1).tau) == 1
@@ -310,7 +294,7 @@ def test_bad_references_and_controllers_are_refused(
     controller = SlidingModeController(planar)
 
     def try_with(words: str, law: Any = controller, **change: Any) -> None:
-        reference = Swing(planar, START, START)
+        reference = Swing(planar, np.zeros(3))
         for name, value in change.items():
             setattr(reference, name, value)
         refused(lambda: simulate(planar, reference, law), InvalidValue, words)
@@ -326,7 +310,7 @@ def test_bad_references_and_controllers_are_refused(
     try_with("controller.torque", Law(0.0))
     other = ffsms.SpaceManipulator(random_tree(12, 4).model(), "tip")
     refused(
-        lambda: simulate(planar, Swing(planar, START, START), controller, plant=other),
+        lambda: simulate(planar, Swing(planar, np.zeros(3)), controller, plant=other),
         InvalidValue,
         "plant",
         "joint_1",

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from motions import Swing
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -19,23 +20,6 @@ from ffsms_pin.simulation import Tracking, simulate
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
-START = np.deg2rad([1.0, 1.0, 1.0])
-
-
-class Swing:
-    """Joints from `start` to `end` along a quintic, at rest and without acceleration at both."""
-
-    def __init__(self, sms: ffsms.SpaceManipulator, start: Array, end: Array, duration: float = 2.0) -> None:
-        self.first, self.way, self.duration = np.array(start), np.array(end) - start, duration
-        self.q = sms.configuration(start)[np.newaxis]
-        self.target: Any = np.array([0.5, 0.5, 0.0])
-
-    def sample(self, t: float) -> tuple[Array, Array, Array]:
-        """Joint motion at t."""
-        x, T = t / self.duration, self.duration
-        position = self.first + self.way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
-        rate = self.way * 30.0 * x**2 * (1.0 - x) ** 2 / T
-        return position, rate, self.way * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / T**2
 
 
 class Law:
@@ -56,7 +40,7 @@ def arrays_of(tracking: Tracking) -> list[str]:
 
 @pytest.fixture(scope="module")
 def swing(planar: ffsms.SpaceManipulator) -> Swing:
-    return Swing(planar, START, START + np.array([0.3, 0.4, -0.3]))
+    return Swing(planar)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,48 @@
+"""Joint motions to follow, for the tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import ffsms_pin as ffsms
+
+__all__ = ["START", "ObservedSwing", "Swing"]
+
+START = np.deg2rad([1.0, 1.0, 1.0])
+
+
+class Swing:
+    """Joints from `start` by `way` along a quintic, at rest and without acceleration at both ends."""
+
+    def __init__(
+        self,
+        sms: ffsms.SpaceManipulator,
+        way: Any = (0.3, 0.4, -0.3),
+        duration: float = 2.0,
+        start: Any = START,
+    ) -> None:
+        self.first, self.way, self.duration = np.array(start), np.array(way), duration
+        self.q = sms.configuration(start)[np.newaxis]
+        self.target: Any = np.array([0.5, 0.5, 0.0])
+
+    def sample(self, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Joint motion at t."""
+        x, T = t / self.duration, self.duration
+        position = self.first + self.way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+        rate = self.way * 30.0 * x**2 * (1.0 - x) ** 2 / T
+        return position, rate, self.way * 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / T**2
+
+
+class ObservedSwing(Swing):
+    """A swing that keeps what it is shown of the plant."""
+
+    def __init__(self, sms: ffsms.SpaceManipulator) -> None:
+        super().__init__(sms)
+        self.seen: list[NDArray[np.float64]] = []
+
+    def observe(self, t: float, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
+        """Keep what is seen."""
+        self.seen.append(np.concatenate([q, v]))
