@@ -14,9 +14,10 @@ from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.base_limits import base_motion, broken_base_limit, judged
 from ffsms_pin.opt.base_rows import BaseRows
-from ffsms_pin.opt.horizon.linearisation import Weights, linearise
+from ffsms_pin.opt.horizon.linearisation import linearise
 from ffsms_pin.opt.horizon.spline import rate_spline
 from ffsms_pin.opt.horizon.task import Task
+from ffsms_pin.opt.horizon.weights import Weights
 from ffsms_pin.opt.marching import march
 from ffsms_pin.opt.step_kinetics import step_kinetics
 from ffsms_pin.opt.trajectory import measure

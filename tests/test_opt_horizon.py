@@ -21,7 +21,7 @@ from ffsms_pin.opt.horizon.clearance_stack import clearance_stack
 from ffsms_pin.opt.horizon.coupling_entropy import entropy, entropy_and_gradient
 from ffsms_pin.opt.horizon.diagnosis import reach_range
 from ffsms_pin.opt.horizon.limits_qp import LimitsQP
-from ffsms_pin.opt.horizon.linearisation import Weights, linearise
+from ffsms_pin.opt.horizon.linearisation import linearise
 from ffsms_pin.opt.horizon.motion import limits_kept, node_rates, trajectory
 from ffsms_pin.opt.horizon.search import within
 from ffsms_pin.opt.horizon.spline import at_nodes, embedding, rate_spline
@@ -38,6 +38,7 @@ from ffsms_pin.opt.horizon.stacks import (
 )
 from ffsms_pin.opt.horizon.starts import halton, shoot, straight_moves
 from ffsms_pin.opt.horizon.task import Task
+from ffsms_pin.opt.horizon.weights import Weights
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.base_motion import roll_out
 

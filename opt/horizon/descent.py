@@ -12,9 +12,10 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.limits_qp import LimitsQP
-from ffsms_pin.opt.horizon.linearisation import Linearisation, Weights, linearise
+from ffsms_pin.opt.horizon.linearisation import Linearisation, linearise
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.task import Task
+from ffsms_pin.opt.horizon.weights import Weights
 
 __all__ = ["Motions", "Workbench", "descend"]
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from ffsms_pin.opt.horizon.base_residual import BASE_MARGIN
 from ffsms_pin.opt.horizon.descent import Motions, Workbench, descend
-from ffsms_pin.opt.horizon.linearisation import CLEARANCE_MARGIN, Weights
+from ffsms_pin.opt.horizon.linearisation import CLEARANCE_MARGIN
 from ffsms_pin.opt.horizon.spline import embedding
+from ffsms_pin.opt.horizon.weights import Weights
 
 __all__ = ["ARRIVAL", "EARLY", "LATE", "STIFF", "Round", "best", "follow", "hold_base", "land", "run"]
 
