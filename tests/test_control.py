@@ -211,3 +211,24 @@ def test_wrong_lengths_are_refused(wrong: int, planar: ffsms.SpaceManipulator, r
     name = ("q", "v", "q_d", "qd_d", "qdd_d")[wrong]
     error = refused(lambda: controller.torque(*arguments), InvalidValue)
     assert str(error).startswith(f"{name} ")
+
+
+def test_torque_of_lists_is_that_of_arrays(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
+    q, v = random_state(planar, rng)
+    wanted = rng.normal(size=(3, 3))
+    law = SlidingModeController(planar, K_s=0.1)
+    tau = law.torque(q, v, *wanted)
+    np.testing.assert_array_equal(law.torque(list(q), list(v), *wanted.tolist()), tau)
+    for k in range(5):  # any one of them not an array, or not contiguous
+        given: list[Any] = [q, v, *wanted]
+        given[k] = given[k].tolist()
+        np.testing.assert_array_equal(law.torque(*given), tau)
+        given[k] = np.repeat(given[k], 2)[::2]
+        np.testing.assert_array_equal(law.torque(*given), tau)
+    # NaN in the state gives NaN, however the rest is given.
+    v[0] = np.nan
+    assert np.isnan(law.torque(q, v, *wanted)).any()
+    assert np.isnan(law.torque(q, v, wanted[0].tolist(), wanted[1], wanted[2])).any()
+    q_d = wanted[0].copy()
+    law.torque(q, v, q_d, wanted[1], wanted[2])
+    np.testing.assert_array_equal(q_d, wanted[0])

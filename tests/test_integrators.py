@@ -134,3 +134,47 @@ def test_inputs_are_left_alone(random_tree: Callable[..., Any]) -> None:
     rk4_step(case.model, case.data, case.q, case.v, case.tau, 0.01)
     for array, copy in zip((case.q, case.v, case.tau), kept, strict=True):
         np.testing.assert_array_equal(array, copy)
+
+
+def written_out(
+    case: Case, q: Array, v: Array, force: Callable[..., Array], dt: float
+) -> tuple[Array, Array, float]:
+    """The same step with its stages one by one, and the bracket from Pinocchio's cross product."""
+
+    def rate(x: Array, w: Array, s: float) -> tuple[Array, float]:
+        f = force(s, x, w)
+        return np.array(pin.aba(case.model, case.data, x, w, f)), float(f @ w)
+
+    def bracket(a: Array) -> Array:
+        cross = pin.Motion(v[:6]).cross(pin.Motion(a[:6])).vector
+        return np.concatenate([cross, np.zeros(v.size - 6)])
+
+    a1, w1 = rate(q, v, 0.0)
+    v2 = v + 0.5 * dt * a1
+    a2, w2 = rate(pin.integrate(case.model, q, 0.5 * dt * v), v2, 0.5 * dt)
+    v3 = v + 0.5 * dt * a2
+    third = 0.5 * dt * v2 + bracket(dt**3 / 16.0 * a1)
+    a3, w3 = rate(pin.integrate(case.model, q, third), v3, 0.5 * dt)
+    v4 = v + dt * a3
+    a4, w4 = rate(pin.integrate(case.model, q, dt * v3), v4, dt)
+    xi = dt * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0 + bracket(dt**3 / 12.0 * a3)
+    end = pin.normalize(case.model, pin.integrate(case.model, q, xi))
+    return end, v + dt * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0, dt * (w1 + 2.0 * w2 + 2.0 * w3 + w4) / 6.0
+
+
+@pytest.mark.parametrize("dt", [1e-3, 0.02, 0.1])
+@pytest.mark.parametrize("held", [True, False])
+def test_the_step_is_the_method_written_out(held: bool, dt: float, random_tree: Callable[..., Any]) -> None:
+    case = Case(random_tree(11, 5, KINDS), 11, 2.0, gravity=3.0)
+
+    def force(t: float, q: Array, v: Array) -> Array:
+        return case.tau if held else case.tau * (1.0 + t) - 0.1 * v + 0.01 * q[0]
+
+    wanted = written_out(case, case.q, case.v, force, dt)
+    got = rk4_step(case.model, case.data, case.q, case.v, case.tau if held else force, dt)
+    again = rk4_step(case.model, case.data, case.q, case.v, case.tau if held else force, dt)
+    for k in range(2):
+        np.testing.assert_allclose(got[k], wanted[k], rtol=0.0, atol=1e-13 * (1.0 + np.abs(wanted[k]).max()))
+        np.testing.assert_array_equal(got[k], again[k])
+    assert got[2] == pytest.approx(wanted[2], rel=1e-13, abs=1e-13)
+    assert got[2] == again[2]

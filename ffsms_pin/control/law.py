@@ -57,7 +57,7 @@ class JointLaw(ABC):
         self.sms = sms
         self.torque_limit = torque_limits(sms.limits.torque if torque_limit is None else torque_limit, sms.n)
         self._error = sms.layout.difference
-        self._sizes = (sms.nq,), (sms.nv,), (sms.n,)
+        self._shapes = (sms.nq,), (sms.nv,), (sms.n,)
         self._lowest = -self.torque_limit
 
     def torque(
@@ -102,9 +102,17 @@ class JointLaw(ABC):
     def _motion(
         self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike
     ) -> Motion:
-        nq, nv, n = self._sizes
-        q, v = _sized("q", q, nq), _sized("v", v, nv)
-        q_d, qd_d, qdd_d = _sized("q_d", q_d, n), _sized("qd_d", qd_d, n), _sized("qdd_d", qdd_d, n)
+        nq, nv, n = self._shapes
+        # Costs little where all are vectors already: this runs in the control loop.
+        if not (
+            type(q) is type(v) is type(q_d) is type(qd_d) is type(qdd_d) is np.ndarray
+            and q.dtype is v.dtype is q_d.dtype is qd_d.dtype is qdd_d.dtype is _FLOAT64
+            and q.shape == nq
+            and v.shape == nv
+            and q_d.shape == qd_d.shape == qdd_d.shape == n
+        ):
+            q, v = _sized("q", q, nq), _sized("v", v, nv)
+            q_d, qd_d, qdd_d = _sized("q_d", q_d, n), _sized("qd_d", qd_d, n), _sized("qdd_d", qdd_d, n)
         return Motion(q, v, self._error(q, q_d), v[6:] - qd_d, qd_d, qdd_d)
 
 
@@ -112,7 +120,7 @@ _FLOAT64 = np.dtype(np.float64)
 
 
 def _sized(name: str, value: ArrayLike, shape: tuple[int]) -> FloatArray:
-    """`value` as a vector, at no cost where it is one: this runs in the control loop."""
+    """`value` as a vector; one that is a vector already may hold NaN."""
     if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == shape:
         return value
     return vector(name, value, shape[0])

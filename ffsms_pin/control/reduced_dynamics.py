@@ -47,14 +47,15 @@ def reduced_torque(sms: SpaceManipulator, q: FloatArray, v: FloatArray, qdd: Flo
     base takes up f_b by accelerating, so tau = f_m - M_bm^T M_b^-1 f_b. Other arguments as for
     `reduced_dynamics`.
     """
-    model, data = sms.model, sms._data
+    model, work = sms.model, sms._workspace
+    data = work.data
     acceleration = sms._still.copy()
     acceleration[6:] = qdd
     force = pin.rnea(model, data, q, v, acceleration)
-    M = pin.crba(model, data, q)
-    M_bm = M[:6, 6:]
-    reaction = lapack.dposv(M[:6, :6], force[:6])[1]
-    tau: FloatArray = force[6:] - reaction.dot(M_bm)
+    pin.crba(model, data, q)
+    # M_b is the whole's inertia in the root frame.
+    reaction = work.whole.inverse().dot(force[:6])
+    tau: FloatArray = force[6:] - reaction.dot(work.M_bm)
     return tau
 
 

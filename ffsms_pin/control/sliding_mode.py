@@ -82,11 +82,14 @@ class SlidingModeController(JointLaw):
         self.boundary = positives("boundary", boundary, sms.n, "rad/s")
         if np.ndim(boundary) > 0 and np.any(self.K_s != np.diag(np.diag(self.K_s))):
             raise InvalidValue("boundary", boundary, "must be one number where K_s is not diagonal")
+        # Arrays, since numpy takes longer to make one of a number than to compare the entries.
+        self._one, self._minus_one = np.ones(sms.n), -np.ones(sms.n)
 
     def _law(self, motion: Motion) -> FloatArray:
-        s = motion.qd_e + self.Gamma.dot(motion.q_e)
-        sat = np.minimum(np.maximum(s / self.boundary, -1.0), 1.0)
-        wanted = motion.qdd_d - self.Gamma.dot(motion.qd_e)
+        qd_e, Gamma = motion.qd_e, self.Gamma
+        s = (Gamma.dot(motion.q_e) + qd_e) / self.boundary
+        sat = np.minimum(np.maximum(s, self._minus_one), self._one)
+        wanted = motion.qdd_d - Gamma.dot(qd_e)
         tau: FloatArray = reduced_torque(self.sms, motion.q, motion.v, wanted) - self.K_s.dot(sat)
         return tau
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["cosine", "cosine_of_triples", "normalised_entropy"]
+__all__ = ["cosine", "cosine_of_triples", "entropy_of_values", "normalised_entropy"]
 
 # A velocity below this fraction of |J| |rates| is rounding, not motion: it has no direction.
 ROUNDING = 1e-14
@@ -32,8 +32,11 @@ def normalised_entropy(sigma: ArrayLike, n: int) -> float:
         H_norm in [0, 1]: 0 when one direction carries all the coupling, 1 when all carry the same.
         With 0 log 0 = 0; zero for n = 1 and where there is no coupling at all.
     """
-    # A handful of numbers: plain Python is several times faster here than array calls.
-    values: list[float] = np.asarray(sigma, dtype=np.float64).tolist()
+    return entropy_of_values(np.asarray(sigma, dtype=np.float64).tolist(), n)
+
+
+def entropy_of_values(values: Sequence[float], n: int) -> float:
+    """The same, of plain numbers: for a handful of them Python is several times faster than array calls."""
     total = math.fsum(values)
     if n <= 1 or total <= 0.0:
         return 0.0

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin import lapack
-from ffsms_pin.checks import FloatArray, frozen, vector
-from ffsms_pin.coupling.metrics import cosine, normalised_entropy
+from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.coupling.metrics import cosine, entropy_of_values
 from ffsms_pin.errors import SolverError
 
 __all__ = ["Coupling", "decompose"]
@@ -72,13 +72,13 @@ class Coupling:
 
     def __init__(self, C_bm: FloatArray, velocity_jacobian: Callable[[], FloatArray]) -> None:
         U, sigma, V = decompose(C_bm)
-        self.__dict__.update(
-            U=frozen(U),
-            sigma=frozen(sigma),
-            V=frozen(V),
-            entropy=normalised_entropy(sigma, C_bm.shape[1]),
-            _velocity_jacobian=velocity_jacobian,
-        )
+        U.setflags(write=False)
+        sigma.setflags(write=False)
+        V.setflags(write=False)
+        own = self.__dict__
+        own["U"], own["sigma"], own["V"] = U, sigma, V
+        own["entropy"] = entropy_of_values(sigma.tolist(), V.shape[0])
+        own["_velocity_jacobian"] = velocity_jacobian
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(f"a coupling cannot be changed (tried to set '{name}')")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from functools import lru_cache
+from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
@@ -73,40 +75,76 @@ def rk4_step(
     H. Munthe-Kaas, B. Owren, "Computations in a free Lie algebra", Philosophical Transactions of the Royal
     Society A 357 (1999); the brackets' signs are those of velocities in body axes.
     """
+    half_dt, second, third, fourth, end = _weights(dt)
+    # v and the four accelerations: every stage is one product with the rows that there are so far.
+    rows = np.empty((5, v.size))
+    rows[0] = v
     half = 0.5 * dt
-    # Stage velocities are v, v + p1, v + p2 and v + p3; what Pinocchio returns changes with its next call.
+
     f1 = tau(t, q, v) if callable(tau) else tau
-    p1 = half * pin.aba(model, data, q, v, f1)
+    rows[1] = pin.aba(model, data, q, v, f1)
+    # ABA leaves the base's velocity behind. Brackets of two such velocities, [v, v + p] = [v, p]; the joints
+    # move along fixed axes and have none.
+    bracket = data.v[1].action
 
-    v2 = v + p1
-    q2 = pin.integrate(model, q, half * v)
+    stage = second.dot(rows[:2])
+    v2, xi, turning = stage[0], stage[1], stage[2]
+    q2 = pin.integrate(model, q, v * half_dt)
     f2 = tau(t + half, q2, v2) if callable(tau) else tau
-    p2 = half * pin.aba(model, data, q2, v2, f2)
+    rows[2] = pin.aba(model, data, q2, v2, f2)
 
-    v3 = v + p2
-    xi = half * v2
-    # Brackets of two base velocities, [v, v + p] = [v, p]; the joints move along fixed axes and have none.
-    bracket = pin.Motion(v[:6]).action
-    xi[:6] += bracket.dot((0.125 * dt * dt) * p1[:6])
+    base = xi[:6]
+    base += bracket.dot(turning[:6])
+    stage = third.dot(rows[:3])
+    v3 = stage[0]
     q3 = pin.integrate(model, q, xi)
     f3 = tau(t + half, q3, v3) if callable(tau) else tau
-    p3 = dt * pin.aba(model, data, q3, v3, f3)
+    rows[3] = pin.aba(model, data, q3, v3, f3)
 
-    v4 = v + p3
-    q4 = pin.integrate(model, q, dt * v3)
+    v4 = fourth.dot(rows[:4])
+    q4 = pin.integrate(model, q, stage[1])
     f4 = tau(t + dt, q4, v4) if callable(tau) else tau
-    a4 = pin.aba(model, data, q4, v4, f4)
+    rows[4] = pin.aba(model, data, q4, v4, f4)
 
-    # The weights 1, 2, 2, 1 of the classical method, v taken out.
-    p12 = p1 + p2
-    mean = v + (p12 + 0.5 * p3) / 3.0
-    xi = dt * mean
-    xi[:6] += bracket.dot((dt * dt / 12.0) * p3[:6])
-    q_end: FloatArray = pin.normalize(model, pin.integrate(model, q, xi))
-    v_end: FloatArray = v + (p12 + (p2 + p3) + half * a4) / 3.0
+    stage = end.dot(rows)
+    v_end, xi, turning = stage[0], stage[1], stage[2]
     if callable(tau):
-        return q_end, v_end, (dt / 6.0) * float(f1 @ v + 2.0 * (f2 @ v2 + f3 @ v3) + f4 @ v4)
-    return q_end, v_end, dt * float(tau.dot(mean))
+        work = (dt / 6.0) * float(f1 @ v + 2.0 * (f2 @ v2 + f3 @ v3) + f4 @ v4)
+    else:
+        work = float(tau.dot(xi))  # dt times the mean velocity, before the bracket
+    base = xi[:6]
+    base += bracket.dot(turning[:6])
+    q_end: FloatArray = pin.normalize(model, pin.integrate(model, q, xi))
+    return q_end, v_end, work
+
+
+class _Weights(NamedTuple):
+    """What the stages are made of: every row gives a combination of v and the accelerations so far."""
+
+    half_dt: FloatArray  # an array of no dimension, which numpy multiplies by faster than by a number
+    second: FloatArray  # v2; dt / 2 times it; what the bracket of q3 is of
+    third: FloatArray  # v3; dt times it
+    fourth: FloatArray  # v4
+    end: FloatArray  # velocity at the end; dt times the mean velocity; what the bracket of the end is of
+
+
+@lru_cache(maxsize=64)
+def _weights(dt: float) -> _Weights:
+    half = 0.5 * dt
+    sixth = dt / 6.0
+    return _Weights(
+        half_dt=np.array(half),
+        second=np.array([[1.0, half], [half, half * half], [0.0, 0.125 * dt * dt * half]]),
+        third=np.array([[1.0, 0.0, half], [dt, 0.0, dt * half]]),
+        fourth=np.array([1.0, 0.0, 0.0, dt]),
+        end=np.array(
+            [
+                [1.0, sixth, 2.0 * sixth, 2.0 * sixth, sixth],
+                [dt, dt * sixth, dt * sixth, dt * sixth, 0.0],
+                [0.0, 0.0, 0.0, dt * dt / 12.0 * dt, 0.0],
+            ]
+        ),
+    )
 
 
 INTEGRATORS: dict[str, Integrator] = {

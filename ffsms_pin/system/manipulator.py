@@ -103,6 +103,7 @@ class SpaceManipulator:
         self._joints_alone = frozen(self._identity[:, 6:].copy())
         self._still = frozen(np.zeros(6 + self.n))
         self._nq, self._nv = int(self.model.nq), int(self.model.nv)
+        self._q_shape, self._v_shape = (self._nq,), (self._nv,)
         self._check_inertia()
 
     @property
@@ -130,11 +131,22 @@ class SpaceManipulator:
             Velocity, Pinocchio's; default: at rest.
         """
         q = self.checked_configuration("q", q)
-        return State(self, q, self._still if v is None else _vector("v", v, self._nv))
+        return State(self, q, self._still if v is None else _vector("v", v, self._v_shape))
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
         """Copy of `q`, checked for shape, finite values and a unit quaternion."""
-        array = _vector(name, q, self._nq)
+        if type(q) is np.ndarray and q.dtype is _FLOAT64 and q.shape == self._q_shape:
+            array = q.copy()
+            values = array.tolist()
+            x, y, z, w = values[3:7]
+            # At little cost where all is in order: a sum is finite only if all are.
+            if (
+                self.layout.plain
+                and abs(sum(values)) < math.inf
+                and abs(x * x + y * y + z * z + w * w - 1.0) < 1e-6
+            ):
+                return array
+        array = vector(name, q, self._nq)
         norm = math.hypot(*array[3:7].tolist())
         if abs(norm - 1.0) > 1e-6:
             raise InvalidValue(
@@ -191,7 +203,7 @@ class SpaceManipulator:
         state = self.at(q)
         v = np.empty(self.nv)
         v[6:] = vector("joint_rates", joint_rates, self.n, "rad/s")
-        v[:6] = state._coupling @ v[6:]
+        v[:6] = state._N[:6] @ v[6:]
         if momentum is not None:
             v[:6] += state.drift(vector("momentum", momentum, 6))
         return v
@@ -251,13 +263,13 @@ class SpaceManipulator:
         return f"SpaceManipulator('{self.model.name}', n={self.n}, end_effector='{self.end_effector}')"
 
 
-def _vector(name: str, value: ArrayLike, size: int) -> FloatArray:
-    """`vector`, at little cost where the value is in order: a sum of squares is finite only if all are."""
-    if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == (size,):
+def _vector(name: str, value: ArrayLike, shape: tuple[int]) -> FloatArray:
+    """`vector`, at little cost where the value is in order."""
+    if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == shape:
         copy = value.copy()
-        if copy.dot(copy) < math.inf:
+        if abs(sum(copy.tolist())) < math.inf:
             return copy
-    return vector(name, value, size)
+    return vector(name, value, shape[0])
 
 
 def _frame_id(model: Any, name: str) -> int:

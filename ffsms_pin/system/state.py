@@ -25,7 +25,6 @@ __all__ = ["State"]
 # A singular value of J* below this fraction of the largest counts as zero.
 RANK_TOLERANCE = 1e-10
 _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-_UNIT = pin.SE3.Identity()
 _FREE = np.zeros(6, np.int32)  # any column may be pivoted
 _LWORK = 512  # of dgelsy, which needs 6 (n + 2) at most
 
@@ -66,166 +65,113 @@ class State:
         # q and v say it all; a copy computes again what it is asked for.
         return State, (self.__dict__["_sms"], np.array(self.q), np.array(self.v))
 
-    # -- what is computed together ---------------------------------------------------------------------
-    # Quantities that fall out of the same calls are made and kept together: an entry of __dict__ is found
-    # before the method of its name. On whole arrays numpy's product costs half of what it costs on blocks.
+    # -- what the rest is made of ----------------------------------------------------------------------
+    # A product of small matrices takes as long as a slice or a call, so what falls out of one product is made
+    # and kept together: an entry of __dict__ is found before the method of its name. A view of a read-only
+    # array is read-only too. What begins with an underscore is not handed out.
 
-    def _keep(self, made: dict[str, FloatArray]) -> dict[str, FloatArray]:
-        for array in made.values():
-            array.setflags(write=False)
-        self.__dict__.update(made)
-        return made
-
-    def _make_coupling(self) -> dict[str, FloatArray]:
-        own = self.__dict__
-        sms = own["_sms"]
-        data = sms._workspace.at(own["q"])
-        M = data.M
-        # Positive definite, so Cholesky: better than an inverse where a bare arm makes M_b ill-conditioned.
-        reaction = lapack.dposv(M[:6, :6], M[:6, 6:])[1]
-        N = sms._joints_alone.copy()
-        coupling = np.negative(reaction, N[:6])
-        own["_root"] = root = data.oMi[1].copy()
-        own["_to_root"] = A = root.inverse()
-        A.translation = sms.base_com
-        return self._keep({"_N": N, "_coupling": coupling, "C_bm": A.actionInverse.dot(coupling)})
-
-    def _make_configuration(self) -> dict[str, FloatArray]:
-        N, own = self._N, self.__dict__
-        sms = own["_sms"]
-        model, data, frame = sms.model, sms._workspace.at(own["q"]), sms.frame_id
-        M, T = data.M, sms._identity.copy()
-        T[:6, :6] = own["_to_root"].action
-        H = T.T.dot(M.dot(T))
-        own["_end_effector"] = pose = pin.updateFramePlacement(model, data, frame).copy()
-        own["_base"] = base = own["_root"] * sms._base_place
-        lever = _UNIT.copy()
-        lever.translation = base.translation - pose.translation
-        J_e = pin.getFrameJacobian(model, data, frame, _AXES)
-        return self._keep(
-            {
-                "_T": T,
-                "H": H,
-                "H_b": H[:6, :6],
-                "H_bm": H[:6, 6:],
-                "H_m": H[6:, 6:],
-                "H_q": M.dot(N)[6:],
-                "_J_e": J_e,
-                "J_b": lever.action,
-                "J_m": J_e[:, 6:],
-                "J_star": J_e.dot(N),
-                "com": data.com[0].copy(),
-            }
-        )
-
-    def _make_motion(self) -> dict[str, FloatArray]:
-        T, own = self._T, self.__dict__
-        sms, q, v = own["_sms"], own["q"], own["v"]
-        model, data = sms.model, sms._workspace.at(q)
-        # Pinocchio's base velocity is in moving axes. With the base twist and the joint rates held constant
-        # its rate is -omega x (velocity of the base's centre of mass), linear rows only.
-        root = v[:6]
-        vx, vy, vz, wx, wy, wz = root.tolist()
-        cx, cy, cz = sms._base_com
-        vx, vy, vz = vx + wy * cz - wz * cy, vy + wz * cx - wx * cz, vz + wx * cy - wy * cx
-        moving = sms._still.copy()
-        moving[0], moving[1], moving[2] = wz * vy - wy * vz, wx * vz - wz * vx, wy * vx - wx * vy
-        effects = pin.rnea(model, data, q, v, moving)
-        C = T.T.dot(effects)
-        C_q = effects.dot(own["_N"])
-        # rnea leaves the bodies' velocities behind.
-        momentum = pin.computeCentroidalMomentum(model, data).vector
-        own["kinetic_energy"] = pin.computeKineticEnergy(model, data)
-        base_twist = own["_to_root"].actionInverse.dot(root)
-        return self._keep(
-            {"C_b": C[:6], "C_m": C[6:], "C_q": C_q, "momentum": momentum, "base_twist": base_twist}
-        )
+    def _beside(self, first: str, name: str) -> FloatArray:
+        """What is kept when `first` is made."""
+        getattr(self, first)
+        value: FloatArray = self.__dict__[name]
+        return value
 
     @once
     def _N(self) -> FloatArray:
         """[-M_b^-1 M_bm; I] (6 + n, n): Pinocchio's velocity a joint rate, at zero momentum."""
-        return self._make_coupling()["_N"]
-
-    @once
-    def _coupling(self) -> FloatArray:
-        """The base's rows of it (6, n)."""
-        return self._make_coupling()["_coupling"]
-
-    @once
-    def _root(self) -> Any:
-        """Pose of the root frame."""
-        self._make_coupling()
-        return self.__dict__["_root"]
-
-    @once
-    def _to_root(self) -> Any:
-        """The change of the base twist to Pinocchio's: see `kinetics`."""
-        self._make_coupling()
-        return self.__dict__["_to_root"]
+        own = self.__dict__
+        sms = own["_sms"]
+        at = sms._workspace.at(own["q"])
+        N: FloatArray = sms._joints_alone.copy()
+        # M_b is the inertia of the whole, seen from the root. Its inverse takes no more than that of a 3x3
+        # matrix about the centre of mass.
+        np.negative(at.root.actInv(at.whole).inverse().dot(at.M_bm), N[:6])
+        own["H_q"] = frozen(at.M.dot(N)[6:])
+        return N
 
     @once
     def _T(self) -> FloatArray:
         """The change of [base twist; joint rates] to Pinocchio's velocity (6 + n, 6 + n)."""
-        return self._make_configuration()["_T"]
+        _, own = self.C_bm, self.__dict__
+        A = own["_A"]
+        own["base_twist"] = frozen(A.actionInverse.dot(own["v"][:6]))
+        T: FloatArray = own["_sms"]._identity.copy()
+        T[:6, :6] = A.action
+        return T
 
     @once
     def _J_e(self) -> FloatArray:
         """End-effector Jacobian (6, 6 + n), inertial axes, in Pinocchio's velocity coordinates."""
-        return self._make_configuration()["_J_e"]
+        return self._beside("J_star", "_J_e")
 
     @once
-    def _base(self) -> Any:
-        self._make_configuration()
-        return self.__dict__["_base"]
-
-    @once
-    def _end_effector(self) -> Any:
-        self._make_configuration()
-        return self.__dict__["_end_effector"]
+    def _effects(self) -> FloatArray:
+        """Generalised force (6 + n,) that holds Pinocchio's velocity constant."""
+        return self._beside("C_q", "_effects")
 
     # -- inertia matrix --------------------------------------------------------------------------------
 
     @once
     def H(self) -> FloatArray:
         """Generalised inertia matrix (6 + n, 6 + n) for [base twist; joint rates] (paper Eq. T)."""
-        return self._make_configuration()["H"]
+        own = self.__dict__
+        T = self._T
+        H = frozen(T.T.dot(own["_sms"]._workspace.at(own["q"]).M.dot(T)))
+        own["H_b"], own["H_bm"], own["H_m"] = H[:6, :6], H[:6, 6:], H[6:, 6:]
+        return H
 
     @once
     def H_b(self) -> FloatArray:
         """Base block (6, 6): [[H_v, H_vw], [H_vw^T, H_w]] of the paper."""
-        return self._make_configuration()["H_b"]
+        return self._beside("H", "H_b")
 
     @once
     def H_bm(self) -> FloatArray:
         """Base-joint block (6, n): [H_vm; H_wm] of the paper."""
-        return self._make_configuration()["H_bm"]
+        return self._beside("H", "H_bm")
 
     @once
     def H_m(self) -> FloatArray:
         """Joint block (n, n)."""
-        return self._make_configuration()["H_m"]
+        return self._beside("H", "H_m")
 
     @once
     def H_q(self) -> FloatArray:
         """Reduced inertia matrix (n, n): the Schur complement of H_b in H."""
-        return self._make_configuration()["H_q"]
+        return self._beside("_N", "H_q")
 
     # -- velocity-dependent forces ---------------------------------------------------------------------
 
     @once
     def C_b(self) -> FloatArray:
         """Coriolis and centrifugal force on the base (6,) [N; N m], conjugate to the base twist."""
-        return self._make_motion()["C_b"]
+        own = self.__dict__
+        sms, effects = own["_sms"], self._effects
+        # Pinocchio's base velocity is in moving axes. With the base twist and the joint rates held constant
+        # its rate is -omega x (velocity of the base's centre of mass), linear rows only.
+        vx, vy, vz, wx, wy, wz = own["v"][:6].tolist()
+        cx, cy, cz = sms._base_com
+        vx, vy, vz = vx + wy * cz - wz * cy, vy + wz * cx - wx * cz, vz + wx * cy - wy * cx
+        rate = sms._still.copy()
+        rate[0], rate[1], rate[2] = wz * vy - wy * vz, wx * vz - wz * vx, wy * vx - wx * vy
+        C = frozen((effects + sms._workspace.at(own["q"]).M.dot(rate)).dot(self._T))
+        own["C_m"] = C[6:]
+        return C[:6]
 
     @once
     def C_m(self) -> FloatArray:
         """Coriolis and centrifugal torque on the joints (n,) [N m], with the base twist held constant."""
-        return self._make_motion()["C_m"]
+        return self._beside("C_b", "C_m")
 
     @once
     def C_q(self) -> FloatArray:
         """Reduced Coriolis and centrifugal torque (n,) [N m]: C_m - H_bm^T H_b^-1 C_b, the base reacting."""
-        return self._make_motion()["C_q"]
+        own = self.__dict__
+        sms = own["_sms"]
+        effects = pin.nonLinearEffects(sms.model, sms._workspace.data, own["q"], own["v"])
+        own["_effects"] = effects  # Pinocchio gives a copy
+        # It does not matter at which base acceleration the forces are: N^T M is zero in the base's columns.
+        return frozen(effects.dot(self._N))
 
     @once
     def C_q_matrix(self) -> FloatArray:
@@ -241,7 +187,8 @@ class State:
         """
         sms: SpaceManipulator = self.__dict__["_sms"]
         N = self._N
-        C_M = pin.computeCoriolisMatrix(sms.model, sms._data, self.q, N @ self.v[6:])
+        at = sms._workspace.at(self.q)
+        C_M = pin.computeCoriolisMatrix(sms.model, sms._data, at.q, N @ self.v[6:])
         return frozen(N.T @ C_M @ N)
 
     # -- kinematics ------------------------------------------------------------------------------------
@@ -249,32 +196,42 @@ class State:
     @property
     def base_pose(self) -> Any:
         """Pose of the base (a new pinocchio.SE3): the root's axes, at the base's centre of mass."""
-        return self._base.copy()
+        return pin.XYZQUATToSE3(self.q[:7]).act(self.__dict__["_sms"]._base_place)
 
     @once
     def base_twist(self) -> FloatArray:
         """Twist of the base (6,) [m/s; rad/s]: velocity of its centre of mass, angular velocity."""
-        return self._make_motion()["base_twist"]
+        return self._beside("_T", "base_twist")
 
     @property
     def end_effector_pose(self) -> Any:
         """Pose of the end-effector frame (a new pinocchio.SE3)."""
-        return self._end_effector.copy()
+        sms = self.__dict__["_sms"]
+        pose = pin.updateFramePlacement(sms.model, sms._workspace.at(self.q).data, sms.frame_id).copy()
+        pose.translation = pose.translation + self.q[:3]
+        return pose
 
     @once
     def J_b(self) -> FloatArray:
         """Base Jacobian (6, 6): end-effector twist a base twist (paper Eq. d1)."""
-        return self._make_configuration()["J_b"]
+        J = frozen(self._J_e.dot(self._T))
+        self.__dict__["J_m"] = J[:, 6:]
+        return J[:, :6]
 
     @once
     def J_m(self) -> FloatArray:
         """Manipulator Jacobian (6, n): [J_Te; J_Re] of the paper."""
-        return self._make_configuration()["J_m"]
+        return self._beside("J_b", "J_m")
 
     @once
     def J_star(self) -> FloatArray:
         """Generalised Jacobian (6, n): J_b C_bm + J_m (paper Eq. DC_GJM; Umetani and Yoshida 1989)."""
-        return self._make_configuration()["J_star"]
+        own, N = self.__dict__, self._N
+        sms = own["_sms"]
+        model, data, frame = sms.model, sms._workspace.at(own["q"]).data, sms.frame_id
+        pin.updateFramePlacement(model, data, frame)
+        own["_J_e"] = J_e = pin.getFrameJacobian(model, data, frame, _AXES)
+        return frozen(J_e.dot(N))
 
     @once
     def end_effector_twist(self) -> FloatArray:
@@ -284,14 +241,19 @@ class State:
     @once
     def com(self) -> FloatArray:
         """Centre of mass of the whole system (3,) [m]."""
-        return self._make_configuration()["com"]
+        own = self.__dict__
+        q, v = own["q"], own["v"]
+        at = own["_sms"]._workspace.at(q)
+        own["momentum"] = frozen(at.Ag.dot(v))
+        own["kinetic_energy"] = 0.5 * float(v.dot(at.M.dot(v)))
+        return frozen(at.com + q[:3])
 
     # -- momentum and energy ---------------------------------------------------------------------------
 
     @once
     def momentum(self) -> FloatArray:
         """Total momentum (6,) [kg m/s; kg m^2/s], angular part about the system's centre of mass."""
-        return self._make_motion()["momentum"]
+        return self._beside("com", "momentum")
 
     def drift(self, momentum: FloatArray) -> FloatArray:
         """Root velocity (6,), Pinocchio's, that gives the system `momentum` with the joints at rest.
@@ -302,10 +264,11 @@ class State:
             [linear; angular], inertial axes, about the system's centre of mass.
         """
         sms: SpaceManipulator = self.__dict__["_sms"]
-        root = self._root
-        h = np.concatenate([momentum[:3], momentum[3:] + np.cross(self.com - root.translation, momentum[:3])])
+        at = sms._workspace.at(self.q)
+        root = at.root
+        h = np.concatenate([momentum[:3], momentum[3:] + np.cross(at.com, momentum[:3])])
         h = np.concatenate([root.rotation.T @ h[:3], root.rotation.T @ h[3:]])
-        drift: FloatArray = np.linalg.solve(sms._workspace.at(self.q).M[:6, :6], h)
+        drift: FloatArray = np.linalg.solve(at.M[:6, :6], h)
         return drift
 
     @once
@@ -316,8 +279,7 @@ class State:
     @once
     def kinetic_energy(self) -> float:
         """Kinetic energy [J]."""
-        self._make_motion()
-        return float(self.__dict__["kinetic_energy"])
+        return float(self._beside("com", "kinetic_energy"))
 
     # -- rates -----------------------------------------------------------------------------------------
 
@@ -337,7 +299,7 @@ class State:
         # Without momentum they are the bias accelerations of the same joint rates. Seen from the base, both
         # matrices depend on the joints alone; what else the base turns by only turns them as a whole.
         rates = self.v[6:]
-        base, end_effector = self._bias(np.concatenate([self._coupling @ rates, rates]))
+        base, end_effector = self._bias(np.concatenate([self._N[:6] @ rates, rates]))
         extra = cross_matrix(self.drift_twist[3:])
         for product, matrix in ((base, self.C_bm), (end_effector, self.J_star)):
             twist = matrix @ rates
@@ -378,7 +340,12 @@ class State:
     @once
     def C_bm(self) -> FloatArray:
         """Joint-to-base coupling (6, n): -H_b^-1 H_bm, base twist a joint rate at zero momentum."""
-        return self._make_coupling()["C_bm"]
+        own, N = self.__dict__, self._N
+        sms = own["_sms"]
+        # The change of the base twist to Pinocchio's: see `kinetics`.
+        A = own["_A"] = sms._workspace.at(own["q"]).root.inverse()
+        A.translation = sms.base_com
+        return frozen(A.actionInverse.dot(N[:6]))
 
     @once
     def C_be(self) -> FloatArray:
@@ -423,7 +390,8 @@ class State:
         offset = np.zeros(3)
         if reference is not None:
             point = vector("reference", reference, 3, "m")
-            offset = self._root.rotation @ (point - self.__dict__["_sms"].base_com)
+            sms: SpaceManipulator = self.__dict__["_sms"]
+            offset = sms._workspace.at(self.q).root.rotation @ (point - sms.base_com)
         return Coupling(scaled(self.C_bm, characteristic_length, offset, rows), lambda: self.J_star[:3])
 
     def reaction_null_space(
