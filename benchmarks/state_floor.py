@@ -138,14 +138,18 @@ def _numpy_parts(sms: ffsms.SpaceManipulator) -> dict[str, Part]:
     }
 
 
-def _measured(
-    what: str, robot: str, sms: ffsms.SpaceManipulator, ours: Part, parts: dict[str, Part], turns: int
-) -> Floor:
+def _states(sms: ffsms.SpaceManipulator) -> list[tuple[FloatArray, FloatArray]]:
     rng = np.random.default_rng(0)
-    states = [
+    return [
         (sms.configuration(rng.uniform(-1.0, 1.0, sms.n)), rng.uniform(-0.5, 0.5, sms.nv))
         for _ in range(STATES)
     ]
+
+
+def _measured(
+    what: str, robot: str, sms: ffsms.SpaceManipulator, ours: Part, parts: dict[str, Part], turns: int
+) -> Floor:
+    states = _states(sms)
     plain = _numpy_parts(sms)
     calls = {"ours": ours, **parts, **plain}
     least = dict.fromkeys(calls, np.inf)
@@ -167,6 +171,54 @@ def _measured(
     }
 
 
+# What is made together, by what is asked for first; the rest of each is then there.
+GROUPS = (
+    ("C_bm", "N, H_q and C_bm"),
+    ("J_star", "J*"),
+    ("H", "H and its blocks"),
+    ("J_b", "J_b and J_m"),
+    ("C_q", "C_q"),
+    ("C_b", "C_b and C_m"),
+    ("com", "centre of mass, momentum, energy"),
+    ("base_pose", "base pose"),
+    ("end_effector_pose", "end effector's pose"),
+    ("C_be", "C_be"),
+    ("coupling", "SVD and entropy"),
+)
+
+
+def where(robot: str, turns: int = TURNS) -> dict[str, float]:
+    """Microseconds of every part of a state, in place, and of the two halves of a control step."""
+    sms = ffsms.load(robot)
+    states, now = _states(sms), time.perf_counter_ns
+    controller, data = ffsms.SlidingModeController(sms), sms.model.createData()
+    wanted, force = np.zeros(sms.n), np.zeros(sms.nv)
+    least: dict[str, float] = {}
+    for _ in range(turns):
+        taken = dict.fromkeys(("clock", "at(q, v)", *(name for _, name in GROUPS), "torque", "rk4_step"), 0)
+        for q, v in states:
+            a = now()
+            b = now()
+            taken["clock"] += b - a
+            a = now()
+            state = sms.at(q, v)
+            taken["at(q, v)"] += now() - a
+            for quantity, name in GROUPS:
+                a = now()
+                getattr(state, quantity)
+                taken[name] += now() - a
+            a = now()
+            force[6:] = controller.torque(q, v, wanted, wanted, wanted)
+            b = now()
+            rk4_step(sms.model, data, q, v, force, DT)
+            taken["torque"] += b - a
+            taken["rk4_step"] += now() - b
+        for name, value in taken.items():
+            least[name] = min(least.get(name, np.inf), 1e-3 * value / STATES)
+    clock = least.pop("clock")
+    return {name: value - clock for name, value in least.items()}
+
+
 def main() -> None:
     """Print the tables."""
     print("| what | robot | time [us] | unavoidable [us] | with numpy.linalg [us] | ratio | of which |")
@@ -179,6 +231,10 @@ def main() -> None:
                 f"{row['numpy_us']:.1f} | {row['ratio']:.2f} | {parts} |",
                 flush=True,
             )
+    found = [where(robot) for robot in ROBOTS]
+    print(f"\n| where it goes [us] | {' | '.join(ROBOTS)} |\n|---|{'---|' * len(ROBOTS)}")
+    for name in found[0]:
+        print(f"| {name} | {' | '.join(f'{one[name]:.1f}' for one in found)} |")
 
 
 if __name__ == "__main__":
