@@ -8,6 +8,7 @@ where the end effector ends (the base rolled out on the momentum equation), on t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +16,9 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.clearances import ClearanceModel
+from ffsms_pin.opt.guide_clearances import Shortfalls
 from ffsms_pin.opt.guide_roll import roll
+from ffsms_pin.opt.guide_spline import basis, head
 from ffsms_pin.opt.least_squares import least_squares
 from ffsms_pin.opt.step_kinetics import KineticsAt
 from ffsms_pin.system import SpaceManipulator
@@ -27,15 +30,16 @@ __all__ = ["Guide", "find_guide", "followed_on"]
 _SAMPLES = 32
 _GAUSS = (0.5 - np.sqrt(3.0) / 6.0, 0.5 + np.sqrt(3.0) / 6.0)
 _NODES = np.array([(panel + place) * 2.0 / _SAMPLES for panel in range(_SAMPLES // 2) for place in _GAUSS])
-_EVERY = 2  # clearances are kept at every second of them
 _SHARE = 0.96  # of the limits that a guide uses: the step that follows it needs some
+_BOX = 1.0  # [rad/s] of the steps' |alpha_i|
 _POSITION = 200.0  # [1/m] weights of the residuals
 _ROTATION = 100.0  # [1/rad]
-_CLEARANCE = 100.0  # [1/m]
+_CLEARANCE = 200.0  # [1/m]
 _RATE, _ACCELERATION, _MARGIN, _EASE = 10.0, 5.0, 0.05, 0.02
 _EDGE, _CALM = 0.5, 0.9  # joints keep within this share of their range where they can: room for corrections
 _BEYOND = 3e-3  # [m] that a guide keeps beyond the clearance asked for
 _ITERATIONS = 30
+_ENOUGH = 2e-4  # decrease of the sum of squares that is not worth an iteration: a miss of 0.07 mm
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,7 @@ class Guide:
     miss : float
         Distance to the target at the end, on the model [m].
     fits : bool
-        Whether the rate limits and the clearances hold.
+        Whether the rate limits, the steps' box |alpha_i| <= 1 and the clearances hold.
     """
 
     start: float
@@ -62,13 +66,27 @@ class Guide:
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray]:
         """Positions and rates, each (n,), at t [s]; at rest after the end."""
-        s = min(max((t - self.start) / self.duration, 0.0), 1.0)
-        at = np.array([s])
-        count = len(self.points)
-        return (
-            (_basis(count, 0, at) @ self.points)[0],
-            (_basis(count, 1, at) @ self.points)[0] / self.duration,
-        )
+        # Between two knots it is a cubic, which its ends and their rates give.
+        at, positions, rates = self._knots
+        pieces = len(at) - 1
+        place = min(max((t - self.start) / self.duration, 0.0), 1.0) * pieces
+        k = min(int(place), pieces - 1)
+        u, h = place - k, self.duration / pieces
+        first, last = rates[k], rates[k + 1]
+        mean = (positions[k + 1] - positions[k]) / h
+        c, b = 3.0 * mean - 2.0 * first - last, first + last - 2.0 * mean
+        return positions[k] + (h * u) * (first + u * (c + u * b)), first + u * (2.0 * c + (3.0 * u) * b)
+
+    @cached_property
+    def _knots(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Instants of the spline's knots, and positions and rates there."""
+        at = np.linspace(self.start, self.start + self.duration, len(self.points) - 2)
+        return at, *self.along(at)
+
+    def along(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same at many instants t (m,) [s]: positions and rates, each (m, n)."""
+        s, count = np.clip((t - self.start) / self.duration, 0.0, 1.0), len(self.points)
+        return basis(count, 0, s) @ self.points, basis(count, 1, s) @ self.points / self.duration
 
 
 def find_guide(
@@ -107,34 +125,32 @@ def find_guide(
     """
     n = sms.n
     knots = 10 if duration > 3.0 else 7
-    basis = [_basis(knots, order, _NODES) / duration**order for order in (0, 1, 2)]
-    head = _head(sms.layout.positions(q), rates, knots, duration)
+    bases = [basis(knots, order, _NODES) / duration**order for order in (0, 1, 2)]
+    begin = head(sms.layout.positions(q), rates, knots, duration)
     limits = sms.limits
     half, middle = 0.5 * (limits.upper - limits.lower), 0.5 * (limits.upper + limits.lower)
     half, middle = np.where(np.isfinite(half), half, np.pi), np.where(np.isfinite(middle), middle, 0.0)
     free = np.flatnonzero(np.ones(n, dtype=bool) if fixed is None else ~fixed)
-    rows, count = (
-        knots - 3,
-        (knots - 3) * len(free),
-    )  # the last control point is there twice: at rest at the end
+    rows = knots - 3  # the last control point is there twice: at rest at the end
+    count = rows * len(free)
     kinetics, trial = KineticsAt(sms), q.copy()
-    keep = None if clearances is None else _Keep(sms, clearances, q, clearance + _BEYOND)
+    keep = None if clearances is None else Shortfalls(sms, clearances, q, clearance + _BEYOND)
     # Control points are linear in the unknowns: the last of these moves the last two of those.
     spread = np.zeros((knots, rows))
     spread[2 : knots - 1] = np.eye(rows)
     spread[-1, -1] = 1.0
-    inner = [B @ spread for B in basis]
+    inner = [B @ spread for B in bases]
 
     ease = np.asarray(_EASE * np.kron(np.diff(spread, axis=0), np.eye(len(free))), dtype=np.float64)
 
     def points(x: FloatArray) -> FloatArray:
-        P = np.tile(head[1], (rows, 1))
+        P = np.tile(begin[1], (rows, 1))
         P[:, free] = x.reshape(rows, -1)
-        return np.vstack([head, P, P[-1:]])
+        return np.vstack([begin, P, P[-1:]])
 
     def sides(path: FloatArray, speeds: FloatArray) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
-        """alpha = V^T rates (k, n) of the samples whose rates are long enough for it to matter, and their V."""
-        where = np.flatnonzero((speeds**2).sum(axis=1) > _SHARE**2)
+        """V^T rates (k, n), the steps' alpha, of samples with rates so large that it matters, and their V."""
+        where = np.flatnonzero((speeds**2).sum(axis=1) > (_SHARE * _BOX) ** 2)
         V = np.empty((len(where), n, n))
         for k, positions in enumerate(path[where]):
             sms.layout.set_positions(trial, positions)
@@ -159,15 +175,15 @@ def find_guide(
     def boxed(path: FloatArray, speeds: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same for the box |alpha_i| <= 1 of the steps; slopes leave out that V turns."""
         alphas, where, V = sides(path, speeds)
-        k, i = np.nonzero(np.abs(alphas) > _SHARE)
+        k, i = np.nonzero(np.abs(alphas) > _SHARE * _BOX)
         along = np.sign(alphas[k, i])[:, None] * V[k, :, i][:, free]
         S = inner[1][where[k]][:, :, None] * along[:, None, :]
-        return np.abs(alphas[k, i]) - _SHARE, S.reshape(len(k), count)
+        return np.abs(alphas[k, i]) - _SHARE * _BOX, S.reshape(len(k), count)
 
     def residuals(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         P = points(x)
-        path = basis[0] @ P
-        speeds = basis[1] @ P
+        path = bases[0] @ P
+        speeds = bases[1] @ P
         end = roll(sms, q, path, speeds, P[-1], duration, momentum, slopes=True)
         assert end.slopes is not None
         tip = columns(end.slopes.positions, inner[0]) + columns(end.slopes.rates, inner[1])
@@ -182,11 +198,11 @@ def find_guide(
             (_RATE, inner[1], 1, limits.velocity),
             (_ACCELERATION, inner[2], 2, limits.acceleration),
         ):
-            value, slope = bounded(B, basis[order] @ P, most)
+            value, slope = bounded(B, bases[order] @ P, most)
             parts.append((weight * value, weight * slope))
         if keep is not None:
-            value, slopes = keep.short(path[::_EVERY], gradient=True)
-            S = np.einsum("smj,sk->smkj", slopes[:, :, free], inner[0][::_EVERY])
+            value, slopes = keep.along(path, gradient=True)
+            S = np.einsum("smj,sk->smkj", slopes[:, :, free], inner[0])
             near = value.ravel() > 0.0
             parts.append((_CLEARANCE * value.ravel()[near], _CLEARANCE * S.reshape(len(near), count)[near]))
         off = (P[-1] - middle)[free] / half[free]
@@ -199,23 +215,24 @@ def find_guide(
         return np.concatenate([part[0] for part in parts]), np.vstack([part[1] for part in parts])
 
     # The spline nearest to the first guess: one that is nearly right already hardly has to change.
-    B = _basis(knots, 0, np.linspace(0.0, 1.0, len(first)))
-    guess = np.linalg.lstsq(B @ spread, first - B[:, :2] @ head, rcond=None)[0]
+    B = basis(knots, 0, np.linspace(0.0, 1.0, len(first)))
+    ends = np.vstack([begin, first[-1], first[-1]])
+    inside = np.linalg.lstsq(B[:, 2:-2], first - B[:, [0, 1, -2, -1]] @ ends, rcond=None)[0]
+    guess = np.vstack([inside, first[-1:]])
     bounds = np.where(np.isfinite(limits.upper), 0.99 * half, 1e3)[free]
     lower, upper = np.tile(middle[free] - bounds, rows), np.tile(middle[free] + bounds, rows)
-    x = least_squares(residuals, guess[:, free].ravel(), lower, upper, _ITERATIONS)
+    x = least_squares(residuals, guess[:, free].ravel(), lower, upper, _ITERATIONS, _ENOUGH)
     P = points(x)
-    path, speeds = basis[0] @ P, basis[1] @ P
+    path, speeds = bases[0] @ P, bases[1] @ P
     end = roll(sms, q, path, speeds, P[-1], duration, momentum)
-    # Its ends are given, and steps that brake late still follow: accelerations are not looked at.
-    excess = (np.abs(speeds) / limits.velocity)[:, free].max(initial=np.abs(sides(path, speeds)[0]).max(initial=0.0))
+    excess = (np.abs(speeds) / limits.velocity)[:, free].max(initial=0.0)
+    boxed_in = bool(np.abs(sides(path, speeds)[0]).max(initial=0.0) < 1.02 * _BOX)
     clear = True
     if keep is not None:
-        dense = _basis(knots, 0, np.linspace(0.0, 1.0, 2 * _SAMPLES + 1)) @ P
-        clear = bool((keep.short(dense)[0] <= _BEYOND).all())
-    return Guide(
-        start, duration, P, float(np.linalg.norm(end.position - goal)), bool(excess < 1.02) and clear
-    )
+        dense = basis(knots, 0, np.linspace(0.0, 1.0, 2 * _SAMPLES + 1)) @ P
+        clear = bool((keep.along(dense)[0] <= _BEYOND).all())
+    fits = bool(excess < 1.02) and boxed_in and clear
+    return Guide(start, duration, P, float(np.linalg.norm(end.position - goal)), fits)
 
 
 def followed_on(
@@ -228,62 +245,6 @@ def followed_on(
 ) -> Guide:
     """The same guide with the miss that it has from the state q at t [s] on, on this robot."""
     left = guide.start + guide.duration - t
-    at = t + left * _NODES
-    path, rates = (np.array(part) for part in zip(*(guide.sample(float(s)) for s in at), strict=True))
+    path, rates = guide.along(t + left * _NODES)
     end = roll(sms, q, path, rates, guide.points[-1], left, momentum)
     return replace(guide, miss=float(np.linalg.norm(end.position - goal)))
-
-
-class _Keep:
-    """How far clearances fall short of what is asked for along a motion."""
-
-    def __init__(
-        self, sms: SpaceManipulator, clearances: ClearanceModel, q: FloatArray, least: float
-    ) -> None:
-        self._sms, self._clearances, self._trial = sms, clearances, q.copy()
-        self._least = np.minimum(least, clearances.evaluate(q).value)
-
-    def short(self, path: FloatArray, gradient: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Shortfalls (S, m) [m], and where wanted their slopes (S, m, n), at joint positions (S, n)."""
-        values, slopes = [], []
-        sms, trial, model = self._sms, self._trial, self._clearances
-        for positions in path:
-            sms.layout.set_positions(trial, positions)
-            if gradient:
-                value, slope = model.evaluate(trial)
-                slopes.append(-slope)
-            else:
-                pin.forwardKinematics(sms.model, sms._data, trial)
-                pin.updateFramePlacement(sms.model, sms._data, sms.frame_id)
-                value = model.values(sms._data)
-            values.append(self._least - value)
-        return np.array(values), np.array(slopes)
-
-
-def _basis(count: int, derivative: int, at: FloatArray) -> FloatArray:
-    """Cubic B-splines on [0, 1] with ends clamped, or their derivatives, at some places (places, count)."""
-    inner = np.arange(1.0, count - 3) / (count - 3)
-    knots = np.concatenate([np.zeros(4), inner, np.ones(4)])
-    degree = 3 - derivative
-    # Recursion of Cox and de Boor; the last span holds the end as well.
-    span = np.clip(np.searchsorted(knots, at, side="right") - 1, 3, count - 1)
-    values = np.zeros((len(at), count + 3))
-    values[np.arange(len(at)), span] = 1.0
-    for d in range(1, degree + 1):
-        width = knots[d:] - knots[:-d]
-        share = np.divide(1.0, width, out=np.zeros_like(width), where=width > 0.0)
-        left = (at[:, None] - knots[: -d - 1]) * share[:-1]
-        right = (knots[d + 1 :] - at[:, None]) * share[1:]
-        m = len(knots) - d - 1
-        values = left[:, :m] * values[:, :m] + right[:, :m] * values[:, 1 : m + 1]
-    for d in range(degree + 1, 4):
-        width = knots[d:] - knots[:-d]
-        share = np.divide(d, width, out=np.zeros_like(width), where=width > 0.0)
-        m = len(knots) - d - 1
-        values = share[:m] * values[:, :m] - share[1 : m + 1] * values[:, 1 : m + 1]
-    return values
-
-
-def _head(positions: FloatArray, rates: FloatArray, count: int, duration: float) -> FloatArray:
-    """The first two control points, which say where the motion starts and how fast."""
-    return np.array([positions, positions + rates * duration / (3.0 * (count - 3))])

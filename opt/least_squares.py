@@ -12,6 +12,7 @@ from ffsms_pin.checks import FloatArray
 __all__ = ["least_squares"]
 
 _FIRST, _LEAST, _MOST = 1e-3, 1e-9, 1e6  # damping
+_GROWTH = 4.0
 _ENOUGH = 1e-4  # relative decrease of the sum of squares that ends it
 
 
@@ -21,6 +22,7 @@ def least_squares(
     lower: FloatArray,
     upper: FloatArray,
     iterations: int,
+    enough: float = 0.0,
 ) -> FloatArray:
     """A minimum of |r(x)|^2 near x, within bounds.
 
@@ -31,6 +33,8 @@ def least_squares(
     x, lower, upper : ndarray, shape (k,)
     iterations : int
         How often `residuals` is called at most.
+    enough : float
+        A decrease of the sum of squares, foreseen or made, that is not worth another call.
 
     Returns
     -------
@@ -38,24 +42,26 @@ def least_squares(
         The best x found.
     """
     x = np.clip(x, lower, upper)
-    damping = _FIRST
+    damping, growth = _FIRST, _GROWTH
     r, S = residuals(x)
     cost = float(r @ r)
     for _ in range(iterations - 1):
-        step = _bounded_step(S.T @ S, S.T @ r, damping, lower - x, upper - x)
-        if step is None:
+        A, gradient = S.T @ S, S.T @ r
+        step = _bounded_step(A, gradient, damping, lower - x, upper - x)
+        if step is None or -float(step @ (2.0 * gradient + A @ step)) <= enough:
             break
         trial = np.clip(x + step, lower, upper)
         r_trial, S_trial = residuals(trial)
         cost_trial = float(r_trial @ r_trial)
         if cost_trial < cost:
-            enough = cost - cost_trial <= _ENOUGH * cost
+            done = cost - cost_trial <= max(_ENOUGH * cost, enough)
             x, r, S, cost = trial, r_trial, S_trial, cost_trial
-            damping = max(damping / 5.0, _LEAST)
-            if enough:
+            damping, growth = max(damping / 5.0, _LEAST), _GROWTH
+            if done:
                 break
         else:
-            damping *= 4.0
+            # Each failure in a row by more: a step that is far too long is soon short enough.
+            damping, growth = damping * growth, 2.0 * growth
             if damping > _MOST:
                 break
     return x

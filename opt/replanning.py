@@ -33,8 +33,11 @@ _AGAIN, _FACTORS, _ASTRAY = 0.5, 1e-2, 0.05
 # [m] A motion that ends nearer than this arrives.
 _NEAR = 5e-4
 _FAR = 5e-3  # [m] One that ends further away goes another way.
+# A guide is followed on as it is while it leads to so much of that, and the arm is so near [rad] to it.
+_GOOD, _BEHIND = 0.2, 2e-3
 # Steps of a look ahead, as shares of the time left; fine ones where joint limits are near.
 _COARSE, _FINE = 0.03, 0.01
+_HOPELESS = 2e-3  # [m] Where coarse steps end further away, fine ones do not arrive.
 # Share of a joint's range that is kept at either end where room to spare is asked for.
 _ROOM = 0.01
 # [rad/s, rad/s^2] What a failed joint may still do.
@@ -103,7 +106,7 @@ class Replanning:
         self._guide: Guide | None = None
         self._seen: _Foreseen | None = None
         self._room = False
-        self._refreshed = False
+        self._not_before: dict[str, float] = {}
         self.mode: Literal["cone", "guide", "straight", "hold"] = "cone"
         self.failed_steps = self.failed_in_a_row = 0
         self.expected_miss = np.inf
@@ -226,8 +229,8 @@ class Replanning:
         """Time until the next look [s]."""
         if self.expected_miss > _FAR:  # what no motion reaches now, none will soon
             return min(max(_PERIOD, left / 4.0), left / 2.0)
-        # What is followed without seeing the target is checked more often towards the end.
-        return min(0.5 * _PERIOD, left / 3.0) if self.mode == "guide" else _PERIOD
+        # What is followed without seeing the target is checked more often.
+        return min(0.5 * _PERIOD if self.mode == "guide" else _PERIOD, left / 3.0)
 
     def _look(self, t: float, q: FloatArray, left: float) -> None:
         """Look ahead with the base as it was seen to react, and choose what to follow."""
@@ -239,13 +242,18 @@ class Replanning:
         self._planner.reset(side)
         aim = self._goal(self._arrival)
 
-        # Every second time the guide is only brought up to date.
-        self._refreshed = self.mode == "guide" and not self._refreshed
-        if self._refreshed:
-            guide = self._find_guide(t, q, aim, left, None)
-            if guide is not None and guide.miss <= _NEAR:
-                self.expected_miss, self._guide = guide.miss, guide
+        # What lately ended far off is looked at again later, unless nothing else arrives.
+        every = list(dict.fromkeys((self._first_aim, "resolved-rate")))
+        kinds = [kind for kind in every if t >= self._not_before.get(kind, t) - 1e-9]
+        guide: Guide | None = None
+        if self.mode == "guide":  # Bringing it up to date is cheaper than any look.
+            guide = self._still_good(t, q, aim) or self._find_guide(t, q, aim, left, None)
+        if guide is not None and guide.miss <= _NEAR:
+            self.expected_miss, self._guide = guide.miss, guide
+            if not kinds:
                 return
+        else:
+            kinds += [kind for kind in every if kind not in kinds]
 
         options: list[tuple[float, str, SpaceManipulator]] = []
         nearest: Outlook | None = None
@@ -253,19 +261,19 @@ class Replanning:
         narrowed = with_limits(self._model, _narrowed(self._model.limits))
         models = [self._model] if not self._room else [narrowed, self._model] if left < 2.0 else [narrowed]
         for model in models:
-            for kind in dict.fromkeys((self._first_aim, "resolved-rate")):
-                planner = self._like(self._planner.dt, kind, model)
-                planner.reset(side)
-                seen = look_ahead(planner, q, self._rates, aim, left, _FINE if self._room else _COARSE)
+            for kind in kinds:
+                seen = self._ahead(kind, model, side, q, aim, left)
                 nearest = seen if nearest is None or seen.miss < nearest.miss else nearest
                 options.append((seen.miss, kind, model))
+                self._not_before[kind] = t + (0.5 * left if seen.miss > _FAR else _PERIOD)
                 if seen.miss <= _NEAR:
                     break
             if options[-1][0] <= _NEAR:
                 break
         miss, kind, model = options[-1] if options[-1][0] <= _NEAR else min(options, key=lambda one: one[0])
         if miss > _NEAR:
-            guide = self._find_guide(t, q, aim, left, nearest)
+            if guide is None or guide.miss > _NEAR:
+                guide = self._find_guide(t, q, aim, left, nearest)
             if guide is not None and guide.miss < miss:
                 self.mode, self.expected_miss, self._guide, self._room = "guide", guide.miss, guide, True
                 return
@@ -276,14 +284,34 @@ class Replanning:
         self._planner = self._like(self._planner.dt, kind, model)
         self._planner.reset(side)
 
+    def _ahead(
+        self, kind: str, model: SpaceManipulator, side: FloatArray, q: FloatArray, aim: Goal, left: float
+    ) -> Outlook:
+        """Where steps of a kind would lead; looked at closely where joint limits are near."""
+        planner = self._like(self._planner.dt, kind, model)
+        planner.reset(side)
+        seen = look_ahead(planner, q, self._rates, aim, left, _COARSE)
+        if self._room and seen.miss <= _HOPELESS:
+            planner.reset(side)
+            seen = look_ahead(planner, q, self._rates, aim, left, _FINE)
+        return seen
+
+    def _still_good(self, t: float, q: FloatArray, aim: Goal) -> Guide | None:
+        """The guide that is followed, where it still leads to the target as it is and the arm keeps up."""
+        if self._guide is None or aim.rotation is not None:  # its miss says nothing of the attitude
+            return None
+        if np.abs(self._start - self._guide.sample(t)[0]).max() > _BEHIND:
+            return None
+        kept = followed_on(self._guide, self._model, q, t, aim.position, self._planner.momentum)
+        return kept if kept.miss <= _GOOD * _NEAR else None
+
     def _find_guide(
         self, t: float, q: FloatArray, aim: Goal, left: float, seen: Outlook | None
     ) -> Guide | None:
         """The best guide from a few first guesses: the last one, and the nearest that steps would come."""
         guesses = [] if seen is None else [seen.positions]
         if self._guide is not None:
-            at = np.linspace(t, self._arrival, 30)
-            guesses.insert(0, np.array([self._guide.sample(float(s))[0] for s in at]))
+            guesses.insert(0, self._guide.along(np.linspace(t, self._arrival, 30))[0])
         best: Guide | None = None
         for guess in guesses:
             found = find_guide(
