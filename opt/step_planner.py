@@ -187,10 +187,6 @@ class StepPlanner:
         """
         return Replanning(self, target, duration, hold)
 
-    def coarse(self, dt: float) -> StepPlanner:
-        """A planner like this one with another step, for a look ahead."""
-        return self.like(dt)
-
     def like(
         self, dt: float | None = None, sms: SpaceManipulator | None = None, aim: str | None = None
     ) -> StepPlanner:

@@ -1,16 +1,17 @@
-"""Joint motions to follow, for the tests."""
+"""Joint motions to follow, and the plainest of controllers, for the tests."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 
-__all__ = ["START", "ObservedSwing", "Swing"]
+__all__ = ["START", "Constant", "ObservedSwing", "Swing"]
 
+Array: TypeAlias = NDArray[np.float64]
 START = np.deg2rad([1.0, 1.0, 1.0])
 
 
@@ -28,7 +29,7 @@ class Swing:
         self.q = sms.configuration(start)[np.newaxis]
         self.target: Any = np.array([0.5, 0.5, 0.0])
 
-    def sample(self, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def sample(self, t: float) -> tuple[Array, Array, Array]:
         """Joint motion at t."""
         x, T = t / self.duration, self.duration
         position = self.first + self.way * x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
@@ -41,8 +42,26 @@ class ObservedSwing(Swing):
 
     def __init__(self, sms: ffsms.SpaceManipulator) -> None:
         super().__init__(sms)
-        self.seen: list[NDArray[np.float64]] = []
+        self.seen: list[Array] = []
 
-    def observe(self, t: float, q: NDArray[np.float64], v: NDArray[np.float64]) -> None:
+    def observe(self, t: float, q: Array, v: Array) -> None:
         """Keep what is seen."""
         self.seen.append(np.concatenate([q, v]))
+
+
+class Constant:
+    """A controller that always gives the same torque."""
+
+    def __init__(self, tau: Any) -> None:
+        self.tau = np.array(tau, dtype=float)
+
+    def torque(
+        self,
+        q: Array,
+        v: Array,
+        q_d: Array,
+        qd_d: Array,
+        qdd_d: Array,
+    ) -> Array:
+        """The same each time."""
+        return self.tau

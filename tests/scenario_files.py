@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["QUICK", "write"]
+__all__ = ["IN_DEGREES", "IN_RADIANS", "QUICK", "write"]
 
-QUICK = """
+# Robot, start and target; the second starts elsewhere by a fraction of a degree.
+IN_DEGREES = """
 [robot]
 model = "planar_3r"
 [start]
 joints_deg = [23.0, 40.0, -29.0]
 [target]
 position = [0.75, 0.5, 0.0]
+"""
+IN_RADIANS = IN_DEGREES.replace("joints_deg = [23.0, 40.0, -29.0]", "joints = [0.4, 0.7, -0.5]")
+
+QUICK = f"""{IN_DEGREES}\
 [plan]
 duration = 3.0
 dt = 0.05

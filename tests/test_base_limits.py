@@ -118,7 +118,7 @@ def test_where_the_step_counts_from(panda: ffsms.SpaceManipulator, start: Array)
     planner.reset()
     planner.step(away, rates, target, 4.0)
     np.testing.assert_array_equal(planner.base.start, away[:7])
-    assert planner.coarse(0.05).base_limits == planner.base_limits
+    assert planner.like(0.05).base_limits == planner.base_limits
 
 
 def test_replanning_keeps_the_limit() -> None:

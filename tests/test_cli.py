@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
+from scenario_files import IN_DEGREES
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -24,13 +25,7 @@ from ffsms_pin.errors import ResultError
 from ffsms_pin.plotting import FIGURES
 from ffsms_pin.simulation import Tracking
 
-QUICK = """\
-[robot]
-model = "planar_3r"
-[start]
-joints_deg = [23.0, 40.0, -29.0]
-[target]
-position = [0.75, 0.5, 0.0]
+QUICK = f"""{IN_DEGREES.lstrip()}\
 [plan]
 duration = 3.0
 dt = 0.05

@@ -7,19 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenario_files import IN_RADIANS
 
 from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.scenarios import scenario
 from ffsms_pin.scenarios.compare import Comparison, compare, comparison_numbers
 
-SCENARIO = """
-[robot]
-model = "planar_3r"
-[start]
-joints = [0.4, 0.7, -0.5]
-[target]
-position = [0.75, 0.5, 0.0]
+SCENARIO = f"""{IN_RADIANS}\
 [plan]
 duration = 4.0
 dt = 0.05

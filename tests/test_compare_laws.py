@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenario_files import IN_RADIANS
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, simulation
@@ -16,13 +17,7 @@ from ffsms_pin.plotting.laws import plot_laws
 from ffsms_pin.scenarios import LawComparison, compare_laws, scenario
 from ffsms_pin.scenarios.laws import law_numbers
 
-SCENARIO = """
-[robot]
-model = "planar_3r"
-[start]
-joints = [0.4, 0.7, -0.5]
-[target]
-position = [0.75, 0.5, 0.0]
+SCENARIO = f"""{IN_RADIANS}\
 [plan]
 duration = 3.0
 dt = 0.05

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from motions import START, ObservedSwing, Swing
+from motions import START, Constant, ObservedSwing, Swing
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -31,17 +31,6 @@ from ffsms_pin.simulation import (
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
-
-
-class Constant:
-    """A controller that always gives the same torque."""
-
-    def __init__(self, tau: Any) -> None:
-        self.tau = np.array(tau, dtype=float)
-
-    def torque(self, q: Array, v: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
-        """The same each time."""
-        return self.tau
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenario_files import IN_RADIANS
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation
@@ -17,13 +18,7 @@ from ffsms_pin.plotting.robustness import plot_robustness
 from ffsms_pin.scenarios import Robustness, robustness, scenario
 from ffsms_pin.scenarios.robustness import METHODS, robustness_numbers
 
-SCENARIO = """
-[robot]
-model = "planar_3r"
-[start]
-joints = [0.4, 0.7, -0.5]
-[target]
-position = [0.75, 0.5, 0.0]
+SCENARIO = f"""{IN_RADIANS}\
 [plan]
 duration = 4.0
 dt = 0.05

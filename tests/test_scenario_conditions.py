@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scenario_files import IN_DEGREES
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, opt
@@ -19,13 +20,7 @@ from ffsms_pin.errors import FfsmsError, InvalidScenario, SimulationStopped
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
 from ffsms_pin.scenarios.tables import TABLES, gains_of
 
-QUICK = """
-[robot]
-model = "planar_3r"
-[start]
-joints_deg = [23.0, 40.0, -29.0]
-[target]
-position = [0.75, 0.5, 0.0]
+QUICK = f"""{IN_DEGREES}\
 [plan]
 duration = 2.0
 dt = 0.05

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, legend_columns, line
+from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, legend_above, line
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
@@ -58,13 +58,7 @@ def plot_bands(
         ax.set_ylabel(label)
         ax.margins(x=0.0)
         labels = ax.get_legend_handles_labels()[1]
-        ax.legend(
-            loc="lower right",
-            bbox_to_anchor=(1.0, 1.0),
-            ncols=legend_columns(labels),
-            borderaxespad=0.2,
-            columnspacing=1.4,
-        )
+        legend_above(ax, labels)
     return ax
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.plotting.style import LIMIT, applied, axes_or_new, legend_columns, line
+from ffsms_pin.plotting.style import LIMIT, applied, axes_or_new, legend_above, line
 
 __all__ = ["plot_series"]
 
@@ -61,12 +61,5 @@ def plot_series(
         ax.margins(x=0.0)
         if names or drawn:
             labels = [*names, *(["limits"] if drawn else [])]
-            # Above the panel, where no line can run through it; on its left stands the axis' power of ten.
-            ax.legend(
-                loc="lower right",
-                bbox_to_anchor=(1.0, 1.0),
-                ncols=legend_columns(labels),
-                borderaxespad=0.2,
-                columnspacing=1.4,
-            )
+            legend_above(ax, labels)
     return ax

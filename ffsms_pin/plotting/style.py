@@ -10,7 +10,7 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-__all__ = ["ACCENT", "LIMIT", "NEUTRAL", "applied", "axes_or_new", "legend_columns", "line", "stack"]
+__all__ = ["ACCENT", "LIMIT", "NEUTRAL", "applied", "axes_or_new", "legend_above", "line", "stack"]
 
 # Okabe and Ito's colours, ordered so that neighbours also differ in lightness; each has its own line style.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
@@ -60,11 +60,17 @@ def line(index: int) -> dict[str, Any]:
     return {"color": _COLOURS[index % len(_COLOURS)], "linestyle": _DASHES[index % len(_DASHES)]}
 
 
-def legend_columns(labels: Sequence[str]) -> int:
-    """How many columns of a legend with these labels fit above a panel."""
+def legend_above(ax: Axes, labels: Sequence[str]) -> None:
+    """A legend above a panel, where no line can run through it; on its left stands the axis' power of ten."""
     # In widths of an m: the line and the gaps, and a little more than half of one for each letter.
     widest = 4.8 + 0.6 * max((len(label) for label in labels), default=0)
-    return max(1, min(len(labels), int(_LEGEND_WIDTH / widest)))
+    ax.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=max(1, min(len(labels), int(_LEGEND_WIDTH / widest))),
+        borderaxespad=0.2,
+        columnspacing=1.4,
+    )
 
 
 def stack(rows: int) -> tuple[Figure, list[Axes]]:
