@@ -8,16 +8,17 @@ Everything is in base axes with the root frame at the origin, and so depends on 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.stacks import apply, cross, dot, inverse3, skew
+from ffsms_pin.opt.horizon.stacks import apply, cross, diagonal, dot, inverse3, skew
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["ArmStack", "ArmValues"]
+__all__ = ["ArmStack", "ArmValues", "arm_stack"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,13 +154,13 @@ class ArmStack:
         turned = np.einsum("xyj...,jyz->xzj...", rotations, self.body_inertias)
         np.einsum("xzj...,yzj...->xyj...", turned, rotations, out=second)
         second -= first[:, None] * centres
-        second[(0, 1, 2), (0, 1, 2)] += dot(first, centres)
+        diagonal(second)[...] += dot(first, centres)
         carried = (self.carries @ bodies.reshape(12, n, -1)).reshape(bodies.shape)
         moments, inertias = carried[:3], carried[3:].reshape(second.shape)
         whole = bodies.sum(axis=1)
         com = (along(self.base_moment) + whole[:3]) / self.mass
         inertia = along(self.base_inertia) + whole[3:].reshape(3, 3, *shape) + self.mass * com[:, None] * com
-        inertia[(0, 1, 2), (0, 1, 2)] -= self.mass * dot(com, com)
+        diagonal(inertia)[...] -= self.mass * dot(com, com)
         inverse = inverse3(inertia)
 
         linear = along(self.carried_mass) * velocities + cross(axes, moments)
@@ -217,3 +218,9 @@ class ArmStack:
                 origins[:, j] = origin + positions[j] * direction
         origins, axes, velocities = (x.reshape(3, *shape) for x in (origins, axes, velocities))
         return rotations.reshape(3, 3, *shape), origins, axes, velocities
+
+
+@lru_cache(maxsize=8)
+def arm_stack(sms: SpaceManipulator) -> ArmStack:
+    """The manipulator prepared: once for all its plans."""
+    return ArmStack(sms)

@@ -8,12 +8,14 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["entropy", "entropy_and_gradient"]
+__all__ = ["entropy", "entropy_and_gradient", "singular"]
 
 # Singular values are kept above this: x log x is zero there to rounding, and its slope is finite.
 _LEAST = 1e-12
 # And above this share of the largest, where they come from their squares.
 _SHARE = 1e-8
+# Below this share, squares cost digits that show.
+_FEW_DIGITS = 1e-4
 
 
 def entropy(sigma: FloatArray, n: int) -> FloatArray:
@@ -21,6 +23,21 @@ def entropy(sigma: FloatArray, n: int) -> FloatArray:
     if n == 1:
         return np.zeros(sigma.shape[1:])
     return _entropy(np.maximum(sigma, _LEAST), n)[0]
+
+
+def singular(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Singular values (min(6, n), B), largest first, and V (B, n, n) of stacked C_bm (6, n, B).
+
+    By the eigenvalues of C^T C, three times faster than singular values; these where the former lose digits.
+    """
+    n = coupling.shape[1]
+    eigenvalues, vectors = np.linalg.eigh(np.einsum("kib,kjb->bij", coupling, coupling))
+    sigma, V = np.sqrt(np.maximum(eigenvalues[:, ::-1], 0.0)), vectors[:, :, ::-1].copy()
+    sigma = sigma[:, :6].copy()
+    poor = sigma[:, -1] < _FEW_DIGITS * sigma[:, 0]
+    if poor.any():
+        V[poor], sigma[poor], _ = np.linalg.svd(coupling[..., poor].transpose(2, 1, 0), full_matrices=n > 6)
+    return sigma.T, V
 
 
 def entropy_and_gradient(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -14,9 +14,9 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.base_limits import judged
 from ffsms_pin.opt.clearances import CollisionMode
-from ffsms_pin.opt.horizon.arm_stack import ArmStack, ArmValues
+from ffsms_pin.opt.horizon.arm_stack import ArmValues, arm_stack
 from ffsms_pin.opt.horizon.clearance_stack import clearance_stack
-from ffsms_pin.opt.horizon.coupling_entropy import entropy
+from ffsms_pin.opt.horizon.coupling_entropy import entropy, singular
 from ffsms_pin.opt.horizon.course import apply_rates
 from ffsms_pin.opt.horizon.spline import RateSpline, at_nodes
 from ffsms_pin.opt.horizon.stacks import apply, cross, dot, exp3, log3, products, quaternions
@@ -27,8 +27,7 @@ from ffsms_pin.system.base_motion import roll_out
 
 __all__ = ["keeps_clear", "least_clearance", "limits_kept", "node_rates", "trajectory"]
 
-_GAUSS = (0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0)
-# [m] Clearances are looked at three times a step; what they can lose in between is a few micrometres.
+# [m] Clearances are looked at twice a step; what they can lose in between is a few micrometres.
 _BETWEEN = 1e-5
 _ROUNDING = 1e-12  # [rad or rad/s] of sums over a thousand nodes
 
@@ -50,18 +49,15 @@ def trajectory(task: Task, rates: FloatArray) -> Trajectory:
     travel = np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)
     positions = task.joints0 + np.vstack([np.zeros(n), travel])
 
-    # Two Gauss points a step carry the base's attitude (see `base_motion`); the system's centre of mass
-    # stays, and puts the root in its place.
-    inside, inside_rates = [], []
-    for c in _GAUSS:
-        h = c * dt
-        inside.append(positions[:-1] + h * (rates[:-1] + (0.5 * h) * accelerations))
-        inside_rates.append(rates[:-1] + h * accelerations)
-    places = np.concatenate([positions, *inside]).T.copy()
+    # Simpson's points carry the base's attitude, to the same order as `base_motion`'s two Gauss points, of
+    # which none is a node; the system's centre of mass stays, and puts the root in its place.
+    middle = positions[:-1] + (0.125 * dt) * (3.0 * rates[:-1] + rates[1:])
+    places = np.concatenate([positions, middle]).T.copy()
     arm = task.arm.evaluate(places)
-    spin = apply_rates(arm.spin[..., steps + 1 :], np.concatenate(inside_rates).T)
-    first, second = spin[:, :steps], spin[:, steps:]
-    turns = exp3(0.5 * dt * (first + second) + (math.sqrt(3.0) / 12.0 * dt * dt) * cross(first, second))
+    omega = apply_rates(arm.spin[..., : steps + 1], rates.T)
+    between = apply_rates(arm.spin[..., steps + 1 :], (0.5 * (rates[:-1] + rates[1:])).T)
+    first, last = omega[:, :-1], omega[:, 1:]
+    turns = exp3((dt / 6.0) * (first + 4.0 * between + last) + (dt * dt / 12.0) * cross(first, last))
     R = np.empty((3, 3, steps + 1))
     R[..., 0] = task.rotation0
     R[..., 1:] = np.einsum("xy,yzk->xzk", task.rotation0, products(turns))
@@ -77,7 +73,7 @@ def trajectory(task: Task, rates: FloatArray) -> Trajectory:
             task.sms.layout.set_positions(row, place)
     q[0] = task.q0
     v[:, :3] = apply_rates(arm.root[..., : steps + 1], rates.T).T
-    v[:, 3:6] = apply_rates(arm.spin[..., : steps + 1], rates.T).T
+    v[:, 3:6] = omega.T
     v[:, 6:] = rates
     way = task.target - end_effector
 
@@ -86,8 +82,8 @@ def trajectory(task: Task, rates: FloatArray) -> Trajectory:
     both = np.linalg.norm(way[:-1], axis=1) * np.linalg.norm(velocity, axis=1)
     cosine = np.einsum("ki,ki->k", way[:-1], velocity) / np.where(both > 0.0, both, 1.0)
     cosine = np.clip(cosine, -1.0, 1.0)
-    V, sigma, _ = np.linalg.svd(arm.coupling[..., :steps].transpose(2, 1, 0), full_matrices=n > 6)
-    H = entropy(sigma.T, n)
+    sigma, V = singular(arm.coupling[..., :steps])
+    H = entropy(sigma, n)
     cost = (np.logaddexp(0.0, task.kappa * cosine) / task.kappa - (1.0 - H)) ** 2
     plan = Trajectory(
         t=t,
@@ -149,7 +145,7 @@ def keeps_clear(sms: SpaceManipulator, plan: Trajectory, clearance: float, colli
     positions, rates = plan.joint_positions, plan.joint_rates
     middle = positions[:-1] + 0.125 * plan.dt * (3.0 * rates[:-1] + rates[1:])
     places = np.concatenate([positions, middle]).T.copy()
-    return bool(clearances.values(places, ArmStack(sms).evaluate(places)).min() >= clearance - _BETWEEN)
+    return bool(clearances.values(places, arm_stack(sms).evaluate(places)).min() >= clearance - _BETWEEN)
 
 
 def limits_kept(task: Task, plan: Trajectory) -> bool:

@@ -57,12 +57,12 @@ def _weights(end: float, slow: float, close: float, rough: float = 1e-4) -> Weig
 # stiff end from the start would hold motions on the wrong way round. The smoothing is taken back meanwhile.
 EARLY = (
     Round(99, 3, _weights(1e2, 0.3, 0.03), 0.3),
-    Round(6, 3, _weights(1e2, 0.1, 0.03)),
+    Round(6, 2, _weights(1e2, 0.1, 0.03)),
 )
-_COARSE = Round(4, 4, _weights(1e3, 0.03, 0.01), 0.03)
+_COARSE = Round(4, 3, _weights(1e3, 0.03, 0.01), 0.03)
 LATE = (
-    Round(3, 6, _weights(1e4, 0.03, 0.002), 0.03),
-    Round(1, 6, _weights(1e5, 0.0, 0.0, 1e-5), 0.03),
+    Round(3, 4, _weights(1e4, 0.03, 0.002), 0.03),
+    Round(1, 5, _weights(1e5, 0.0, 0.0, 1e-5), 0.03),
 )
 # For a straight move that ends at the target and shall go on doing so, whatever it costs.
 STIFF = Round(1, 10, _weights(1e6, 0.0, 0.0, 1e-5), 1.0)

@@ -94,7 +94,7 @@ class Effort(NamedTuple):
 # An early motion says little of what it comes to in the end, so where the first plans are not nearly free,
 # more are followed, and longer.
 _EFFORTS = (
-    Effort(8, 0.3, (3, 2, 2), 1, _CHEAP, 0.1, marches=False),
+    Effort(8, 0.3, (3, 3, 1), 1, _CHEAP, 0.2, marches=False),
     Effort(12, np.inf, (6, 4, 2), 1, 0.03, 0.5, marches=True),
     Effort(24, np.inf, (10, 6, 4), 3, np.inf, 0.0, marches=False),
 )

@@ -9,9 +9,10 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["apply", "cross", "dot", "exp3", "inverse3", "log3", "products", "quaternions", "skew"]
+__all__ = ["apply", "cross", "diagonal", "dot", "exp3", "inverse3", "log3", "products", "quaternions", "skew"]
 
 _TINY = 1e-150  # added to angles: sin(x) / x is then one at zero
+_NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -27,9 +28,8 @@ def apply(A: FloatArray, b: FloatArray) -> FloatArray:
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """A x b of stacks (3, ...), broadcast against each other."""
-    a, b = np.concatenate((a, a[:2])), np.concatenate((b, b[:2]))
-    out: FloatArray = a[1:4] * b[2:5]
-    out -= a[2:5] * b[1:4]
+    out: FloatArray = a.take(_NEXT, 0) * b.take(_AFTER, 0)
+    out -= a.take(_AFTER, 0) * b.take(_NEXT, 0)
     return out
 
 
@@ -41,9 +41,14 @@ def skew(v: FloatArray) -> FloatArray:
     return out
 
 
+def diagonal(A: FloatArray) -> FloatArray:
+    """The diagonals (3, ...) of matrices (3, 3, ...): a view."""
+    return np.asarray(np.einsum("xx...->x...", A))
+
+
 def inverse3(A: FloatArray) -> FloatArray:
     """Inverses (3, 3, ...) of symmetric positive definite matrices, by cofactors."""
-    cofactors = cross(A[:, [1, 2, 0]], A[:, [2, 0, 1]])
+    cofactors = cross(A.take(_NEXT, 1), A.take(_AFTER, 1))
     return np.asarray(cofactors / dot(A[0], cofactors[:, 0]))
 
 
@@ -55,7 +60,7 @@ def exp3(w: FloatArray) -> FloatArray:
     K = skew((np.sin(angle) / angle) * w)
     second = 2.0 * half * half
     K += w[:, None] * (second * w)
-    K[(0, 1, 2), (0, 1, 2)] += 1.0 - second * square
+    diagonal(K)[...] += 1.0 - second * square
     return K
 
 

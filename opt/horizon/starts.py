@@ -46,7 +46,7 @@ _STEP = 0.5  # [rad or m] largest Newton step of a joint
 _DAMPING = 1e-3  # of the Newton step, for near-singular goals, in squares of the arm's length
 # [arm lengths] From here on the damping decreases; a move that ends nearer than the other one ends there.
 _FAR, _THERE = 0.1, 1e-3
-_ENOUGH = 7  # Newton steps, where most moves end there after them
+_ENOUGH = 5  # Newton steps, where most moves end there after them
 
 
 class Goals(NamedTuple):
