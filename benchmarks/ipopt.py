@@ -112,31 +112,42 @@ def functions(arm: PlanarArm, kappa: float) -> tuple[Any, Any, Any]:
     )
 
 
-def solve(sms: ffsms.SpaceManipulator, task: Task, kappa: float, steps: int, time_limit: float) -> Solution:
-    """The nonlinear programme on `steps` steps; `time_limit` [s] is IPOPT's."""
+def solve(
+    sms: ffsms.SpaceManipulator,
+    task: Task,
+    kappa: float,
+    steps: int,
+    time_limit: float,
+    expanded: bool = True,
+) -> Solution:
+    """The nonlinear programme on `steps` steps; `time_limit` [s] is IPOPT's.
+
+    `expanded`: every step written out in scalars (CasADi's SX), which takes long to build and is quick to
+    evaluate; else as a graph of calls (MX, as CasADi's Opti makes it), which is the other way round.
+    """
     begin = time.perf_counter()
     cost, yaw_rate, place = functions(PlanarArm(sms), kappa)
     limits, h, start, target = sms.limits, task.duration / steps, task.q0[7:], task.target[:2]
-    Q, U, Y = ca.SX.sym("Q", 3, steps + 1), ca.SX.sym("U", 3, steps + 1), ca.SX.sym("Y", steps + 1)
-    objective, rows, low, high = 0, [], [], []
+    symbols = ca.SX if expanded else ca.MX
+    Q, U, Y = (symbols.sym(name, size, steps + 1) for name, size in (("Q", 3), ("U", 3), ("Y", 1)))
+    rows, low, high = [], [], []
 
     def row(expression: Any, least: Any, most: Any) -> None:
         rows.append(ca.vec(expression))
-        size = rows[-1].numel()
-        low.extend(np.broadcast_to(least, size))
-        high.extend(np.broadcast_to(most, size))
+        for bounds, value in ((low, least), (high, most)):
+            bounds.append(np.resize(np.asarray(value, dtype=float), expression.numel()))
 
-    for k in range(steps):
-        row(Q[:, k + 1] - Q[:, k] - h / 2 * (U[:, k] + U[:, k + 1]), 0, 0)
-        row((U[:, k + 1] - U[:, k]) / h, -limits.acceleration, limits.acceleration)
-        turned = yaw_rate(Q[:, k], U[:, k]) + yaw_rate(Q[:, k + 1], U[:, k + 1])
-        row(Y[k + 1] - Y[k] - h / 2 * turned, 0, 0)
-        objective += h * cost(Q[:, k], U[:, k + 1], Y[k], target)
-    for k in range(int(np.ceil(0.9 * steps)), steps):
-        row(ca.sumsqr(place(Q[:, k], Y[k]) - target), 0, 0.02**2)
-    row(ca.sumsqr(place(Q[:, steps], Y[steps]) - target), 0, 0.001**2)
+    row(Q[:, 1:] - Q[:, :-1] - h / 2 * (U[:, :-1] + U[:, 1:]), 0, 0)
+    row((U[:, 1:] - U[:, :-1]) / h, -limits.acceleration, limits.acceleration)
+    turning = yaw_rate.map(steps + 1)(Q, U)
+    row(Y[:, 1:] - Y[:, :-1] - h / 2 * (turning[:, :-1] + turning[:, 1:]), 0, 0)
+    objective = h * ca.sum2(cost.map(steps)(Q[:, :-1], U[:, 1:], Y[:, :-1], ca.repmat(target, 1, steps)))
+    late = int(np.ceil(0.9 * steps))
+    count = steps + 1 - late
+    way = place.map(count)(Q[:, late:], Y[:, late:]) - ca.repmat(target, 1, count)
+    row(ca.sum1(way**2), 0, [0.02**2] * (count - 1) + [0.001**2])
 
-    x = ca.vertcat(ca.vec(Q), ca.vec(U), Y)
+    x = ca.vertcat(ca.vec(Q), ca.vec(U), ca.vec(Y))
     n = 3 * (steps + 1)
     lower = np.concatenate(
         [np.tile(limits.lower, steps + 1), np.tile(-limits.velocity, steps + 1), np.full(steps + 1, -10.0)]
@@ -159,7 +170,7 @@ def solve(sms: ffsms.SpaceManipulator, task: Task, kappa: float, steps: int, tim
     solver = ca.nlpsol("yardstick", "ipopt", {"x": x, "f": objective, "g": ca.vertcat(*rows)}, options)
     first = straight_move(task, steps, yaw_rate)
     built = time.perf_counter()
-    found = solver(x0=first, lbx=lower, ubx=upper, lbg=low, ubg=high)
+    found = solver(x0=first, lbx=lower, ubx=upper, lbg=np.concatenate(low), ubg=np.concatenate(high))
     done = time.perf_counter()
     stats = solver.stats()
     rates = np.asarray(found["x"]).ravel()[n : 2 * n].reshape(steps + 1, 3)
