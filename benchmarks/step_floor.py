@@ -11,6 +11,7 @@ asks for the same work at every step, and a step's time is the least of its repe
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -55,8 +56,9 @@ def run(repeats: int = 7) -> dict[str, Any]:
     dict
         One entry a model: `calls` (medians of the floor's calls), `floor` (of their sum), `step`, `step_p999`
         and `step_worst`, all in microseconds; `ratio` = step / floor; `tail` = step_p999 / step; `steps`, and
-        `proxqp_share` of them in which ProxQP was called, because the active rows of the step before did not
-        lead to the solution, with `step_proxqp`, the median of these (NaN where there are none).
+        `proxqp_share` of them in which ProxQP was called, because neither the bounds on the joint rates alone
+        nor the active rows of the step before led to the solution, with `step_proxqp`, the median of these
+        (NaN where there are none).
     """
     return {name: measure(march(name), repeats) for name in MODELS}
 
@@ -184,10 +186,14 @@ def report(results: dict[str, Any]) -> str:
     lines.append("|" + "---|" * 8)
     lines += [
         f"| `{name}` | {r['step']:.1f} | {r['ratio']:.2f} | {r['step_p999']:.1f} | {r['tail']:.2f} | "
-        f"{r['steps']} | {100.0 * r['proxqp_share']:.1f} % | {r['step_proxqp']:.1f} |"
+        f"{r['steps']} | {100.0 * r['proxqp_share']:.1f} % | {_or_none(r['step_proxqp'])} |"
         for name, r in results.items()
     ]
     return "\n".join(lines)
+
+
+def _or_none(time: float) -> str:
+    return f"{time:.1f}" if math.isfinite(time) else "none"
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.clearances import Clearances
+from ffsms_pin.opt.joint_reach import joint_reach
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["CheckPoints"]
@@ -91,7 +92,7 @@ class CheckPoints:
         self._row_starts = np.arange(0, 6 * len(self._outside), 6)
         self._along, self._products = np.empty((rows, 3)), np.empty((rows, 6))
         self._along_pairs, self._along_outside = self._along[:pairs], self._along[pairs:]
-        self._data: Any = None
+        self._look_at(sms._data)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Copied one by one, arrays would no longer be views of each other: a copy makes its own.
@@ -117,6 +118,17 @@ class CheckPoints:
         points = [*self._sms.joint_names, self._sms.end_effector]
         pairs = [f"{points[i]} - {points[j]}" for i, j in zip(self._first, self._second, strict=True)]
         return pairs + [f"{points[i]} - base box" for i in self._outside]
+
+    def reach(self) -> FloatArray:
+        """Bounds (m, n) on the sizes of the gradients at any q [m/rad]."""
+        sms = self._sms
+        tip = float(np.linalg.norm(sms.model.frames[sms.frame_id].placement.translation))
+        carriers = [*((joint, 0.0) for joint in self._joints), (self._frame_joint, tip)]
+        of_points = np.array([*(joint_reach(sms.model, *carrier) for carrier in carriers), np.zeros(sms.n)])
+        behind = [*self._second, *([len(carriers)] * len(self._outside))]
+        # Of the two points of a pair a joint that matters carries one.
+        either = np.maximum(of_points[[*self._first, *self._outside]], of_points[behind])
+        return np.where(self._moves != 0.0, either, 0.0)
 
     def evaluate(self, q: FloatArray) -> Clearances:
         """Clearances and gradients at q (nq,): pairs of points, then distances outside the base box."""
@@ -147,7 +159,7 @@ class CheckPoints:
 
     def _measure(self, data: Any) -> tuple[FloatArray, NDArray[np.intp]]:
         """Clearances, and the nearest face of the box for the points that count against it."""
-        if data is not self._data:
+        if data is not self._data:  # another thread's
             self._look_at(data)
         value, pairs = np.empty(self.count), len(self._first)
         np.concatenate(self._origins, out=self._flat)

@@ -36,6 +36,9 @@ class ClearanceModel(Protocol):
     def names(self) -> list[str]:
         """What each clearance is between, in order."""
 
+    def reach(self) -> FloatArray | None:
+        """Bounds (m, n) on the sizes of the gradients at any q [m/rad]; None where there are none."""
+
     def evaluate(self, q: FloatArray) -> Clearances:
         """Clearances and gradients at q (nq,)."""
 

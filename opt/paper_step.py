@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.clearance_rows import CLOSING_RATE
 from ffsms_pin.opt.clearances import CollisionMode
 from ffsms_pin.opt.cost import soft_assistance, step_cost
 from ffsms_pin.opt.rate_bounds import rate_bounds
@@ -17,7 +18,6 @@ from ffsms_pin.opt.schedule import reference_speed
 from ffsms_pin.opt.step import Step
 from ffsms_pin.opt.step_kinetics import StepKinetics, step_kinetics
 from ffsms_pin.opt.step_planner import clearance_model
-from ffsms_pin.opt.step_programme import CLOSING_RATE
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["PaperStepPlanner"]

@@ -70,8 +70,14 @@ class ActiveRows:
         )  # the zero in the identity's last row
         self._places[:, :n] = np.arange((n + rows) * n).reshape(n + rows, n)
         self._places[:n, n:] = self._places[n:, :n].T
+        self._variables = np.arange(n)
         self._seen: dict[bytes, _Equations] = {}
         self.choose(np.zeros(rows, dtype=np.int8))
+
+    @property
+    def sides(self) -> NDArray[np.int8]:
+        """Which rows are the equations, as `choose` takes them."""
+        return self._equations.sides
 
     def choose(self, sides: NDArray[np.int8]) -> None:
         """Take as equations the rows whose entry in `sides` (rows,) is 1, at `up`, or -1, at `low`."""
@@ -83,16 +89,16 @@ class ActiveRows:
         self._equations = self._seen[key]
 
     def _equations_of(self, sides: NDArray[np.int8]) -> _Equations:
-        n, rows = self._n, self._rows
-        active = np.flatnonzero(sides)
-        chosen = np.concatenate([np.arange(n), n + active])
+        n, equal = self._n, sides != 0
+        (active,) = equal.nonzero()
+        chosen = np.concatenate((self._variables, active + n))
+        place = self._places.take(chosen, 0).take(chosen, 1)
+        signs = sides.take(active).astype(np.float64)
+        bound = chosen  # from here on
+        bound[n:][signs > 0.0] += self._rows
         size = len(chosen)
-        place = self._places[chosen[:, None], chosen]
-        bound = chosen.copy()
-        bound[n:] += rows * (sides[active] > 0)
         left, right = np.empty((size, size)), np.empty(size)
-        signs = sides[active].astype(np.float64)
-        return _Equations(place, bound, left, left.T, right, right[:n], signs, active, sides, sides != 0)
+        return _Equations(place, bound, left, left.T, right, right[:n], signs, active, sides, equal)
 
     def solve(self, blocks: int, singles: int) -> tuple[FloatArray, bool]:
         """The minimiser x (n,), and whether it is that of the whole programme; NaN where there is none.

@@ -40,34 +40,52 @@ class RateBounds:
         acceleration = np.minimum(limits.acceleration, _FASTEST)
         # Further away than this a joint can brake from any rate within its limit: no position limit counts.
         clear = 1.001 * (dt * velocity + velocity**2 / (2.0 * acceleration))
-        columns = (limits.lower, limits.upper, velocity, acceleration, clear)
+        # So it is with a joint between these.
+        low, high = limits.lower + clear, limits.upper - clear
+        columns = (low, high, velocity, dt * acceleration, limits.lower, limits.upper, acceleration)
         self._joints = list(zip(*(column.tolist() for column in columns), strict=True))
 
-    def of(self, positions: FloatArray, rates: FloatArray) -> tuple[list[float], list[float]]:
-        """Lower and upper bounds [rad/s] at positions and rates, (n,) each, at the start of the step."""
+    def of(self, positions: list[float], rates: list[float]) -> tuple[list[float], list[float]]:
+        """Lower and upper bounds [rad/s] at positions and rates of n joints at the start of the step."""
         # Joint by joint, in plain numbers: a few joints are done before arrays would be set up.
-        dt, lower, upper = self._dt, [], []
-        for q, rate, (low, high, v, a, clear) in zip(
-            positions.tolist(), rates.tolist(), self._joints, strict=True
-        ):
-            least, greatest = rate - dt * a, rate + dt * a
-            most, fewest = v, -v
-            slow = -v <= rate <= v
-            if not slow or high - q < clear:
-                most = min(v, _towards(high - q, rate, a, dt))
-            if not slow or q - low < clear:
-                fewest = max(-v, -_towards(q - low, -rate, a, dt))
-            # An acceleration limit is never broken, whatever rounding does to the others.
-            lower.append(min(max(fewest, least), greatest))
-            upper.append(max(min(most, greatest), least))
+        lower, upper = [], []
+        for q, rate, joint in zip(positions, rates, self._joints, strict=True):
+            least, greatest = self._of_joint(q, rate, joint)
+            lower.append(least)
+            upper.append(greatest)
         return lower, upper
+
+    def allow(self, positions: list[float], rates: list[float], wanted: list[float]) -> bool:
+        """Whether wanted rates are within the bounds: the same answer, mostly without working them out."""
+        for q, rate, w, joint in zip(positions, rates, wanted, self._joints, strict=True):
+            low, high, v, change, _, _, _ = joint
+            if low <= q <= high and -v <= rate <= v:
+                if not (-v <= w <= v and rate - change <= w <= rate + change):
+                    return False
+            else:
+                least, greatest = self._of_joint(q, rate, joint)
+                if not least <= w <= greatest:
+                    return False
+        return True
+
+    def _of_joint(self, q: float, rate: float, joint: tuple[float, ...]) -> tuple[float, float]:
+        low, high, v, change, lower, upper, a = joint
+        least, greatest = rate - change, rate + change
+        most, fewest = v, -v
+        slow = -v <= rate <= v
+        if not slow or q > high:
+            most = min(v, _towards(upper - q, rate, a, self._dt))
+        if not slow or q < low:
+            fewest = max(-v, -_towards(q - lower, -rate, a, self._dt))
+        # An acceleration limit is never broken, whatever rounding does to the others.
+        return min(max(fewest, least), greatest), max(min(most, greatest), least)
 
 
 def rate_bounds(
     positions: FloatArray, rates: FloatArray, limits: JointLimits, dt: float
 ) -> tuple[FloatArray, FloatArray]:
     """Least and greatest joint rates (n,) [rad/s] at the end of a step; see `RateBounds`."""
-    lower, upper = RateBounds(limits, dt).of(positions, rates)
+    lower, upper = RateBounds(limits, dt).of(positions.tolist(), rates.tolist())
     return np.array(lower), np.array(upper)
 
 

@@ -63,6 +63,9 @@ class ShapeDistances:
         model = self._sms.model
         return [f"{bodies(model, a)} - {bodies(model, b)}" for a, b in self._pairs]
 
+    def reach(self) -> None:
+        """Nothing is known of how fast distances can change."""
+
     def evaluate(self, q: FloatArray) -> Clearances:
         """Clearances and gradients at q (nq,)."""
         pin.computeJointJacobians(self._sms.model, self._sms._data, q)

@@ -9,7 +9,8 @@ import pinocchio as pin
 
 from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.coupling import decompose, normalised_entropy
+from ffsms_pin.coupling import decompose
+from ffsms_pin.coupling.metrics import entropy_of_values
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["KineticsAt", "StepKinetics", "step_kinetics"]
@@ -88,7 +89,7 @@ class KineticsAt:
         pose = pin.updateFramePlacement(model, data, frame)
         J_star = pin.getFrameJacobian(model, data, frame, _AXES).dot(self._motion)
         _, sigma, V = decompose(self._to_com.dot(coupling) if self._shifted else coupling)
-        entropy = normalised_entropy(sigma, sms.n)
+        entropy = entropy_of_values(sigma.tolist(), sms.n)
         return StepKinetics(M, coupling, J_star[:3], J_star[3:], V, entropy, pose)
 
 

@@ -16,15 +16,16 @@ from ffsms_pin.opt.approach import Approach
 from ffsms_pin.opt.base_limits import BaseLimits
 from ffsms_pin.opt.base_rows import BaseRows
 from ffsms_pin.opt.check_points import CheckPoints
+from ffsms_pin.opt.clearance_rows import ClearanceRows
 from ffsms_pin.opt.clearances import ClearanceModel, CollisionMode
 from ffsms_pin.opt.cone import Triple
 from ffsms_pin.opt.cost import step_cost
 from ffsms_pin.opt.momentum_drift import Drift, momentum_drift
-from ffsms_pin.opt.rate_bounds import RateBounds
 from ffsms_pin.opt.replanning import Replanning, Target
 from ffsms_pin.opt.shape_distances import ShapeDistances
 from ffsms_pin.opt.step import Step
 from ffsms_pin.opt.step_kinetics import KineticsAt, StepKinetics
+from ffsms_pin.opt.step_limits import StepLimits
 from ffsms_pin.opt.step_programme import StepProgramme, StepWeights
 from ffsms_pin.opt.step_qp import StepProblem
 from ffsms_pin.opt.targets import goal
@@ -50,8 +51,8 @@ class StepPlanner:
     The paper's cost (C~ - (1 - H_norm))^2 is zero exactly where the end effector moves at the angle
     acos(c*) to the direction of the target: on a cone. The step picks the direction e of that cone on the
     side it is on, and finds alpha and the speed s with J*_v V alpha = s e as nearly as the limits allow.
-    The rows that were active in the step before are tried first; where they do not lead to the solution,
-    ProxQP finds it (`StepSolver`).
+    The best rates within their bounds are tried first; where they break another limit, the rows that were
+    active in the step before; and where these do not lead to the solution, ProxQP finds it (`StepSolver`).
 
     Parameters
     ----------
@@ -97,19 +98,20 @@ class StepPlanner:
         self.aim, self.collision = aim, collision
         self.clearances = clearance_model(sms, collision)
         self.base_limits = base_limits
-        self.base = None if base_limits is None or base_limits.none else BaseRows(sms, base_limits)
         self.momentum = None if momentum is None else vector("momentum", momentum, 6)
-        self.dt = positive("dt", dt, "s")
         self._kinetics, self._effort = KineticsAt(sms), AIMS[aim].effort
         self._approach = Approach(sms, self.kappa, AIMS[aim].on_cone)
+        base = None if base_limits is None or base_limits.none else BaseRows(sms, base_limits)
         self._programme = StepProgramme(
             sms.n,
             self.clearances.count if self.clearances else 0,
-            self.base.count if self.base else 0,
-            self.clearance,
+            base.count if base else 0,
             self.weights,
             plain_effort=self._effort is None,
         )
+        clear = None if self.clearances is None else ClearanceRows(self.clearances, self.clearance)
+        self._limits = StepLimits(sms, self._programme, clear, base)
+        self.dt = positive("dt", dt, "s")
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Copied one by one, arrays would no longer be views of each other: a copy makes its own.
@@ -123,7 +125,13 @@ class StepPlanner:
 
     @dt.setter
     def dt(self, dt: float) -> None:
-        self._dt, self._bounds = dt, RateBounds(self.sms.limits, dt)
+        self._dt = dt
+        self._limits.set_dt(dt)
+
+    @property
+    def base(self) -> BaseRows | None:
+        """The rows that hold the base; None without limits on it."""
+        return self._limits.base
 
     @property
     def side(self) -> FloatArray:
@@ -132,8 +140,8 @@ class StepPlanner:
 
     @property
     def asked_solver(self) -> bool:
-        """Whether the last step took ProxQP: its active rows were not those of the step before."""
-        return self._programme.solver.asked
+        """Whether the last step took ProxQP: its active rows were not found from those of the step before."""
+        return self._limits.asked_solver
 
     def reset(self, side: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Forget the side of the cone, the last solution, and where the base started.
@@ -148,14 +156,15 @@ class StepPlanner:
         self._approach.side = (x, y, z)
         if self.base is not None:
             self.base.reset()
-        self._programme.solver.reset()
+        self._limits.reset()
 
     def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
         """The quadratic programme of a step, without solving it; arguments as for `step`."""
-        arguments = self._checked(q, joint_rates, target, time_left)
-        kinetics = self._kinetics(arguments[0])
-        self._fill(kinetics, self._drift(kinetics, arguments[0]), *arguments)
-        return StepProblem(*(array.copy() for array in self._programme.problem))
+        at, rates, position, left, rotation = self._checked(q, joint_rates, target, time_left)
+        kinetics = self._kinetics(at)
+        drift = self._drift(kinetics, at)
+        self._aim(kinetics, drift, rates, position, left, rotation)
+        return self._limits.build(kinetics, drift, at, rates, left)
 
     def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
         """Joint rates for the next step.
@@ -219,16 +228,11 @@ class StepPlanner:
         joint rates to come as near to as the limits and clearances allow, instead of the step's own aim.
         """
         kinetics = self._kinetics(q)
-        drift = self._drift(kinetics, q)
-        towards = self._fill(kinetics, drift, q, rates, target, time_left, rotation)
+        V, J_v, drift = kinetics.V, kinetics.J_v, self._drift(kinetics, q)
+        towards = self._aim(kinetics, drift, rates, target, time_left, rotation)
         if prefer is not None:
-            self._programme.prefer(kinetics, prefer)
-        x, solved = self._programme.solver.solve()
-        V, J_v = kinetics.V, kinetics.J_v
-        chosen: FloatArray = V.dot(x[: self.sms.n]) if solved else np.zeros(self.sms.n)
-        # Within the solver's tolerance already; this makes the limits hold to the last bit.
-        np.maximum(chosen, self._programme.lower, out=chosen)
-        np.minimum(chosen, self._programme.upper, out=chosen)
+            self._programme.prefer(prefer)
+        chosen, solved = self._limits.solve(kinetics, drift, q, rates, time_left)
         if self.base is not None:
             chosen = self._stoppable(q, rates, chosen)
         cos_theta = cosine_of_triples(_velocity(J_v, chosen, drift), towards)
@@ -261,23 +265,22 @@ class StepPlanner:
             rotation,
         )
 
-    def _fill(
+    def _aim(
         self,
         kinetics: StepKinetics,
         drift: Drift | None,
-        q: FloatArray,
         rates: FloatArray,
         target: FloatArray,
         time_left: float,
         rotation: FloatArray | None,
     ) -> Triple:
-        """Write the programme; returns the unit vector to the target."""
-        programme, V = self._programme, kinetics.V
+        """Write the objective; returns the unit vector to the target."""
+        programme = self._programme
         now = _velocity(kinetics.J_v, rates, drift)
         towards, e, speed = self._approach.way(kinetics, now, target, time_left, self._dt)
         programme.aim(kinetics, rates, e, speed)
         if self._effort is not None:
-            programme.price(kinetics, self._effort(kinetics))
+            programme.price(self._effort(kinetics))
         if drift is not None:
             programme.drift(kinetics, e, drift)
         if rotation is not None:
@@ -285,12 +288,6 @@ class StepPlanner:
             spin = kinetics.J_w @ rates + own
             turn = self._approach.turn(kinetics, spin, rotation, time_left, self._dt)
             programme.turn(kinetics, turn - own)
-        programme.bound(V, rates, *self._bounds.of(self.sms.layout.positions(q), rates))
-        if self.clearances is not None:
-            programme.keep_clear(V, *self.clearances.from_data(self.sms._data))
-        if self.base is not None:
-            root = None if drift is None else drift.root
-            programme.hold_base(V, *self.base.rows(q, rates, kinetics.coupling, root, self._dt, time_left))
         return towards
 
     def _stoppable(self, q: FloatArray, rates: FloatArray, chosen: FloatArray) -> FloatArray:
@@ -329,7 +326,7 @@ def _copied(
     """A planner that goes on as another one would."""
     planner = kind(*settings, base_limits=base_limits, momentum=momentum)
     planner.reset(side)
-    planner.base = base
+    planner._limits.base = base
     return planner
 
 

@@ -1,8 +1,8 @@
 """The quadratic programme of one step: its variables, its matrices and its solver.
 
-Variables x = (alpha (n), s, slack): the paper's scaling factors, the end-effector speed along the wanted
-direction, and how far a clearance row gives way. Minimise 1/2 x^T H x + g^T x subject to l <= C x <= u and
-lower <= x <= upper.
+Variables x = (alpha (n), s, slack): the paper's scaling factors, or joint rates instead of them; the
+end-effector speed along the wanted direction; and how far a clearance row gives way. Minimise
+1/2 x^T H x + g^T x subject to l <= C x <= u and lower <= x <= upper.
 """
 
 from __future__ import annotations
@@ -121,6 +121,17 @@ class StepSolver:
         """Forget the last solution."""
         self._qp = new_solver(self.problem.g.size, len(self.problem.l))
         self._fresh, self._known, self.asked = True, False, False
+
+    def suppose(self, sides: list[int]) -> None:
+        """Say which rows and bounds (r + n,) may be active: 1 at the upper side, -1 at the lower one."""
+        self._active.choose(np.array(sides, dtype=np.int8))
+        self._known = True
+
+    @property
+    def sides(self) -> list[int] | None:
+        """Which rows and bounds are active in the last solution, as for `suppose`; None if that is open."""
+        sides: list[int] | None = self._active.sides.tolist() if self._known else None
+        return sides
 
     def solve(self, problem: StepProblem | None = None) -> tuple[FloatArray, bool]:
         """Solution x of `problem`, default the solver's own, and whether the solver reached its tolerance."""

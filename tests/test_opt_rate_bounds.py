@@ -104,7 +104,8 @@ def test_bounds_are_those_of_the_plain_formulas(seed: int, dt: float, excess: fl
     for _ in range(5):
         q = rng.uniform(lower - 0.1 * excess, upper + 0.1 * excess)
         rates = (1.0 + excess) * rng.uniform(-1.0, 1.0, 3) * LIMITS.velocity
-        for found, expected in zip(bounds.of(q, rates), plain_bounds(q, rates, LIMITS, dt), strict=True):
+        bounded = bounds.of(q.tolist(), rates.tolist())
+        for found, expected in zip(bounded, plain_bounds(q, rates, LIMITS, dt), strict=True):
             np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
 
 
@@ -116,3 +117,19 @@ def test_without_any_limit_the_bounds_are_finite_and_wide() -> None:
     assert np.isfinite(upper).all()
     assert (lower < -1e3).all()
     assert (upper > 1e3).all()
+
+
+def test_rates_are_allowed_exactly_where_they_are_within_the_bounds() -> None:
+    """Near and far from the limits, too fast or not, and with wanted rates on the bounds themselves."""
+    rng, bounds, allowed = np.random.default_rng(6), RateBounds(LIMITS, 0.01), 0
+    for k in range(2000):
+        q = rng.uniform([-1.1, -0.25, -9.0], [0.6, 0.35, 9.0]).tolist()
+        rates = (rng.choice([0.3, 1.1]) * LIMITS.velocity * rng.uniform(-1.0, 1.0, 3)).tolist()
+        lower, upper = (np.array(side) for side in bounds.of(q, rates))
+        share = rng.choice([0.0, 0.5, 1.0], size=3) + (0.2 * rng.normal(size=3) if k % 2 else 0.0)
+        wanted = np.where(share == 1.0, upper, lower + share * (upper - lower))
+        within = bool(((lower <= wanted) & (wanted <= upper)).all())
+        assert bounds.allow(q, rates, wanted.tolist()) == within
+        allowed += within
+    assert 300 < allowed < 1800
+    assert not bounds.allow([0.0] * 3, [0.0] * 3, [0.0, np.nan, 0.0])
