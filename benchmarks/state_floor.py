@@ -173,11 +173,13 @@ def _measured(
 
 # What is made together, by what is asked for first; the rest of each is then there.
 GROUPS = (
-    ("C_bm", "N, H_q and C_bm"),
+    ("C_bm", "N and C_bm"),
+    ("H_q", "H_q"),
     ("J_star", "J*"),
     ("H", "H and its blocks"),
     ("J_b", "J_b and J_m"),
     ("C_q", "C_q"),
+    ("base_twist", "base twist"),
     ("C_b", "C_b and C_m"),
     ("com", "centre of mass, momentum, energy"),
     ("base_pose", "base pose"),

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any, TypeAlias
+from collections.abc import Callable
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["FloatArray", "frozen", "matrix", "number", "positive", "vector"]
+__all__ = ["FloatArray", "frozen", "matrix", "number", "positive", "vector", "writeable"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -68,5 +69,10 @@ def positive(name: str, value: Any, unit: str = "") -> float:
 
 def frozen(array: FloatArray) -> FloatArray:
     """The same array, made read-only: for values that are kept and handed out."""
-    array.setflags(write=False)
+    writeable(array, False)
     return array
+
+
+# `frozen` without its call, for what is made often: writeable(array, False). numpy's setflags(write=False)
+# takes twice as long, and its stub does not know the flag without the keyword.
+writeable: Callable[[FloatArray, bool], None] = cast(Any, np.ndarray.setflags)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin import lapack
-from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.checks import FloatArray, vector, writeable
 from ffsms_pin.coupling.metrics import cosine, entropy_of_values
 from ffsms_pin.errors import SolverError
 
@@ -72,9 +72,9 @@ class Coupling:
 
     def __init__(self, C_bm: FloatArray, velocity_jacobian: Callable[[], FloatArray]) -> None:
         U, sigma, V = decompose(C_bm)
-        U.setflags(write=False)
-        sigma.setflags(write=False)
-        V.setflags(write=False)
+        writeable(U, False)
+        writeable(sigma, False)
+        writeable(V, False)
         own = self.__dict__
         own["U"], own["sigma"], own["V"] = U, sigma, V
         own["entropy"] = entropy_of_values(sigma.tolist(), V.shape[0])

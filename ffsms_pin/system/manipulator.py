@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -95,15 +96,18 @@ class SpaceManipulator:
         self.base_box_placement = base_box_placement
         self.description: Description | None = None
         self._geometry: dict[str, Any] = {}
-        self._workspace = Workspace(self.model)
+        self._workspace = Workspace(self.model, self.frame_id)
         # What states need again and again.
         self._base_com: list[float] = self.base_com.tolist()
         self._base_place = pin.SE3(np.eye(3), np.array(base.lever))
         self._identity = frozen(np.eye(6 + self.n))
         self._joints_alone = frozen(self._identity[:, 6:].copy())
+        self._less_joints = frozen(-self._joints_alone)
         self._still = frozen(np.zeros(6 + self.n))
+        self._all_but_position = frozen(np.concatenate([np.zeros(3), np.ones(self.model.nq - 3)]))
         self._nq, self._nv = int(self.model.nq), int(self.model.nv)
         self._q_shape, self._v_shape = (self._nq,), (self._nv,)
+        self._plain = self.layout.plain
         self._check_inertia()
 
     @property
@@ -130,22 +134,32 @@ class SpaceManipulator:
         v : array_like, shape (6 + n,), optional
             Velocity, Pinocchio's; default: at rest.
         """
-        q = self.checked_configuration("q", q)
-        return State(self, q, self._still if v is None else _vector("v", v, self._v_shape))
+        if v is None:
+            v = self._still
+        # The checks at little cost where all is in order (a sum is finite only if all are), else in words.
+        if (
+            type(q) is type(v) is np.ndarray
+            and q.dtype is v.dtype is _FLOAT64
+            and q.shape == self._q_shape
+            and v.shape == self._v_shape
+        ):
+            numbers = q.tolist()
+            x, y, z, w = numbers[3:7]
+            if abs(x * x + y * y + z * z + w * w - 1.0) < 1e-6 and isfinite(sum(numbers, sum(v.tolist()))):
+                if not self._plain:
+                    self.layout.check_circles("q", q)
+                return State(self, q.copy(), v.copy())
+        return State(self, self.checked_configuration("q", q), vector("v", v, self._nv))
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
         """Copy of `q`, checked for shape, finite values and a unit quaternion."""
         if type(q) is np.ndarray and q.dtype is _FLOAT64 and q.shape == self._q_shape:
-            array = q.copy()
-            values = array.tolist()
-            x, y, z, w = values[3:7]
-            # At little cost where all is in order: a sum is finite only if all are.
-            if (
-                self.layout.plain
-                and abs(sum(values)) < math.inf
-                and abs(x * x + y * y + z * z + w * w - 1.0) < 1e-6
-            ):
-                return array
+            numbers = q.tolist()
+            x, y, z, w = numbers[3:7]
+            if abs(x * x + y * y + z * z + w * w - 1.0) < 1e-6 and isfinite(sum(numbers)):
+                if not self._plain:
+                    self.layout.check_circles(name, q)
+                return q.copy()
         array = vector(name, q, self._nq)
         norm = math.hypot(*array[3:7].tolist())
         if abs(norm - 1.0) > 1e-6:
@@ -257,19 +271,10 @@ class SpaceManipulator:
     def __setstate__(self, values: dict[str, Any]) -> None:
         self.__dict__.update(values)
         frozen(self.base_com)
-        self._workspace = Workspace(self.model)
+        self._workspace = Workspace(self.model, self.frame_id)
 
     def __repr__(self) -> str:
         return f"SpaceManipulator('{self.model.name}', n={self.n}, end_effector='{self.end_effector}')"
-
-
-def _vector(name: str, value: ArrayLike, shape: tuple[int]) -> FloatArray:
-    """`vector`, at little cost where the value is in order."""
-    if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == shape:
-        copy = value.copy()
-        if abs(sum(copy.tolist())) < math.inf:
-            return copy
-    return vector(name, value, shape[0])
 
 
 def _frame_id(model: Any, name: str) -> int:
