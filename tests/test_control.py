@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import pickle
+import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -232,3 +235,58 @@ def test_torque_of_lists_is_that_of_arrays(planar: ffsms.SpaceManipulator, rng: 
     q_d = wanted[0].copy()
     law.torque(q, v, q_d, wanted[1], wanted[2])
     np.testing.assert_array_equal(q_d, wanted[0])
+
+
+@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize("limit", [np.inf, 0.7])
+def test_torque_in_one_pass_is_the_law_by_its_formula(
+    full: bool, limit: float, random_tree: Callable[..., Any], rng: np.random.Generator
+) -> None:
+    n = 5
+    sms = ffsms.SpaceManipulator(random_tree(6, n, ("revolute", "continuous")).model(), "tip")
+    K_s = 0.4 * np.eye(n) + (0.05 if full else 0.0)
+    Gamma = np.diag(rng.uniform(3.0, 8.0, n)) + (0.3 if full else 0.0)
+    boundary = 0.05 if full else rng.uniform(0.02, 0.2, n)
+    law = SlidingModeController(sms, K_s, Gamma, boundary, limit)
+    for size in (1e-3, 1.0):  # within the boundary layer, and far outside
+        q, v = random_state(sms, rng)
+        q_e, qd_e, qdd_d = size * rng.normal(size=n), size * rng.normal(size=n), rng.normal(size=n)
+        H_q, C_q = reduced_dynamics(sms, q, v)
+        s = qd_e + Gamma @ q_e
+        wanted = H_q @ (qdd_d - Gamma @ qd_e) + C_q - K_s @ np.clip(s / boundary, -1.0, 1.0)
+        tau = law.torque(q, v, sms.joint_positions(q) - q_e, v[6:] - qd_e, qdd_d)
+        scale = 1.0 + np.abs(wanted).max()
+        np.testing.assert_allclose(tau, np.clip(wanted, -limit, limit), atol=1e-11 * scale)
+
+
+def test_gains_cannot_be_exchanged(planar: ffsms.SpaceManipulator) -> None:
+    # The law keeps products of them.
+    law: Any = SlidingModeController(planar)
+    for name in ("K_s", "Gamma", "boundary", "torque_limit"):
+        with pytest.raises(AttributeError):
+            setattr(law, name, getattr(law, name))
+
+
+def test_one_law_in_threads_and_in_a_copy(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
+    law = SlidingModeController(planar, K_s=0.1)
+    cases = [(*random_state(planar, rng), *rng.normal(size=(3, 3))) for _ in range(4)]
+    wanted = [law.torque(*case) for case in cases]
+    kept = [tau.copy() for tau in wanted]
+    copied = pickle.loads(pickle.dumps(law))
+    for case, tau in zip(cases, wanted, strict=True):
+        np.testing.assert_array_equal(copied.torque(*case), tau)
+
+    def work(k: int) -> None:
+        for _ in range(400):
+            np.testing.assert_array_equal(law.torque(*cases[k]), kept[k])
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)  # threads take turns in the middle of a torque
+    try:
+        with ThreadPoolExecutor(len(cases)) as pool:
+            for _ in pool.map(work, range(len(cases))):
+                pass
+    finally:
+        sys.setswitchinterval(interval)
+    for tau, before in zip(wanted, kept, strict=True):  # what was handed out is the caller's own
+        np.testing.assert_array_equal(tau, before)

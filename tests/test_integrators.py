@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -136,10 +138,33 @@ def test_inputs_are_left_alone(random_tree: Callable[..., Any]) -> None:
         np.testing.assert_array_equal(array, copy)
 
 
-def written_out(
-    case: Case, q: Array, v: Array, force: Callable[..., Array], dt: float
-) -> tuple[Array, Array, float]:
-    """The same step with its stages one by one, and the bracket from Pinocchio's cross product."""
+Force = Callable[[float, Array, Array], Array]
+
+
+def written_out(case: Case, q: Array, v: Array, force: Force, dt: float) -> tuple[Array, Array, float]:
+    """The same step with its stages one by one."""
+    model = case.model
+
+    def rate(x: Array, w: Array, s: float) -> tuple[Array, float]:
+        f = force(s, x, w)
+        return np.array(pin.aba(model, case.data, x, w, f)), float(f @ w)
+
+    a1, w1 = rate(q, v, 0.0)
+    v2 = v + 0.5 * dt * a1
+    q2 = pin.integrate(model, q, 0.5 * dt * v)
+    a2, w2 = rate(q2, v2, 0.5 * dt)
+    v3 = v + 0.5 * dt * a2
+    a3, w3 = rate(pin.integrate(model, q, 0.5 * dt * v2), v3, 0.5 * dt)
+    v4 = v + dt * a3
+    a4, w4 = rate(pin.integrate(model, q2, dt * v3 - 0.5 * dt * v), v4, dt)
+    middle = pin.integrate(model, q, dt * (3.0 * v + 2.0 * v2 + 2.0 * v3 - v4) / 12.0)
+    end = pin.integrate(model, middle, dt * (-v + 2.0 * v2 + 2.0 * v3 + 3.0 * v4) / 12.0)
+    work = dt * (w1 + 2.0 * w2 + 2.0 * w3 + w4) / 6.0
+    return pin.normalize(model, end), v + dt * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0, work
+
+
+def with_brackets(case: Case, q: Array, v: Array, force: Force, dt: float) -> tuple[Array, Array, float]:
+    """Another method of order 4, by Munthe-Kaas and Owren: one move, with brackets of the velocities."""
 
     def rate(x: Array, w: Array, s: float) -> tuple[Array, float]:
         f = force(s, x, w)
@@ -178,3 +203,74 @@ def test_the_step_is_the_method_written_out(held: bool, dt: float, random_tree: 
         np.testing.assert_array_equal(got[k], again[k])
     assert got[2] == pytest.approx(wanted[2], rel=1e-13, abs=1e-13)
     assert got[2] == again[2]
+
+
+def test_two_methods_of_order_four_differ_by_order_five(random_tree: Callable[..., Any]) -> None:
+    case = Case(random_tree(11, 5, KINDS), 11, 2.0, gravity=3.0)
+
+    def force(t: float, q: Array, v: Array) -> Array:
+        changing: Array = case.tau * (1.0 + t) - 0.1 * v + 0.01 * q[0]
+        return changing
+
+    apart: list[Array] = []
+    for dt in (0.02, 0.01, 0.005):
+        q, v, work = rk4_step(case.model, case.data, case.q, case.v, force, dt)
+        other_q, other_v, other_work = with_brackets(case, case.q, case.v, force, dt)
+        pose = np.linalg.norm(pin.difference(case.model, other_q, q)[:6])
+        apart.append(np.array([pose, np.linalg.norm(v - other_v), abs(work - other_work)]))
+    assert apart[-1].min() > 1e-13  # above rounding
+    assert (np.array(apart[:-1]) / np.array(apart[1:]) > 24.0).all()  # 32 a halving
+
+
+def test_a_force_may_take_steps_itself(random_tree: Callable[..., Any]) -> None:
+    # Such as one that looks ahead: the arrays of the step under way are not touched.
+    case = Case(random_tree(12, 4, KINDS), 12, 1.0)
+    own = case.model.createData()
+
+    def damping(t: float, q: Array, v: Array) -> Array:
+        return case.tau - 0.1 * v
+
+    def looking_ahead(t: float, q: Array, v: Array) -> Array:
+        rk4_step(case.model, own, q, v, case.tau, 0.1)
+        return damping(t, q, v)
+
+    wanted = rk4_step(case.model, case.data, case.q, case.v, damping, 0.02)
+    got = rk4_step(case.model, case.data, case.q, case.v, looking_ahead, 0.02)
+    kept = got[0].copy(), got[1].copy()
+    rk4_step(case.model, case.data, case.q, -case.v, case.tau, 0.1)  # what was handed out is the caller's own
+    for k in range(2):
+        np.testing.assert_array_equal(got[k], wanted[k])
+        np.testing.assert_array_equal(got[k], kept[k])
+    assert got[2] == wanted[2]
+
+
+def test_a_state_that_is_not_finite_leaves_no_trace(random_tree: Callable[..., Any]) -> None:
+    case = Case(random_tree(13, 3), 13, 1.0)
+    wanted = rk4_step(case.model, case.data, case.q, case.v, case.tau, 0.01)
+    rk4_step(case.model, case.data, case.q, np.full(case.model.nv, np.nan), case.tau, 0.01)
+    got = rk4_step(case.model, case.data, case.q, case.v, case.tau, 0.01)
+    for k in range(2):
+        np.testing.assert_array_equal(got[k], wanted[k])
+
+
+def test_steps_in_threads(random_tree: Callable[..., Any]) -> None:
+    case = Case(random_tree(14, 4), 14, 1.0)
+
+    def fly(scale: float) -> tuple[Array, Array]:
+        data, q, v = case.model.createData(), case.q, scale * case.v
+        for _ in range(300):
+            q, v, _ = rk4_step(case.model, data, q, v, case.tau, 1e-3)
+        return q, v
+
+    scales = [0.5, 1.0, 1.5, 2.0]
+    wanted = [fly(scale) for scale in scales]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)  # threads take turns in the middle of a step
+    try:
+        with ThreadPoolExecutor(len(scales)) as pool:
+            found = list(pool.map(fly, scales))
+    finally:
+        sys.setswitchinterval(interval)
+    for one, other in zip(wanted, found, strict=True):
+        for k in range(2):
+            np.testing.assert_array_equal(one[k], other[k])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,8 +16,10 @@ from ffsms_pin.system import SpaceManipulator
 __all__ = ["JointLaw", "Motion"]
 
 
-class Motion(NamedTuple):
+class Motion:
     """A measured state and a wanted joint motion, checked.
+
+    It is filled anew for every torque: a law that keeps an error keeps a copy.
 
     Attributes
     ----------
@@ -24,16 +27,31 @@ class Motion(NamedTuple):
         Measured, Pinocchio's.
     q_e, qd_e : ndarray, shape (n,)
         Errors q - q_d [rad] and qd - qd_d [rad/s].
+    errors : ndarray, shape (2 n,)
+        Both, one after the other: `q_e` and `qd_e` are views of it.
     qd_d, qdd_d : ndarray, shape (n,)
         Wanted rates [rad/s] and accelerations [rad/s^2].
     """
 
+    __slots__ = ("errors", "q", "q_e", "qd_d", "qd_e", "qdd_d", "v")
     q: FloatArray
     v: FloatArray
-    q_e: FloatArray
-    qd_e: FloatArray
     qd_d: FloatArray
     qdd_d: FloatArray
+
+    def __init__(self, n: int) -> None:
+        self.errors = np.empty(2 * n)
+        self.q_e, self.qd_e = self.errors[:n], self.errors[n:]
+
+
+class _Own(threading.local):
+    """Each thread's own motion: making its arrays takes as long as filling them."""
+
+    def __init__(self, n: int) -> None:
+        self.n, self.motion = n, Motion(n)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Own, (self.n,)
 
 
 class JointLaw(ABC):
@@ -55,10 +73,15 @@ class JointLaw(ABC):
 
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
         self.sms = sms
-        self.torque_limit = torque_limits(sms.limits.torque if torque_limit is None else torque_limit, sms.n)
-        self._error = sms.layout.difference
+        limit = torque_limits(sms.limits.torque if torque_limit is None else torque_limit, sms.n)
+        self._lowest, self._highest, self._limited = -limit, limit, bool(np.isfinite(limit).any())
         self._shapes = (sms.nq,), (sms.nv,), (sms.n,)
-        self._lowest = -self.torque_limit
+        self._plain, self._own = sms.layout.plain, _Own(sms.n)
+
+    @property
+    def torque_limit(self) -> FloatArray:
+        """Largest size of each torque (n,) [N m]."""
+        return self._highest
 
     def torque(
         self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike
@@ -80,12 +103,15 @@ class JointLaw(ABC):
             [N m], within `torque_limit`. NaN in the state gives NaN.
         """
         tau = self._law(self._motion(q, v, q_d, qd_d, qdd_d))
-        result: FloatArray = np.minimum(np.maximum(tau, self._lowest), self.torque_limit)
-        return result
+        return self._cut_off(tau) if self._limited else tau
 
     def lyapunov(self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike) -> float:
         """The function V of the law's proof at one measured state and wanted motion: at least zero."""
         return self._energy(self._motion(q, v, q_d, qd_d, np.zeros(self.sms.n)))
+
+    def _cut_off(self, tau: FloatArray) -> FloatArray:
+        result: FloatArray = np.minimum(np.maximum(tau, self._lowest), self._highest)
+        return result
 
     @abstractmethod
     def time_constants(self, q: ArrayLike) -> FloatArray:
@@ -113,7 +139,14 @@ class JointLaw(ABC):
         ):
             q, v = _sized("q", q, nq), _sized("v", v, nv)
             q_d, qd_d, qdd_d = _sized("q_d", q_d, n), _sized("qd_d", qd_d, n), _sized("qdd_d", qdd_d, n)
-        return Motion(q, v, self._error(q, q_d), v[6:] - qd_d, qd_d, qdd_d)
+        motion = self._own.motion
+        motion.q, motion.v, motion.qd_d, motion.qdd_d = q, v, qd_d, qdd_d
+        if self._plain:
+            np.subtract(q[7:], q_d, motion.q_e)
+        else:
+            motion.q_e[:] = self.sms.layout.difference(q, q_d)
+        np.subtract(v[6:], qd_d, motion.qd_e)
+        return motion
 
 
 _FLOAT64 = np.dtype(np.float64)

@@ -8,7 +8,7 @@ from scipy.linalg import lapack
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["reduced_coriolis", "reduced_dynamics", "reduced_torque"]
+__all__ = ["floating_torque", "reduced_coriolis", "reduced_dynamics", "reduced_torque"]
 
 
 def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -43,19 +43,26 @@ def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tup
 def reduced_torque(sms: SpaceManipulator, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
     """Torques H_q qdd + C_q (n,) [N m]: they give the joints the accelerations qdd (n,), the base reacting.
 
-    Without the two being made: with f the generalised force that holds the base's acceleration at zero, the
-    base takes up f_b by accelerating, so tau = f_m - M_bm^T M_b^-1 f_b. Other arguments as for
-    `reduced_dynamics`.
+    Without the two being made: see `floating_torque`. Other arguments as for `reduced_dynamics`.
+    """
+    return floating_torque(sms, q, v, sms._joints_alone.dot(qdd))
+
+
+def floating_torque(
+    sms: SpaceManipulator, q: FloatArray, v: FloatArray, acceleration: FloatArray
+) -> FloatArray:
+    """The same of `acceleration` (6 + n,): six zeros, then the joint accelerations.
+
+    With f the generalised force that holds the base's acceleration at zero, the base takes up f_b by
+    accelerating, so tau = f_m - M_bm^T M_b^-1 f_b.
     """
     model, work = sms.model, sms._workspace
     data = work.data
-    acceleration = sms._still.copy()
-    acceleration[6:] = qdd
     force = pin.rnea(model, data, q, v, acceleration)
     pin.crba(model, data, q)
-    # M_b is the whole's inertia in the root frame.
-    reaction = work.whole.inverse().dot(force[:6])
-    tau: FloatArray = force[6:] - reaction.dot(work.M_bm)
+    # M_b is the whole's inertia in the root frame. All columns of the product: numpy copies slices of them.
+    force -= work.whole.inverse().dot(force[:6]).dot(work.base_rows)
+    tau: FloatArray = force[6:]
     return tau
 
 

@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control.gains import gain_matrix, positives
 from ffsms_pin.control.law import JointLaw, Motion
-from ffsms_pin.control.reduced_dynamics import reduced_dynamics, reduced_torque
+from ffsms_pin.control.reduced_dynamics import floating_torque, reduced_dynamics
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -77,20 +77,48 @@ class SlidingModeController(JointLaw):
         torque_limit: ArrayLike | None = None,
     ) -> None:
         super().__init__(sms, torque_limit)
-        self.K_s = gain_matrix("K_s", K_s, sms.n)
-        self.Gamma = gain_matrix("Gamma", Gamma, sms.n)
-        self.boundary = positives("boundary", boundary, sms.n, "rad/s")
-        if np.ndim(boundary) > 0 and np.any(self.K_s != np.diag(np.diag(self.K_s))):
+        self._K_s = gain_matrix("K_s", K_s, sms.n)
+        self._Gamma = gain_matrix("Gamma", Gamma, sms.n)
+        self._boundary = positives("boundary", boundary, sms.n, "rad/s")
+        strength = np.diag(self._K_s)
+        self._diagonal = not np.any(self._K_s != np.diag(strength))
+        if np.ndim(boundary) > 0 and not self._diagonal:
             raise InvalidValue("boundary", boundary, "must be one number where K_s is not diagonal")
-        # Arrays, since numpy takes longer to make one of a number than to compare the entries.
-        self._one, self._minus_one = np.ones(sms.n), -np.ones(sms.n)
+        # What [q_e; qd_e] is multiplied by: above, the rows of the push before it is cut off at `_most`;
+        # below, those of the acceleration [0 (6); qdd_d - Gamma qd_e] without its qdd_d. Of a diagonal K_s
+        # the push is K_s sat(s / boundary) at once, else sat alone.
+        self._most = strength if self._diagonal else np.ones(sms.n)
+        self._least = -self._most
+        slope = np.diag(self._most / self._boundary)
+        zeros = np.zeros((sms.n, sms.n))
+        self._of_errors = np.block(
+            [[slope @ self._Gamma, slope], [np.zeros((6, 2 * sms.n))], [zeros, -self._Gamma]]
+        )
+
+    @property
+    def K_s(self) -> FloatArray:
+        """Switching gain (n, n) [N m]."""
+        return self._K_s
+
+    @property
+    def Gamma(self) -> FloatArray:
+        """Slope of the sliding surface (n, n) [1/s]."""
+        return self._Gamma
+
+    @property
+    def boundary(self) -> FloatArray:
+        """Thickness of the boundary layer (n,) [rad/s]."""
+        return self._boundary
 
     def _law(self, motion: Motion) -> FloatArray:
-        qd_e, Gamma = motion.qd_e, self.Gamma
-        s = (Gamma.dot(motion.q_e) + qd_e) / self.boundary
-        sat = np.minimum(np.maximum(s, self._minus_one), self._one)
-        wanted = motion.qdd_d - Gamma.dot(qd_e)
-        tau: FloatArray = reduced_torque(self.sms, motion.q, motion.v, wanted) - self.K_s.dot(sat)
+        sms = self.sms
+        n = sms.n
+        made = self._of_errors.dot(motion.errors)
+        push, joints = made[:n], made[n + 6 :]
+        np.minimum(np.maximum(push, self._least, out=push), self._most, out=push)
+        np.add(joints, motion.qdd_d, joints)
+        tau = floating_torque(sms, motion.q, motion.v, made[n:])
+        tau -= push if self._diagonal else self._K_s.dot(push)
         return tau
 
     def _energy(self, motion: Motion) -> float:

@@ -96,7 +96,7 @@ class SuperTwisting(JointLaw):
         before = self.w
         motion = self._motion(q, v, q_d, qd_d, qdd_d)
         tau = self._law(motion)
-        result: FloatArray = np.minimum(np.maximum(tau, self._lowest), self.torque_limit)
+        result = self._cut_off(tau)
         self.w = np.where(result == tau, self.w, before)
         return result
 
