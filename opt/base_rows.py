@@ -13,7 +13,7 @@ from ffsms_pin.opt.base_limits import BaseLimits
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
 
-__all__ = ["SLACK", "BaseRows"]
+__all__ = ["RETURN_RATE", "SLACK", "BaseRows"]
 
 # Coefficient of the step's slack in a row [rad/m]: a turn of the base is dearer than the loss of a clearance,
 # because moving the arm by as much turns it by far less.
@@ -29,7 +29,7 @@ _MARGIN = 0.03
 _BRAKED = 0.015  # half of it, for the motion of an arm that brakes
 _ALONG, _ACROSS = 0.9, 0.29
 # [rad/s] How fast the arm is trusted to undo a turn of the base before the deadline.
-_RETURN_RATE = 0.02
+RETURN_RATE = 0.02
 # Of the way from braking to what the programme wants; and samples of an arm that brakes.
 _SHARES = (0.5, 0.25, 0.1)
 _STOPS = 5
@@ -106,10 +106,10 @@ class BaseRows:
         gradients, least = [], []
         if self._turning:
             turned: FloatArray = pin.log3(start.rotation.T @ now.rotation @ pin.exp3(dt * velocity[3:]))
-            closing_in = self.limits.final_attitude + _RETURN_RATE * max(time_left - _SETTLED * dt, 0.0)
+            closing_in = self.limits.final_attitude + RETURN_RATE * max(time_left - _SETTLED * dt, 0.0)
             outwards, most = _approach(turned, velocity[3:], min(self.limits.attitude, closing_in), dt)
             if self.limits.final_attitude < closing_in < self.limits.attitude:
-                most -= _RETURN_RATE
+                most -= RETURN_RATE
             gradients.append(-outwards @ coupling[3:])
             least.append(float(outwards @ own[3:]) - most)
         if self._shifting:

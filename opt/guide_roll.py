@@ -24,7 +24,7 @@ _NEUTRAL = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 class Slopes(NamedTuple):
-    """Changes of the end effector's position and attitude (inertial axes, rotation vector).
+    """Changes of the end effector's position and attitude (inertial axes, rotation vector), and of the root.
 
     Attributes
     ----------
@@ -32,11 +32,17 @@ class Slopes(NamedTuple):
         With the joint positions and rates of each sample.
     last : ndarray, shape (6, n)
         With the joint positions at the end.
+    velocities : ndarray, shape (S, 6, 2n)
+        Of the root's velocities, not of the end effector, with each sample's joint positions and rates.
+    turns : ndarray, shape (S, 6, 6)
+        Of the root's pose at a sample's end, in its own axes, with the sample's velocity.
     """
 
     positions: FloatArray
     rates: FloatArray
     last: FloatArray
+    velocities: FloatArray
+    turns: FloatArray
 
 
 class Roll(NamedTuple):
@@ -46,11 +52,17 @@ class Roll(NamedTuple):
     ----------
     position, rotation : ndarray, shape (3,), (3, 3)
         Of the end effector.
+    poses : list of pinocchio.SE3
+        Of the root, at the end of each sample's span.
+    velocities : ndarray, shape (S, 6)
+        Of the root, in its own axes, at the samples.
     slopes : Slopes, or None
     """
 
     position: FloatArray
     rotation: FloatArray
+    poses: list[Any]
+    velocities: FloatArray
     slopes: Slopes | None
 
 
@@ -85,7 +97,9 @@ def roll(
     step, n, set_positions = duration / len(path), sms.n, sms.layout.set_positions
     model, data = sms.model, sms._data
     pose, trial, whole, still = pin.XYZQUATToSE3(q[:7]), q.copy(), np.empty(6 + n), np.zeros(6 + n)
-    poses, turns, changes = [], [], np.empty((len(path), 6, 2 * n))
+    poses: list[Any] = []
+    velocities, turns = np.empty((len(path), 6)), np.empty((len(path), 6, 6))
+    changes = np.empty((len(path), 6, 2 * n))
     for k, (positions, speed) in enumerate(zip(path, rates, strict=True)):
         trial[:7] = _NEUTRAL  # the velocity in the root's axes depends on the joints alone
         set_positions(trial, positions)
@@ -99,25 +113,26 @@ def roll(
         if momentum is not None:
             trial[:7] = pin.SE3ToXYZQUAT(pose)
             velocity += momentum_drift(M, trial, q[:3], momentum).root
-        turn = pin.Motion(step * velocity)
+        velocities[k], turn = velocity, pin.Motion(step * velocity)
         pose = pose * pin.exp6(turn)
+        poses.append(pose)
         if slopes:
-            turns.append(pin.Jexp6(turn))
-            poses.append(pose)
+            turns[k] = step * pin.Jexp6(turn)
     trial[:7] = pin.SE3ToXYZQUAT(pose)
     set_positions(trial, last)
     pin.computeJointJacobians(model, data, trial)
     tip = pin.updateFramePlacement(model, data, sms.frame_id)
     position, rotation = tip.translation.copy(), tip.rotation.copy()
     if not slopes:
-        return Roll(position, rotation, None)
+        return Roll(position, rotation, poses, velocities, None)
     J = pin.getFrameJacobian(model, data, sms.frame_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
     back: Any = pose.inverse()
     carry = np.array(
         [J[:, :6] @ ((back * place).action @ turn) for place, turn in zip(poses, turns, strict=True)]
     )
-    moved = step * (carry @ changes)
-    return Roll(position, rotation, Slopes(moved[:, :, :n], moved[:, :, n:], J[:, 6:]))
+    moved = carry @ changes
+    made = Slopes(moved[:, :, :n], moved[:, :, n:], J[:, 6:], changes, turns)
+    return Roll(position, rotation, poses, velocities, made)
 
 
 def _momentum_slope(sms: SpaceManipulator, q: FloatArray, v: FloatArray, still: FloatArray) -> FloatArray:

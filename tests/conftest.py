@@ -10,10 +10,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
+from motions import Swing
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
+from ffsms_pin.control import SlidingModeController
 from ffsms_pin.errors import FfsmsError
+from ffsms_pin.simulation import Tracking, simulate
 from ffsms_pin.urdf import model_path
 
 Array = NDArray[np.float64]
@@ -193,6 +196,18 @@ def planar_tree() -> Tree:
 def planar() -> ffsms.SpaceManipulator:
     """The paper's planar system."""
     return ffsms.load("planar_3r")
+
+
+@pytest.fixture(scope="session")
+def swing(planar: ffsms.SpaceManipulator) -> Swing:
+    """A joint motion of the planar system, two seconds long."""
+    return Swing(planar)
+
+
+@pytest.fixture(scope="session")
+def swung(planar: ffsms.SpaceManipulator, swing: Swing) -> Tracking:
+    """The closed loop along it, under the paper's law."""
+    return simulate(planar, swing, SlidingModeController(planar))
 
 
 @pytest.fixture(scope="session")

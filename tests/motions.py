@@ -1,15 +1,17 @@
-"""Joint motions to follow, and the plainest of controllers, for the tests."""
+"""Joint motions to follow, the plainest of controllers, and what a recording holds, for the tests."""
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
+from ffsms_pin.simulation import Tracking
 
-__all__ = ["START", "Constant", "ObservedSwing", "Swing"]
+__all__ = ["START", "Constant", "ObservedSwing", "Swing", "arrays_of"]
 
 Array: TypeAlias = NDArray[np.float64]
 START = np.deg2rad([1.0, 1.0, 1.0])
@@ -65,3 +67,8 @@ class Constant:
     ) -> Array:
         """The same each time."""
         return self.tau
+
+
+def arrays_of(tracking: Tracking) -> list[str]:
+    """Names of the fields that hold arrays."""
+    return [field.name for field in fields(tracking) if field.name != "note"]

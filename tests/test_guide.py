@@ -1,21 +1,21 @@
-"""Guides: slopes of the rolled-out motion, clearances that they keep, and the least squares behind them."""
+"""Guides: slopes of the rolled-out motion, the splines, and the limits and clearances that they keep."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
-from scipy.optimize import lsq_linear
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.guide import Guide, find_guide, followed_on
 from ffsms_pin.opt.guide_roll import roll
-from ffsms_pin.opt.guide_spline import basis
-from ffsms_pin.opt.least_squares import least_squares
+from ffsms_pin.opt.guide_spline import NODES, basis, maps
 from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.system.variants import with_limits
 
 Array = NDArray[np.float64]
 
@@ -55,19 +55,39 @@ def test_roll_with_momentum_is_the_coasting_system(planar: ffsms.SpaceManipulato
 
 
 @pytest.mark.parametrize("count", [7, 10])
-def test_basis_is_scipys(count: int) -> None:
+def test_maps_are_those_of_the_recursion(count: int) -> None:
+    """Cox and de Boor's, written out; derivatives as differences."""
     knots = np.concatenate([np.zeros(4), np.arange(1.0, count - 3) / (count - 3), np.ones(4)])
-    spline, at = BSpline(knots, np.eye(count), 3), np.linspace(0.0, 1.0, 33)
-    for order in (0, 1, 2):
-        wanted = spline(at) if order == 0 else spline.derivative(order)(at)
-        np.testing.assert_allclose(basis(count, order, at), wanted, atol=1e-12)
+
+    def value(i: int, degree: int, s: float) -> float:
+        if degree == 0:
+            return float(knots[i] <= s < knots[i + 1])
+        left, right = knots[i + degree] - knots[i], knots[i + degree + 1] - knots[i + 1]
+        first = (s - knots[i]) / left * value(i, degree - 1, s) if left > 0.0 else 0.0
+        last = (knots[i + degree + 1] - s) / right * value(i + 1, degree - 1, s) if right > 0.0 else 0.0
+        return first + last
+
+    made, h = maps(count), 1e-4
+    for k, s in enumerate(NODES):
+        below, here, above = (
+            np.array([value(i, 3, place) for i in range(count)]) for place in (s - h, s, s + h)
+        )
+        np.testing.assert_allclose(made.positions[k], here, atol=1e-12)
+        np.testing.assert_allclose(made.rates[k], (above - below) / (2.0 * h), atol=1e-4)
+    # Straight lines between the knots give the accelerations; at rest at the end, whatever the last point.
+    inner = np.linspace(0.0, 1.0, count - 2)
+    between = basis(count, 2, 0.5 * (inner[1:] + inner[:-1]))
+    np.testing.assert_allclose(between, 0.5 * (made.accelerations[1:] + made.accelerations[:-1]), atol=1e-9)
+    np.testing.assert_allclose(basis(count, 1, np.ones(1)) @ made.free, 0.0, atol=1e-12)
+    with pytest.raises(ValueError, match="read-only"):
+        made.rates[0, 0] = 1.0
 
 
 @pytest.mark.parametrize("count", [7, 10])
 def test_one_instant_of_a_guide_is_as_many(count: int, rng: np.random.Generator) -> None:
     guide = Guide(2.0, 5.0, rng.normal(size=(count, 3)), 0.0, True)
     t = np.linspace(1.0, 8.0, 57)
-    positions, rates = guide.along(t)
+    positions, rates = guide.sample(t)
     for k, instant in enumerate(t):
         one = guide.sample(float(instant))
         np.testing.assert_allclose(one[0], positions[k], atol=1e-12)
@@ -170,9 +190,67 @@ def test_guide_keeps_the_box_of_the_steps(monkeypatch: pytest.MonkeyPatch) -> No
     assert kept.fits
     assert kept.miss < 5e-4
     assert largest(kept) < 1.03
-    monkeypatch.setattr("ffsms_pin.opt.guide._BOX", np.inf)
+    monkeypatch.setattr("ffsms_pin.opt.guide_limits._BOX", np.inf)
     free = find_guide(*arguments)
     assert largest(free) > 1.05
+
+
+@pytest.mark.parametrize(("duration", "fits"), [(1.6, True), (1.5, False)])
+def test_guide_keeps_the_accelerations_or_is_rejected(duration: float, fits: bool) -> None:
+    sms = ffsms.load("satellite_panda")
+    start = 0.5 * (sms.limits.lower + sms.limits.upper)
+    end = start + np.array([0.9, -0.8, 0.9, 0.7, 0.9, 0.6, 0.9])
+    q = sms.configuration(start)
+    q_end, _ = roll_out(sms, q, end - start, np.zeros((50, 7)), 0.02)
+    target = sms.at(q_end[-1]).end_effector_pose.translation
+    guide = find_guide(sms, q, np.zeros(7), target, 0.0, duration, np.linspace(start, end, 20))
+    t = np.linspace(0.0, duration, 2001)
+    rates = guide.sample(t)[1]
+    accelerations = np.diff(rates, axis=0) / np.diff(t)[:, None]
+    used = float((np.abs(accelerations) / sms.limits.acceleration).max())
+    # In less time it can only be had with more acceleration; the rates and the box alone do not show it.
+    assert (np.abs(rates) < 1.02 * sms.limits.velocity).all()
+    V_T = [np.linalg.svd(sms.at(sms.configuration(row)).C_bm)[2] for row in guide.sample(NODES * duration)[0]]
+    alphas = np.einsum("kij,kj->ki", V_T, guide.sample(NODES * duration)[1])
+    assert np.abs(alphas).max() < 1.02
+    assert guide.fits == fits
+    assert (used < 0.97) if fits else (used > 1.05)
+
+
+def test_guide_stays_within_the_range_of_the_joints(planar: ffsms.SpaceManipulator) -> None:
+    """A target that the arm would reach beyond its range only."""
+    narrow = with_limits(planar, replace(planar.limits, lower=np.full(3, -0.4), upper=np.full(3, 0.4)))
+    q, end = planar.configuration([0.1, 0.2, 0.3]), planar.configuration([0.2, 0.9, 0.8])
+    target, way = planar.at(end).end_effector_pose.translation, np.linspace(q[7:], end[7:], 20)
+    free, kept = (find_guide(sms, q, np.zeros(3), target, 0.0, 12.0, way) for sms in (planar, narrow))
+    t = np.linspace(0.0, 12.0, 200)
+    assert free.miss < 1e-3
+    assert np.abs(free.sample(t)[0]).max() > 0.5
+    assert kept.miss > 0.05
+    assert np.abs(kept.sample(t)[0]).max() < 0.4
+
+
+def test_guide_of_an_arm_whose_joints_turn_without_end(planar: ffsms.SpaceManipulator) -> None:
+    endless = replace(planar.limits, lower=np.array([-np.inf, -np.inf, -2.0]), upper=np.full(3, np.inf))
+    sms, start, end = with_limits(planar, endless), np.array([3.0, 0.3, 0.2]), np.array([4.0, 0.9, 0.6])
+    q = sms.configuration(start)
+    q_end, _ = roll_out(sms, q, end - start, np.zeros((30, 3)), 1.0 / 30.0)
+    target = sms.at(q_end[-1]).end_effector_pose.translation
+    guide = find_guide(sms, q, np.zeros(3), target, 0.0, 12.0, np.linspace(start, end, 20))
+    assert guide.fits
+    assert guide.miss < 5e-4
+    assert guide.points[-1, 0] > np.pi
+
+
+def test_guide_of_an_arm_that_cannot_move(planar: ffsms.SpaceManipulator) -> None:
+    q, target, failed = (
+        planar.configuration([0.1, 0.2, 0.3]),
+        np.array([0.7, 0.4, 0.0]),
+        np.ones(3, dtype=bool),
+    )
+    guide = find_guide(planar, q, np.zeros(3), target, 0.0, 5.0, np.tile(q[7:], (10, 1)), fixed=failed)
+    np.testing.assert_allclose(guide.sample(3.0)[0], q[7:], atol=1e-15)
+    assert guide.miss == pytest.approx(np.linalg.norm(planar.at(q).end_effector_pose.translation - target))
 
 
 def test_guide_that_cannot_keep_the_box_is_rejected() -> None:
@@ -184,47 +262,6 @@ def test_guide_that_cannot_keep_the_box_is_rejected() -> None:
     target = sms.at(q_end[-1]).end_effector_pose.translation
     hasty = find_guide(sms, q, np.zeros(7), target, 0.0, 0.6, np.linspace(start, end, 20))
     assert not hasty.fits or hasty.miss > 0.05
-
-
-def test_bounded_least_squares_is_scipys(rng: np.random.Generator) -> None:
-    for _ in range(20):
-        A, b = rng.normal(size=(12, 5)), rng.normal(size=12)
-        lower, upper = -rng.uniform(0.02, 0.5, 5), rng.uniform(0.02, 0.5, 5)
-
-        def residuals(x: Array, A: Array = A, b: Array = b) -> tuple[Array, Array]:
-            return A @ x - b, A
-
-        x = least_squares(residuals, np.zeros(5), lower, upper, 60)
-        wanted = lsq_linear(A, b, (lower, upper), method="bvls").x
-        assert (x >= lower).all()
-        assert (x <= upper).all()
-        assert np.linalg.norm(A @ x - b) <= 1.001 * np.linalg.norm(A @ wanted - b)
-        np.testing.assert_allclose(x, wanted, atol=2e-2)
-
-
-def test_least_squares_finds_a_curved_valley() -> None:
-    def rosenbrock(x: Array) -> tuple[Array, Array]:
-        slopes = np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0]])
-        return np.array([10.0 * (x[1] - x[0] ** 2), 1.0 - x[0]]), slopes
-
-    x = least_squares(rosenbrock, np.array([-1.2, 1.0]), np.full(2, -5.0), np.full(2, 5.0), 200)
-    np.testing.assert_allclose(x, 1.0, atol=1e-4)
-
-
-def test_least_squares_stops_where_little_is_left_to_gain() -> None:
-    called = []
-
-    def parabola(x: Array) -> tuple[Array, Array]:
-        called.append(x.copy())
-        return np.array([x[0] ** 2 + 0.1]), np.array([[2.0 * x[0]]])
-
-    calls = []
-    for enough in (0.0, 1e-3):
-        called.clear()
-        x = least_squares(parabola, np.ones(1), np.full(1, -5.0), np.full(1, 5.0), 100, enough)
-        assert (x[0] ** 2 + 0.1) ** 2 - 0.01 < (1e-2 if enough else 1e-4)
-        calls.append(len(called))
-    assert calls[1] < calls[0]
 
 
 def test_guide_followed_on_ends_where_it_was_to_end(planar: ffsms.SpaceManipulator) -> None:

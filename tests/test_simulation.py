@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from motions import START, Swing
+from motions import START, Constant, Swing, arrays_of
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -21,21 +20,6 @@ from ffsms_pin.simulation import Tracking, simulate
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
-
-
-def arrays_of(tracking: Tracking) -> list[str]:
-    """Names of the fields that hold arrays."""
-    return [field.name for field in fields(tracking) if field.name != "note"]
-
-
-@pytest.fixture(scope="module")
-def swing(planar: ffsms.SpaceManipulator) -> Swing:
-    return Swing(planar)
-
-
-@pytest.fixture(scope="module")
-def swung(planar: ffsms.SpaceManipulator, swing: Swing) -> Tracking:
-    return simulate(planar, swing, SlidingModeController(planar))
 
 
 def heavier(sms: ffsms.SpaceManipulator, arm: float, base: float = 1.0) -> ffsms.SpaceManipulator:
@@ -227,17 +211,6 @@ def test_step_is_the_nearest_that_fits(planar: ffsms.SpaceManipulator) -> None:
     assert len(simulate(planar, hold, controller, dt=0.1).tau) == 1
 
 
-class Law:
-    """A controller that returns what it is told to."""
-
-    def __init__(self, tau: Any) -> None:
-        self.tau = tau
-
-    def torque(self, q: Array, v: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
-        """The same each time."""
-        return np.asarray(self.tau)
-
-
 def test_divergence_is_told_with_what_was_recorded(planar: ffsms.SpaceManipulator, swing: Swing) -> None:
     controller = SlidingModeController(planar, Gamma=1e5, torque_limit=np.inf)
     q0 = planar.configuration(START + 0.02)
@@ -256,7 +229,7 @@ def test_divergence_is_told_with_what_was_recorded(planar: ffsms.SpaceManipulato
 
 def test_torque_that_is_not_a_number_stops_at_once(planar: ffsms.SpaceManipulator, swing: Swing) -> None:
     with pytest.raises(SimulationDiverged) as caught:
-        simulate(planar, swing, Law([0.0, math.nan, 0.0]))
+        simulate(planar, swing, Constant([0.0, math.nan, 0.0]))
     assert caught.value.time == 0.0
     assert caught.value.tracking.q.shape == (1, 10)
     assert caught.value.tracking.tau.shape == (0, 3)
@@ -306,8 +279,8 @@ def test_bad_references_and_controllers_are_refused(
     try_with("q0", q=None)
     try_with("reference.q[0]", q=np.zeros((1, 4)))
     try_with("reference.sample", sample=lambda t: (np.zeros(2), np.zeros(2), np.zeros(2)))
-    try_with("controller.torque", Law(np.zeros(2)))
-    try_with("controller.torque", Law(0.0))
+    try_with("controller.torque", Constant(np.zeros(2)))
+    try_with("controller.torque", Constant(0.0))
     other = ffsms.SpaceManipulator(random_tree(12, 4).model(), "tip")
     refused(
         lambda: simulate(planar, Swing(planar, np.zeros(3)), controller, plant=other),

@@ -4,48 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from motions import Swing
+from motions import Constant, Swing, arrays_of
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
-from ffsms_pin.control import SlidingModeController
 from ffsms_pin.errors import FfsmsError, ResultError, SimulationDiverged
 from ffsms_pin.simulation import Tracking, simulate
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
-
-
-class Law:
-    """A controller that returns what it is told to."""
-
-    def __init__(self, tau: Any) -> None:
-        self.tau = tau
-
-    def torque(self, q: Array, v: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
-        """The same each time."""
-        return np.asarray(self.tau)
-
-
-def arrays_of(tracking: Tracking) -> list[str]:
-    """Names of the fields that hold arrays."""
-    return [field.name for field in fields(tracking) if field.name != "note"]
-
-
-@pytest.fixture(scope="module")
-def swing(planar: ffsms.SpaceManipulator) -> Swing:
-    return Swing(planar)
-
-
-@pytest.fixture(scope="module")
-def swung(planar: ffsms.SpaceManipulator, swing: Swing) -> Tracking:
-    return simulate(planar, swing, SlidingModeController(planar))
 
 
 def test_tracking_is_read_only(swung: Tracking) -> None:
@@ -73,7 +46,7 @@ def test_recording_of_a_run_that_stopped_at_once_can_be_saved(
     planar: ffsms.SpaceManipulator, swing: Swing, tmp_path: Path
 ) -> None:
     with pytest.raises(SimulationDiverged) as caught:
-        simulate(planar, swing, Law(np.full(3, math.nan)))
+        simulate(planar, swing, Constant(np.full(3, math.nan)))
     caught.value.tracking.save(tmp_path / "none.npz")
     assert Tracking.load(tmp_path / "none.npz").tau.shape == (0, 3)
 

@@ -1,0 +1,141 @@
+"""Keys of real conditions in a scenario file: all there, all documented, and the wrong ones named."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+import pytest
+from condition_files import QUICK
+
+from ffsms_pin import opt
+from ffsms_pin import simulation as sim
+from ffsms_pin.errors import FfsmsError, InvalidScenario
+from ffsms_pin.scenarios import run, scenario
+from ffsms_pin.scenarios.tables import TABLES
+
+
+def test_every_keyword_of_simulate_can_be_said() -> None:
+    """The keys of the tables are the fields of the objects that `simulate` takes."""
+    kinds: dict[str, tuple[type[Any], set[str]]] = {
+        "friction": (sim.JointFriction, set()),
+        "actuator": (sim.Actuator, set()),
+        "sensors": (sim.Sensors, set()),
+        "disturbance": (sim.Wrench, set()),
+        "capture": (sim.Capture, set()),
+        "fault": (sim.JointFault, set()),
+        "watchdog": (sim.Watchdog, set()),
+        "plant": (sim.InertialError, {"model", "end_effector"}),
+    }
+    for table, (kind, more) in kinds.items():
+        assert set(TABLES[table].keys) == {field.name for field in fields(kind)} | more, table
+    base = TABLES["plan"].tables["base_limits"]
+    assert set(base.keys) == {field.name for field in fields(opt.BaseLimits)}
+    random = set(signature(sim.random_plants).parameters) - {"sms", "rng", "count"}
+    assert set(TABLES["plant"].tables["random"].keys) == random | {"seed"}
+    options = set(signature(opt.plan).parameters) - {"sms", "q0", "target", "progress"}
+    assert set(TABLES["plan"].keys) | {"base_limits"} == options | {"reach"}
+    said = {"reference", "controller", "plant", "friction", "actuator", "sensors", "watchdog"}  # tables
+    said |= {"disturbances", "events", "dt"}
+    said |= TABLES["simulation"].keys.keys()
+    assert set(signature(sim.simulate).parameters) - {"sms", "progress"} == said
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("[control]\nlaw = 'lqr'\n", ["[control] law", "must be one of", '"computed-torque"', "'lqr'"]),
+        ("[control]\nlaw = 'pd'\nK_s = 1.0\n", ['[control] K_s is no gain of the law "pd"', "K_p, K_d"]),
+        ("[control]\nlaw = 'pd'\nK_p = [[1,2,0],[2,1,0],[0,0,1]]\n", ["K_p", "positive definite"]),
+        ("[control]\nlaw = 'pd'\nK_p = [1.0, 2.0]\n", ["K_p", "(3,)"]),
+        ("[control]\nlaw = 'pd'\nK_d = -1.0\n", ["K_d", "above zero"]),
+        ("[control]\nlaw = 'pd'\n[laws.pd]\nK_d = 1.0\n", ["[laws.pd]", "[control]"]),
+        ("[laws.pd]\nGamma = 1.0\n", ["unknown key 'Gamma' in [laws.pd]", "K_d, K_p"]),
+        ("[laws.lqr]\nK = 1.0\n", ["unknown key 'lqr' in [laws]", "sliding-mode"]),
+        ("[reference]\nkind = 'replan'\n", ["[reference] kind", '"re-planning"']),
+        ("[reference]\ndt = 0.1\n", ["[reference] dt", 'kind = "re-planning"']),
+        ("[reference]\nkind = 're-planning'\nrate = 10\n", ["unknown key 'rate' in [reference]", "dt"]),
+        ("[simulation]\nintegrator = 'euler'\n", ["[simulation] integrator", '"rk4"', "'euler'"]),
+        ("[simulation]\nmomentum = [1, 2, 3]\n", ["[simulation] momentum", "6 numbers"]),
+        ("[simulation]\nv0 = [0, 0]\n", ["v0", "(9,)"]),
+        ("[simulation]\nq0 = [0, 0]\n", ["[simulation] q0", "(10,)"]),
+        ("[simulation]\nq0 = [0,0,0,0,0,0,2,0,0,0]\n", ["[simulation] q0", "quaternion"]),
+        ("[simulation]\nv0 = [0]\nmomentum = [0,0,0,0,0,0]\n", ["both v0 and momentum"]),
+        ("[plant]\nmodel = 'space_arm_7'\n", ["plant", "joint_1, joint_2, joint_3"]),
+        ("[plant]\nmodel = 'absent.urdf'\n", ["absent.urdf"]),
+        ("[plant]\nend_effector = 'x'\n", ["[plant] end_effector", "model"]),
+        ("[plant]\narm_mass = [1.0, 1.0]\n", ["arm_mass", "(3,)"]),
+        ("[plant]\narm_mass = 0.0\n", ["[plant] arm_mass", "above zero"]),
+        ("[plant]\nbase_com = [1.0]\n", ["[plant] base_com", "3 numbers"]),
+        ("[plant]\nmas = 1.0\n", ["unknown key 'mas' in [plant]", "did you mean"]),
+        ("[plant.random]\narm_mass = 0.1\n", ["[plant.random] seed is missing"]),
+        ("[plant.random]\nseed = -1\n", ["[plant.random] seed", "whole number of at least 0"]),
+        ("[plant.random]\nseed = 1\narm_mass = 1.5\n", ["arm_mass", "share"]),
+        ("[friction]\nviscous = -1.0\n", ["[friction] viscous", "negative"]),
+        ("[friction]\ncoulomb = [0.1]\n", ["coulomb", "(3,)"]),
+        ("[friction]\nstatic = 1.0\n", ["unknown key 'static' in [friction]"]),
+        ("[actuator]\ndelay = 5.0\n", ["actuator.delay", "duration of 2 s"]),
+        ("[actuator]\ndelay = -0.1\n", ["[actuator] delay", "negative"]),
+        ("[actuator]\ntorque_limit = [1.0]\n", ["actuator.torque_limit", "(3,)"]),
+        ("[sensors]\nbase_latency = 2.5\n", ["sensors.base_latency", "duration of 2 s"]),
+        ("[sensors]\njoint_noise = -1e-3\n", ["[sensors] joint_noise", "negative"]),
+        ("[sensors]\njoint_noise = 1\njoint_noise_deg = 1\n", ["[sensors] has both joint_noise"]),
+        ("[sensors]\nseed = 1.5\n", ["[sensors] seed", "whole number"]),
+        ("[[disturbance]]\non = 'base'\n", ["[[disturbance]] 1 wrench is missing"]),
+        ("[disturbance]\nwrench = [0,0,0,0,0,0]\n", ["write [[disturbance]]"]),
+        ("[[disturbance]]\nwrench = [0,0,0,0,0,0]\non = 'arm'\n", ["[[disturbance]] 1 on", '"base"']),
+        ("[[disturbance]]\nwrench = [0,0,0,0,0,0]\nstart = 2\nend = 1\n", ["wrench.end", "after its start"]),
+        ("[[capture]]\ntime = 9\nmass = 1\ninertia = [1,1,1]\n", ["event.time", "2 s"]),
+        ("[[capture]]\ntime = 1\nmass = 1\ninertia = [1,1,9]\n", ["capture.inertia", "rigid body"]),
+        ("[[capture]]\ntime = 1\nmass = 0\ninertia = [1,1,1]\n", ["[[capture]] 1 mass", "above zero"]),
+        ("[[fault]]\ntime = 1\njoint = 'joint_9'\n", ["fault.joint", "joint_9", "joint_1, joint_2, joint_3"]),
+        ("[[fault]]\ntime = 1\njoint = 3\n", ["fault.joint", "3"]),
+        ("[[fault]]\ntime = 1\njoint = 0\n[[fault]]\ntime = 1\njoint = -1\n", ["[[fault]] 2 joint"]),
+        ("[[fault]]\ntime = 1\njoint = 0\ntold = 'no'\n", ["[[fault]] 1 told", "true or false"]),
+        ("[[fault]]\ntime = 1\njoint = 0\nkind = 'loose'\n", ["[[fault]] 1 kind", '"limp"']),
+        ("[watchdog]\nfailed_steps = 0\n", ["[watchdog] failed_steps", "at least 1"]),
+        ("[plan]\nbase_limits = 3\n", ["write [plan.base_limits]"]),
+        ("[plan.base_limits]\nattitude = 0\n", ["[plan.base_limits] attitude", "above zero"]),
+        ("[plan.base_limits]\natitude = 1\n", ["'atitude' in [plan.base_limits]", "did you mean 'attitude'"]),
+        ("[plan]\nmomentum = [1]\n", ["[plan] momentum", "6 numbers"]),
+        ("wacthdog = {}\n", ["unknown table [wacthdog]", "did you mean 'watchdog'?"]),
+    ],
+)
+def test_a_condition_that_cannot_be_used_is_named_before_anything_is_planned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, words: list[str]
+) -> None:
+    monkeypatch.setattr(opt, "plan", lambda *_, **__: pytest.fail("planned"))
+    path = tmp_path / "mine.toml"
+    base = QUICK.replace('[control]\nlaw = "computed-torque"\ndt = 0.01\n', "")
+    if content.startswith("[plan]"):
+        content = content.removeprefix("[plan]\n") + base[base.index("[plan]") :].replace("[plan]", "")
+        content = base[: base.index("[plan]")] + "[plan]\n" + content
+    elif content.startswith("wacthdog"):
+        content += base
+    else:
+        content = base + content
+    path.write_text(content, encoding="utf-8")
+    with pytest.raises(FfsmsError) as caught:
+        run(scenario(path))
+    message = str(caught.value)
+    assert "\n" not in message
+    if "absent.urdf" not in message:
+        assert type(caught.value) is InvalidScenario
+    for word in [str(tmp_path), *words]:
+        assert word in message
+
+
+def test_every_key_is_documented() -> None:
+    """docs/scenarios.md has a line for every key, under its table."""
+    document = (Path(__file__).parents[1] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    sections = dict(re.findall(r"^## \[+([\w.]+)\]+[^\n]*\n(.*?)(?=^## |\Z)", document, re.S | re.M))
+    for name, table in TABLES.items():
+        if name == "laws":
+            assert "laws" in sections
+            continue
+        for title, inner in ((name, table), *((f"{name}.{key}", one) for key, one in table.tables.items())):
+            keys = set(re.findall(r"^\| `(\w+)`", sections[title], re.M))
+            assert keys == set(inner.keys), title
