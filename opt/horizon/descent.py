@@ -72,11 +72,14 @@ class Motions:
 
 
 def descend(bench: Workbench, motions: Motions, weights: Weights, iterations: int) -> Motions:
-    """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it."""
+    """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it.
+
+    What follows begins under other weights, or is the end: the last iteration makes no derivatives.
+    """
     size = motions.p[0].size
     diagonal = np.arange(size)
     live = np.arange(len(motions.p))
-    for _ in range(iterations):
+    for left in reversed(range(iterations)):
         hessian, gradient = motions.at.hessian[live], motions.at.gradient[live]
         damped = hessian.copy()
         damped[:, diagonal, diagonal] += bench.task.time**3 * motions.damping[live, None]
@@ -87,11 +90,14 @@ def descend(bench: Workbench, motions: Motions, weights: Weights, iterations: in
         expected = -2.0 * np.einsum("si,si->s", gradient, flat[..., 0])
         expected -= np.einsum("si,si->s", flat[..., 0], (hessian @ flat)[..., 0])
         trial = motions.p[live] + steps
-        new = linearise(bench.task, bench.spline, trial, weights, motions.at.merit[live])
+        new = linearise(bench.task, bench.spline, trial, weights, motions.at.merit[live] if left else -np.inf)
         gain = motions.at.merit[live] - new.merit
         better = gain > 0.0
-        motions.p[live[better]] = trial[better]
-        motions.at.put(live[better], new.take(better))
+        if better.all() and len(live) == len(motions.p):
+            motions.p, motions.at = trial, new
+        else:
+            motions.p[live[better]] = trial[better]
+            motions.at.put(live[better], new.take(better))
         ratio = gain / np.maximum(expected, 1e-15)
         factor = np.where(~better, 6.0, np.where(ratio > 0.7, 0.2, np.where(ratio > 0.3, 0.5, 2.0)))
         damping = np.clip(motions.damping[live] * factor, _LEAST_DAMPING, _MOST_DAMPING)

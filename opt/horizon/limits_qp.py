@@ -70,16 +70,16 @@ class LimitsQP:
         rows, lower, upper = [], [], []
         self.labels: list[tuple[str, int]] = []
         for name, scale, matrix, least, most in kinds:
+            # Those of one control point after the other, the joints last: the rates' are the identity.
+            block = np.zeros((len(matrix), n, size, n))
             for i in range(n):
-                if np.isinf(least[i]) and np.isinf(most[i]):
-                    continue
-                unit = np.zeros(n)
-                unit[i] = scale
-                rows.append(np.kron(matrix, unit))
-                lower.append(np.full(len(matrix), max(scale * least[i] + _RESERVE, -_NO_BOUND)))
-                upper.append(np.full(len(matrix), min(scale * most[i] - _RESERVE, _NO_BOUND)))
-                self.labels.extend([(name, i)] * len(matrix))
+                block[:, i, :, i] = scale * matrix
+            rows.append(block.reshape(-1, size * n))
+            lower.append(np.tile(np.maximum(scale * least + _RESERVE, -_NO_BOUND), len(matrix)))
+            upper.append(np.tile(np.minimum(scale * most - _RESERVE, _NO_BOUND), len(matrix)))
+            self.labels.extend((name, i) for _ in matrix for i in range(n))
         self.rows, self.lower, self.upper = np.vstack(rows), np.concatenate(lower), np.concatenate(upper)
+        self._others = self.rows[size * n :]
         self.moving = len(self.labels) - n
         # A start at its limit: zero must stay feasible.
         self.lower, self.upper = np.minimum(self.lower, 0.0), np.maximum(self.upper, 0.0)
@@ -96,7 +96,8 @@ class LimitsQP:
         # Of order one: the solver's tolerances are absolute.
         scale = len(gradient) / float(np.trace(hessian))
         options = {"primal_tol": _TOLERANCE, "iter_limit": _MAX_ITERATIONS}
-        step, _, status, _ = daqp.solve(scale * hessian, scale * gradient, self.rows, high, low, **options)
+        # Bounds without a row are those of x itself.
+        step, _, status, _ = daqp.solve(scale * hessian, scale * gradient, self._others, high, low, **options)
         if status != 1 or not np.isfinite(step).all():
             step = free * self.share(move, low, high)
         return np.asarray(step).reshape(p.shape)

@@ -88,7 +88,8 @@ def linearise(
 ) -> Linearisation:
     """Residuals of motions with control points p (S, M, n), squared and linearised.
 
-    Motions whose merit is not less than `below`, a number or (S,), are not worth derivatives and get none.
+    Motions whose merit is not less than `below`, a number or (S,), are not worth derivatives and get none;
+    minus infinity asks for none at all.
     """
     w = w.fitted(task)
     motions, size, n = p.shape
@@ -127,7 +128,7 @@ def _measured(task: Task, spline: RateSpline, at: Course, w: Weights) -> tuple[L
     """What needs no derivatives, clearances and roughness left out; and the residuals."""
     count = spline.points
     c = cost_residual(at.way, at.velocity, at.entropy, task.kappa, task.pace, w.slow, w.close)
-    root = np.append(np.sqrt(spline.weights), [0.0, 0.0])
+    root = spline.roots
     cost = Residual(
         root * c.value,
         slice(None),
@@ -137,7 +138,7 @@ def _measured(task: Task, spline: RateSpline, at: Course, w: Weights) -> tuple[L
     )
 
     # The last tenth: what the distance exceeds. The end: the way beyond AIM_END, as a vector.
-    late, last = np.append(np.flatnonzero(spline.times[:count] > spline.times[count]), count), count + 1
+    late, last = spline.last_tenth, count + 1
     tail, end = at.way[..., late], at.way[..., last]
     far, error = np.sqrt(dot(tail, tail)), np.sqrt(dot(end, end))
     towards, unit = tail / np.maximum(far, 1e-9), end / np.maximum(error, 1e-9)

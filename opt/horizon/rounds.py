@@ -61,7 +61,7 @@ EARLY = (
 )
 _COARSE = Round(4, 3, _weights(1e3, 0.03, 0.01), 0.03)
 LATE = (
-    Round(3, 4, _weights(1e4, 0.03, 0.002), 0.03),
+    Round(3, 3, _weights(1e4, 0.03, 0.002), 0.03),
     Round(1, 5, _weights(1e5, 0.0, 0.0, 1e-5), 0.03),
 )
 # For a straight move that ends at the target and shall go on doing so, whatever it costs.

@@ -94,9 +94,9 @@ class Effort(NamedTuple):
 # An early motion says little of what it comes to in the end, so where the first plans are not nearly free,
 # more are followed, and longer.
 _EFFORTS = (
-    Effort(8, 0.3, (3, 3, 1), 1, _CHEAP, 0.2, marches=False),
-    Effort(12, np.inf, (6, 4, 2), 1, 0.03, 0.5, marches=True),
-    Effort(24, np.inf, (10, 6, 4), 3, np.inf, 0.0, marches=False),
+    Effort(8, 0.3, (3, 2, 1), 1, _CHEAP, 0.2, marches=False),
+    Effort(12, np.inf, (6, 4, 2), 2, 0.03, 0.5, marches=True),
+    Effort(24, np.inf, (10, 6, 4), 4, np.inf, 0.0, marches=False),
 )
 # For a plan at any cost.
 _HASTE = (Effort(8, np.inf, (1, 1, 1), 2, np.inf, 0.0, marches=False),)
@@ -194,9 +194,8 @@ class Search:
 
     def _early(self, p: FloatArray) -> Motions:
         p = np.stack([within(self.coarse.qp, one) for one in p])
-        return run(
-            self.coarse, Motions.start(self.coarse, p, EARLY[0].weights, EARLY[0].damping or 0.3), EARLY
-        )
+        first = EARLY[0].weights
+        return run(self.coarse, Motions.start(self.coarse, p, first, EARLY[0].damping or 0.3), EARLY, first)
 
     def _follow(self, pool: Motions, effort: Effort) -> None:
         """Follow the best of the pool to their ends; land those that can be better than the plan there is."""

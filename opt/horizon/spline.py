@@ -10,9 +10,10 @@ Reference: C. de Boor, "A Practical Guide to Splines", 2001, ch. IX to XI.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
@@ -78,6 +79,17 @@ class RateSpline:
     def points(self) -> int:
         """Number of quadrature points, Q."""
         return len(self.weights)
+
+    @cached_property
+    def roots(self) -> FloatArray:
+        """Square roots of the weights, and zeros for 0.9 T and T (Q + 2,)."""
+        return np.append(np.sqrt(self.weights), [0.0, 0.0])
+
+    @cached_property
+    def last_tenth(self) -> NDArray[np.intp]:
+        """Indices of the quadrature's points after 0.9 T, and of 0.9 T itself."""
+        count = self.points
+        return np.append(np.flatnonzero(self.times[:count] > self.times[count]), count)
 
 
 @lru_cache(maxsize=32)
