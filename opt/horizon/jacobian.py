@@ -61,12 +61,12 @@ class Jacobian:
     """The Jacobian of motions, one residual after the other: transposed, and joints first."""
 
     def __init__(self, task: Task, spline: RateSpline, at: Course) -> None:
-        self._at, self._spline, self._sweep, self._stack = at, spline, spline.sweep, task.arm
-        self._rates, self._travel = spline.rates.T.copy(), spline.travel.T.copy()
+        self._at, self._spline, self._stack = at, spline, task.arm
+        self._rates, self._travel = spline.rates.T, spline.travel.T
         self._spin_q, self._jstar_q = velocity_slopes(task.arm, at.arm, at.rates)
         self._entropy_q = coupling_slopes(task.arm, at.arm, at.by_coupling)
         # How the base's angular velocity changes with p, in the axes of its start: its integral is the turn
-        # of everything about the centre of mass.
+        # of everything about the centre of mass, (S, 3, n, M, Q + 2).
         count = spline.points
         by_rates, by_travel = (
             apply(at.R[..., :count], x[..., :count]).transpose(2, 0, 1, 3)[:, :, :, None]
@@ -74,7 +74,8 @@ class Jacobian:
         )
         change = by_rates * self._rates[:, :count]
         change += by_travel * self._travel[:, :count]
-        self._change: FloatArray = change
+        turned = change.reshape(-1, count) @ spline.sweep.T
+        self._turned: FloatArray = turned.reshape(*change.shape[:-1], len(spline.sweep))
 
     def rows(self, residual: Residual) -> FloatArray:
         """Rows of a residual, (S, n M, K)."""
@@ -98,7 +99,7 @@ class Jacobian:
             moves = self._stack.moves_tip[:, None, None]
             by_travel += moves * dot(at.arm.axes[..., points], here[:, None])
             turn += residual.by_turn
-        rows = np.einsum("sxjmk,xsk->sjmk", self._change @ self._sweep[points].T, turn)
+        rows = np.einsum("sxjmk,xsk->sjmk", self._turned[..., points], turn)
         rows += by_travel.swapaxes(0, 1)[:, :, None] * self._travel[:, points]
         if by_rates is not None:
             rows += by_rates.swapaxes(0, 1)[:, :, None] * self._rates[:, points]
@@ -106,8 +107,8 @@ class Jacobian:
 
     def base_shares(self, task: Task, limits: BaseLimits) -> BaseShares:
         """What base limits are exceeded by, for every motion; stack first, control points before joints."""
-        at, arm, count, spline = self._at, self._at.arm, len(self._sweep) - 2, self._spline
-        turn = (self._change @ self._sweep.T).transpose(0, 4, 1, 3, 2)
+        at, arm, spline = self._at, self._at.arm, self._spline
+        count, turn = spline.points, self._turned.transpose(0, 4, 1, 3, 2)
         base = self._stack.base_com[:, None, None] - arm.com
         return base_shares(
             limits,
