@@ -80,7 +80,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--space", type=int, default=100, help="targets in space, a set (default: 100)")
     p.add_argument("--targets", type=int, default=10, help="targets beside IPOPT, a seed (default: 10)")
     p.add_argument(
-        "--fine", type=int, default=0, help="of these, how many on the plan's own grid (default: 0)"
+        "--fine", type=int, default=2, help="of these, how many on the plan's own grid (default: 2)"
     )
     p.add_argument("--plans", type=int, default=200, help="plans over processes (default: 200)")
     p.add_argument("--out", default="results/bench.json", help="file for all numbers; tables beside it")

@@ -167,14 +167,19 @@ def test_guide_found_again_from_itself_stays(rng: np.random.Generator) -> None:
         assert np.abs(guide.points - middle).max() < 1.1 * farthest
 
 
-def test_guide_keeps_the_box_of_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    # A quick motion of several joints: each within its rate limit, and yet |alpha_i| <= 1 would be broken.
+def panda_swing() -> tuple[ffsms.SpaceManipulator, Array, Array, Array]:
+    """An arm, where a move of all its joints starts and ends, and where that takes the end effector."""
     sms = ffsms.load("satellite_panda")
     start = 0.5 * (sms.limits.lower + sms.limits.upper)
     end = start + np.array([0.9, -0.8, 0.9, 0.7, 0.9, 0.6, 0.9])
+    q, _ = roll_out(sms, sms.configuration(start), end - start, np.zeros((50, 7)), 0.02)
+    return sms, start, end, sms.at(q[-1]).end_effector_pose.translation
+
+
+def test_guide_keeps_the_box_of_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    # A quick motion of several joints: each within its rate limit, and yet |alpha_i| <= 1 would be broken.
+    sms, start, end, target = panda_swing()
     q = sms.configuration(start)
-    q_end, _ = roll_out(sms, q, end - start, np.zeros((50, 7)), 0.02)
-    target = sms.at(q_end[-1]).end_effector_pose.translation
 
     def largest(guide: Guide) -> float:
         """The largest |alpha_i| on the way."""
@@ -197,12 +202,8 @@ def test_guide_keeps_the_box_of_the_steps(monkeypatch: pytest.MonkeyPatch) -> No
 
 @pytest.mark.parametrize(("duration", "fits"), [(1.6, True), (1.5, False)])
 def test_guide_keeps_the_accelerations_or_is_rejected(duration: float, fits: bool) -> None:
-    sms = ffsms.load("satellite_panda")
-    start = 0.5 * (sms.limits.lower + sms.limits.upper)
-    end = start + np.array([0.9, -0.8, 0.9, 0.7, 0.9, 0.6, 0.9])
+    sms, start, end, target = panda_swing()
     q = sms.configuration(start)
-    q_end, _ = roll_out(sms, q, end - start, np.zeros((50, 7)), 0.02)
-    target = sms.at(q_end[-1]).end_effector_pose.translation
     guide = find_guide(sms, q, np.zeros(7), target, 0.0, duration, np.linspace(start, end, 20))
     t = np.linspace(0.0, duration, 2001)
     rates = guide.sample(t)[1]
@@ -254,12 +255,8 @@ def test_guide_of_an_arm_that_cannot_move(planar: ffsms.SpaceManipulator) -> Non
 
 
 def test_guide_that_cannot_keep_the_box_is_rejected() -> None:
-    sms = ffsms.load("satellite_panda")
-    start = 0.5 * (sms.limits.lower + sms.limits.upper)
-    end = start + np.array([0.9, -0.8, 0.9, 0.7, 0.9, 0.6, 0.9])
+    sms, start, end, target = panda_swing()
     q = sms.configuration(start)
-    q_end, _ = roll_out(sms, q, end - start, np.zeros((50, 7)), 0.02)
-    target = sms.at(q_end[-1]).end_effector_pose.translation
     hasty = find_guide(sms, q, np.zeros(7), target, 0.0, 0.6, np.linspace(start, end, 20))
     assert not hasty.fits or hasty.miss > 0.05
 
