@@ -98,6 +98,8 @@ _EFFORTS = (
     Effort(12, np.inf, (6, 4, 2), 2, 0.03, 0.5, marches=True),
     Effort(24, np.inf, (10, 6, 4), 4, np.inf, 0.0, marches=False),
 )
+# So much more patience where the base is held: the way there bends with every iteration.
+_HELD = 2
 # For a plan at any cost.
 _HASTE = (Effort(8, np.inf, (1, 1, 1), 2, np.inf, 0.0, marches=False),)
 
@@ -199,7 +201,8 @@ class Search:
 
     def _follow(self, pool: Motions, effort: Effort) -> None:
         """Follow the best of the pool to their ends; land those that can be better than the plan there is."""
-        found = follow(self.coarse, self.fine, pool, effort.keep, effort.patience)
+        patience = effort.patience if self.task.base_limits is None else _HELD * effort.patience
+        found = follow(self.coarse, self.fine, pool, effort.keep, patience)
         for i, cost in enumerate(found.at.cost):
             if self.plan is None or not self._done(float(cost)):
                 self._offer(found.take([i]))
