@@ -6,12 +6,13 @@ from dataclasses import fields
 from typing import Any, TypeAlias
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin.simulation import Tracking
 
-__all__ = ["START", "Constant", "ObservedSwing", "Swing", "arrays_of"]
+__all__ = ["START", "Constant", "ObservedSwing", "Swing", "arrays_of", "random_pose"]
 
 Array: TypeAlias = NDArray[np.float64]
 START = np.deg2rad([1.0, 1.0, 1.0])
@@ -72,3 +73,9 @@ class Constant:
 def arrays_of(tracking: Tracking) -> list[str]:
     """Names of the fields that hold arrays."""
     return [field.name for field in fields(tracking) if field.name != "note"]
+
+
+def random_pose(rng: np.random.Generator) -> Any:
+    """A pose (pinocchio.SE3) of the test's own: Pinocchio's random ones depend on what ran before."""
+    w, x, y, z = rng.normal(size=4)
+    return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), rng.uniform(-1.0, 1.0, 3))

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
+from motions import random_pose
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -141,7 +141,7 @@ def test_the_reach_bounds_every_gradient(random_tree: Callable[..., Any], kinds:
         reach = points.reach()
         assert np.isfinite(reach).all() or slides
         for _ in range(20):
-            q = sms.configuration(rng.uniform(-3.0, 3.0, sms.n), pin.SE3.Random())
+            q = sms.configuration(rng.uniform(-3.0, 3.0, sms.n), random_pose(rng))
             assert (np.abs(points.evaluate(q).gradient) <= reach + 1e-12).all()
 
 

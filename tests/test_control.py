@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from motions import random_pose
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -25,7 +26,7 @@ Refused = Callable[..., FfsmsError]
 
 def random_state(sms: ffsms.SpaceManipulator, rng: np.random.Generator) -> tuple[Array, Array]:
     """A turned base anywhere, joints anywhere, and a velocity with momentum."""
-    q = sms.configuration(rng.uniform(-2.0, 2.0, sms.n), pin.SE3.Random())
+    q = sms.configuration(rng.uniform(-2.0, 2.0, sms.n), random_pose(rng))
     return q, rng.normal(size=sms.nv)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from motions import START, Swing
+from motions import START, Swing, random_pose
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -49,7 +49,7 @@ def test_coriolis_matrix_of_the_reduced_system(
     kinds = ("revolute", "prismatic", "continuous")
     sms = ffsms.SpaceManipulator(random_tree(seed, n, kinds).model(), "tip")
     for _ in range(4):
-        q = sms.configuration(rng.uniform(-2.0, 2.0, n), pin.SE3.Random())
+        q = sms.configuration(rng.uniform(-2.0, 2.0, n), random_pose(rng))
         qd = rng.normal(size=n)
         v = sms.velocity(q, qd)
         state = sms.at(q, v)

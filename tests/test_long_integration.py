@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from motions import random_pose
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -28,7 +29,7 @@ class Flight:
         rng = np.random.default_rng(seed)
         self.sms = ffsms.SpaceManipulator(tree.model(), "tip")
         self.model, self.data = self.sms.model, self.sms.model.createData()
-        self.q = self.sms.configuration(rng.uniform(-1.0, 1.0, self.sms.n), pin.SE3.Random())
+        self.q = self.sms.configuration(rng.uniform(-1.0, 1.0, self.sms.n), random_pose(rng))
         spin = self.sms.at(self.q).H_b[3:, 3:] @ rng.normal(size=3) * speed
         rates = speed * rng.normal(size=self.sms.n)
         self.v = self.sms.velocity(self.q, rates, np.concatenate([np.zeros(3), spin]))

@@ -8,6 +8,7 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
+from motions import random_pose
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
@@ -58,7 +59,7 @@ def test_values_are_those_of_plane_geometry_and_ignore_the_base_pose(
             # Outside where at least one of const5 to const7 holds; the third cannot in the plane.
             *np.maximum(box.max(axis=1), -0.483 / 2),
         ]
-        q = planar.configuration(joints, base=pin.SE3.Random())
+        q = planar.configuration(joints, base=random_pose(rng))
         np.testing.assert_allclose(points.evaluate(q).value, expected, atol=1e-12)
 
 
@@ -67,7 +68,7 @@ def test_gradients_are_finite_differences(planar: ffsms.SpaceManipulator, points
     h = 1e-6
     for _ in range(10):
         joints = rng.uniform(planar.limits.lower, planar.limits.upper)
-        base = pin.SE3.Random()
+        base = random_pose(rng)
         gradient = points.evaluate(planar.configuration(joints, base)).gradient
         for i in range(planar.n):
             change = h * np.eye(planar.n)[i]
@@ -100,7 +101,7 @@ def test_a_spatial_arm_has_the_plain_values_and_their_gradients(panda: ffsms.Spa
     points, rng, h = CheckPoints(panda), np.random.default_rng(3), 1e-6
     for _ in range(5):
         joints = rng.uniform(panda.limits.lower, panda.limits.upper)
-        base = pin.SE3.Random()
+        base = random_pose(rng)
         q = panda.configuration(joints, base)
         found = points.evaluate(q)
         np.testing.assert_allclose(found.value, plain_clearances(panda, points, q), atol=1e-12)
