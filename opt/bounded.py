@@ -120,7 +120,9 @@ def _towards(
     share, first = math.inf, 0
     for i, side in enumerate(broken):
         if side:
-            possible = ((upper[i] if side > 0 else lower[i]) - x[i]) / (wanted[i] - x[i])
+            length = wanted[i] - x[i]
+            # Without a way to go x is at its bound but for rounding.
+            possible = ((upper[i] if side > 0 else lower[i]) - x[i]) / length if length else 0.0
             if possible < share:
                 share, first = possible, i
     return [start + share * (end - start) for start, end in zip(x, wanted, strict=True)], first

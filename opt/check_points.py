@@ -17,6 +17,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.clearances import Clearances
 from ffsms_pin.opt.joint_reach import joint_reach
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.kinetics import views
 
 __all__ = ["CheckPoints"]
 
@@ -179,9 +180,10 @@ class CheckPoints:
     def _look_at(self, data: Any) -> None:
         """Keep views of what is needed of the data: Pinocchio makes new objects at every access."""
         poses = [*(data.oMi[j] for j in self._joints), data.oMf[self._sms.frame_id], data.oMi[1]]
-        self._origins = [pose.translation for pose in poses]
-        self._rotation = data.oMi[1].rotation
-        self._linear, self._angular = data.J[:3, 6:], data.J[3:, 6:]
+        self._origins, self._rotation, J = views(
+            lambda: ([pose.translation for pose in poses], data.oMi[1].rotation, data.J)
+        )
+        self._linear, self._angular = J[:3, 6:], J[3:, 6:]
         self._data = data
 
     def _what_can_change(self) -> tuple[list[int], list[int], list[int]]:

@@ -28,6 +28,8 @@ _NARROW = 0.02  # [rad] a turn beyond a limit narrower than this weighs as if th
 class BaseResiduals:
     """Shares of the limits on the base that a guide uses.
 
+    Their slopes are those of the roll-out, with momentum nearly so only (see `roll`).
+
     Parameters
     ----------
     limits : BaseLimits

@@ -91,7 +91,7 @@ class StepPlanner:
     ) -> None:
         self.sms = sms
         self.kappa = positive("kappa", kappa)
-        self.clearance = number("clearance", clearance)
+        self._clearance = number("clearance", clearance)
         self.weights = weights or StepWeights()
         if aim not in AIMS:
             raise InvalidValue("aim", aim, f"must be one of {', '.join(AIMS)}")
@@ -129,6 +129,11 @@ class StepPlanner:
         self._limits.set_dt(dt)
 
     @property
+    def clearance(self) -> float:
+        """What is kept between points or shapes [m]."""
+        return self._clearance
+
+    @property
     def base(self) -> BaseRows | None:
         """The rows that hold the base; None without limits on it."""
         return self._limits.base
@@ -140,7 +145,7 @@ class StepPlanner:
 
     @property
     def asked_solver(self) -> bool:
-        """Whether the last step took ProxQP: its active rows were not found from those of the step before."""
+        """Whether the last step took ProxQP: neither bounds nor known rows led to its solution."""
         return self._limits.asked_solver
 
     def reset(self, side: ArrayLike = (0.0, 0.0, 0.0)) -> None:

@@ -87,8 +87,8 @@ def new_solver(variables: int, rows: int) -> Any:
 class StepSolver:
     """Solves problems of one size, one after the other, each from where the last one ended.
 
-    The rows that were active in the last problem are tried first (`ActiveRows`); where they are not this
-    problem's, ProxQP is asked.
+    The rows that were active in the last problem, or that are supposed to be (`suppose`), are tried first
+    (`ActiveRows`); where they are not this problem's, ProxQP is asked.
 
     Parameters
     ----------

@@ -244,6 +244,27 @@ def test_a_force_may_take_steps_itself(random_tree: Callable[..., Any]) -> None:
     assert got[2] == wanted[2]
 
 
+def test_a_force_may_keep_what_it_gets_and_give_the_same_array(random_tree: Callable[..., Any]) -> None:
+    case = Case(random_tree(29, 3), 29, 1.0)
+    kept: list[tuple[Array, Array]] = []
+    own = np.zeros(case.model.nv)
+
+    def force(t: float, q: Array, v: Array) -> Array:
+        kept.append((v, v.copy()))
+        own[:] = np.cos(t) * case.tau - 0.3 * v
+        return own
+
+    def fresh(t: float, q: Array, v: Array) -> Array:
+        return np.asarray(np.cos(t) * case.tau - 0.3 * v)
+
+    q, v, work = rk4_step(case.model, case.data, case.q, case.v, force, 0.05)
+    again = rk4_step(case.model, case.data, case.q, case.v, fresh, 0.05)
+    for got, wanted in zip((q, v, work), again, strict=True):
+        np.testing.assert_array_equal(got, wanted)
+    for now, then in kept:
+        np.testing.assert_array_equal(now, then)
+
+
 def test_a_state_that_is_not_finite_leaves_no_trace(random_tree: Callable[..., Any]) -> None:
     case = Case(random_tree(13, 3), 13, 1.0)
     wanted = rk4_step(case.model, case.data, case.q, case.v, case.tau, 0.01)

@@ -128,3 +128,18 @@ def test_what_was_found_stays_when_more_is_asked(panda: ffsms.SpaceManipulator) 
         again = other.evaluate(first)
         np.testing.assert_array_equal(again.value, value)
         np.testing.assert_array_equal(again.gradient, gradient)
+
+
+def test_points_move_where_pinocchio_gives_copies(planar: ffsms.SpaceManipulator) -> None:
+    rng = np.random.default_rng(4)
+    q = planar.configuration(rng.uniform(planar.limits.lower, planar.limits.upper), base=random_pose(rng))
+    expected = CheckPoints(planar).evaluate(q)
+    pin.sharedMemory(False)
+    try:
+        points = CheckPoints(planar)
+        points.evaluate(planar.configuration(np.zeros(3)))
+        found = points.evaluate(q)
+    finally:
+        pin.sharedMemory(True)
+    np.testing.assert_array_equal(found.value, expected.value)
+    np.testing.assert_array_equal(found.gradient, expected.gradient)

@@ -250,3 +250,12 @@ def test_an_arm_that_is_there_stays(sms: ffsms.SpaceManipulator, method: str) ->
     assert np.array_equal(plan.q, np.tile(q0, (41, 1)))
     assert not plan.v.any()
     assert not plan.cos_theta.any()
+
+
+def test_plans_see_a_robot_that_was_changed() -> None:
+    sms = ffsms.load("planar_3r")
+    q0 = sms.configuration(np.radians([1.0, 1.0, 1.0]))
+    target = [0.45, 0.75, 0.0]
+    assert opt.plan(sms, q0, target, duration=12.0, dt=0.05).clear
+    sms.base_size = (1.2, 1.2, 0.5)
+    assert not opt.plan(sms, q0, target, duration=12.0, dt=0.05).clear

@@ -70,25 +70,26 @@ def rk4_step(
     force = tau if callable(tau) else None
 
     rows[0] = v
-    f1 = held if force is None else force(t, q, v)
+    # A force gets copies, and what it gives is copied: both sides may keep and change their arrays.
+    f1 = held if force is None else np.array(force(t, q, v))
     rows[1] = aba(model, data, q, v, f1)
 
     second.dot(stages.two_rows, stages.second)
     v2, to_q2, to_q3 = stages.of_second
     q2 = integrate(model, q, to_q2)
-    f2 = held if force is None else force(t + 0.5 * dt, q2, v2)
+    f2 = held if force is None else np.array(force(t + 0.5 * dt, q2, v2.copy()))
     rows[2] = aba(model, data, q2, v2, f2)
 
     third.dot(stages.three_rows, stages.third)
     v3, from_q2 = stages.of_third
     q3 = integrate(model, q, to_q3)
-    f3 = held if force is None else force(t + 0.5 * dt, q3, v3)
+    f3 = held if force is None else np.array(force(t + 0.5 * dt, q3, v3.copy()))
     rows[3] = aba(model, data, q3, v3, f3)
 
     fourth.dot(stages.four_rows, stages.fourth)
     v4, first_move, second_move, move = stages.of_fourth
     q4 = integrate(model, q2, from_q2)
-    f4 = held if force is None else force(t + dt, q4, v4)
+    f4 = held if force is None else np.array(force(t + dt, q4, v4.copy()))
     rows[4] = aba(model, data, q4, v4, f4)
 
     v_end: FloatArray = end.dot(rows)

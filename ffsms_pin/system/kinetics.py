@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["Workspace", "cross_matrix"]
+__all__ = ["Workspace", "cross_matrix", "views"]
 
 
 class Workspace(threading.local):
@@ -43,13 +43,13 @@ class Workspace(threading.local):
 
     def __init__(self, model: Any, frame_id: int) -> None:
         self.data = data = model.createData()
-        M, self.com = _views(lambda: (data.M, data.com[0]))
+        M, self.com = views(lambda: (data.M, data.com[0]))
         # Columns of a symmetric matrix: they lie together in memory, and numpy need not copy them.
         self.base_rows = M[:, :6].T
         self.whole, self.placement = data.Ycrb[1], data.oMf[frame_id]
 
 
-def _views(ask: Callable[[], Any]) -> Any:
+def views(ask: Callable[[], Any]) -> Any:
     """What Pinocchio gives, as views of its memory even where it was told to give copies."""
     before = pin.sharedMemory()
     pin.sharedMemory(True)

@@ -98,7 +98,6 @@ class SpaceManipulator:
         self._geometry: dict[str, Any] = {}
         self._workspace = Workspace(self.model, self.frame_id)
         # What states need again and again.
-        self._base_com: list[float] = self.base_com.tolist()
         self._base_place = pin.SE3(np.eye(3), np.array(base.lever))
         self._identity = frozen(np.eye(6 + self.n))
         self._joints_alone = frozen(self._identity[:, 6:].copy())

@@ -8,7 +8,6 @@ Everything is in base axes with the root frame at the origin, and so depends on 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.stacks import apply, cross, diagonal, dot, inverse3, skew
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["ArmStack", "ArmValues", "arm_stack"]
+__all__ = ["ArmStack", "ArmValues"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,9 +217,3 @@ class ArmStack:
                 origins[:, j] = origin + positions[j] * direction
         origins, axes, velocities = (x.reshape(3, *shape) for x in (origins, axes, velocities))
         return rotations.reshape(3, 3, *shape), origins, axes, velocities
-
-
-@lru_cache(maxsize=8)
-def arm_stack(sms: SpaceManipulator) -> ArmStack:
-    """The manipulator prepared: once for all its plans."""
-    return ArmStack(sms)

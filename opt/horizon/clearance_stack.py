@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -47,14 +46,8 @@ def clearance_stack(sms: SpaceManipulator, collision: CollisionMode) -> Clearanc
         return None
     if collision not in ("points", "shapes"):
         raise InvalidValue("collision", collision, 'must be "points", "shapes" or "off"')
-    # The points are the same for all plans; distances of shapes start from the last ones, which would show.
-    stack = _points(sms) if collision == "points" else ShapeStack(sms)
+    stack = PointStack(sms) if collision == "points" else ShapeStack(sms)
     return stack if stack.names() else None
-
-
-@lru_cache(maxsize=8)
-def _points(sms: SpaceManipulator) -> ClearanceStack:
-    return PointStack(sms)
 
 
 class PointStack:

@@ -14,7 +14,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.base_limits import judged
 from ffsms_pin.opt.clearances import CollisionMode
-from ffsms_pin.opt.horizon.arm_stack import ArmValues, arm_stack
+from ffsms_pin.opt.horizon.arm_stack import ArmStack, ArmValues
 from ffsms_pin.opt.horizon.clearance_stack import clearance_stack
 from ffsms_pin.opt.horizon.coupling_entropy import entropy, singular
 from ffsms_pin.opt.horizon.course import apply_rates
@@ -145,7 +145,7 @@ def keeps_clear(sms: SpaceManipulator, plan: Trajectory, clearance: float, colli
     positions, rates = plan.joint_positions, plan.joint_rates
     middle = positions[:-1] + 0.125 * plan.dt * (3.0 * rates[:-1] + rates[1:])
     places = np.concatenate([positions, middle]).T.copy()
-    return bool(clearances.values(places, arm_stack(sms).evaluate(places)).min() >= clearance - _BETWEEN)
+    return bool(clearances.values(places, ArmStack(sms).evaluate(places)).min() >= clearance - _BETWEEN)
 
 
 def limits_kept(task: Task, plan: Trajectory) -> bool:

@@ -11,7 +11,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.base_limits import BaseLimits
 from ffsms_pin.opt.clearances import CollisionMode
-from ffsms_pin.opt.horizon.arm_stack import ArmStack, arm_stack
+from ffsms_pin.opt.horizon.arm_stack import ArmStack
 from ffsms_pin.opt.horizon.clearance_stack import ClearanceStack, clearance_stack
 from ffsms_pin.opt.horizon.stacks import exp3
 from ffsms_pin.system import SpaceManipulator
@@ -137,7 +137,7 @@ class Task:
         com = pin.centerOfMass(sms.model, sms._data, q0).copy()
         rotation0 = pin.Quaternion(q0[3:7]).toRotationMatrix()
         goal = rotation0.T @ (target - com)
-        arm, joints0 = arm_stack(sms), sms.layout.positions(q0)
+        arm, joints0 = ArmStack(sms), sms.layout.positions(q0)
         start = arm.evaluate(joints0[:, None]).rho[:, 0]
         pace = max(float(np.linalg.norm(goal - start)), _LEAST_WAY) / duration
         clearances = clearance_stack(sms, collision)
