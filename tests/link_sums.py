@@ -10,11 +10,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+from paper_sums import assert_near
 
 import ffsms_pin as ffsms
 from ffsms_pin import models
 
-__all__ = ["FIXED", "Z_TO_X", "Part", "arm_file", "check", "cube", "near", "on_satellite", "parts_of", "rpy"]
+__all__ = ["FIXED", "Z_TO_X", "Part", "arm_file", "check", "cube", "on_satellite", "parts_of", "rpy"]
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -235,19 +236,13 @@ def check(sms: ffsms.SpaceManipulator, parts: list[Part], count: int = 4) -> Non
         for name in (
             "H H_b H_bm H_m H_q C_b C_m C_q J_b J_m J_star C_bm base_twist com momentum".split()  # noqa: SIM905
         ):
-            near(name, getattr(got, name), getattr(wanted, name))
-        near("kinetic energy", got.kinetic_energy, wanted.kinetic_energy)
-        near("base position", got.base_pose.translation, wanted.base_position)
-        near("base attitude", got.base_pose.rotation, state.R)
-        near("tool position", got.end_effector_pose.translation, wanted.tool_position)
-        near("tool attitude", got.end_effector_pose.rotation, wanted.tool_attitude)
-        near("sigma", got.coupling.sigma, np.linalg.svd(wanted.C_bm, compute_uv=False))
-
-
-def near(name: str, got: Any, wanted: Any) -> None:
-    wanted = np.asarray(wanted)
-    worst, scale = float(np.abs(got - wanted).max()), max(1.0, float(np.abs(wanted).max()))
-    assert worst <= 1e-12 * scale, f"{name}: off by {worst:.2e} at a size of {scale:.2e}"
+            assert_near(name, getattr(got, name), getattr(wanted, name))
+        assert_near("kinetic energy", got.kinetic_energy, wanted.kinetic_energy)
+        assert_near("base position", got.base_pose.translation, wanted.base_position)
+        assert_near("base attitude", got.base_pose.rotation, state.R)
+        assert_near("tool position", got.end_effector_pose.translation, wanted.tool_position)
+        assert_near("tool attitude", got.end_effector_pose.rotation, wanted.tool_attitude)
+        assert_near("sigma", got.coupling.sigma, np.linalg.svd(wanted.C_bm, compute_uv=False))
 
 
 def arm_file(name: str) -> Path:

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
-from ffsms_pin.opt.horizon.motion import least_clearance
+from ffsms_pin.opt.horizon.motion import least_clearance, nodes_and_middles
 from ffsms_pin.opt.horizon.rounds import ARRIVAL
 from ffsms_pin.opt.horizon.task import Task
 from ffsms_pin.opt.trajectory import Trajectory
@@ -33,9 +31,8 @@ def corrected(task: Task, aim: Task, plan: Trajectory) -> Task | None:
         turned = task.sms.at(plan.q[-1]).end_effector_pose.rotation
         rotation = task.rotation @ turned.T @ rotation
     if not plan.clear:
-        start, end = plan.joint_rates[:-1], plan.joint_rates[1:]
-        middle = plan.joint_positions[:-1] + 0.125 * plan.dt * (3.0 * start + end)
-        least, _ = least_clearance(task, np.concatenate([plan.joint_positions, middle]).T)
+        places = nodes_and_middles(plan.joint_positions, plan.joint_rates, plan.dt)
+        least, _ = least_clearance(task, places)
         lack = task.clearance + _SPARE * task.length - least
         clearance += max(lack, 0.0)
     return replace(aim, goal=goal, rotation=rotation, clearance=clearance)

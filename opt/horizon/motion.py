@@ -25,7 +25,7 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import roll_out
 
-__all__ = ["keeps_clear", "least_clearance", "limits_kept", "node_rates", "trajectory"]
+__all__ = ["keeps_clear", "least_clearance", "limits_kept", "node_rates", "nodes_and_middles", "trajectory"]
 
 # [m] Clearances are looked at twice a step; what they can lose in between is a few micrometres.
 _BETWEEN = 1e-5
@@ -51,8 +51,7 @@ def trajectory(task: Task, rates: FloatArray) -> Trajectory:
 
     # Simpson's points carry the base's attitude, to the same order as `base_motion`'s two Gauss points, of
     # which none is a node; the system's centre of mass stays, and puts the root in its place.
-    middle = positions[:-1] + (0.125 * dt) * (3.0 * rates[:-1] + rates[1:])
-    places = np.concatenate([positions, middle]).T.copy()
+    places = nodes_and_middles(positions, rates, dt)
     arm = task.arm.evaluate(places)
     omega = apply_rates(arm.spin[..., : steps + 1], rates.T)
     between = apply_rates(arm.spin[..., steps + 1 :], (0.5 * (rates[:-1] + rates[1:])).T)
@@ -106,6 +105,12 @@ def trajectory(task: Task, rates: FloatArray) -> Trajectory:
     return judged(task.sms, plan, task.base_limits)
 
 
+def nodes_and_middles(positions: FloatArray, rates: FloatArray, dt: float) -> FloatArray:
+    """Joint positions (n, 2 N + 1) at the nodes, then between them, of positions and rates (N + 1, n)."""
+    middle = positions[:-1] + 0.125 * dt * (3.0 * rates[:-1] + rates[1:])
+    return np.concatenate([positions, middle]).T.copy()
+
+
 def _drifting_trajectory(task: Task, rates: FloatArray) -> Trajectory:
     """The same for a system with momentum, step by step."""
     t = np.linspace(0.0, task.duration, task.steps + 1)
@@ -142,9 +147,7 @@ def keeps_clear(sms: SpaceManipulator, plan: Trajectory, clearance: float, colli
     clearances = clearance_stack(sms, collision)
     if clearances is None:
         return True
-    positions, rates = plan.joint_positions, plan.joint_rates
-    middle = positions[:-1] + 0.125 * plan.dt * (3.0 * rates[:-1] + rates[1:])
-    places = np.concatenate([positions, middle]).T.copy()
+    places = nodes_and_middles(plan.joint_positions, plan.joint_rates, plan.dt)
     return bool(clearances.values(places, ArmStack(sms).evaluate(places)).min() >= clearance - _BETWEEN)
 
 
