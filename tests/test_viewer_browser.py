@@ -68,6 +68,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chro
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"performance": "ALL", "browser": "ALL"})
     chrome = webdriver.Chrome(options=options, service=Service(driver))
+    chrome.get("about:blank")  # the browser's own first page, and what it asks for, end here
     yield chrome
     chrome.quit()
 
