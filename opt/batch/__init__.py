@@ -1,0 +1,1 @@
+"""The fast kernel: the arm at stacks of configurations, in numpy."""

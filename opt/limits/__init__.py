@@ -1,0 +1,1 @@
+"""Limits: what must hold."""

@@ -1,0 +1,110 @@
+"""What a limit is: rows of a step, a residual of whole motions, a violation of a finished motion."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.batch.motions import Motions
+    from ffsms_pin.opt.batch.residual import Residual
+    from ffsms_pin.opt.limits.step_state import StepState
+    from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["UNBOUNDED", "Limit", "Rows", "Violation"]
+
+# What stands for "no bound" in a quadratic programme; finite, so that sums stay numbers.
+UNBOUNDED = 1e20
+
+
+class Rows(NamedTuple):
+    """Rows lower <= G u <= upper, up to a slack, of a step's programme in the joint rates u at the step's end.
+
+    Attributes
+    ----------
+    G : ndarray, shape (k, n)
+    lower, upper : ndarray, shape (k,)
+        `UNBOUNDED` with its sign where a row has one side only.
+    give : float
+        How far a row gives way per unit of the programme's slack, in the row's unit per metre a second; 0: never.
+        A row must not give way only if it can always be kept.
+    """
+
+    G: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    give: float = 0.0
+
+
+class Violation(NamedTuple):
+    """What a finished motion makes of a limit.
+
+    Attributes
+    ----------
+    amount : float
+        How far the limit is broken at most, in its own unit; zero where it is kept.
+    instants : ndarray, shape (k,)
+        Times at which the limit binds: where less than a small share of it is left, or it is broken [s].
+    note : str
+        What is broken, with values and units, in words; empty where the limit is kept.
+    """
+
+    amount: float = 0.0
+    instants: FloatArray = np.empty(0)
+    note: str = ""
+
+
+class Limit(ABC):
+    """What must hold during a motion.
+
+    A limit answers three questions, and the solvers only stack the answers. Make a subclass in a file of your
+    own and hand it to `opt.Problem(limits=[...])`; docs/own-parts.md builds one.
+
+    Attributes
+    ----------
+    name : str
+        Key of `Trajectory.binding`.
+    margin : float
+        What the residual keeps in hand, in the residual's unit: a penalty gives way a little, and whole motions
+        are watched at some instants only. A motion whose residual is below half of it counts as one that keeps
+        the limit.
+    """
+
+    name: str
+    margin: float = 0.0
+
+    def for_robot(self, sms: SpaceManipulator) -> Limit:
+        """This limit, prepared for a robot; called once by each solver. Default: the limit itself."""
+        return self
+
+    @abstractmethod
+    def rows(self, step: StepState) -> Rows | None:
+        """Rows that keep the limit through one step of the paper's method; None where nothing is in question."""
+
+    @abstractmethod
+    def residual(self, motions: Motions) -> list[Residual]:
+        """By how much motions break the limit or use up its margin, at least zero; an empty list: by nothing.
+
+        The unit is the limit's own over a scale that weighs like one arm's length of missed target.
+        """
+
+    @abstractmethod
+    def violation(self, motion: Motions) -> Violation:
+        """What a finished motion makes of it; `motion` is one motion at its nodes and in the middles between."""
+
+    def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
+        """Joint rates (n,) to take instead of the chosen `rates`, where rows alone do not see far enough.
+
+        Parameters
+        ----------
+        step : StepState
+        rates : ndarray, shape (n,)
+            The solution of the step's programme [rad/s].
+        braking : ndarray, shape (n,)
+            Rates at the step's end of an arm that brakes as fast as its joints may [rad/s].
+        """
+        return rates

@@ -1,0 +1,66 @@
+"""The robot at the start of one step of the paper's method: what rows and objective are written from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["StepState"]
+
+
+@dataclass(frozen=True, eq=False)
+class StepState:
+    """One configuration with joint rates, and its kinematics.
+
+    Attributes
+    ----------
+    sms : SpaceManipulator
+    dt, time_left : float
+        Step, and time from its start to the deadline [s].
+    q : ndarray, shape (nq,)
+    joints, rates : ndarray, shape (n,)
+        Joint positions [rad] and rates [rad/s] at the step's start.
+    M : ndarray, shape (6 + n, 6 + n)
+        Inertia matrix in Pinocchio's velocity coordinates.
+    reaction : ndarray, shape (6, n)
+        Root velocity a joint rate, root axes (Pinocchio's): -M_b^-1 M_bm.
+    J_star : ndarray, shape (6, n)
+        Generalised Jacobian, inertial axes, [linear; angular].
+    J_arm : ndarray, shape (6, n)
+        Jacobian of the end effector with the base held still, inertial axes.
+    V : ndarray, shape (n, n)
+        Right singular vectors of C_bm.
+    entropy : float
+        H_norm.
+    pose : pinocchio.SE3
+        Of the end effector, inertial axes.
+    drift : ndarray, shape (6,)
+        Root velocity that the total momentum gives with the joints at rest, root axes; zero without momentum.
+    tip_drift : ndarray, shape (6,)
+        Twist of the end effector that belongs to it, inertial axes.
+    momentum : ndarray, shape (6,), or None
+        Total momentum [linear; angular], inertial axes, about the system's centre of mass.
+    base_start : ndarray, shape (7,)
+        Root pose at the start of the motion: turn and shift of the base count from there.
+    """
+
+    sms: SpaceManipulator
+    dt: float
+    time_left: float
+    q: FloatArray
+    joints: FloatArray
+    rates: FloatArray
+    M: FloatArray
+    reaction: FloatArray
+    J_star: FloatArray
+    J_arm: FloatArray
+    V: FloatArray
+    entropy: float
+    pose: Any
+    drift: FloatArray
+    tip_drift: FloatArray
+    momentum: FloatArray | None
+    base_start: FloatArray

@@ -1,0 +1,1 @@
+"""The paper's step: one quadratic programme in alpha on ProxQP."""

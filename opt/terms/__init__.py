@@ -1,0 +1,1 @@
+"""Terms: what a motion should be like."""

@@ -1,0 +1,50 @@
+"""What a term is: something that a motion should be like, as residuals whose squares add up."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.batch.motions import Motions
+    from ffsms_pin.opt.batch.residual import Residual
+    from ffsms_pin.opt.limits.step_state import StepState
+
+__all__ = ["Term"]
+
+
+class Term(ABC):
+    """What a motion should be like: its share of the objective is the integral of squared residuals over time.
+
+    Make a subclass in a file of your own and hand it to `opt.Problem(terms=[...])`; docs/own-parts.md builds one.
+
+    Attributes
+    ----------
+    name : str
+        Key of `Trajectory.shares`.
+    """
+
+    name: str
+
+    @abstractmethod
+    def residual(self, motions: Motions) -> list[Residual]:
+        """Weighted residuals of whole motions, with their slopes; the square root of the weight is a factor."""
+
+    def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:
+        """Matrix W (n, n) and vector w (n,) that a step adds to its objective as u^T W u / 2 - w^T u.
+
+        u are the joint rates at the step's end. They rank below the direction and the speed of the end effector:
+        they decide between motions that are equal in these. Default: nothing.
+        """
+        return None
+
+    def share(self, motion: Motions) -> float:
+        """What the term comes to for one finished motion: the integral of its squared residuals."""
+        total = 0.0
+        for residual in self.residual(motion):
+            total += float(np.sum(residual.squares(motion.weights)))
+        return total
