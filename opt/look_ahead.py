@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.step import Step
+from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step_kinetics import step_kinetics
 from ffsms_pin.opt.targets import Goal
 from ffsms_pin.system.base_motion import advance

@@ -8,7 +8,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.step import Step
+from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step_kinetics import step_kinetics
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator

@@ -15,7 +15,7 @@ from ffsms_pin.opt.clearances import CollisionMode
 from ffsms_pin.opt.cost import soft_assistance, step_cost
 from ffsms_pin.opt.rate_bounds import rate_bounds
 from ffsms_pin.opt.schedule import reference_speed
-from ffsms_pin.opt.step import Step
+from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step_kinetics import StepKinetics, step_kinetics
 from ffsms_pin.opt.step_planner import clearance_model
 from ffsms_pin.system import SpaceManipulator

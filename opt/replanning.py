@@ -16,7 +16,7 @@ from ffsms_pin.opt.reaction import ReactionEstimate
 from ffsms_pin.opt.targets import Goal, goal
 
 if TYPE_CHECKING:
-    from ffsms_pin.opt.step import Step
+    from ffsms_pin.opt.step.result import Step
     from ffsms_pin.opt.step_planner import StepPlanner
 
 __all__ = ["Replanning", "Target"]

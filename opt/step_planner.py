@@ -23,7 +23,7 @@ from ffsms_pin.opt.cost import step_cost
 from ffsms_pin.opt.momentum_drift import Drift, momentum_drift
 from ffsms_pin.opt.replanning import Replanning, Target
 from ffsms_pin.opt.shape_distances import ShapeDistances
-from ffsms_pin.opt.step import Step
+from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step_kinetics import KineticsAt, StepKinetics
 from ffsms_pin.opt.step_limits import StepLimits
 from ffsms_pin.opt.step_programme import StepProgramme, StepWeights

@@ -15,17 +15,17 @@ import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.check_points import CheckPoints
 from ffsms_pin.opt.clearances import CollisionMode
-from ffsms_pin.opt.horizon.arm_slopes import coupling_slopes, velocity_slopes
-from ffsms_pin.opt.horizon.arm_stack import ArmStack
+from ffsms_pin.opt.batch.slopes import coupling_slopes, velocity_slopes
+from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.horizon.clearance_stack import clearance_stack
-from ffsms_pin.opt.horizon.coupling_entropy import entropy, entropy_and_gradient
+from ffsms_pin.opt.batch.entropy import entropy, entropy_and_gradient
 from ffsms_pin.opt.horizon.diagnosis import reach_range
 from ffsms_pin.opt.horizon.limits_qp import LimitsQP
 from ffsms_pin.opt.horizon.linearisation import linearise
 from ffsms_pin.opt.horizon.motion import limits_kept, node_rates, trajectory
 from ffsms_pin.opt.horizon.search import within
 from ffsms_pin.opt.horizon.spline import at_nodes, embedding, rate_spline
-from ffsms_pin.opt.horizon.stacks import (
+from ffsms_pin.opt.batch.stacks import (
     apply,
     cross,
     dot,

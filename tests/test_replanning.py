@@ -18,7 +18,7 @@ from ffsms_pin.opt.guide import find_guide
 from ffsms_pin.opt.look_ahead import follow, look_ahead
 from ffsms_pin.opt.reaction import ReactionEstimate
 from ffsms_pin.opt.replanning import Replanning
-from ffsms_pin.opt.step import Step
+from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.targets import goal
 from ffsms_pin.simulation import JointFault, Sensors, Tracking, Watchdog, perturb, random_plants, simulate
 from ffsms_pin.system.base_motion import roll_out

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.base_limits import BaseLimits
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.stacks import log3
+from ffsms_pin.opt.batch.stacks import log3
 
 __all__ = ["BASE_MARGIN", "BaseShares", "base_shares"]
 

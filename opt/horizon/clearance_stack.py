@@ -12,8 +12,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.check_points import CheckPoints
 from ffsms_pin.opt.clearances import CollisionMode
-from ffsms_pin.opt.horizon.arm_stack import ArmStack, ArmValues
-from ffsms_pin.opt.horizon.stacks import cross, dot
+from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
+from ffsms_pin.opt.batch.stacks import cross, dot
 from ffsms_pin.opt.shape_distances import ShapeDistances
 from ffsms_pin.system import SpaceManipulator
 

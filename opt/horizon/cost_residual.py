@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.stacks import dot
+from ffsms_pin.opt.batch.stacks import dot
 
 __all__ = ["CostResidual", "cost_residual"]
 

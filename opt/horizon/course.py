@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.arm_stack import ArmValues
-from ffsms_pin.opt.horizon.coupling_entropy import entropy_and_gradient
+from ffsms_pin.opt.batch.arm import ArmValues
+from ffsms_pin.opt.batch.entropy import entropy_and_gradient
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.stacks import apply, cross, exp3, products
+from ffsms_pin.opt.batch.stacks import apply, cross, exp3, products
 from ffsms_pin.opt.horizon.task import Task
 
 __all__ = ["Course", "apply_rates", "base_turns", "course"]

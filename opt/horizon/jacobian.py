@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.base_limits import BaseLimits
-from ffsms_pin.opt.horizon.arm_slopes import coupling_slopes, velocity_slopes
+from ffsms_pin.opt.batch.slopes import coupling_slopes, velocity_slopes
 from ffsms_pin.opt.horizon.base_residual import BaseShares, base_shares
 from ffsms_pin.opt.horizon.course import Course
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.stacks import apply, cross, dot
+from ffsms_pin.opt.batch.stacks import apply, cross, dot
 from ffsms_pin.opt.horizon.task import Task
 
 __all__ = ["Jacobian", "Residual"]

@@ -20,7 +20,7 @@ from ffsms_pin.opt.horizon.course import Course, course
 from ffsms_pin.opt.horizon.jacobian import Jacobian, Residual
 from ffsms_pin.opt.horizon.orientation import orientation_residual
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.stacks import apply, dot
+from ffsms_pin.opt.batch.stacks import apply, dot
 from ffsms_pin.opt.horizon.task import Task
 from ffsms_pin.opt.horizon.weights import Weights
 

@@ -14,12 +14,12 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.base_limits import judged
 from ffsms_pin.opt.clearances import CollisionMode
-from ffsms_pin.opt.horizon.arm_stack import ArmStack, ArmValues
+from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
 from ffsms_pin.opt.horizon.clearance_stack import clearance_stack
-from ffsms_pin.opt.horizon.coupling_entropy import entropy, singular
+from ffsms_pin.opt.batch.entropy import entropy, singular
 from ffsms_pin.opt.horizon.course import apply_rates
 from ffsms_pin.opt.horizon.spline import RateSpline, at_nodes
-from ffsms_pin.opt.horizon.stacks import apply, cross, dot, exp3, log3, products, quaternions
+from ffsms_pin.opt.batch.stacks import apply, cross, dot, exp3, log3, products, quaternions
 from ffsms_pin.opt.horizon.task import Task
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator

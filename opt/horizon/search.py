@@ -19,7 +19,7 @@ from ffsms_pin.opt.horizon.limits_qp import LimitsQP
 from ffsms_pin.opt.horizon.motion import limits_kept, node_rates, trajectory
 from ffsms_pin.opt.horizon.rounds import ARRIVAL, EARLY, LATE, STIFF, follow, hold_base, land, run
 from ffsms_pin.opt.horizon.spline import rate_spline
-from ffsms_pin.opt.horizon.stacks import log3
+from ffsms_pin.opt.batch.stacks import log3
 from ffsms_pin.opt.horizon.starts import (
     Goals,
     greedy_marches,

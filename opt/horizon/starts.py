@@ -16,7 +16,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.course import apply_rates
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.stacks import apply, dot, exp3, log3, products
+from ffsms_pin.opt.batch.stacks import apply, dot, exp3, log3, products
 from ffsms_pin.opt.horizon.task import Task
 from ffsms_pin.opt.marching import start_sides
 from ffsms_pin.opt.step_kinetics import step_kinetics

@@ -11,9 +11,9 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.base_limits import BaseLimits
 from ffsms_pin.opt.clearances import CollisionMode
-from ffsms_pin.opt.horizon.arm_stack import ArmStack
+from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.horizon.clearance_stack import ClearanceStack, clearance_stack
-from ffsms_pin.opt.horizon.stacks import exp3
+from ffsms_pin.opt.batch.stacks import exp3
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Task"]

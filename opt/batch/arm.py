@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.stacks import apply, cross, diagonal, dot, inverse3, skew
+from ffsms_pin.opt.batch.stacks import apply, cross, diagonal, dot, inverse3, skew
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["ArmStack", "ArmValues"]
