@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["FloatArray", "frozen", "matrix", "number", "positive", "vector", "writeable"]
+__all__ = ["FloatArray", "at_least_zero", "frozen", "matrix", "number", "positive", "vector", "writeable"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -64,6 +64,14 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     result = number(name, value)
     if result <= 0.0:
         raise InvalidValue(name, value, f"must be above zero{unit and f' [{unit}]'}")
+    return result
+
+
+def at_least_zero(name: str, value: Any, unit: str = "") -> float:
+    """One finite number, not below zero."""
+    result = number(name, value)
+    if result < 0.0:
+        raise InvalidValue(name, value, f"must be at least zero{unit and f' [{unit}]'}")
     return result
 
 

@@ -11,10 +11,19 @@ from ffsms_pin.checks import FloatArray
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.batch.motions import Motions
-    from ffsms_pin.opt.batch.residual import Residual
+    from ffsms_pin.opt.batch.residual import Residuals
     from ffsms_pin.opt.limits.step_state import StepState
 
-__all__ = ["Term"]
+__all__ = ["Term", "time_scale"]
+
+# [s] Weights of motion are those of a motion this long. Times count in eighths of the duration, so that the same
+# joint motion, done in any time, has the same proportion between its cost integral and what it weighs.
+_TIME = 8.0
+
+
+def time_scale(motions: Motions) -> float:
+    """The unit of time in which motion is weighed: 1 for a motion of 8 s."""
+    return motions.duration / _TIME
 
 
 class Term(ABC):
@@ -26,12 +35,16 @@ class Term(ABC):
     ----------
     name : str
         Key of `Trajectory.shares`.
+    eases : bool
+        Whether the term only decides between motions that are alike: it then weighs more at the beginning of a
+        search, where it smooths.
     """
 
     name: str
+    eases: bool = False
 
     @abstractmethod
-    def residual(self, motions: Motions) -> list[Residual]:
+    def residual(self, motions: Motions) -> Residuals:
         """Weighted residuals of whole motions, with their slopes; the square root of the weight is a factor."""
 
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:

@@ -17,7 +17,7 @@ def orientation_residual(
 
     Parameters
     ----------
-    wanted : ndarray, shape (3, 3)
+    wanted : ndarray, shape (3, 3, ...)
     attitude : ndarray, shape (3, 3, ...)
         Of the end effector, in the same axes.
     tolerance : float
@@ -32,7 +32,7 @@ def orientation_residual(
     angle : ndarray, shape (...)
         To the wanted attitude, without the tolerance [rad].
     """
-    e = log3(np.einsum("xy,zy...->xz...", wanted, attitude))
+    e = log3(np.einsum("xy...,zy...->xz...", wanted, attitude))
     angle = np.sqrt(dot(e, e))
     # d log(X exp(-delta)) = -J_r^-1(e) delta. Reference: J. Sola et al., "A micro Lie theory", 2018, eq. 144.
     safe = np.clip(angle, 1e-4, np.pi - 1e-3)

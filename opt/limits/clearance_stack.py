@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.check_points import CheckPoints
-from ffsms_pin.opt.clearances import CollisionMode
 from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
 from ffsms_pin.opt.batch.stacks import cross, dot
-from ffsms_pin.opt.shape_distances import ShapeDistances
+from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.limits.shapes import Shapes
 from ffsms_pin.system import SpaceManipulator
 
 # Of entries of an array.
@@ -24,9 +23,9 @@ __all__ = ["ClearanceStack", "clearance_stack"]
 
 
 class ClearanceStack(Protocol):
-    """The clearances of a `ClearanceModel`, for stacks of configurations."""
+    """The clearances of a robot, for stacks of configurations."""
 
-    mode: CollisionMode
+    mode: str
 
     def names(self) -> list[str]:
         """What each clearance is between, in order."""
@@ -40,7 +39,7 @@ class ClearanceStack(Protocol):
         """Gradients (n, V) of the clearances at V entries of `values`."""
 
 
-def clearance_stack(sms: SpaceManipulator, collision: CollisionMode) -> ClearanceStack | None:
+def clearance_stack(sms: SpaceManipulator, collision: str) -> ClearanceStack | None:
     """The clearances that a mode keeps; None for "off", and where nothing can come near anything."""
     if collision == "off":
         return None
@@ -51,13 +50,13 @@ def clearance_stack(sms: SpaceManipulator, collision: CollisionMode) -> Clearanc
 
 
 class PointStack:
-    """The paper's points (see `CheckPoints`)."""
+    """The paper's points (see `Points`)."""
 
-    mode: CollisionMode = "points"
+    mode: str = "points"
 
     def __init__(self, sms: SpaceManipulator) -> None:
-        self._points = CheckPoints(sms)
-        self._first, self._second = (np.array(side, dtype=np.intp) for side in self._points.pairs)
+        self._points = Points(sms)
+        self._first, self._second = (np.array(side, dtype=np.intp) for side in (self._points.first, self._points.second))
         self._outside = np.array(self._points.outside, dtype=np.intp)
         self._half = 0.5 * np.array(sms.base_size)
         self._rotation = sms.base_box_placement.rotation.copy()
@@ -104,13 +103,13 @@ class PointStack:
 
 
 class ShapeStack:
-    """Exact distances of the URDF's shapes (see `ShapeDistances`): one configuration after the other."""
+    """Exact distances of the URDF's shapes (see `Shapes`): one configuration after the other."""
 
-    mode: CollisionMode = "shapes"
+    mode: str = "shapes"
 
     def __init__(self, sms: SpaceManipulator) -> None:
         self._sms = sms
-        self._shapes = ShapeDistances(sms)
+        self._shapes = Shapes(sms)
         self._q = pin.neutral(sms.model)
 
     def names(self) -> list[str]:
@@ -123,8 +122,7 @@ class ShapeStack:
         out = np.empty((self._shapes.count, len(places)))
         for k, place in enumerate(places):
             sms.layout.set_positions(self._q, place)
-            pin.forwardKinematics(sms.model, sms._data, self._q)
-            out[:, k] = self._shapes.values(sms._data)
+            out[:, k] = self._shapes.values(self._q)
         return out.reshape(-1, *positions.shape[1:])
 
     def gradients(
@@ -137,5 +135,5 @@ class ShapeStack:
         for entry in np.unique(stacked):
             here = stacked == entry
             self._sms.layout.set_positions(self._q, positions.reshape(len(positions), -1)[:, entry])
-            out[:, here] = self._shapes.evaluate(self._q).gradient[columns[here]].T
+            out[:, here] = self._shapes.gradients(self._q)[1][columns[here]].T
         return out

@@ -1,0 +1,197 @@
+"""The quadratic programme of one step, written whole from its state, its objective and the rows of its limits.
+
+Variables x = (alpha (n), s, slack): the paper's scaling factors, the end-effector speed along the wanted
+direction, and how far limits give way. Minimise 1/2 x^T H x + g^T x subject to l <= C x <= u and
+lower <= x <= upper. Terms and limits are stated in the joint rates u = V alpha, and turned here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
+from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.step.direction import WantedMotion
+
+__all__ = ["Objective", "StepProblem", "StepWeights", "build_step", "nearest_to", "objective"]
+
+
+@dataclass(frozen=True)
+class StepWeights:
+    """Weights of the step's objective. They rank its parts; the limits are rows, not weights.
+
+    Attributes
+    ----------
+    direction : float
+        On |J*_v V alpha - s e|^2 [1/(m/s)^2]: keeping the direction, and with it the paper's cost at zero.
+    speed : float
+        On (s - s_ref)^2 [1/(m/s)^2]. Far below `direction`: where the arm is limited or near-singular, the
+        speed gives way and the direction stays.
+    orientation : float
+        On |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2], for targets with an orientation. As far below
+        `direction` as `speed`: turning must not bend the path.
+    effort : float
+        On |alpha|^2 [1/(rad/s)^2]: the least motion where the arm is redundant. Small enough to slow the
+        arrival by about one part in a thousand.
+    change : float
+        On |V alpha - rates|^2 [1/(rad/s)^2]: no jumps of redundant motion between steps.
+    clearance : float
+        On the slack of the rows that may give way [1/(m/s)], and on its square [1/(m/s)^2]: some fifty times
+        what any other part gains by it, so a row gives way only where it cannot be kept.
+    """
+
+    direction: float = 1.0
+    speed: float = 1e-2
+    orientation: float = 1e-2
+    effort: float = 1e-6
+    change: float = 1e-5
+    clearance: float = 1.0
+
+
+class StepProblem(NamedTuple):
+    """The matrices of one step, to look at, to test, or to give to another solver.
+
+    Attributes
+    ----------
+    H : ndarray, shape (n + 2, n + 2)
+    g : ndarray, shape (n + 2,)
+    C : ndarray, shape (m, n + 2)
+        The rows of all limits, one after the other; of a row with two sides that may give way, one for each.
+    l, u : ndarray, shape (m,)
+    lower, upper : ndarray, shape (n + 2,)
+        Bounds on x: s >= 0 and slack >= 0.
+    """
+
+    H: FloatArray
+    g: FloatArray
+    C: FloatArray
+    l: FloatArray  # noqa: E741 - the solver's own name
+    u: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+    def value(self, x: FloatArray) -> float:
+        """The objective at x."""
+        return float(0.5 * x @ self.H @ x + self.g @ x)
+
+    def violation(self, x: FloatArray) -> float:
+        """The largest violation of a row or bound at x, zero where x is feasible."""
+        rows = self.C @ x
+        gaps = np.concatenate([self.l - rows, rows - self.u, self.lower - x, x - self.upper])
+        return max(0.0, float(gaps.max()))
+
+
+class Objective(NamedTuple):
+    """The objective 1/2 x^T H x + g^T x of a step; attributes as of `StepProblem`."""
+
+    H: FloatArray
+    g: FloatArray
+
+
+def objective(
+    step: StepState,
+    wanted: WantedMotion,
+    weights: StepWeights,
+    effort: FloatArray | None = None,
+    spin: FloatArray | None = None,
+    terms: Sequence[tuple[FloatArray, FloatArray]] = (),
+) -> Objective:
+    """What a step should come to.
+
+    Parameters
+    ----------
+    step : StepState
+    wanted : WantedMotion
+    weights : StepWeights
+    effort : ndarray, shape (n, n), optional
+        Price of the redundant motion, u^T effort u. Default: the identity.
+    spin : ndarray, shape (3,), optional
+        Wanted angular velocity of the end effector, inertial axes [rad/s].
+    terms : sequence of (W (n, n), w (n,))
+        More terms u^T W u / 2 - w^T u.
+    """
+    n, V, w = step.V.shape[0], step.V, weights
+    # Direction: |J*_v V alpha + drift - s e|^2 = |S x + drift|^2.
+    S = np.zeros((3, n + 2))
+    S[:, :n] = step.J_star[:3] @ V
+    S[:, n] = -wanted.direction
+    H = w.direction * (S.T @ S)
+    # V turns without stretching, so that |u| = |alpha|: effort and change are diagonal in alpha, too.
+    plain = w.change + (w.effort if effort is None else 0.0)
+    H.flat[:: n + 3] += [*([plain] * n), w.speed, w.clearance]
+    g = np.empty(n + 2)
+    g[:n] = -w.change * (step.rates @ V)
+    g[n], g[n + 1] = -w.speed * wanted.speed, w.clearance
+    if step.momentum is not None:
+        g += w.direction * (step.tip_drift[:3] @ S)
+    added = list(terms)
+    if effort is not None:
+        added.append((w.effort * effort, np.zeros(n)))
+    if spin is not None:
+        J_w = step.J_star[3:]
+        added.append(
+            (w.orientation * (J_w.T @ J_w), w.orientation * ((spin - step.tip_drift[3:]) @ J_w))
+        )
+    for matrix, vector in added:
+        H[:n, :n] += V.T @ matrix @ V
+        g[:n] -= vector @ V
+    return Objective(H, g)
+
+
+def nearest_to(rates: FloatArray, V: FloatArray, weights: StepWeights) -> Objective:
+    """Joint rates as near as possible to given ones (n,), instead of a motion of the end effector."""
+    n = rates.size
+    H, g = np.eye(n + 2), np.zeros(n + 2)
+    H[n + 1, n + 1] = g[n + 1] = weights.clearance
+    g[:n] = -rates @ V
+    return Objective(H, g)
+
+
+def build_step(V: FloatArray, goal: Objective, rows: Sequence[Rows]) -> StepProblem:
+    """The programme of a step.
+
+    A row lower <= G u <= upper becomes lower <= G V alpha <= upper. Where it gives way, a side becomes a row of
+    its own, G V alpha + give slack >= lower or G V alpha - give slack <= upper.
+
+    Parameters
+    ----------
+    V : ndarray, shape (n, n)
+        Right singular vectors of C_bm: u = V alpha.
+    goal : Objective
+    rows : sequence of Rows
+    """
+    n = V.shape[0]
+    parts = [part for given in rows for part in _one_sided(given)]
+    count = sum(len(part.lower) for part in parts)
+    C, low, up = np.zeros((count, n + 2)), np.empty(count), np.empty(count)
+    first = 0
+    for part in parts:
+        last = first + len(part.lower)
+        np.matmul(part.G, V, out=C[first:last, :n])
+        if part.give:
+            C[first:last, n + 1] = part.give
+        low[first:last], up[first:last] = part.lower, part.upper
+        first = last
+    lower, upper = np.full(n + 2, -UNBOUNDED), np.full(n + 2, UNBOUNDED)
+    lower[n:] = 0.0
+    return StepProblem(goal.H, goal.g, C, low, up, lower, upper)
+
+
+def _one_sided(rows: Rows) -> list[Rows]:
+    """Rows whose `give` is the slack's coefficient: those that give way have one side each."""
+    G, lower, upper, give = rows
+    if give == 0.0:
+        return [rows]
+    above = upper < UNBOUNDED
+    if not above.any():
+        return [rows]
+    below, none = lower > -UNBOUNDED, np.full(len(lower), UNBOUNDED)
+    return [
+        Rows(G[below], lower[below], none[below], give),
+        Rows(G[above], -none[above], upper[above], -give),
+    ]
