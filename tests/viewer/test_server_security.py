@@ -1,0 +1,302 @@
+"""What the live page's server lets in: nobody but its own page, and nothing that anyone sends."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+import psutil
+import pytest
+import umsgpack
+from pages import answer, connected, status
+from tornado.httpclient import HTTPRequest
+from tornado.websocket import websocket_connect
+
+from ffsms_pin.errors import InvalidValue, ViewerError
+from ffsms_pin.viewer.access import Access
+from ffsms_pin.viewer.scene_log import SceneLog
+from ffsms_pin.viewer.server import Server
+
+OBJECT = umsgpack.packb({"type": "set_object", "path": "/a", "object": {}})
+CONTROL = umsgpack.packb({"type": "set_control", "name": "x", "callback": "owned()"})
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    made = Server()
+    made.forward("set_object", "/a", "", OBJECT)
+    yield made
+    made.close()
+
+
+def port(server: Server) -> int:
+    found = urlsplit(server.url).port
+    assert found is not None
+    return found
+
+
+def listening() -> set[tuple[str, int]]:
+    """Where this process listens."""
+    found = psutil.Process().net_connections("all")
+    return {tuple(item.laddr) for item in found if item.status == psutil.CONN_LISTEN}
+
+
+def refuses(address: str, number: int) -> bool:
+    try:
+        socket.create_connection((address, number), timeout=5.0).close()
+    except OSError:
+        return True
+    return False
+
+
+def test_it_listens_on_this_machine_only_and_nowhere_else() -> None:
+    before, children = listening(), len(psutil.Process().children())
+    server = Server()
+    new = listening() - before
+    assert {address for address, _ in new} <= {"127.0.0.1", "::1"}
+    assert {number for _, number in new} == {port(server)}
+    assert len(psutil.Process().children()) == children  # no other process either
+    assert not refuses("127.0.0.1", port(server))
+    others = [item.address for items in psutil.net_if_addrs().values() for item in items]
+    for address in [*others, "127.0.0.2"]:
+        if address not in ("127.0.0.1", "::1") and ":" not in address:
+            assert refuses(address, port(server)), address
+    server.close()
+    assert refuses("127.0.0.1", port(server))
+    assert listening() == before
+
+
+def test_more_is_opened_only_by_name_and_then_the_token_counts() -> None:
+    server = Server(host="0.0.0.0")
+    try:
+        assert ("0.0.0.0", port(server)) in listening()
+        path = urlsplit(server.url).path
+        assert answer(server.url, host="any.name:1")[0] == 200
+        assert status(server.url, "http://any.name:1", host="any.name:1") == 101
+        assert status(server.url, "http://other.name:1", host="any.name:1") == 403
+        for wrong in ("/", "//", path[:-2] + "/", path[:-1] + "x/", path.lower() + "/", "/static/", "/%ff/"):
+            assert answer(server.url, path=wrong)[0] == 403, wrong
+            assert answer(server.url, path=wrong + "main.min.js")[0] == 403, wrong
+            assert status(server.url, f"http://127.0.0.1:{port(server)}", path=wrong + "socket") == 403
+    finally:
+        server.close()
+
+
+@pytest.mark.parametrize("host", ["", " ", 3, "a\0b", "a\nb"])
+def test_a_host_that_is_no_name_is_refused(host: Any) -> None:
+    with pytest.raises(InvalidValue, match="host"):
+        Server(host=host)
+
+
+def test_a_host_that_is_not_here_is_refused() -> None:
+    before = listening()
+    for host in ("192.0.2.1", "machine.invalid", ".." * 200):
+        with pytest.raises(ViewerError, match="cannot listen"):
+            Server(host=host)
+    assert listening() == before
+
+
+def test_tokens_are_random_long_and_compared_in_constant_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    tokens = {Access(7000).token for _ in range(100)}
+    assert len(tokens) == 100
+    assert min(map(len, tokens)) >= 32
+    compared: list[tuple[bytes, bytes]] = []
+    same = hmac.compare_digest
+
+    def noted(one: bytes, other: bytes) -> bool:
+        compared.append((one, other))
+        return same(one, other)
+
+    monkeypatch.setattr(hmac, "compare_digest", noted)
+    access = Access(7000)
+    assert access.knows_token(access.token)
+    for wrong in ("", "x", access.token[:-1], access.token + "x", "\udcff", "é"):
+        assert not access.knows_token(wrong)
+    assert len(compared) == 7
+    assert access.token not in repr(access)
+
+
+def test_a_rebound_host_is_refused(server: Server) -> None:
+    number = port(server)
+    for host in (f"127.0.0.1:{number}", f"localhost:{number}", f"LOCALHOST:{number}", f"[::1]:{number}"):
+        assert answer(server.url, host=host)[0] == 200, host
+        assert status(server.url, f"http://{host.lower()}", host=host) == 101, host
+    wrong = ["evil.example", f"evil.example:{number}", f"127.0.0.1.evil.example:{number}", "localhost"]
+    wrong += ["127.0.0.1", f"localhost:{number + 1}", f"localhost:{number}.evil", f"0.0.0.0:{number}", ""]
+    wrong += [f"user@localhost:{number}", f"127.0.0.1:{number},evil.example"]
+    for host in wrong:
+        code, got = answer(server.url, host=host)
+        assert code in (400, 403), host
+        assert host == "" or "@" in host or "," in host or code == 403, host
+        assert b"meshcat" not in got.lower()
+        # A page of that site names itself as the origin too.
+        assert status(server.url, f"http://{host}", host=host) in (400, 403), host
+        assert answer(server.url, path="/", host=host)[0] in (400, 403), host
+    code, _ = answer(server.url, headers="Host: evil.example\r\n")  # beside the right one
+    assert code in (400, 403)
+
+
+def test_a_foreign_origin_gets_no_socket(server: Server) -> None:
+    own = f"127.0.0.1:{port(server)}"
+    assert status(server.url, f"http://{own}") == 101
+    foreign = [None, "", "null", "http://evil.example", f"http://evil.example:{port(server)}", "file://"]
+    foreign += [f"https://{own}", f"http://{own}.evil.example", f"http://localhost:{port(server)}", own]
+    foreign += [f"http://127.0.0.1:{port(server) + 1}", f"http://evil@{own}"]
+    for origin in foreign:
+        assert status(server.url, origin) == 403, origin
+
+
+def test_only_the_page_is_served(server: Server) -> None:
+    start = urlsplit(server.url).path
+    for name in ("", "live.js", "main.min.js"):
+        assert answer(server.url, path=start + name)[0] == 200
+    for name in ("live.html", "../handlers.py", "%2e%2e/handlers.py", "..%2f..%2fetc/passwd", "x"):
+        assert answer(server.url, path=start + name)[0] == 403
+    assert answer(server.url, path="/")[0] == 403
+
+
+def test_the_page_may_evaluate_nothing_and_ask_nobody_else(server: Server) -> None:
+    _, got = answer(server.url)
+    (policy,) = [line for line in got.split(b"\r\n") if line.startswith(b"Content-Security-Policy:")]
+    assert b"default-src 'none'" in policy
+    assert b"script-src 'self';" in policy
+    assert b"unsafe-eval" not in policy
+    assert b"Referrer-Policy: no-referrer" in got
+
+
+def test_messages_from_outside_go_nowhere(server: Server) -> None:
+    origin = {"Origin": f"http://127.0.0.1:{port(server)}"}
+    address = server.url.replace("http:", "ws:") + "socket"
+
+    async def attack() -> tuple[list[Any], bytes]:
+        victim = await websocket_connect(HTTPRequest(address, headers=origin))
+        seen = [await victim.read_message()]
+        other = await websocket_connect(HTTPRequest(address, headers=origin))
+        for message in (CONTROL, b"", b"\xff" * 1000):
+            await other.write_message(message, binary=True)
+        for text in ('{"type": "img", "data": "x,eA=="}', "set_control", "{"):
+            await other.write_message(text)
+        await asyncio.sleep(0.3)
+        large = await websocket_connect(HTTPRequest(address, headers=origin))
+        await large.write_message(b"x" * 1_000_000, binary=True)
+        await large.read_message()
+        assert await asyncio.wait_for(large.read_message(), 10.0) is None  # closed for its size
+        server.forward("set_object", "/b", "", OBJECT + b"\0")
+        after = await asyncio.wait_for(victim.read_message(), 10.0)
+        seen.append(after)
+        new = await websocket_connect(HTTPRequest(address, headers=origin))
+        seen += [await new.read_message(), await new.read_message()]
+        for client in (victim, other, new):
+            client.close()
+        await asyncio.sleep(0.1)
+        return seen, OBJECT
+
+    seen, first = asyncio.run(attack())
+    assert seen == [first, first + b"\0", first, first + b"\0"]
+
+
+def test_commands_that_are_evaluated_never_leave(server: Server) -> None:
+    for kind in ("set_control", "set_control_value", "delete_control", "capture_image", "save_image", ""):
+        with pytest.raises(ViewerError, match="not sent commands"):
+            server.forward(kind, "/x", "", CONTROL)
+        with pytest.raises(ViewerError):
+            SceneLog().put(kind, "/x", "", CONTROL)
+
+
+def test_thousands_of_page_loads_block_nothing(server: Server) -> None:
+    started = time.monotonic()
+    for k in range(2_000):
+        assert answer(server.url)[0] == 200
+        if k % 20 == 0:
+            connected(server.url).close()
+            assert answer(server.url, path="/wrong/")[0] == 403
+        server.forward("set_transform", "/a", "", OBJECT)
+    assert time.monotonic() - started < 60.0
+
+
+def test_idle_connections_are_bounded(server: Server) -> None:
+    process = psutil.Process()
+    mine = [socket.create_connection(("127.0.0.1", port(server)), timeout=10.0) for _ in range(200)]
+    files = process.num_fds() if hasattr(process, "num_fds") else 0
+    closed = 0
+    for plug in mine[64:]:
+        plug.settimeout(5.0)
+        try:
+            closed += plug.recv(1) == b""
+        except ConnectionError:
+            closed += 1
+    assert closed == 200 - 64
+    if files:
+        assert process.num_fds() < files + 200
+    for plug in mine:
+        plug.close()
+    time.sleep(0.3)
+    assert answer(server.url)[0] == 200
+
+
+LONELY = """
+import sys, time
+from ffsms_pin.viewer.server import Server
+server = Server()
+print(server.url, flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+def test_it_ends_with_its_process_however_that_ends() -> None:
+    with subprocess.Popen([sys.executable, "-c", LONELY], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        url = process.stdout.readline().strip()
+        number = urlsplit(url).port
+        assert number is not None
+        page = connected(url)
+        assert answer(url)[0] == 200
+        assert psutil.Process(process.pid).children(recursive=True) == []  # so nothing can be left behind
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait(timeout=10.0)
+        assert refuses("127.0.0.1", number)
+        page.close()
+
+
+FULL = """
+import resource, socket, sys, time, warnings
+from ffsms_pin.errors import ViewerError
+from ffsms_pin.viewer.server import Server
+server = Server()
+port = int(server.url.split(":")[2].split("/")[0])
+used = len(__import__("os").listdir("/proc/self/fd"))
+resource.setrlimit(resource.RLIMIT_NOFILE, (used + 2, used + 2))
+mine = []
+try:
+    while True:
+        mine.append(socket.socket())
+except OSError:
+    pass
+mine.pop().close()
+plug = socket.create_connection(("127.0.0.1", port))
+time.sleep(1.0)
+try:
+    server.forward("set_object", "/a", "", b"")
+except ViewerError as error:
+    print(error)
+server.close()
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc")
+def test_without_free_files_it_ends_and_says_so_once() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", FULL], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert "has ended (Too many open files)" in done.stdout
+    assert done.stderr == ""
