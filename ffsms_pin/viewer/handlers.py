@@ -73,7 +73,7 @@ def _application(access: Access, log: SceneLog) -> Application:
             (r"/([^/]*)/main\.min\.js", _File, {"content": script, "kind": javascript}),
             (r"/([^/]*)/socket", _Socket, {"log": log}),
         ],
-        default_handler_class=_Nothing,
+        default_handler_class=_Guarded,  # every other address has no token, so it gets 403
         access=access,
         log_function=lambda handler: None,  # requests are no news to the terminal that simulates
         websocket_max_message_size=_LARGEST,
@@ -81,41 +81,37 @@ def _application(access: Access, log: SceneLog) -> Application:
     )
 
 
-def _check(handler: RequestHandler, token: str) -> None:
-    """Raise 403 unless the request calls us by our name and knows the token."""
-    access: Access = handler.settings["access"]
-    if not access.allows_host(handler.request.headers.get("Host")):
-        raise HTTPError(403, reason="Forbidden: not a name of this server")
-    if not access.knows_token(token):
-        raise HTTPError(403, reason="Forbidden: the address lacks the token")
-
-
-class _Nothing(RequestHandler):
-    """Every other address."""
-
-    def prepare(self) -> None:
-        _check(self, "")
-
-
-class _File(RequestHandler):
-    """One file of the page, from memory."""
-
-    def initialize(self, content: bytes, kind: str) -> None:
-        self._content, self._kind = content, kind
+class _Guarded(RequestHandler):
+    """Answers 403 unless the request calls us by our name and knows the token."""
 
     def set_default_headers(self) -> None:
         for name, value in _HEADERS.items():
             self.set_header(name, value)
 
     def prepare(self) -> None:
-        _check(self, self.path_args[0])
+        access: Access = self.settings["access"]
+        if not access.allows_host(self.request.headers.get("Host")):
+            raise HTTPError(403, reason="Forbidden: not a name of this server")
+        if not access.knows_token(self.path_args[0] if self.path_args else ""):
+            raise HTTPError(403, reason="Forbidden: the address lacks the token")
+
+    def log_exception(self, kind: Any, error: Any, trace: Any) -> None:
+        if not isinstance(error, HTTPError):  # what others send is not written to our terminal
+            super().log_exception(kind, error, trace)
+
+
+class _File(_Guarded):
+    """One file of the page, from memory."""
+
+    def initialize(self, content: bytes, kind: str) -> None:
+        self._content, self._kind = content, kind
 
     def get(self, token: str) -> None:
         self.set_header("Content-Type", self._kind)
         self.write(self._content)
 
 
-class _Socket(WebSocketHandler):
+class _Socket(_Guarded, WebSocketHandler):
     """Sends the scene to one page, and then what changes. What the page sends is dropped unread."""
 
     def initialize(self, log: SceneLog) -> None:
@@ -123,7 +119,7 @@ class _Socket(WebSocketHandler):
         self._sending: asyncio.Task[None] | None = None
 
     def prepare(self) -> None:
-        _check(self, self.path_args[0])
+        super().prepare()
         headers = self.request.headers
         if not self.settings["access"].allows_origin(headers.get("Origin"), headers.get("Host")):
             raise HTTPError(403, reason="Forbidden: a page of another origin")

@@ -141,7 +141,11 @@ def test_a_failed_page_holds_nothing_up(
 
 
 def test_closed_sockets_and_vanished_browsers_are_no_news(
-    planar: ffsms.SpaceManipulator, plan: opt.Trajectory, live: LiveView, alone: ffsms.Tracking
+    planar: ffsms.SpaceManipulator,
+    plan: opt.Trajectory,
+    live: LiveView,
+    alone: ffsms.Tracking,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     pages = [connected(live.url) for _ in range(5)]
 
@@ -156,10 +160,15 @@ def test_closed_sockets_and_vanished_browsers_are_no_news(
     with live, warnings.catch_warnings():
         warnings.simplefilter("error")
         np.testing.assert_array_equal(run(planar, plan, live, vanish).q, alone.q)
+    assert caplog.records == []
 
 
 def test_pages_that_read_nothing_stall_nothing(
-    planar: ffsms.SpaceManipulator, plan: opt.Trajectory, live: LiveView, alone: ffsms.Tracking
+    planar: ffsms.SpaceManipulator,
+    plan: opt.Trajectory,
+    live: LiveView,
+    alone: ffsms.Tracking,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     with live:
         stuck = [connected(live.url) for _ in range(3)]
@@ -176,6 +185,7 @@ def test_pages_that_read_nothing_stall_nothing(
         assert time.monotonic() - started < 2.0
         for page in stuck:
             page.close()
+    assert caplog.records == []
     np.testing.assert_array_equal(tracking.q, alone.q)
 
 
