@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from urllib.parse import urlsplit
 
-__all__ = ["answer", "connected", "status"]
+__all__ = ["answer", "connected", "port", "refuses", "status"]
 
 UPGRADE = {
     "Connection": "Upgrade",
@@ -49,6 +49,22 @@ def connected(url: str) -> socket.socket:
     return plug
 
 
+def port(url: str) -> int:
+    """Port that an address names."""
+    found = urlsplit(url).port
+    assert found is not None
+    return found
+
+
+def refuses(address: str, number: int) -> bool:
+    """Whether nobody takes a connection there."""
+    try:
+        socket.create_connection((address, number), timeout=5.0).close()
+    except OSError:
+        return True
+    return False
+
+
 def _handshake(url: str, origin: str | None, host: str | None, path: str | None) -> tuple[socket.socket, int]:
     place = urlsplit(url)
     headers = {"Host": place.netloc if host is None else host, **UPGRADE}
@@ -64,6 +80,4 @@ def _handshake(url: str, origin: str | None, host: str | None, path: str | None)
 
 
 def _opened(url: str) -> socket.socket:
-    place = urlsplit(url)
-    assert place.port is not None
-    return socket.create_connection(("127.0.0.1", place.port), timeout=20.0)
+    return socket.create_connection(("127.0.0.1", port(url)), timeout=20.0)

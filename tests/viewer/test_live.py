@@ -23,6 +23,9 @@ from ffsms_pin.viewer import LiveView, view
 Array = NDArray[np.float64]
 
 
+pytestmark = pytest.mark.usefixtures("own_ports")
+
+
 @pytest.fixture(scope="module")
 def plan(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
     q0 = planar.configuration(np.radians([1.0, 1.0, 1.0]))

@@ -5,11 +5,6 @@ from __future__ import annotations
 import asyncio
 import hmac
 import logging
-import os
-import signal
-import socket
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -18,7 +13,7 @@ from urllib.parse import urlsplit
 import psutil
 import pytest
 import umsgpack
-from pages import answer, connected, status
+from pages import answer, port, refuses, status
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
@@ -31,6 +26,9 @@ OBJECT = umsgpack.packb({"type": "set_object", "path": "/a", "object": {}})
 CONTROL = umsgpack.packb({"type": "set_control", "name": "x", "callback": "owned()"})
 
 
+pytestmark = pytest.mark.usefixtures("own_ports")
+
+
 @pytest.fixture
 def server() -> Iterator[Server]:
     made = Server()
@@ -39,24 +37,10 @@ def server() -> Iterator[Server]:
     made.close()
 
 
-def port(server: Server) -> int:
-    found = urlsplit(server.url).port
-    assert found is not None
-    return found
-
-
 def listening() -> set[tuple[str, int]]:
     """Where this process listens."""
     found = psutil.Process().net_connections("all")
     return {tuple(item.laddr) for item in found if item.status == psutil.CONN_LISTEN}
-
-
-def refuses(address: str, number: int) -> bool:
-    try:
-        socket.create_connection((address, number), timeout=5.0).close()
-    except OSError:
-        return True
-    return False
 
 
 def test_it_listens_on_this_machine_only_and_nowhere_else() -> None:
@@ -64,22 +48,23 @@ def test_it_listens_on_this_machine_only_and_nowhere_else() -> None:
     server = Server()
     new = listening() - before
     assert {address for address, _ in new} <= {"127.0.0.1", "::1"}
-    assert {number for _, number in new} == {port(server)}
+    assert {number for _, number in new} == {port(server.url)}
     assert len(psutil.Process().children()) == children  # no other process either
-    assert not refuses("127.0.0.1", port(server))
+    for address, number in new:
+        assert not refuses(address, number)
     others = [item.address for items in psutil.net_if_addrs().values() for item in items]
     for address in [*others, "127.0.0.2"]:
         if address not in ("127.0.0.1", "::1") and ":" not in address:
-            assert refuses(address, port(server)), address
+            assert refuses(address, port(server.url)), address
     server.close()
-    assert refuses("127.0.0.1", port(server))
+    assert refuses("127.0.0.1", port(server.url))
     assert listening() == before
 
 
 def test_more_is_opened_only_by_name_and_then_the_token_counts() -> None:
     server = Server(host="0.0.0.0")
     try:
-        assert ("0.0.0.0", port(server)) in listening()
+        assert ("0.0.0.0", port(server.url)) in listening()
         path = urlsplit(server.url).path
         assert answer(server.url, host="any.name:1")[0] == 200
         assert status(server.url, "http://any.name:1", host="any.name:1") == 101
@@ -87,7 +72,7 @@ def test_more_is_opened_only_by_name_and_then_the_token_counts() -> None:
         for wrong in ("/", "//", path[:-2] + "/", path[:-1] + "x/", path.lower() + "/", "/static/"):
             assert answer(server.url, path=wrong)[0] == 403, wrong
             assert answer(server.url, path=wrong + "main.min.js")[0] == 403, wrong
-            assert status(server.url, f"http://127.0.0.1:{port(server)}", path=wrong + "socket") == 403
+            assert status(server.url, f"http://127.0.0.1:{port(server.url)}", path=wrong + "socket") == 403
     finally:
         server.close()
 
@@ -127,7 +112,7 @@ def test_tokens_are_random_long_and_compared_in_constant_time(monkeypatch: pytes
 
 
 def test_a_rebound_host_is_refused(server: Server) -> None:
-    number = port(server)
+    number = port(server.url)
     for host in (f"127.0.0.1:{number}", f"localhost:{number}", f"LOCALHOST:{number}", f"[::1]:{number}"):
         assert answer(server.url, host=host)[0] == 200, host
         assert status(server.url, f"http://{host.lower()}", host=host) == 101, host
@@ -147,11 +132,11 @@ def test_a_rebound_host_is_refused(server: Server) -> None:
 
 
 def test_a_foreign_origin_gets_no_socket(server: Server) -> None:
-    own = f"127.0.0.1:{port(server)}"
+    own = f"127.0.0.1:{port(server.url)}"
     assert status(server.url, f"http://{own}") == 101
-    foreign = [None, "", "null", "http://evil.example", f"http://evil.example:{port(server)}", "file://"]
-    foreign += [f"https://{own}", f"http://{own}.evil.example", f"http://localhost:{port(server)}", own]
-    foreign += [f"http://127.0.0.1:{port(server) + 1}", f"http://evil@{own}"]
+    foreign = [None, "", "null", "http://evil.example", f"http://evil.example:{port(server.url)}", "file://"]
+    foreign += [f"https://{own}", f"http://{own}.evil.example", f"http://localhost:{port(server.url)}", own]
+    foreign += [f"http://127.0.0.1:{port(server.url) + 1}", f"http://evil@{own}"]
     for origin in foreign:
         assert status(server.url, origin) == 403, origin
 
@@ -187,7 +172,7 @@ def test_what_others_send_is_not_written_to_the_terminal(
 
 
 def test_messages_from_outside_go_nowhere(server: Server) -> None:
-    origin = {"Origin": f"http://127.0.0.1:{port(server)}"}
+    origin = {"Origin": f"http://127.0.0.1:{port(server.url)}"}
     address = server.url.replace("http:", "ws:") + "socket"
 
     async def attack() -> tuple[list[Any], bytes]:
@@ -225,94 +210,3 @@ def test_commands_that_are_evaluated_never_leave(server: Server) -> None:
             server.forward(kind, "/x", "", CONTROL)
         with pytest.raises(ViewerError):
             SceneLog().put(kind, "/x", "", CONTROL)
-
-
-def test_thousands_of_page_loads_block_nothing(server: Server) -> None:
-    started = time.monotonic()
-    for k in range(2_000):
-        assert answer(server.url)[0] == 200
-        if k % 20 == 0:
-            connected(server.url).close()
-            assert answer(server.url, path="/wrong/")[0] == 403
-        server.forward("set_transform", "/a", "", OBJECT)
-    assert time.monotonic() - started < 60.0
-
-
-def test_idle_connections_are_bounded(server: Server) -> None:
-    process = psutil.Process()
-    mine = [socket.create_connection(("127.0.0.1", port(server)), timeout=10.0) for _ in range(200)]
-    files = process.num_fds() if hasattr(process, "num_fds") else 0
-    closed = 0
-    for plug in mine[64:]:
-        plug.settimeout(5.0)
-        try:
-            closed += plug.recv(1) == b""
-        except ConnectionError:
-            closed += 1
-    assert closed == 200 - 64
-    if files:
-        assert process.num_fds() < files + 200
-    for plug in mine:
-        plug.close()
-    time.sleep(0.3)
-    assert answer(server.url)[0] == 200
-
-
-LONELY = """
-import sys, time
-from ffsms_pin.viewer.server import Server
-server = Server()
-print(server.url, flush=True)
-time.sleep(60)
-"""
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
-def test_it_ends_with_its_process_however_that_ends() -> None:
-    with subprocess.Popen([sys.executable, "-c", LONELY], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        url = process.stdout.readline().strip()
-        number = urlsplit(url).port
-        assert number is not None
-        page = connected(url)
-        assert answer(url)[0] == 200
-        assert psutil.Process(process.pid).children(recursive=True) == []  # so nothing can be left behind
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait(timeout=10.0)
-        assert refuses("127.0.0.1", number)
-        page.close()
-
-
-FULL = """
-import resource, socket, sys, time, warnings
-from ffsms_pin.errors import ViewerError
-from ffsms_pin.viewer.server import Server
-server = Server()
-port = int(server.url.split(":")[2].split("/")[0])
-time.sleep(0.5)  # its thread has what it needs
-used = len(__import__("os").listdir("/proc/self/fd"))
-resource.setrlimit(resource.RLIMIT_NOFILE, (used + 2, used + 2))
-mine = []
-try:
-    while True:
-        mine.append(socket.socket())
-except OSError:
-    pass
-mine.pop().close()
-plug = socket.create_connection(("127.0.0.1", port))
-time.sleep(1.0)
-try:
-    server.forward("set_object", "/a", "", b"")
-except ViewerError as error:
-    print(error)
-server.close()
-"""
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc")
-def test_without_free_files_it_ends_and_says_so_once() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", FULL], capture_output=True, text=True, timeout=60, check=True
-    )
-    assert "has ended (Too many open files)" in done.stdout
-    assert done.stderr == ""
