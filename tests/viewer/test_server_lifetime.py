@@ -57,6 +57,24 @@ def test_idle_connections_are_bounded(server: Server) -> None:
     assert answer(server.url)[0] == 200
 
 
+def test_an_open_page_learns_of_the_end(server: Server) -> None:
+    page = connected(server.url)
+    server.close()
+    page.settimeout(10.0)
+    while page.recv(65536):
+        pass
+    page.close()
+
+
+def test_a_program_ends_as_if_there_were_no_page() -> None:
+    program = LONELY.replace("time.sleep(60)", "")
+    started = time.monotonic()
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stderr == ""
+    assert time.monotonic() - started < 30.0
+
+
 LONELY = """
 import sys, time
 from ffsms_pin.viewer.server import Server
