@@ -7,7 +7,6 @@ import gzip
 import json
 import re
 import struct
-import urllib.request
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
-from ffsms_pin.viewer import LAYERS, LiveView, View, view
+from ffsms_pin.viewer import LAYERS, View, view
 
 Array = NDArray[np.float64]
 
@@ -276,38 +275,6 @@ def test_results_of_another_robot_are_refused(
     refused(lambda: view(ffsms.load("space_arm_7"), plan), InvalidValue, "another robot")
     wrong: Any = "plan.npz"
     refused(lambda: view(ffsms.load("space_arm_7"), wrong), InvalidValue, "Trajectory")
-
-
-def test_the_live_page_is_served_and_stops(scene: View) -> None:
-    url = scene.open(browser=False)
-    assert scene.open(browser=False) == url
-    process = scene._server._window.server_proc if scene._server is not None else None
-    with urllib.request.urlopen(url, timeout=20) as answer:
-        assert b"meshcat" in answer.read().lower()
-    scene.close()
-    assert process is not None
-    assert process.poll() is not None
-    scene.close()  # a second time does nothing
-
-
-def test_a_simulation_is_watched_without_being_changed(
-    planar: ffsms.SpaceManipulator, plan: opt.Trajectory
-) -> None:
-    controller = ffsms.SlidingModeController(planar)
-    seen: list[float] = []
-    with LiveView(planar, plan.q[0], plan.target, speed=None, fps=1e4, browser=False) as live:
-        show = live.show
-
-        def noted(t: float, q: Array, v: Array) -> None:
-            seen.append(t)
-            show(t, q, v)
-
-        live.show = noted  # type: ignore[method-assign]
-        watched = ffsms.simulate(planar, live.watch(plan), controller, dt=0.05)
-    alone = ffsms.simulate(planar, plan, controller, dt=0.05)
-    np.testing.assert_array_equal(watched.q, alone.q)
-    assert len(seen) > 50
-    assert seen == sorted(seen)
 
 
 def test_the_command_writes_a_scene(
