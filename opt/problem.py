@@ -153,17 +153,22 @@ class Problem:
         return np.asarray(self.q0[:3] + self.rotation0 @ self.stack.evaluate(self.joints0[:, None]).com[:, 0])
 
     @cached_property
+    def base0(self) -> FloatArray:
+        """Place of the base's centre of mass at the start (3,) [m]."""
+        return np.asarray(self.q0[:3] + self.rotation0 @ self.stack.base_com)
+
+    @cached_property
     def tip0(self) -> FloatArray:
         """Position of the end effector at the start (3,) [m]."""
         rho = self.stack.evaluate(self.joints0[:, None]).rho[:, 0]
         return np.asarray(self.com0 + self.rotation0 @ rho)
 
-    @property
+    @cached_property
     def drift(self) -> FloatArray:
         """Velocity of the system's centre of mass (3,) [m/s]."""
         return np.zeros(3) if self.momentum is None else self.momentum[:3] / self.stack.mass
 
-    @property
+    @cached_property
     def pace(self) -> float:
         """Mean speed of a straight way to the target [m/s]: the scale of speeds."""
         way = self.goal.place(self.duration).position - self.tip0

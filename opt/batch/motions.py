@@ -12,7 +12,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
 from ffsms_pin.opt.batch.entropy import entropy_and_gradient
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.stacks import apply
+from ffsms_pin.opt.batch.stacks import apply, cross
 
 __all__ = ["EXACT", "Motions", "Smoothing", "apply_rates"]
 
@@ -116,7 +116,7 @@ class Motions:
         moved = apply_rates(self.arm.jstar, self.rates)
         own, rho = self.own_spin, self.arm.rho
         if own.any():
-            moved = moved + np.cross(own, rho, axis=0)
+            moved = moved + cross(own, rho)
         return apply(self.base_attitude, moved)
 
     @property

@@ -52,13 +52,10 @@ def arrival(goal: Goal, motions: Motions) -> Arrival:
     velocities = (("by_velocity", place.velocity, motions.velocity), ("by_spin", place.spin, motions.spin))
     for name, wanted, values in velocities:
         if wanted is not None:
-            miss = values[..., motions.last] - wanted[:, None]
-            size = np.sqrt(dot(miss, miss))
-            rows = np.zeros((3, 3, motions.count, 1))
-            rows[[0, 1, 2], [0, 1, 2]] = 1.0
-            end = end + [
-                Residual(miss[i][:, None], last, over_time=False, **{name: rows[i]}) for i in range(3)
-            ]
+            miss = values[..., last] - wanted[:, None, None]
+            size = np.sqrt(dot(miss, miss))[:, 0]
+            rows = np.broadcast_to(np.eye(3)[..., None, None], (3, 3, *miss.shape[1:]))
+            end = [*end, _components(miss, last, name, rows)]
             error = np.maximum(error, size / goal.tolerance)
     return Arrival(end, tail, error, worst)
 
@@ -70,8 +67,7 @@ def _position(motions: Motions, at: Indices, near: float) -> tuple[list[Residual
     short, unit = np.maximum(length - near, 0.0), way / np.maximum(length, 1e-9)
     share = short / np.maximum(length, 1e-9)
     slope = share * np.eye(3)[..., None, None] + ((short > 0.0) - share) * (unit[:, None] * unit)
-    parts = [Residual(short * unit[i], at, over_time=False, by_tip=-slope[i]) for i in range(3)]
-    return parts, length[:, 0]
+    return [_components(short * unit, at, "by_tip", -slope)], length[:, 0]
 
 
 def _distance(motions: Motions, at: Indices, near: float) -> tuple[list[Residual], FloatArray]:
@@ -89,5 +85,15 @@ def _attitude(goal: Goal, motions: Motions, at: Indices, near: float) -> tuple[l
     rotations = [goal.place(t).rotation for t in (times if goal.moves else times[:1])]
     wanted = np.stack([one for one in rotations if one is not None], axis=-1)
     value, by_turn, angle = orientation_residual(wanted[:, :, None], motions.attitude[..., at], near)
-    parts = [Residual(value[i], at, over_time=False, by_turn=by_turn[i]) for i in range(3)]
-    return parts, angle.max(axis=1)
+    return [_components(value, at, "by_turn", by_turn)], angle.max(axis=1)
+
+
+def _components(value: FloatArray, at: Indices, by: str, slope: FloatArray) -> Residual:
+    """The three components of vectors (3, S, K), with slopes (3, 3, S, K), value first: one residual for all."""
+    count = value.shape[1]
+    return Residual(
+        value.transpose(1, 0, 2).reshape(count, -1),
+        np.tile(at, 3),
+        over_time=False,
+        **{by: slope.transpose(1, 2, 0, 3).reshape(3, count, -1)},
+    )

@@ -27,10 +27,11 @@ def start_in_collision(problem: Problem) -> Trajectory | None:
     """A plan that stays where it is, where the start already breaks a clearance; else None."""
     if not any(isinstance(limit, Clearance) for limit in problem.limits):
         return None
-    still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
-    breaking = [limit for limit in problem.limits if isinstance(limit, Clearance) and limit.name in still.broken]
-    if not breaking:
+    begin = replace(problem, duration=problem.dt, goal=problem.tip0, joint_rates=None)
+    broken = measure(begin, np.zeros((2, problem.sms.n))).broken
+    if not any(isinstance(limit, Clearance) and limit.name in broken for limit in problem.limits):
         return None
+    still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
     note = f"the start breaks the clearance: {still.note}; move the start, or ask for less"
     return replace(still, note=note)
 

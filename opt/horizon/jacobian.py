@@ -122,7 +122,7 @@ class Jacobian:
             g = inward(r.by_velocity)
             by_rate(dot(pick(arm.jstar), g[:, None]))
             travel += dot(pick(self._jstar_q), g[:, None])
-            turned(np.cross(pick(at.relative_velocity), r.by_velocity, axis=0))
+            turned(cross(pick(at.relative_velocity), r.by_velocity))
         if r.by_turn is not None:
             g = inward(r.by_turn)
             travel += _along(stack.moves_tip, g.ndim) * dot(pick(arm.axes), g[:, None])
@@ -132,17 +132,17 @@ class Jacobian:
             by_rate(dot(pick(arm.spin), g[:, None]))
             by_rate(_along(stack.moves_tip, g.ndim) * dot(pick(arm.axes), g[:, None]))
             travel += dot(pick(self._tip_spin_q), g[:, None])
-            turned(np.cross(pick(at.spin), r.by_spin, axis=0))
+            turned(cross(pick(at.spin), r.by_spin))
         if r.by_base is not None:
             travel -= dot(pick(arm.linear), inward(r.by_base)[:, None]) / stack.mass
-            turned(np.cross(pick(at.base_from_com), r.by_base, axis=0))
+            turned(cross(pick(at.base_from_com), r.by_base))
         if r.by_base_turn is not None:
             turned(r.by_base_turn)
         if r.by_base_spin is not None:
             g = inward(r.by_base_spin)
             by_rate(dot(pick(arm.spin), g[:, None]))
             travel += dot(pick(self._spin_q), g[:, None])
-            turned(np.cross(pick(at.base_spin), r.by_base_spin, axis=0))
+            turned(cross(pick(at.base_spin), r.by_base_spin))
         if r.by_entropy is not None:
             travel += r.by_entropy * pick(self._entropy_q)
         if r.by_coupling is not None:

@@ -47,7 +47,6 @@ def motions_of(
     if problem.momentum is not None:
         R, own = _drifting_turns(spline, omega, arm.inverse, rotation0.T @ problem.momentum[3:])
     start = problem.com0
-    base_start = start + rotation0 @ (stack.base_com - stack.evaluate(problem.joints0[:, None]).com[:, 0])
     return Motions(
         stack=stack,
         times=spline.times,
@@ -63,7 +62,7 @@ def motions_of(
         com=start[:, None] + problem.drift[:, None] * spline.times,
         drift=problem.drift,
         own_spin=own,
-        base_start=base_start,
+        base_start=problem.base0,
         rotation_start=rotation0,
         target=target,
         pace=problem.pace,

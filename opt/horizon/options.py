@@ -61,4 +61,4 @@ class SearchOptions:
     moving: float = 1e-3
     turns: int = 8
     still: float = 1e-8
-    march_steps: int = 100
+    march_steps: int = 40

@@ -12,6 +12,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
+from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.landing import aimed, arrival_error
 from ffsms_pin.opt.horizon.marches import march_starts
 from ffsms_pin.opt.horizon.options import SearchOptions
@@ -114,9 +115,12 @@ class Search:
             efforts = ()
         for turn, effort in enumerate(efforts):
             self._gather(effort)
+            outside = turn == 0 and self._none_near() and not within_workspace(self.problem)
+            if outside:
+                effort = HASTE[0]
             self._report((turn + 0.5) / len(efforts))
             self._follow(effort)
-            if self._arrived(effort.content(self.problem.kappa) * scale) or self._out_of_time():
+            if self._arrived(effort.content(self.problem.kappa) * scale) or self._out_of_time() or outside:
                 break
         if not self._arrived() and not self._out_of_time():
             self._go_straight()
@@ -152,11 +156,15 @@ class Search:
         reach = max(self.options.near_goal * length, float(np.sort(goals.distance)[half]))
         p = straight_moves(problem, coarse.spline, goals.joints[goals.distance <= reach])
         if effort.marches:
-            p = np.concatenate([p, *(one[None] for one in march_starts(problem, coarse.spline, self.options))])
+            p = np.concatenate([p, march_starts(problem, coarse.spline, self.options)])
         p = np.stack([coarse.qp.within(one) for one in p])
         first = EARLY[0].weights
         early = run(coarse, Candidates.start(coarse, p, first, EARLY[0].damping or 0.3), EARLY, first)
         self._pool = early if self._pool is None else self._pool.join(early)
+
+    def _none_near(self) -> bool:
+        """Whether no straight move ends near the goal."""
+        return float(self.goals.distance.min()) > self.options.near_goal * self.problem.stack.length
 
     # -- to the end ------------------------------------------------------------------------------------
 

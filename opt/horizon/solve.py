@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision, within_workspace
+from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision
 from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.search import EFFORTS, HASTE, Search
+from ffsms_pin.opt.horizon.search import HASTE, Search
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
@@ -43,7 +43,7 @@ def solve(
     if refused is not None:
         return refused
     search = Search(problem, options, progress)
-    plan = search.run(EFFORTS if within_workspace(problem) else HASTE)
+    plan = search.run()
     if plan.reached:
         return plan
     return explain(problem, plan, search.goals, search.binding(), lambda other: _reached(other, options))

@@ -141,15 +141,17 @@ def _stand_still(problem: Problem) -> Trajectory | None:
     """The motion of an arm that is already there: none, whatever the paper's cost charges for it."""
     if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
         return None
+    place = problem.goal.place(0.0)
+    rests = place.velocity is None and place.spin is None
+    if not rests or np.linalg.norm(place.position - problem.tip0) >= ALREADY_THERE:
+        return None
     still = measure(
         problem,
         np.zeros((problem.steps + 1, problem.sms.n)),
         "the end effector is at its target from the start",
     )
     error = max(float(still.position_error[0]), float(still.orientation_error[0]))
-    place = problem.goal.place(0.0)
-    rests = place.velocity is None and place.spin is None
-    return still if error < ALREADY_THERE and rests and still.clear else None
+    return still if error < ALREADY_THERE and still.clear else None
 
 
 def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajectory:
