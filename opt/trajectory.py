@@ -13,7 +13,7 @@ from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.coupling import cosine
 from ffsms_pin.opt.cost import step_cost
 from ffsms_pin.opt.momentum_drift import momentum_drift
-from ffsms_pin.opt.step_kinetics import step_kinetics
+from ffsms_pin.opt.step_kinetics import KineticsAt
 from ffsms_pin.storage import load_arrays, save_arrays
 from ffsms_pin.system import SpaceManipulator
 
@@ -212,8 +212,9 @@ def measure(
     v, end_effector = np.empty((steps + 1, sms.nv)), np.empty((steps + 1, 3))
     alpha, cos_theta, entropy, cost = np.empty((steps, n)), np.empty(steps), np.empty(steps), np.empty(steps)
     turn = np.zeros(steps + 1)
+    kinetics_at = KineticsAt(sms)
     for k in range(steps + 1):
-        kinetics = step_kinetics(sms, q[k])
+        kinetics = kinetics_at(q[k])
         v[k, :6] = kinetics.coupling @ rates[k]
         v[k, 6:] = rates[k]
         drift = np.zeros(3)

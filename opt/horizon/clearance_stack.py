@@ -120,11 +120,11 @@ class ShapeStack:
     def values(self, positions: FloatArray, arm: ArmValues) -> FloatArray:
         """Distances of pairs of bodies."""
         sms, places = self._sms, positions.reshape(len(positions), -1).T
-        out = np.empty((self._shapes.count, len(places)))
+        out, data = np.empty((self._shapes.count, len(places))), sms.model.createData()
         for k, place in enumerate(places):
             sms.layout.set_positions(self._q, place)
-            pin.forwardKinematics(sms.model, sms._data, self._q)
-            out[:, k] = self._shapes.values(sms._data)
+            pin.forwardKinematics(sms.model, data, self._q)
+            out[:, k] = self._shapes.values(data)
         return out.reshape(-1, *positions.shape[1:])
 
     def gradients(

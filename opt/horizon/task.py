@@ -134,7 +134,7 @@ class Task:
         momentum: FloatArray | None = None,
     ) -> Task:
         """A task in inertial axes."""
-        com = pin.centerOfMass(sms.model, sms._data, q0).copy()
+        com = pin.centerOfMass(sms.model, sms.model.createData(), q0).copy()
         rotation0 = pin.Quaternion(q0[3:7]).toRotationMatrix()
         goal = rotation0.T @ (target - com)
         arm, joints0 = ArmStack(sms), sms.layout.positions(q0)
