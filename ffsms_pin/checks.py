@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["FloatArray", "frozen", "matrix", "number", "positive", "vector", "writeable"]
+__all__ = ["FloatArray", "frozen", "matrix", "number", "positive", "vector"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -69,10 +68,5 @@ def positive(name: str, value: Any, unit: str = "") -> float:
 
 def frozen(array: FloatArray) -> FloatArray:
     """The same array, made read-only: for values that are kept and handed out."""
-    writeable(array, False)
+    array.setflags(write=False)
     return array
-
-
-# `frozen` without its call, for what is made often: writeable(array, False). numpy's setflags(write=False)
-# takes twice as long, and its stub does not know the flag without the keyword.
-writeable: Callable[[FloatArray, bool], None] = cast(Any, np.ndarray.setflags)

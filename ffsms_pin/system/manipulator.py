@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -132,9 +133,9 @@ class SpaceManipulator(Mechanism):
             if list(inertias.names) != list(model.names):
                 raise InvalidValue("inertias", list(inertias.names), "must be a model of the same joints")
             inertias = list(inertias.inertias)[1:]
-        bodies = list(inertias)
+        bodies = list(inertias) if isinstance(inertias, Iterable) else []
         if len(bodies) != self.n + 1 or not all(isinstance(body, pin.Inertia) for body in bodies):
-            raise InvalidValue("inertias", bodies, f"must be {self.n + 1} pinocchio.Inertia, base first")
+            raise InvalidValue("inertias", inertias, f"must be {self.n + 1} pinocchio.Inertia, base first")
         for joint, body in enumerate(bodies, start=1):
             model.inertias[joint] = body
         return self._variant(model, self.limits)

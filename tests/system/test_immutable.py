@@ -102,6 +102,7 @@ def test_what_cannot_be_another_robot(refused: Refused, robot: ffsms.SpaceManipu
     refused(lambda: robot.with_inertias(seven.model), InvalidValue, "inertias", "same joints")
     refused(lambda: robot.with_inertias(bodies[1:]), InvalidValue, "inertias", "4")
     refused(lambda: robot.with_inertias([1.0, 2.0, 3.0, 4.0]), InvalidValue, "inertias")
+    refused(lambda: robot.with_inertias(2.0), InvalidValue, "inertias")
     nothing = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
     refused(lambda: robot.with_inertias([*bodies[:-1], nothing]), InvalidInertia, "positive definite")
     refused(
