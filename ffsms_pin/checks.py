@@ -16,6 +16,11 @@ FloatArray: TypeAlias = NDArray[np.float64]
 
 
 def _floats(name: str, value: Any) -> FloatArray:
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:  # the most common case
+        array = np.array(value)
+        if not all(map(math.isfinite, array.ravel().tolist())):
+            raise InvalidValue(name, value, "must be finite")
+        return array
     try:
         given = np.asarray(value)
     except (TypeError, ValueError):  # rows of different lengths

@@ -56,15 +56,15 @@ def floating_motion(M: FloatArray) -> FloatArray:
     M N is zero in the base's rows.
     """
     n = len(M) - 6
-    N = np.empty((6 + n, n))
+    N = np.zeros((6 + n, n))
     N[:6] = root_reaction(M)
-    N[6:] = np.eye(n)
+    N[6:].flat[:: n + 1] = 1.0  # the diagonal
     return N
 
 
 def root_velocity(M: FloatArray, joint_rates: FloatArray) -> FloatArray:
     """-M_b^-1 M_bm qd (6,): the root's velocity at zero momentum, in the root's axes [m/s; rad/s]."""
-    return -_over_base(M, M[:6, 6:] @ joint_rates)
+    return -_over_base(M, M[:6, 6:].dot(joint_rates))
 
 
 def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
@@ -73,7 +73,7 @@ def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
     With f the force for a motion that holds the base's acceleration at zero, the base takes up f_b by
     accelerating, and the joints see f_m - M_bm^T M_b^-1 f_b.
     """
-    torques: FloatArray = force[6:] - _over_base(M, force[:6]) @ M[:6, 6:]
+    torques: FloatArray = force[6:] - _over_base(M, force[:6]).dot(M[:6, 6:])
     return torques
 
 
@@ -115,7 +115,9 @@ def base_to_root(q: FloatArray, base_com: FloatArray) -> Any:
     base_com : ndarray, shape (3,)
         Centre of mass of the base body in the root frame [m].
     """
-    return pin.SE3(pin.XYZQUATToSE3(q[:7]).rotation.T, base_com)
+    transformation = pin.XYZQUATToSE3(q[:7]).inverse()
+    transformation.translation = base_com
+    return transformation
 
 
 def velocity_from_twist(base_to_root: Any, n: int) -> FloatArray:
@@ -128,7 +130,8 @@ def velocity_from_twist(base_to_root: Any, n: int) -> FloatArray:
     n : int
         Number of joints.
     """
-    T = np.eye(6 + n)
+    T = np.zeros((6 + n, 6 + n))
+    T.flat[:: 7 + n] = 1.0  # the diagonal
     T[:6, :6] = base_to_root.action
     return T
 
@@ -161,7 +164,7 @@ def whole_body(M: FloatArray) -> WholeBody:
 
 def cross_matrix(a: FloatArray) -> FloatArray:
     """The paper's skew matrix [a]x, with [a]x b = a x b."""
-    x, y, z = a
+    x, y, z = a.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 

@@ -47,7 +47,7 @@ def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArr
 
 def generalised_inertia(M: FloatArray, T: FloatArray) -> FloatArray:
     """H (6 + n, 6 + n) for [base twist; joint rates] (paper Eq. T): [[H_b, H_bm], [H_bm^T, H_m]]."""
-    H: FloatArray = T.T @ M @ T
+    H: FloatArray = T.T.dot(M.dot(T))
     return H
 
 
@@ -57,8 +57,9 @@ def velocity_forces(effects: FloatArray, T: FloatArray, H: FloatArray, base_twis
     `effects` (6 + n,) holds Pinocchio's velocity constant, in axes that turn with the base. Then the base's
     centre of mass accelerates by omega x (its velocity), and nothing else of [base twist; joint rates] does.
     """
-    turning = cross_matrix(base_twist[3:]) @ base_twist[:3]
-    C: FloatArray = effects @ T - turning @ H[:3]
+    vx, vy, vz, wx, wy, wz = base_twist.tolist()
+    turning = np.array([wy * vz - wz * vy, wz * vx - wx * vz, wx * vy - wy * vx])
+    C: FloatArray = effects.dot(T) - turning.dot(H[:3])
     return C
 
 
@@ -67,7 +68,7 @@ def velocity_forces(effects: FloatArray, T: FloatArray, H: FloatArray, base_twis
 
 def reduced_inertia(M: FloatArray, N: FloatArray) -> FloatArray:
     """H_q (n, n), the Schur complement of H_b in H: N^T M N, which is the joints' rows of M N."""
-    H_q: FloatArray = (M @ N)[6:]
+    H_q: FloatArray = M[6:].dot(N)
     return H_q
 
 
@@ -76,7 +77,7 @@ def reduced_effects(effects: FloatArray, N: FloatArray) -> FloatArray:
 
     It does not matter at which base acceleration the forces are: N^T M is zero in the base's columns.
     """
-    C_q: FloatArray = effects @ N
+    C_q: FloatArray = effects.dot(N)
     return C_q
 
 

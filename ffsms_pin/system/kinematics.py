@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.mechanism import Mechanism, scratch
 
@@ -26,6 +27,7 @@ __all__ = [
 _AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 # A singular value of J* below this fraction of the largest counts as zero.
 RANK_TOLERANCE = 1e-10
+_WORK = 64  # numbers of scratch space for dgelsy, which needs 25 for six columns
 
 
 def at_origin(q: FloatArray) -> FloatArray:
@@ -41,7 +43,9 @@ def at_origin(q: FloatArray) -> FloatArray:
 
 def base_pose(robot: Mechanism, q: FloatArray) -> Any:
     """Pose of the base (pinocchio.SE3): the root's axes, at the base's centre of mass."""
-    return pin.XYZQUATToSE3(q[:7]).act(pin.SE3(np.eye(3), robot.base_com))
+    pose = pin.XYZQUATToSE3(q[:7])
+    pose.translation = pose.act(robot.base_com)
+    return pose
 
 
 def frame_pose(robot: Mechanism, q: FloatArray) -> Any:
@@ -71,7 +75,7 @@ def generalised_jacobian(J: FloatArray, N: FloatArray) -> FloatArray:
     -----
     The same as J_b C_bm + J_m of the paper (Eq. DC_GJM), in other coordinates of the base's velocity.
     """
-    J_star: FloatArray = J @ N
+    J_star: FloatArray = J.dot(N)
     return J_star
 
 
@@ -81,6 +85,12 @@ def end_to_base(C_bm: FloatArray, J_star: FloatArray) -> FloatArray:
     Rounding leaves about 1e-16 of what is exactly zero at a singular posture, or out of an arm's plane, so
     singular values of J* below 1e-10 of the largest count as zero.
     """
-    # The least X with J*^T X = C_bm^T.
-    X, *_ = np.linalg.lstsq(J_star.T, C_bm.T, rcond=RANK_TOLERANCE)
-    return np.asarray(X.T, dtype=np.float64)
+    # The least X with J*^T X = C_bm^T, by a complete orthogonal factorisation. LAPACK writes X, six rows, over
+    # C_bm^T, n rows, so it wants room for the larger of the two.
+    n = C_bm.shape[1]
+    right = np.zeros((max(6, n), 6))
+    right[:n] = C_bm.T
+    any_column_first = np.zeros(6, np.int32)
+    _, X, *_ = lapack.dgelsy(J_star.T, right, any_column_first, RANK_TOLERANCE, _WORK)
+    C_be: FloatArray = X[:6].T
+    return C_be

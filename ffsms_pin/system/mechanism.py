@@ -35,6 +35,10 @@ class Mechanism:
         Where the joints stand in Pinocchio's q.
     n : int
         Number of actuated joints.
+    nq : int
+        Length of q: 7 for the base, then one a joint, two for a continuous one.
+    nv : int
+        Length of v: 6 + n.
     end_effector : str
     frame_id : int
         Pinocchio's index of the end-effector frame.
@@ -51,6 +55,7 @@ class Mechanism:
         self.model.gravity = pin.Motion.Zero()
         self.layout = JointLayout(self.model)
         self.n: int = self.layout.n
+        self.nq, self.nv = int(self.model.nq), int(self.model.nv)
         self.end_effector = end_effector
         self.frame_id: int = _frame_id(self.model, end_effector)
         self.base_com: FloatArray = frozen(np.array(self.model.inertias[1].lever))
@@ -69,16 +74,6 @@ class Mechanism:
             f"a robot cannot be changed (tried to {what} '{name}'); make another one:"
             " with_limits(limits), with_inertias(inertias), or load it with other arguments"
         )
-
-    @property
-    def nq(self) -> int:
-        """Length of q: 7 for the base, then one a joint, two for a continuous one."""
-        return int(self.model.nq)
-
-    @property
-    def nv(self) -> int:
-        """Length of v: 6 + n."""
-        return int(self.model.nv)
 
 
 class _Scratch(threading.local):

@@ -96,17 +96,17 @@ class State:
     @cached_property
     def base_twist(self) -> FloatArray:
         """Twist of the base (6,) [m/s; rad/s]: velocity of its centre of mass, angular velocity."""
-        return frozen(self._base_to_root.actionInverse @ self.v[:6])
+        return frozen(self._base_to_root.actionInverse.dot(self.v[:6]))
 
     @cached_property
     def end_effector_twist(self) -> FloatArray:
         """Twist of the end effector (6,) [m/s; rad/s]: velocity of the frame's origin, angular velocity."""
-        return frozen(self._J_e @ self.v)
+        return frozen(self._J_e.dot(self.v))
 
     @cached_property
     def J_b(self) -> FloatArray:
         """Base Jacobian (6, 6): end-effector twist a base twist (paper Eq. d1)."""
-        return frozen(self._J_e[:, :6] @ self._base_to_root.action)
+        return frozen(self._J_e[:, :6].dot(self._base_to_root.action))
 
     @property
     def J_m(self) -> FloatArray:
@@ -199,7 +199,7 @@ class State:
     @cached_property
     def C_bm(self) -> FloatArray:
         """Joint-to-base coupling (6, n): -H_b^-1 H_bm, base twist a joint rate at zero momentum."""
-        return frozen(self._base_to_root.actionInverse @ self._N[:6])
+        return frozen(self._base_to_root.actionInverse.dot(self._N[:6]))
 
     @cached_property
     def C_be(self) -> FloatArray:
