@@ -85,8 +85,8 @@ def end_to_base(C_bm: FloatArray, J_star: FloatArray) -> FloatArray:
     Rounding leaves about 1e-16 of what is exactly zero at a singular posture, or out of an arm's plane, so
     singular values of J* below 1e-10 of the largest count as zero.
     """
-    # The least X with J*^T X = C_bm^T, by a complete orthogonal factorisation. LAPACK writes X, six rows, over
-    # C_bm^T, n rows, so it wants room for the larger of the two.
+    # The least X with J*^T X = C_bm^T, by a complete orthogonal factorisation. LAPACK writes the six rows of
+    # X over the n rows of C_bm^T, so it wants room for the larger of the two.
     n = C_bm.shape[1]
     right = np.zeros((max(6, n), 6))
     right[:n] = C_bm.T
