@@ -25,7 +25,6 @@ from ffsms_pin.simulation import (
     random_plants,
 )
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.variants import with_limits
 
 __all__ = ["control_steps", "controller", "loop_options", "own_files", "plant", "radians"]
 
@@ -92,7 +91,7 @@ def plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
         path = scenario.robot_path(given.pop("model"))
         simulated = load(path, end_effector=given.pop("end_effector", sms.end_effector))
         if simulated.joint_names == sms.joint_names:  # `simulate` refuses another plant
-            simulated = with_limits(simulated, sms.limits)
+            simulated = simulated.with_limits(sms.limits)
     if given:
         simulated = perturb(simulated, **given)
     if shares is not None:

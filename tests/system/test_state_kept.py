@@ -14,6 +14,7 @@ import pytest
 from paper_sums import ARRAYS, assert_near, pinocchio_state, quantities, random_case, random_states
 
 import ffsms_pin as ffsms
+from ffsms_pin.system.mechanism import scratch
 
 
 def test_a_state_stays_valid_when_others_are_computed(planar: ffsms.SpaceManipulator, rng: Any) -> None:
@@ -89,7 +90,7 @@ def test_states_in_threads(planar: ffsms.SpaceManipulator, rng: Any) -> None:
             for _ in pool.map(work, states):
                 pass
             # A clash needs a switch at the wrong instant, so look for its cause too: shared scratch data.
-            assert pool.submit(lambda: planar._data).result() is not planar._data
+            assert pool.submit(scratch, planar).result() is not scratch(planar)
     finally:
         sys.setswitchinterval(interval)
 
