@@ -68,6 +68,8 @@ class Motions:
     pace : float
         Scale of speeds: the mean speed of a straight way to the target [m/s].
     smoothing : Smoothing
+    lag : float
+        The paper pairs a step's rates, those of its end, with the place at its start: so much earlier [s].
     """
 
     stack: ArmStack
@@ -89,6 +91,7 @@ class Motions:
     target: FloatArray
     pace: float
     smoothing: Smoothing = EXACT
+    lag: float = 0.0
 
     @property
     def count(self) -> int:

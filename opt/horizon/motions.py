@@ -67,6 +67,7 @@ def motions_of(
         target=target,
         pace=problem.pace,
         smoothing=smoothing,
+        lag=problem.dt,
     )
 
 

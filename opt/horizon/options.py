@@ -24,6 +24,8 @@ class SearchOptions:
         The coarse spline has ten control points a joint, enough for a zigzag of three strokes; the fine one about
         doubles that; on the finest the winners end: there the last tenth, where most of the cost is left, is fine
         enough for a tenth of the fine one's cost.
+    nearly_free : float
+        A motion on the fine spline that costs more [s, for motions up to 8 s] goes on on the finest one.
     last_iterations : int
         On the finest spline.
     near : float
@@ -51,6 +53,7 @@ class SearchOptions:
     coarse: Grid = Grid(6, 3, 2)
     fine: Grid = Grid(12, 5, 3)
     finest: Grid = Grid(24, 8, 4)
+    nearly_free: float = 1e-3
     last_iterations: int = 6
     near: float = 1.0
     near_goal: float = 0.05

@@ -32,11 +32,14 @@ class Found(NamedTuple):
     ----------
     plan : Trajectory
     p : ndarray, shape (M, n)
-        Its control points on the finest spline.
+        Its control points.
+    model : Model
+        Whose spline they belong to.
     """
 
     plan: Trajectory
     p: FloatArray
+    model: Model
 
 
 class Effort(NamedTuple):
@@ -73,7 +76,7 @@ class Effort(NamedTuple):
 # An early motion says little of what it comes to in the end, so where the first plans are not nearly free,
 # more are followed, and longer.
 EFFORTS = (
-    Effort(4, 4, True, (3, 2, 2), 1, 3e-3, 0.2),
+    Effort(3, 4, True, (3, 2, 1), 1, 3e-3, 0.2),
     Effort(4, 8, False, (6, 4, 2), 2, 0.03, 0.5),
     Effort(4, 20, False, (10, 6, 4), 4, np.inf, 0.0),
 )
@@ -100,8 +103,7 @@ class Search:
     ) -> None:
         self.problem, self.options = problem, options or SearchOptions()
         self._report = progress or (lambda share: None)
-        grids = (self.options.coarse, self.options.fine, self.options.finest)
-        self._coarse, self._fine, self._finest = (Model.make(problem, grid) for grid in grids)
+        self._coarse, self._fine = (Model.make(problem, one) for one in (self.options.coarse, self.options.fine))
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
         self.found: list[Found] = []
         self._pool: Candidates | None = None
@@ -139,7 +141,8 @@ class Search:
 
     def binding(self) -> list[tuple[str, int]]:
         """Joint limits that the best plan touches: kind and joint."""
-        return self._finest.qp.active(self.best().p)
+        found = self.best()
+        return found.model.qp.active(found.p)
 
     # -- starts ----------------------------------------------------------------------------------------
 
@@ -177,39 +180,44 @@ class Search:
                 self._finish(found.p[i])
 
     def _finish(self, p: FloatArray) -> None:
-        """From the fine spline to the finest, a few iterations there, and a landing."""
-        model, weights = self._finest, LATE[-1].weights
-        p = embedded(self._fine.spline, model.spline, p, self.problem.joint_rates)
-        motion = Candidates.start(model, p[None], weights, LATE[-1].damping or 0.03)
-        self._land(descend(model, motion, weights, self.options.last_iterations))
+        """Land on the fine spline; where the plan arrives but is not nearly free, go on on the finest one."""
+        weights, damping = LATE[-1].weights, LATE[-1].damping or 0.03
+        found = self._land(self._fine, Candidates.start(self._fine, p[None], weights, damping))
+        cheap = self.options.nearly_free * max(1.0, self._coarse.time)
+        if not found.plan.reached or cost_of(found.plan) <= cheap or self._out_of_time():
+            return
+        model = Model.make(self.problem, self.options.finest)
+        p = embedded(found.model.spline, model.spline, found.p, self.problem.joint_rates)
+        motion = Candidates.start(model, p[None], weights, damping)
+        self._land(model, descend(model, motion, weights, self.options.last_iterations))
 
-    def _land(self, motion: Candidates) -> None:
+    def _land(self, model: Model, motion: Candidates) -> Found:
         """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
-        problem, model = self.problem, self._finest
+        problem, whole = self.problem, model
         for _ in range(self.options.landings):
             motion = land(model, motion)
-            plan = self._keep(motion.p[0])
-            goal = aimed(problem, model.goal, plan)
-            if (goal is None and not plan.broken) or motion.at.error[0] > 1.0 or motion.at.tail[0] > 1.0:
+            found = self._keep(model, motion.p[0])
+            goal, broken = aimed(problem, model.goal, found.plan), found.plan.broken
+            if (goal is None and not broken) or motion.at.error[0] > 1.0 or motion.at.tail[0] > 1.0:
                 break
             aim = model.problem
-            if plan.broken:
+            if broken:
                 spare = self.options.spare * problem.stack.length
-                limits = [one.tightened(plan.broken.get(one.name, -spare) + spare) for one in aim.limits]
+                limits = [one.tightened(broken.get(one.name, -spare) + spare) for one in aim.limits]
                 aim = replace(aim, limits=limits)
             model = replace(model, problem=aim, goal=goal or model.goal)
             motion = Candidates.start(model, motion.p, LATE[-1].weights, motion.damping)
-        if plan.broken and not self._arrived():
-            self._keep(keep_limits(self._finest, motion).p[0])
+        if found.plan.broken and not self._arrived():
+            found = self._keep(whole, keep_limits(whole, motion).p[0])
+        return found
 
-    def _keep(self, p: FloatArray) -> Trajectory:
+    def _keep(self, model: Model, p: FloatArray) -> Found:
         problem = self.problem
         nodes = np.arange(problem.steps + 1, dtype=np.float64) * problem.dt
-        rates = self._finest.spline.rates_at(nodes).of(p, problem.joint_rates)
+        rates = model.spline.rates_at(nodes).of(p, problem.joint_rates)
         rates[0] = problem.joint_rates
-        plan = measure(problem, rates)
-        self.found.append(Found(plan, p))
-        return plan
+        self.found.append(Found(measure(problem, rates), p, model))
+        return self.found[-1]
 
     # -- special ways ----------------------------------------------------------------------------------
 
@@ -245,10 +253,10 @@ class Search:
                 break
 
     def _go_to(self, goal: FloatArray, iterations: int) -> None:
-        model = self._finest
+        model = self._fine
         p = model.qp.within(straight_moves(self.problem, model.spline, goal[None])[0])
         motion = Candidates.start(model, p[None], STIFF.weights, STIFF.damping or 1.0)
-        self._land(descend(model, motion, STIFF.weights, iterations))
+        self._land(model, descend(model, motion, STIFF.weights, iterations))
 
     # -- judging ---------------------------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsms_pin.checks import positive
+from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residual, Residuals
 from ffsms_pin.opt.batch.stacks import dot
@@ -44,7 +44,7 @@ class Coupling(Term):
 
     def residual(self, motions: Motions) -> Residuals:
         """C~ - (1 - H_norm), smoothed as `motions.smoothing` says."""
-        way, velocity, kappa = motions.to_target, motions.velocity, self.kappa
+        way, velocity, kappa = _way(motions), motions.velocity, self.kappa
         slow, close = motions.smoothing
         length = np.sqrt(dot(way, way) + _TINY_WAY)
         speed = np.sqrt(dot(velocity, velocity) + _TINY_SPEED)
@@ -67,23 +67,28 @@ class Coupling(Term):
         # Turning the velocity away from d by an angle, and stretching it.
         away = (side * along - d * across) / speed
         root = np.sqrt(self.weight)
+        by_tip = (by_angle * side - value * (1.0 - near * near) * d) / length
+        by_velocity = (by_angle * away + by_speed * e) / speed - motions.lag * by_tip
         return [
             Residual(
                 root * value,
-                by_velocity=root * (by_angle * away + by_speed * e) / speed,
-                by_tip=root * (by_angle * side - value * (1.0 - near * near) * d) / length,
+                by_velocity=root * by_velocity,
+                by_tip=root * by_tip,
                 by_entropy=root * near * fade,
             )
         ]
 
-    def cost(self, motions: Motions) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    def cost(self, motions: Motions) -> FloatArray:
         """The paper's cost integral (S,) [s], whatever the weight and the smoothing."""
-        way, velocity = motions.to_target, motions.velocity
+        way, velocity = _way(motions), motions.velocity
         scale = np.sqrt((dot(way, way) + _TINY_WAY) * (dot(velocity, velocity) + _TINY_SPEED))
         c_soft = np.logaddexp(0.0, self.kappa * dot(way, velocity) / scale) / self.kappa
-        result: np.ndarray[tuple[int], np.dtype[np.float64]] = (
-            c_soft - (1.0 - motions.entropy)
-        ) ** 2 @ motions.weights
+        result: FloatArray = (c_soft - (1.0 - motions.entropy)) ** 2 @ motions.weights
         return result
 
 
+
+
+def _way(motions: Motions) -> FloatArray:
+    """From the end effector to the target, the end effector where it was at the start of its step (3, S, K) [m]."""
+    return motions.to_target + motions.lag * motions.velocity
