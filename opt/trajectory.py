@@ -14,7 +14,7 @@ from ffsms_pin.coupling import cosine
 from ffsms_pin.opt.cost import step_cost
 from ffsms_pin.opt.momentum_drift import momentum_drift
 from ffsms_pin.opt.step_kinetics import step_kinetics
-from ffsms_pin.storage import load_arrays, save_arrays
+from ffsms_pin.storage import check_shapes, check_times, load_arrays, save_arrays
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
@@ -32,6 +32,14 @@ _SCALARS = (
     ("clear", bool),
     ("shortest_duration", float),
 )
+_SHAPES: dict[str, tuple[str | int, ...]] = {
+    **{"t": ("N+1",), "v": ("N+1", "n+6"), "q": ("N+1", "nq"), "joint_positions": ("N+1", "n")},
+    **{"joint_accelerations": ("N", "n"), "alpha": ("N", "n")},
+    **{"cos_theta": ("N",), "entropy": ("N",), "cost": ("N",)},
+    **{"end_effector": ("N+1", 3), "position_error": ("N+1",), "orientation_error": ("N+1",)},
+    **{"target": (3,), "target_rotation": (3, 3), "momentum": (6,)},
+    **{name: () for name, _ in _SCALARS},
+}
 
 
 @dataclass(frozen=True)
@@ -167,7 +175,11 @@ class Trajectory:
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
         # Files from before there was momentum have none.
-        arrays = load_arrays(path, _FORMAT, [one.name for one in fields(cls)], {"momentum": np.zeros(6)})
+        old, kinds = {"momentum": np.zeros(6)}, {"note": "U", "clear": "b"}
+        arrays = load_arrays(
+            path, _FORMAT, list(_SHAPES), old, lambda heads: check_shapes(path, heads, _SHAPES, kinds)
+        )
+        check_times(path, arrays["t"])
         for name, kind in _SCALARS:
             arrays[name] = kind(arrays[name])
         return cls(**arrays)
