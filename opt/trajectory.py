@@ -33,11 +33,17 @@ _SCALARS = (
     ("shortest_duration", float),
 )
 _SHAPES: dict[str, tuple[str | int, ...]] = {
-    **{"t": ("N+1",), "v": ("N+1", "n+6"), "q": ("N+1", "nq"), "joint_positions": ("N+1", "n")},
-    **{"joint_accelerations": ("N", "n"), "alpha": ("N", "n")},
-    **{"cos_theta": ("N",), "entropy": ("N",), "cost": ("N",)},
-    **{"end_effector": ("N+1", 3), "position_error": ("N+1",), "orientation_error": ("N+1",)},
-    **{"target": (3,), "target_rotation": (3, 3), "momentum": (6,)},
+    "t": ("N+1",),
+    "v": ("N+1", "n+6"),
+    "q": ("N+1", "nq"),
+    "joint_positions": ("N+1", "n"),
+    "end_effector": ("N+1", 3),
+    "target": (3,),
+    "target_rotation": (3, 3),
+    "momentum": (6,),
+    **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
+    **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
+    **dict.fromkeys(("position_error", "orientation_error"), ("N+1",)),
     **{name: () for name, _ in _SCALARS},
 }
 
