@@ -15,9 +15,9 @@ _ORPHANED = 1  # exit status, that nobody is left to read
 def end_with_parent(parent: int) -> None:
     """In a worker: end this process soon after its parent has ended, however that came about.
 
-    A process whose parent was killed is not told: it would wait for work that nobody sends, and hold memory and
-    semaphores. A thread looks every second whose child this process is; when that changes, the process ends at
-    once, without the clean-up that might wait for the parent.
+    A process whose parent was killed is not told: it would wait for work that nobody sends, and hold memory
+    and semaphores. A thread looks every second whose child this process is; when that changes, the process
+    ends at once, without the clean-up that might wait for the parent.
 
     Parameters
     ----------

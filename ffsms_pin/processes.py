@@ -188,7 +188,7 @@ def _submit(jobs: int, common: bytes, packed: bytes) -> Future[bytes]:
 
 
 def _begin(parent: int) -> None:
-    """In a worker: Ctrl-C is for the process that the user started; it ends the workers, also by its death."""
+    """In a worker: Ctrl-C is for the process that the user started; it ends the workers, dead or alive."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent(parent)
 

@@ -28,10 +28,10 @@ def chosen_folder(out: str | None, name: str) -> Path:
 def results_folder(out: Path, at_once: bool = False) -> Iterator[Path]:
     """A temporary folder whose files move to `out` when the block ends well, and vanish when it does not.
 
-    A folder that does not exist yet appears in one move. In one that does, the complete results arrive as one
-    hidden folder, in one move, and from there each file replaces its namesake in one move: where a run is killed
-    meanwhile, the next one into this folder moves the rest before it starts. Runs that were killed earlier leave
-    hidden folders: these are removed.
+    A folder that does not exist yet appears in one move. In one that does, the complete results arrive as
+    one hidden folder, in one move, and from there each file replaces its namesake in one move: where a run is
+    killed meanwhile, the next one into this folder moves the rest before it starts. Hidden folders that runs
+    left when they were killed earlier are removed.
 
     Parameters
     ----------

@@ -83,8 +83,8 @@ def run(
     progress : callable, optional
         Called with "planning", "tracking" or "plan once" and the share of that stage that is done, 0 to 1.
     folder : Path, optional
-        Where the results will be: it must have room for them, and the files that the scenario names count from
-        there. Default: the folder of the scenario's file.
+        Where the results will be: it must have room for them, and the files that the scenario names count
+        from there. Default: the folder of the scenario's file.
     allow_outside : bool
         Whether files that the scenario names may lie elsewhere than below that folder.
 

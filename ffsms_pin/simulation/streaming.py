@@ -33,15 +33,15 @@ class RowStream:
     Parameters
     ----------
     path : path
-        The result, an npz file; its folder must exist. What an earlier run left unfinished there is kept beside
-        it, as `<name>.part-1` or the next number that is free.
+        The result, an npz file; its folder must exist. What an earlier run left unfinished there is kept
+        beside it, as `<name>.part-1` or the next number that is free.
 
     Raises
     ------
     ResultError
-        The files cannot be made, another run records to the same file, or a `<name>.part` that is not ours is
-        in the way. The whole size of the rows is reserved, and that of the result must be free besides: a disk
-        that is too small is found out before the run and not during it.
+        The files cannot be made, another run records to the same file, or a `<name>.part` that is not ours
+        is in the way. The whole size of the rows is reserved, and that of the result must be free besides: a
+        disk that is too small is found out before the run and not during it.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:

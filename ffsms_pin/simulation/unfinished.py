@@ -98,8 +98,8 @@ def recorded(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str, An
     Raises
     ------
     ResultError
-        The rows cannot be read, or there is a complete file beside them: it may be the result of an older run,
-        and nobody should take the one for the other.
+        The rows cannot be read, or there is a complete file beside them: it may be the result of an older
+        run, and nobody should take the one for the other.
     """
     folder = Path(path)
     if not _is_ours(folder):
@@ -111,8 +111,8 @@ def recorded(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str, An
                 return None
             raise ResultError(
                 path,
-                f"is complete, but {folder} holds rows of another run that is not: load '{folder}' for these, "
-                "or with complete=True the complete file",
+                f"is complete, but {folder} holds rows of another run that is not: load '{folder}' for these,"
+                " or with complete=True the complete file",
             )
     rows = _rows(folder)
     if rows == 0:

@@ -16,8 +16,8 @@ from ffsms_pin.storage.writing import write_atomically
 __all__ = ["Header", "load_arrays", "save_arrays"]
 
 _FORMAT_KEY = "format"
-# Packed arrays of doubles shrink to a half, seldom to a tenth. What would unpack to more than a gigabyte and to
-# more than twenty times the file's own size is refused.
+# Packed arrays of doubles shrink to a half, seldom to a tenth. What would unpack to more than a gigabyte and
+# to more than twenty times the file's own size is refused.
 _UNPACKED = 2**30  # [bytes]
 _RATIO = 20
 _LONGEST_TEXT = 2**20  # [bytes]

@@ -32,9 +32,9 @@ def check_shapes(
     arrays : mapping of str to arrays
         Anything with `shape` and `dtype`: the header of an array is enough.
     wanted : mapping of str to tuple
-        The dimensions of each array: numbers, or sizes by name ("N", "n", "nq") with or without a number added
-        ("N+1"). The first array that has a size by itself sets it. Where "n" joints and "nq" are named, nq is
-        checked against n: a free base has 7 of them, and a joint 1 or, where it turns for ever, 2.
+        The dimensions of each array: numbers, or sizes by name ("N", "n", "nq") with or without a number
+        added ("N+1"). The first array with a size of that name sets it. Where "n" joints and "nq" are named,
+        nq is checked against n: a free base has 7 of them, and a joint 1 or, where it turns for ever, 2.
     others : mapping of str to str
         Kinds of data (numpy's letters) of the arrays that hold no numbers.
     """

@@ -1,27 +1,18 @@
 """Hidden files and folders that hold what is half written, and their removal once their run is dead.
 
-Their name says that they are ours: `.NAME.ffsms-pin-xxxxxxxx`. The run that made one holds a lock on it (flock)
-that the system releases when the run ends, however it ends. One without a lock is a leftover.
+Their name says that they are ours: `.NAME.ffsms-pin-xxxxxxxx`. The run that made one holds a lock on it
+(flock) that the system releases when the run ends, however it ends. One without a lock is a leftover.
 """
 
 from __future__ import annotations
 
+import fcntl  # of POSIX systems: those that Pinocchio is packaged for
 import os
 import re
 import secrets
 import shutil
 from contextlib import suppress
 from pathlib import Path
-
-try:
-    from fcntl import LOCK_EX, LOCK_NB, flock
-except ImportError:  # no such locks on this system: leftovers stay
-    LOCK_EX = LOCK_NB = 0
-
-    def flock(fd: object, operation: int, /) -> None:
-        """Stand in for the call that is not there."""
-        raise OSError("no locks")
-
 
 __all__ = [
     "COMPLETE",
@@ -70,7 +61,7 @@ def open_folder(path: Path) -> int:
 def is_abandoned(handle: int) -> bool:
     """Whether no run holds the lock of an open file or folder; if so, the descriptor holds it from now on."""
     try:
-        flock(handle, LOCK_EX | LOCK_NB)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:  # held by a run, or there are no locks on this file system and nobody knows
         return False
     return True
@@ -101,7 +92,7 @@ def _remove_abandoned(path: Path) -> None:
 def _held(path: Path, handle: int) -> bool:
     """Lock what was just made; False where another run took it for a leftover before the lock was there."""
     with suppress(OSError):
-        flock(handle, LOCK_EX | LOCK_NB)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     try:
         there = os.path.samestat(os.stat(path), os.fstat(handle))
     except FileNotFoundError:

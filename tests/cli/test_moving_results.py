@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from ffsms_pin import storage
 from ffsms_pin.cli import results_folder as module
 from ffsms_pin.cli.results_folder import results_folder
 from ffsms_pin.errors import ResultError
@@ -88,9 +89,14 @@ def test_a_move_that_was_killed_is_finished_by_the_next_run(tmp_path: Path, move
     killed(out, move)
     found = texts(out)
     assert sorted(found.values()) == ["new a", "new b", "new c"][:move] + ["old"] * (4 - move)
-    with pytest.raises(RuntimeError), results_folder(out):  # even one that comes to nothing
-        assert texts(out) == {"a": "new a", "b": "new b", "c": "new c", "d": "old"}
-        raise RuntimeError
+
+    def fail() -> None:  # even a run that comes to nothing
+        with results_folder(out):
+            assert texts(out) == {"a": "new a", "b": "new b", "c": "new c", "d": "old"}
+            raise RuntimeError("stopped")
+
+    with pytest.raises(RuntimeError, match="stopped"):
+        fail()
     assert sorted(os.listdir(out)) == ["a", "b", "c", "d"]
 
 
@@ -159,7 +165,7 @@ def test_a_move_that_fails_half_way_loses_nothing(tmp_path: Path, monkeypatch: p
             for name in "ab":
                 (staging / name).write_text("new")
 
-    really = module.replace_file
+    really = storage.replace_file
 
     def full(source: Path, path: Path) -> None:
         if path.name == "b":
@@ -167,7 +173,9 @@ def test_a_move_that_fails_half_way_loses_nothing(tmp_path: Path, monkeypatch: p
         really(source, path)
 
     monkeypatch.setattr(module, "replace_file", full)
-    with pytest.raises(ResultError, match=r"No space left.*the rest is in .*-complete: the next run moves it"):
+    with pytest.raises(
+        ResultError, match=r"No space left.*the rest is in .*-complete: the next run moves it"
+    ):
         fill()
     monkeypatch.undo()
     assert texts(out) == {"a": "new"}
@@ -180,11 +188,13 @@ def test_a_move_that_fails_half_way_loses_nothing(tmp_path: Path, monkeypatch: p
 def test_a_full_disk_is_found_out_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "a").write_text("old")
-    room = shutil._ntuple_diskusage(10**9, 10**9 - 1000, 1000)  # type: ignore[attr-defined]
+    room = shutil._ntuple_diskusage(10**9, 10**9 - 1000, 1000)
     monkeypatch.setattr(shutil, "disk_usage", lambda place: room)
     for out in (tmp_path / "out", tmp_path / "new" / "out"):
-        with pytest.raises(ResultError, match=r"needs about 16 MB.*only 0\.001 MB are free"):
-            with results_folder(out):  # noqa: PT012
-                pytest.fail("the run has begun")
+        with (
+            pytest.raises(ResultError, match=r"needs about 16 MB.*only 0\.001 MB are free"),
+            results_folder(out),
+        ):
+            pytest.fail("the run has begun")
     assert os.listdir(tmp_path) == ["out"]
     assert texts(tmp_path / "out") == {"a": "old"}

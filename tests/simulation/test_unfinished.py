@@ -1,4 +1,4 @@
-"""What a dead run left of its recording: told from older results, kept by the next run, never a stranger's."""
+"""What a dead run left of its recording: told from older results, kept by the next run, and ours alone."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def test_a_disk_without_room_is_found_out_before_the_run(
             return super().sample(t)
 
     def room(place: Any) -> Any:  # for the rows, and not for the result beside them
-        return shutil._ntuple_diskusage(10**9, 10**9 - 200_000, 200_000)  # type: ignore[attr-defined]
+        return shutil._ntuple_diskusage(10**9, 10**9 - 200_000, 200_000)
 
     monkeypatch.setattr(shutil, "disk_usage", room)
     with pytest.raises(ResultError, match=r"cannot be written \(it needs about .* but only 0.2 MB are free"):

@@ -1,4 +1,4 @@
-"""Result files that are damaged, foreign or made to harm: one error, and nothing read that does not belong."""
+"""Result files that are damaged, foreign or made to harm: one error, and nothing read that is not ours."""
 
 from __future__ import annotations
 
