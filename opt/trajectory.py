@@ -185,7 +185,7 @@ class Trajectory:
         arrays = load_arrays(
             path, _FORMAT, list(_SHAPES), old, lambda heads: check_shapes(path, heads, _SHAPES, kinds)
         )
-        check_times(path, arrays["t"])
+        check_times(path, arrays["t"], least=2)
         for name, kind in _SCALARS:
             arrays[name] = kind(arrays[name])
         return cls(**arrays)

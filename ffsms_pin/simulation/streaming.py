@@ -61,6 +61,8 @@ class RowStream:
         return self
 
     def __exit__(self, *error: object) -> None:
+        if self._unlock.alive and self._rows[0] == 0:  # it failed before there was anything to keep
+            given_up(self.folder)
         self._unlock()  # from now on another run may take the place
 
     def empty(self, name: str, shape: tuple[int, ...]) -> FloatArray:

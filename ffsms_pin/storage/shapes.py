@@ -60,8 +60,10 @@ def check_shapes(
         )
 
 
-def check_times(path: str | os.PathLike[str], t: NDArray[np.float64]) -> None:
-    """Raise `ResultError` unless instants are finite and rise."""
+def check_times(path: str | os.PathLike[str], t: NDArray[np.float64], least: int = 1) -> None:
+    """Raise `ResultError` unless there are so many instants, finite and rising."""
+    if len(t) < least:
+        raise ResultError(path, f"holds {len(t)} instants in t where at least {least} are needed")
     if not (np.isfinite(t).all() and (np.diff(t) > 0.0).all()):
         raise ResultError(path, "holds instants in t that do not rise")
 

@@ -117,6 +117,21 @@ def test_a_part_that_is_not_ours_is_not_touched(
     refused(lambda: Tracking.load(mine), ResultError)
 
 
+def test_a_run_that_fails_at_its_start_leaves_nothing(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
+    class Late(Swing):
+        calls = 0
+
+        def sample(self, t: float) -> Any:
+            self.calls += 1
+            if self.calls > 1:  # one asks where it starts
+                raise RuntimeError("no sample")
+            return super().sample(t)
+
+    with pytest.raises(RuntimeError, match="no sample"):
+        simulate(planar, Late(planar), SlidingModeController(planar), stream=tmp_path / "x.npz")
+    assert os.listdir(tmp_path) == []
+
+
 def test_two_runs_do_not_record_to_one_file(tmp_path: Path, refused: Refused) -> None:
     with RowStream(tmp_path / "x.npz") as rows:
         rows.empty("q", (3, 2))

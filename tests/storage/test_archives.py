@@ -156,6 +156,13 @@ def test_a_plan_whose_arrays_do_not_fit_is_refused(
     changed("t", values["t"][::-1], "do not rise")
     changed("t", np.full_like(values["t"], np.nan), "do not rise")
     changed("q", values["q"][:, :9], "holds q of shape (21, 9) where 10 to 13 columns would fit")
+    one = {
+        name: value[: len(value) - 20]
+        for name, value in values.items()
+        if len(value.shape) > 0 and len(value) > 19
+    }
+    written(path, {**values, **one})
+    refused(lambda: opt.Trajectory.load(path), ResultError, "holds 1 instants in t where at least 2")
     changed("clear", np.array("yes"), "holds no yes or no in clear")
     changed("clear", np.array([True, False]), "holds clear of shape (2,)")
     changed("note", np.array(3.0), "holds no text in note")
