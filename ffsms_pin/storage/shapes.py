@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping
 from typing import Any
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from ffsms_pin.errors import ResultError
 
-__all__ = ["check_shapes", "check_times"]
+__all__ = ["check_shapes", "check_times", "numbers_by_name"]
 
 NUMBERS, TRUTH, TEXT = "fiu", "b", "U"
 _KINDS = {NUMBERS: "no numbers", TRUTH: "no yes or no", TEXT: "no text"}
@@ -66,6 +67,23 @@ def check_times(path: str | os.PathLike[str], t: NDArray[np.float64], least: int
         raise ResultError(path, f"holds {len(t)} instants in t where at least {least} are needed")
     if not (np.isfinite(t).all() and (np.diff(t) > 0.0).all()):
         raise ResultError(path, "holds instants in t that do not rise")
+
+
+def numbers_by_name(path: str | os.PathLike[str], name: str, text: str, rows: bool = False) -> dict[str, Any]:
+    """Numbers, or rows of numbers as arrays, that a result keeps by name in a text of JSON."""
+    try:
+        found = json.loads(text)
+        if rows:
+            return {key: np.array([_number(one) for one in row]) for key, row in found.items()}
+        return {key: _number(value) for key, value in found.items()}
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError):
+        raise ResultError(path, f"holds no numbers by name in {name}") from None
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError("no number")
+    return float(value)
 
 
 def _size(dimension: str | int, sizes: Mapping[str, int]) -> int | None:
