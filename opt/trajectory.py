@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from ffsms_pin.opt.batch.stacks import apply, cross, dot, log3
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.terms import Coupling
-from ffsms_pin.storage import load_arrays, save_arrays
+from ffsms_pin.storage import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
 
 __all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
 
@@ -31,6 +30,21 @@ _SCALARS = (
     ("clear", bool),
     ("shortest_duration", float),
 )
+_SHAPES: dict[str, tuple[str | int, ...]] = {
+    "t": ("N+1",),
+    "v": ("N+1", "n+6"),
+    "q": ("N+1", "nq"),
+    "joint_positions": ("N+1", "n"),
+    "end_effector": ("N+1", 3),
+    "target": (3,),
+    "target_rotation": (3, 3),
+    "momentum": (6,),
+    **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
+    **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
+    **dict.fromkeys(("position_error", "orientation_error"), ("N+1",)),
+    **{name: () for name, _ in _SCALARS},
+    **dict.fromkeys(_TEXTS, ()),
+}
 
 
 @dataclass(frozen=True)
@@ -184,10 +198,13 @@ class Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
         # Files from before there was momentum, or before there were terms, have none.
         before = {"momentum": np.zeros(6), **{name: np.array("{}") for name in _TEXTS}}
-        arrays: dict[str, Any] = load_arrays(path, _FORMAT, [one.name for one in fields(cls)], before)
+        kinds = {"clear": "b", **dict.fromkeys(("note", *_TEXTS), "U")}
+        arrays = load_arrays(
+            path, _FORMAT, list(_SHAPES), before, lambda heads: check_shapes(path, heads, _SHAPES, kinds)
+        )
+        check_times(path, arrays["t"], least=2)
         for name in _TEXTS:
-            arrays[name] = json.loads(str(arrays[name]))
-        arrays["binding"] = {name: np.array(at) for name, at in arrays["binding"].items()}
+            arrays[name] = numbers_by_name(path, name, str(arrays[name]), rows=name == "binding")
         for name, kind in _SCALARS:
             arrays[name] = kind(arrays[name])
         return cls(**arrays)

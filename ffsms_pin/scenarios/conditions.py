@@ -26,7 +26,7 @@ from ffsms_pin.simulation import (
 )
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["control_steps", "controller", "loop_options", "own_files", "plant", "radians"]
+__all__ = ["control_steps", "controller", "loop_options", "plant", "radians"]
 
 _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
 
@@ -68,18 +68,6 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     if scenario.watchdog is not None:
         limits = radians(scenario.watchdog)
         options["watchdog"] = Watchdog(**{key: limits[key] for key in limits if key != "path"})
-    return options
-
-
-def own_files(scenario: Scenario) -> dict[str, Any]:
-    """Options of `simulate` that write files: for one run of a scenario, and not for every one of many."""
-    options: dict[str, Any] = {}
-    folder = scenario.source.parent
-    if "stream" in scenario.simulation:
-        options["stream"] = folder / scenario.simulation["stream"]
-    if scenario.watchdog is not None and "path" in scenario.watchdog:
-        limits = radians(scenario.watchdog)
-        options["watchdog"] = Watchdog(**{**limits, "path": folder / limits["path"]})
     return options
 
 
