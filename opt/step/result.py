@@ -1,4 +1,4 @@
-"""The result of one planning step."""
+"""The result of one step of the paper's method."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ class Step(NamedTuple):
     cost : float
         The paper's summand (C~ - (1 - H_norm))^2.
     solved : bool
-        False where the programme had no solution in time and the arm brakes instead.
+        False where the programme was not solved and the arm brakes within its limits instead.
+    slack : float
+        How far the limits that may give way did [m/s]; zero where all of them are kept.
     """
 
     alpha: FloatArray
@@ -34,3 +36,4 @@ class Step(NamedTuple):
     entropy: float
     cost: float
     solved: bool
+    slack: float = 0.0

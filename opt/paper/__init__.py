@@ -1,0 +1,1 @@
+"""The paper's plain nonlinear step, for comparison."""

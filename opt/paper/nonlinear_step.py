@@ -1,0 +1,129 @@
+"""The paper's own way: each step minimises its cost over alpha directly, as a nonlinear programme."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.coupling import cosine
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit
+from ffsms_pin.opt.limits.rate_bounds import rate_bounds
+from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.step.direction import reference_speed
+from ffsms_pin.opt.step.result import Step
+from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.terms.cost import soft_assistance, step_cost
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["NonlinearStepper"]
+
+# The schedule may ask for this share of what lies between the slowest and the fastest approach that the
+# limits allow in the step: all of it would leave the cost no say.
+_SHARE = 0.9
+
+
+class NonlinearStepper:
+    """Minimise (C~ - (1 - H_norm))^2 over alpha at each step, under const1 to const8 (Eq. optimal_cost).
+
+    The paper names no solver and no way to meet const8 step by step. Here sequential least-squares
+    programming (scipy's SLSQP) starts from the last rates, and const8 becomes a row: approach the target at
+    least as fast as the schedule asks. The minimum is a whole cone of rates, on which the solver stops where
+    it first arrives; neighbouring steps need not agree, so the rates chatter, as the paper's figures do.
+
+    The joint limits and |alpha_i| <= 1 always hold, as printed; the rows of other limits do not give way.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    dt, kappa, limits
+        As for `Stepper`.
+    """
+
+    def __init__(self, sms: SpaceManipulator, dt: float, kappa: float, limits: Sequence[Limit]) -> None:
+        self.sms, self.dt, self.kappa = sms, positive("dt", dt, "s"), positive("kappa", kappa)
+        self.limits = tuple(limit.for_robot(sms) for limit in limits)
+        self.momentum: FloatArray | None = None
+        self._data = sms.model.createData()
+
+    def advance(
+        self,
+        q: FloatArray,
+        rates: FloatArray,
+        target: FloatArray,
+        time_left: float,
+        rotation: FloatArray | None = None,
+    ) -> Step:
+        """Joint rates for the next step; arguments as for `Stepper.advance`."""
+        if rotation is not None:
+            raise InvalidValue(
+                "target", rotation, "must be a position for the paper's way: it has no attitude"
+            )
+        step = step_state(self.sms, q, rates, self.dt, time_left, data=self._data)
+        lower, upper = rate_bounds(step.joints, rates, self.sms.limits, self.dt)
+        J_v, V = step.J_star[:3], step.V
+        way = target - step.pose.translation
+        distance = math.sqrt(float(way @ way))
+        towards = way / max(distance, 1e-12)
+        A = J_v @ V
+
+        closing = towards @ J_v
+        fastest = float(np.maximum(closing * lower, closing * upper).sum())
+        slowest = float(np.minimum(closing * lower, closing * upper).sum())
+        asked = reference_speed(distance, float(closing @ rates), time_left, self.dt)
+        G, least = self._rows(step)
+        rows = np.vstack([np.eye(self.sms.n), -np.eye(self.sms.n), G, closing]) @ V
+        least = np.concatenate([lower, -upper, least, [min(asked, slowest + _SHARE * (fastest - slowest))]])
+
+        def cost(alpha: FloatArray) -> tuple[float, FloatArray]:
+            return self._cost(A @ alpha, A, towards, step.entropy)
+
+        # The last rates, or where those lead nowhere (as at rest) the fastest approach.
+        approach = np.where(closing > 0.0, upper, lower)
+        starts = [approach] if not rates.any() else [np.clip(rates, lower, upper), approach]
+        for start in starts:
+            result = minimize(
+                cost,
+                V.T @ start,
+                jac=True,
+                method="SLSQP",
+                bounds=[(-1.0, 1.0)] * self.sms.n,
+                constraints=[{"type": "ineq", "fun": lambda x: rows @ x - least, "jac": lambda x: rows}],
+                options={"maxiter": 100, "ftol": 1e-9},
+            )
+            solved = bool(np.isfinite(result.x).all()) and float((rows @ result.x - least).min()) > -1e-6
+            if solved:
+                break
+        chosen = np.clip(V @ result.x if solved else np.zeros(self.sms.n), lower, upper)
+        cos_theta = cosine(J_v @ chosen, towards)
+        summand = step_cost(cos_theta, step.entropy, self.kappa)
+        return Step(V.T @ chosen, chosen, cos_theta, step.entropy, summand, solved)
+
+    def _rows(self, step: StepState) -> tuple[FloatArray, FloatArray]:
+        """The rows of all limits as G u >= least."""
+        G, least = [np.zeros((0, self.sms.n))], [np.zeros(0)]
+        for limit in self.limits:
+            rows = limit.rows(step)
+            if rows is not None:
+                below, above = rows.lower > -UNBOUNDED, rows.upper < UNBOUNDED
+                G += [rows.G[below], -rows.G[above]]
+                least += [rows.lower[below], -rows.upper[above]]
+        return np.vstack(G), np.concatenate(least)
+
+    def _cost(
+        self, velocity: FloatArray, A: FloatArray, towards: FloatArray, entropy: float
+    ) -> tuple[float, FloatArray]:
+        """The paper's summand and its gradient with respect to alpha."""
+        speed = math.sqrt(float(velocity @ velocity))
+        if speed < 1e-12:
+            return step_cost(0.0, entropy, self.kappa), np.zeros(A.shape[1])
+        cos_theta = float(towards @ velocity) / speed
+        gap = soft_assistance(cos_theta, self.kappa) - (1.0 - entropy)
+        # The logistic function, by a form that does not overflow.
+        slope = 0.5 * (1.0 + math.tanh(0.5 * self.kappa * cos_theta))
+        turn = (towards - cos_theta * velocity / speed) / speed
+        return gap * gap, 2.0 * gap * slope * (A.T @ turn)

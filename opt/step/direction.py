@@ -1,0 +1,168 @@
+"""Where the end effector should go now, and how fast: on the paper's cone, or straight to the target.
+
+The paper's cost vanishes where the end effector moves at the angle acos(c*) to the direction of its target.
+What a step remembers for the next one is the side of that cone on which it moved, nothing else: it is given
+to `wanted_motion` and comes back from it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.step_state import StepState
+
+__all__ = [
+    "ARRIVAL_POWER",
+    "WantedMotion",
+    "cone_direction",
+    "lateral_direction",
+    "reference_speed",
+    "wanted_motion",
+    "wanted_spin",
+]
+
+# The distance left shrinks as (time left)^p. With p = 2.5 the speed and the deceleration end at zero, the
+# speed at the start is only 2.5 times the mean, and at 0.9 T, where const8 begins, 0.3 % of the way is left.
+ARRIVAL_POWER = 2.5
+# The schedule ends this many steps after the deadline. A stopped end effector has no direction, so
+# cos(theta_a) would be undefined at the last step, and the paper's cost would charge for it. What is left of
+# the speed there is some 1e-5 m/s.
+AFTER = 2.0
+# Below this cosine the path would be a spiral of many turns; its length is then taken as if at this cosine.
+LEAST_APPROACH = 0.2
+_ARRIVED = 1e-12  # [m, rad] nearer than this the direction to the target is rounding
+_MOST = 1e6  # [rad/s^2] stands for no limit on an acceleration
+
+
+class WantedMotion(NamedTuple):
+    """How the end effector should move at the end of a step.
+
+    Attributes
+    ----------
+    towards : ndarray, shape (3,)
+        Unit vector to the target; zero where it has arrived.
+    direction : ndarray, shape (3,)
+        Unit vector along which to move, the e of docs/convex-step.md; zero likewise.
+    speed : float
+        s_ref [m/s].
+    side : ndarray, shape (3,)
+        The side of the cone, across `towards`: what the next step is to be given.
+    """
+
+    towards: FloatArray
+    direction: FloatArray
+    speed: float
+    side: FloatArray
+
+
+def wanted_motion(step: StepState, target: FloatArray, cosine: float, side: FloatArray) -> WantedMotion:
+    """Direction and speed of the end effector at the step's end.
+
+    Parameters
+    ----------
+    step : StepState
+    target : ndarray, shape (3,)
+        Inertial axes [m].
+    cosine : float
+        Of the angle between the direction and that to the target; 1 goes straight.
+    side : ndarray, shape (3,)
+        Vector whose part across the way to the target is the side to move on; zero: as the end effector
+        moves now.
+    """
+    way = target - step.pose.translation
+    distance = math.sqrt(way @ way)
+    if distance < _ARRIVED:
+        return WantedMotion(np.zeros(3), np.zeros(3), 0.0, side)
+    towards = way / distance
+    J_v = step.J_star[:3]
+    velocity = J_v @ step.rates + step.tip_drift[:3]
+    lateral = lateral_direction(towards, side if side.any() else velocity)
+    direction = cone_direction(towards, lateral, cosine)
+    # A path at a constant angle to the direction of the target is 1 / cos longer than the straight one.
+    path = distance / max(cosine, LEAST_APPROACH)
+    speed = _scheduled(step, path, float(velocity @ direction), direction @ J_v)
+    return WantedMotion(towards, direction, speed, lateral)
+
+
+def wanted_spin(step: StepState, rotation: FloatArray) -> FloatArray:
+    """Angular velocity (3,) of the end effector at the step's end: to an attitude, on the same schedule.
+
+    Parameters
+    ----------
+    step : StepState
+    rotation : ndarray, shape (3, 3)
+        Wanted attitude of the end-effector frame, inertial axes.
+    """
+    turn: FloatArray = pin.log3(rotation @ step.pose.rotation.T)
+    angle = math.sqrt(turn @ turn)
+    if angle < _ARRIVED:
+        return np.zeros(3)
+    axis = turn / angle
+    J_w = step.J_star[3:]
+    spin = J_w @ step.rates + step.tip_drift[3:]
+    wanted: FloatArray = _scheduled(step, angle, float(axis @ spin), axis @ J_w) * axis
+    return wanted
+
+
+def _scheduled(step: StepState, left: float, speed: float, gradient: FloatArray) -> float:
+    """The schedule's speed, as far as the joints can reach it in one step.
+
+    `gradient` (n,) is the slope of the speed by the joint rates. Asking for more than the joints can add would
+    buy speed with direction.
+    """
+    now = max(0.0, speed)
+    wanted = reference_speed(left, now, step.time_left, step.dt)
+    if wanted <= now:
+        return wanted
+    acceleration = np.minimum(step.sms.limits.acceleration, _MOST)
+    return min(wanted, now + step.dt * float(np.abs(gradient) @ acceleration))
+
+
+def reference_speed(path_left: float, speed: float, time_left: float, dt: float) -> float:
+    """End-effector speed [m/s] at the end of the next step that leads to the target at the deadline (const8).
+
+    Parameters
+    ----------
+    path_left : float
+        Length of the way to the target, at the step's start [m].
+    speed : float
+        Speed at the step's start [m/s].
+    time_left : float
+        Time from the step's start to the deadline [s].
+    dt : float
+        Step [s].
+    """
+    # speed_next = p (path left at the step's end) / (time left at the step's end), solved for speed_next.
+    left_after = max(time_left - dt, 0.0) + AFTER * dt
+    way = max(path_left - 0.5 * dt * speed, 0.0)
+    return ARRIVAL_POWER * way / (left_after + 0.5 * dt * ARRIVAL_POWER)
+
+
+def lateral_direction(towards: FloatArray, hint: FloatArray) -> FloatArray:
+    """Unit vector (3,) across `towards`, as near to `hint` as possible.
+
+    Parameters
+    ----------
+    towards : ndarray, shape (3,)
+        Unit vector to the target.
+    hint : ndarray, shape (3,)
+        The side to take; where it has no part across `towards`, any side is taken.
+    """
+    across = hint - (hint @ towards) * towards
+    size = math.sqrt(across @ across)
+    if size < 1e-9:
+        # The cross product with the axis that is furthest from it.
+        across = np.cross(towards, np.eye(3)[int(np.argmin(np.abs(towards)))])
+        size = math.sqrt(across @ across)
+    lateral: FloatArray = across / size
+    return lateral
+
+
+def cone_direction(towards: FloatArray, lateral: FloatArray, cosine: float) -> FloatArray:
+    """Unit vector (3,) at the angle acos(cosine) to `towards`, on the side `lateral`."""
+    return cosine * towards + math.sqrt(max(0.0, 1.0 - cosine * cosine)) * lateral

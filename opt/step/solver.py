@@ -1,0 +1,169 @@
+"""ProxQP on the programmes of steps, one after the other.
+
+Reference: A. Bambade, S. El-Kazdadi, A. Taylor, J. Carpentier, "ProxQP: yet another quadratic programming
+solver for robotics and beyond", Robotics: Science and Systems 2022.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from proxsuite import proxqp
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.limit import UNBOUNDED
+from ffsms_pin.opt.step.programme import StepProblem
+
+__all__ = ["Solution", "StepSolver", "new_solver"]
+
+# The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-10
+# places it to 1e-5 rad/s. A laxer tolerance shows as jerks of the joints; a stricter one meets rounding.
+TOLERANCE = 1e-10
+# A dozen iterations are usual. A programme that takes these many has failed; they end within milliseconds.
+OUTER_ITERATIONS, INNER_ITERATIONS = 40, 40
+_KEPT = 1e-9  # [in the units of the rows] how exactly the refined solution keeps all rows
+
+
+class Solution(NamedTuple):
+    """The solution of a programme.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n + 2,)
+    z : ndarray, shape (m + b,)
+        Multipliers of the rows, then of the b variables that have bounds; above zero at the upper side.
+    solved : bool
+        Whether the solver reached its tolerance.
+    """
+
+    x: FloatArray
+    z: FloatArray
+    solved: bool
+
+
+class _Rows(NamedTuple):
+    """All rows low <= A x <= up of a programme, the bounds on single variables among them.
+
+    ProxQP has bounds of its own, but takes no multipliers of theirs to start from.
+    """
+
+    A: FloatArray
+    low: FloatArray
+    up: FloatArray
+
+
+def new_solver(variables: int, rows: int) -> Any:
+    """ProxQP's dense solver for programmes of one size, with the step's settings.
+
+    Parameters
+    ----------
+    variables, rows : int
+        Sizes of x, and of all rows with the bounds among them.
+    """
+    dense = proxqp.dense
+    qp = dense.QP(variables, 0, rows, dense_backend=dense.DenseBackend.PrimalDualLDLT)
+    settings = qp.settings
+    settings.eps_abs, settings.eps_rel = TOLERANCE, 0.0
+    settings.max_iter, settings.max_iter_in = OUTER_ITERATIONS, INNER_ITERATIONS
+    settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
+    return qp
+
+
+class StepSolver:
+    """Solves programmes one after the other, each from a start where one is given.
+
+    ProxQP's solver is made once for each number of rows. For one thread.
+
+    Attributes
+    ----------
+    iterations : int
+        Of the last call of ProxQP.
+    cold : bool
+        Whether the last solution was found from nothing, although a start was given.
+    """
+
+    def __init__(self) -> None:
+        self._solvers: dict[tuple[int, int], Any] = {}
+        self.iterations, self.cold = 0, False
+
+    def solve(self, problem: StepProblem, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
+        """Solution of a programme.
+
+        Parameters
+        ----------
+        problem : StepProblem
+        start : (x, z), optional
+            As in `Solution`, of a programme like this one. A start of another size is not used. Where the
+            solver does not converge from it, it starts once more from nothing.
+        """
+        rows = _all_rows(problem)
+        if start is not None and (start[0].shape, start[1].shape) != (problem.g.shape, rows.low.shape):
+            start = None
+        found = self._solve(problem, rows, start)
+        self.cold = start is not None and not found.solved
+        if self.cold:
+            found = self._solve(problem, rows, None)
+        return _refined(problem, rows, found) if found.solved else found
+
+    def _solve(
+        self, problem: StepProblem, rows: _Rows, start: tuple[FloatArray, FloatArray] | None
+    ) -> Solution:
+        matrices = {"H": problem.H, "g": problem.g, "C": rows.A, "l": rows.low, "u": rows.up}
+        size = rows.A.shape
+        qp = self._solvers.get(size)
+        if qp is None:
+            qp = self._solvers[size] = new_solver(size[1], size[0])
+            qp.init(**matrices, compute_preconditioner=False)
+        else:
+            qp.update(**matrices)
+        if start is None:
+            qp.settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
+            qp.solve()
+        else:
+            qp.settings.initial_guess = proxqp.InitialGuess.WARM_START
+            qp.solve(start[0], None, start[1])
+        results = qp.results
+        x, z = np.array(results.x), np.array(results.z)
+        self.iterations = int(results.info.iter)
+        solved = results.info.status == proxqp.PROXQP_SOLVED and bool(np.isfinite(x).all())
+        if not solved:
+            del self._solvers[size]  # the next programme has no use for what is left in it
+        return Solution(x, z, solved)
+
+
+def _all_rows(problem: StepProblem) -> _Rows:
+    p = problem
+    (bounded,) = np.nonzero((p.lower > -UNBOUNDED) | (p.upper < UNBOUNDED))
+    return _Rows(
+        np.concatenate([p.C, np.eye(len(p.g))[bounded]]),
+        np.concatenate([p.l, p.lower[bounded]]),
+        np.concatenate([p.u, p.upper[bounded]]),
+    )
+
+
+def _refined(problem: StepProblem, rows: _Rows, found: Solution) -> Solution:
+    """The exact solution of the equations of the rows that the multipliers say are active.
+
+    ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory lies:
+    over a march of a thousand steps that shows. The equations have no memory. Their solution is taken where it
+    keeps all rows and its multipliers have the right signs, which makes it the programme's; else ProxQP's.
+    """
+    n, upper, lower = len(problem.g), found.z > TOLERANCE, found.z < -TOLERANCE
+    active = upper | lower
+    A, sides = rows.A[active], np.where(upper, rows.up, rows.low)[active]
+    k = len(sides)
+    matrix = np.zeros((n + k, n + k))
+    matrix[:n, :n], matrix[n:, :n], matrix[:n, n:] = problem.H, A, A.T
+    try:
+        solution = np.linalg.solve(matrix, np.concatenate([-problem.g, sides]))
+    except np.linalg.LinAlgError:  # rows that depend on each other
+        return found
+    x, z = solution[:n], np.zeros(len(found.z))
+    z[active] = solution[n:]
+    reached = rows.A @ x
+    # Written so that a NaN is not the solution.
+    kept = (reached >= rows.low - _KEPT).all() and (reached <= rows.up + _KEPT).all()
+    if kept and (z[upper] >= 0.0).all() and (z[lower] <= 0.0).all():
+        return Solution(x, z, True)
+    return found

@@ -1,0 +1,106 @@
+"""What a step has to know of the robot: one inertia matrix, one Jacobian and one decomposition."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin import lapack
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.coupling import decompose
+from ffsms_pin.coupling.metrics import entropy_of_values
+from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["step_state"]
+
+_WORLD, _AXES = pin.Convention.WORLD, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+def step_state(
+    sms: SpaceManipulator,
+    q: FloatArray,
+    rates: FloatArray,
+    dt: float,
+    time_left: float,
+    momentum: FloatArray | None = None,
+    base_start: FloatArray | None = None,
+    data: Any = None,
+) -> StepState:
+    """The robot at the start of a step.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    q, rates : ndarray, shape (nq,), (n,)
+        Configuration, and joint rates [rad/s].
+    dt, time_left : float
+        Step, and time to the deadline [s].
+    momentum : ndarray, shape (6,), optional
+        Total momentum [linear; angular], inertial axes, about the system's centre of mass. Default zero.
+    base_start : ndarray, shape (7,), optional
+        Root pose that turn and shift of the base count from; default: where it is now.
+    data : pinocchio.Data, optional
+        Scratch memory of `sms.model`, of one thread only; default: new.
+    """
+    model, n = sms.model, sms.n
+    data = model.createData() if data is None else data
+    # In the world's convention this also leaves the Jacobians of the joints and all poses in `data`.
+    M = pin.crba(model, data, q, _WORLD)
+    pose = pin.updateFramePlacement(model, data, sms.frame_id)
+    J = pin.getFrameJacobian(model, data, sms.frame_id, _AXES)
+    M_b, J_b, J_arm = M[:6, :6], J[:, :6], J[:, 6:]
+    if momentum is None:
+        reaction, drift = -lapack.dposv(M_b, M[:6, 6:])[1], np.zeros(6)
+        tip_drift = np.zeros(6)
+    else:
+        right = np.column_stack([-M[:6, 6:], root_momentum(M, q, momentum)])
+        solution = lapack.dposv(M_b, right)[1]
+        reaction, drift = solution[:, :n], solution[:, n]
+        tip_drift = J_b @ drift
+    # Singular values depend on the reference point, not on the axes: the base's centre of mass, root's axes.
+    C_bm = reaction
+    if sms.base_com.any():
+        x, y, z = sms.base_com.tolist()
+        across = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # omega x com
+        C_bm = np.vstack([reaction[:3] + across @ reaction[3:], reaction[3:]])
+    _, sigma, V = decompose(C_bm)
+    return StepState(
+        sms=sms,
+        dt=dt,
+        time_left=time_left,
+        q=q,
+        joints=sms.layout.positions(q),
+        rates=rates,
+        M=M,
+        reaction=reaction,
+        J_star=J_b @ reaction + J_arm,
+        J_arm=J_arm,
+        V=V,
+        entropy=entropy_of_values(sigma.tolist(), n),
+        pose=pose.copy(),
+        drift=drift,
+        tip_drift=tip_drift,
+        momentum=momentum,
+        base_start=q[:7].copy() if base_start is None else base_start,
+    )
+
+
+def root_momentum(M: FloatArray, q: FloatArray, momentum: FloatArray) -> FloatArray:
+    """The total momentum (6,) about the root's origin, in the root's axes.
+
+    Parameters
+    ----------
+    M : ndarray, shape (6 + n, 6 + n)
+        Inertia matrix in Pinocchio's velocity coordinates.
+    q : ndarray, shape (nq,)
+    momentum : ndarray, shape (6,)
+        [linear; angular], inertial axes, about the system's centre of mass.
+    """
+    R = pin.Quaternion(q[3:7]).toRotationMatrix()
+    # The centre of mass in the root's axes, from the blocks of a rigid body's inertia.
+    com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / M[0, 0]
+    linear, angular = R.T @ momentum[:3], R.T @ momentum[3:]
+    return np.concatenate([linear, angular + np.cross(com, linear)])

@@ -1,0 +1,301 @@
+"""One step of the paper's method after the other: build a quadratic programme, solve it, or brake."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, number, positive, vector
+from ffsms_pin.coupling import cosine
+from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.opt.limits.limit import Limit, Rows
+from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.step.direction import WantedMotion, wanted_motion, wanted_spin
+from ffsms_pin.opt.step.programme import (
+    StepProblem,
+    StepWeights,
+    build_step,
+    hard_bounds,
+    nearest_to,
+    objective,
+)
+from ffsms_pin.opt.step.references import REFERENCES
+from ffsms_pin.opt.step.result import Step
+from ffsms_pin.opt.step.solver import StepSolver
+from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.targets import goal
+from ffsms_pin.opt.terms.cost import ideal_cosine, step_cost
+from ffsms_pin.opt.terms.term import Term
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["Stepper", "StepperInUse"]
+
+_MOST = 1e6  # [rad/s^2] stands for no limit on an acceleration
+
+
+class StepperInUse(FfsmsError, RuntimeError):
+    """Two threads use one `Stepper` at the same time; each has to have its own (`stepper.like()`)."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
+        )
+
+
+class _Build(NamedTuple):
+    """A programme, and what it was written from."""
+
+    step: StepState
+    wanted: WantedMotion
+    rows: list[Rows]
+    problem: StepProblem
+
+
+class _Last(NamedTuple):
+    """The last solution, in what goes on smoothly from step to step: V turns and changes its signs."""
+
+    rates: FloatArray
+    speed_and_slack: FloatArray
+    z: FloatArray
+
+
+class Stepper:
+    """The trajectory step as a quadratic programme in alpha, written whole and given to ProxQP.
+
+    The paper's cost (C~ - (1 - H_norm))^2 is zero exactly where the end effector moves at the angle
+    acos(c*) to the direction of the target: on a cone. The step picks the direction e of that cone on the
+    side it is on, and finds alpha and the speed s with J*_v V alpha = s e as nearly as the limits allow
+    (docs/convex-step.md). Where the programme is not solved the arm brakes within its limits.
+
+    From step to step it remembers the side of the cone, the last solution as a start for the solver, and where
+    the base started. It is for one thread; `like()` makes another.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    dt : float
+        Step [s]; the attribute may be changed between steps.
+    kappa : float
+        Sharpness of C~.
+    limits : sequence of Limit
+        Each gives rows of the programme.
+    terms : sequence of Term
+        Each may add to the objective (`Term.step_objective`).
+    weights : StepWeights, optional
+    reference : str
+        One of `REFERENCES`: "step" is the paper's cost; the others are classical references that go straight.
+    momentum : array_like, shape (6,), optional
+        Total momentum [linear; angular], inertial axes, about the system's centre of mass, as in
+        `sms.velocity`. The step then reckons with the drift H_b^-1 h of the base. Default zero.
+
+    Attributes
+    ----------
+    side : ndarray, shape (3,)
+        The side of the cone that the last step was on; zero before the first.
+    base_start : ndarray, shape (7,), or None
+        Root pose that turn and shift of the base count from; None: where it is at the next step.
+    """
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        dt: float,
+        kappa: float,
+        limits: Sequence[Limit],
+        terms: Sequence[Term] = (),
+        weights: StepWeights | None = None,
+        reference: str = "step",
+        momentum: ArrayLike | None = None,
+    ) -> None:
+        if reference not in REFERENCES:
+            raise InvalidValue("reference", reference, f"must be one of {', '.join(REFERENCES)}")
+        self.sms = sms
+        self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)
+        self.terms, self.weights, self.reference = tuple(terms), weights or StepWeights(), reference
+        self.momentum = None if momentum is None else vector("momentum", momentum, 6)
+        self.side, self.base_start = np.zeros(3), None
+        self._given = tuple(limits)
+        self.limits = tuple(limit.for_robot(sms) for limit in limits)
+        self._data, self._solver, self._lock = sms.model.createData(), StepSolver(), threading.Lock()
+        self._last: _Last | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        settings = (self.sms, self.dt, self.kappa, self._given, self.terms, self.weights, self.reference)
+        return _copied, (settings, self.momentum, self.side, self.base_start, self._last)
+
+    def like(
+        self,
+        dt: float | None = None,
+        sms: SpaceManipulator | None = None,
+        reference: str | None = None,
+    ) -> Stepper:
+        """A new stepper with the same settings, but for another step, robot or reference where given."""
+        return Stepper(
+            sms or self.sms,
+            dt or self.dt,
+            self.kappa,
+            self._given,
+            self.terms,
+            self.weights,
+            reference or self.reference,
+            self.momentum,
+        )
+
+    def reset(self, side: ArrayLike = (0.0, 0.0, 0.0), base_start: FloatArray | None = None) -> None:
+        """Forget the last step.
+
+        Parameters
+        ----------
+        side : array_like, shape (3,)
+            Direction whose part across the way to the target is the side of the cone to start on; default: the
+            side on which the end effector is moving, and any where it is at rest.
+        base_start : ndarray, shape (7,), optional
+            Root pose that turn and shift of the base count from; default: where it is at the next step.
+        """
+        self.side, self.base_start, self._last = vector("side", side, 3), base_start, None
+
+    def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
+        """The next joint rates.
+
+        Parameters
+        ----------
+        q : array_like, shape (nq,)
+        joint_rates : array_like, shape (n,)
+            At the step's start [rad/s].
+        target : array_like, shape (3,), or pinocchio.SE3
+            Position [m] or pose of the end effector, inertial axes.
+        time_left : float
+            Time to the deadline [s].
+
+        Raises
+        ------
+        InvalidValue
+        StepperInUse
+        """
+        return self.advance(*self._checked(q, joint_rates, target, time_left))
+
+    def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
+        """The quadratic programme of a step, without solving it; arguments as for `step`."""
+        with self._alone():
+            return self._build(*self._checked(q, joint_rates, target, time_left)).problem
+
+    def advance(
+        self,
+        q: FloatArray,
+        rates: FloatArray,
+        target: FloatArray,
+        time_left: float,
+        rotation: FloatArray | None = None,
+        prefer: FloatArray | None = None,
+    ) -> Step:
+        """`step` for arguments that are known to be right: arrays of float64 of the right shapes.
+
+        `rotation` (3, 3) is the wanted attitude of the end effector, where there is one. `prefer` (n,) are
+        joint rates to come as near to as the limits allow, instead of the step's own objective.
+        """
+        with self._alone():
+            built = self._build(q, rates, target, time_left, rotation, prefer)
+            step, wanted, n = built.step, built.wanted, self.sms.n
+            self.side = wanted.side
+            if self.base_start is None:
+                self.base_start = step.base_start
+            lower, upper = hard_bounds(built.rows, n)
+            braking = _within(_braking(step), lower, upper)
+            found = self._solver.solve(built.problem, self._start(step.V))
+            if found.solved:
+                # Within the solver's tolerance already; this makes the limits hold to the last bit.
+                chosen = _within(step.V @ found.x[:n], lower, upper)
+                self._last = _Last(chosen, found.x[n:], found.z)
+                for limit in self.limits:
+                    chosen = limit.settle(step, chosen, braking)
+                chosen, slack = _within(chosen, lower, upper), max(0.0, float(found.x[n + 1]))
+            else:
+                chosen, slack, self._last = braking, 0.0, None
+            cos_theta = cosine(step.J_star[:3] @ chosen + step.tip_drift[:3], wanted.towards)
+            cost = step_cost(cos_theta, step.entropy, self.kappa)
+            return Step(chosen @ step.V, chosen, cos_theta, step.entropy, cost, found.solved, slack)
+
+    def _build(
+        self,
+        q: FloatArray,
+        rates: FloatArray,
+        target: FloatArray,
+        time_left: float,
+        rotation: FloatArray | None = None,
+        prefer: FloatArray | None = None,
+    ) -> _Build:
+        reference = REFERENCES[self.reference]
+        step = step_state(
+            self.sms, q, rates, self.dt, time_left, self.momentum, self.base_start, self._data
+        )
+        cosine_wanted = ideal_cosine(step.entropy, self.kappa) if reference.on_cone else 1.0
+        wanted = wanted_motion(step, target, cosine_wanted, self.side)
+        if prefer is not None:
+            goal = nearest_to(prefer)
+        else:
+            spin = None if rotation is None else wanted_spin(step, rotation)
+            goal = objective(step, wanted, self.weights, reference.effort(step), spin, self._terms(step))
+        rows = [rows for limit in self.limits if (rows := limit.rows(step)) is not None]
+        return _Build(step, wanted, rows, build_step(step.V, goal, rows, self.weights))
+
+    def _terms(self, step: StepState) -> Iterable[tuple[FloatArray, FloatArray]]:
+        return [share for term in self.terms if (share := term.step_objective(step)) is not None]
+
+    def _start(self, V: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Where the solver starts: the last solution, in the basis of this step."""
+        if self._last is None:
+            return None
+        return np.concatenate([self._last.rates @ V, self._last.speed_and_slack]), self._last.z
+
+    def _checked(
+        self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, float, FloatArray | None]:
+        position, rotation = goal(target)
+        return (
+            self.sms.checked_configuration("q", q),
+            vector("joint_rates", joint_rates, self.sms.n, "rad/s"),
+            position,
+            number("time_left", time_left),
+            rotation,
+        )
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        if not self._lock.acquire(blocking=False):
+            raise StepperInUse
+        try:
+            yield
+        finally:
+            self._lock.release()
+
+
+def _braking(step: StepState) -> FloatArray:
+    """Rates (n,) of an arm that brakes as fast as its joints may, all of them in the same time.
+
+    So what cancels in the base's motion goes on to cancel.
+    """
+    acceleration = np.minimum(step.sms.limits.acceleration, _MOST)
+    longest = float(np.max(np.abs(step.rates) / acceleration))
+    return step.rates * max(0.0, 1.0 - step.dt / max(longest, 1e-12))
+
+
+def _within(rates: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    return np.minimum(np.maximum(rates, lower), upper)
+
+
+def _copied(
+    settings: tuple[Any, ...],
+    momentum: FloatArray | None,
+    side: FloatArray,
+    base_start: FloatArray | None,
+    last: _Last | None,
+) -> Stepper:
+    """A stepper that goes on as another one would."""
+    stepper = Stepper(*settings, momentum=momentum)
+    stepper.side, stepper.base_start, stepper._last = side, base_start, last
+    return stepper
