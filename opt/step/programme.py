@@ -2,12 +2,12 @@
 
 Variables x = (alpha (n), s, slack): the paper's scaling factors, the end-effector speed along the wanted
 direction, and how far limits give way. Minimise 1/2 x^T H x + g^T x subject to l <= C x <= u and
-lower <= x <= upper. Objective and limits are stated in the joint rates u = V alpha, and turned here.
+lower <= x <= upper. Terms and limits are stated in the joint rates u = V alpha, and turned here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.direction import WantedMotion
 
-__all__ = ["Objective", "StepProblem", "StepWeights", "build_step", "hard_bounds", "nearest_to", "objective"]
+__all__ = ["Objective", "StepProblem", "StepWeights", "build_step", "nearest_to", "objective"]
 
 
 @dataclass(frozen=True)
@@ -87,26 +87,19 @@ class StepProblem(NamedTuple):
 
 
 class Objective(NamedTuple):
-    """The objective 1/2 y^T W y - w^T y in y = (u, s): joint rates at the step's end, and the speed.
+    """The objective 1/2 x^T H x + g^T x of a step; attributes as of `StepProblem`."""
 
-    Attributes
-    ----------
-    W : ndarray, shape (n + 1, n + 1)
-        Positive definite.
-    w : ndarray, shape (n + 1,)
-    """
-
-    W: FloatArray
-    w: FloatArray
+    H: FloatArray
+    g: FloatArray
 
 
 def objective(
     step: StepState,
     wanted: WantedMotion,
     weights: StepWeights,
-    effort: FloatArray,
+    effort: FloatArray | None = None,
     spin: FloatArray | None = None,
-    terms: Iterable[tuple[FloatArray, FloatArray]] = (),
+    terms: Sequence[tuple[FloatArray, FloatArray]] = (),
 ) -> Objective:
     """What a step should come to.
 
@@ -115,39 +108,51 @@ def objective(
     step : StepState
     wanted : WantedMotion
     weights : StepWeights
-    effort : ndarray, shape (n, n)
-        Price of the redundant motion, u^T effort u.
+    effort : ndarray, shape (n, n), optional
+        Price of the redundant motion, u^T effort u. Default: the identity.
     spin : ndarray, shape (3,), optional
         Wanted angular velocity of the end effector, inertial axes [rad/s].
-    terms : iterable of (W (n, n), w (n,))
+    terms : sequence of (W (n, n), w (n,))
         More terms u^T W u / 2 - w^T u.
     """
-    n, drift = step.sms.n, step.tip_drift
-    # |J*_v u + drift - s e|^2 = |S y + drift|^2.
-    S = np.column_stack([step.J_star[:3], -wanted.direction])
-    W = weights.direction * (S.T @ S)
-    w = -weights.direction * (drift[:3] @ S)
-    W[:n, :n] += weights.effort * effort
-    W.flat[: n * (n + 2) : n + 2] += weights.change  # the diagonal of the joint rates
-    w[:n] += weights.change * step.rates
-    W[n, n] += weights.speed
-    w[n] += weights.speed * wanted.speed
+    n, V, w = step.V.shape[0], step.V, weights
+    # Direction: |J*_v V alpha + drift - s e|^2 = |S x + drift|^2.
+    S = np.zeros((3, n + 2))
+    S[:, :n] = step.J_star[:3] @ V
+    S[:, n] = -wanted.direction
+    H = w.direction * (S.T @ S)
+    # V turns without stretching, so that |u| = |alpha|: effort and change are diagonal in alpha, too.
+    plain = w.change + (w.effort if effort is None else 0.0)
+    H.flat[:: n + 3] += [*([plain] * n), w.speed, w.clearance]
+    g = np.empty(n + 2)
+    g[:n] = -w.change * (step.rates @ V)
+    g[n], g[n + 1] = -w.speed * wanted.speed, w.clearance
+    if step.momentum is not None:
+        g += w.direction * (step.tip_drift[:3] @ S)
+    added = list(terms)
+    if effort is not None:
+        added.append((w.effort * effort, np.zeros(n)))
     if spin is not None:
         J_w = step.J_star[3:]
-        W[:n, :n] += weights.orientation * (J_w.T @ J_w)
-        w[:n] += weights.orientation * ((spin - drift[3:]) @ J_w)
-    for matrix, vector in terms:
-        W[:n, :n] += matrix
-        w[:n] += vector
-    return Objective(W, w)
+        added.append(
+            (w.orientation * (J_w.T @ J_w), w.orientation * ((spin - step.tip_drift[3:]) @ J_w))
+        )
+    for matrix, vector in added:
+        H[:n, :n] += V.T @ matrix @ V
+        g[:n] -= vector @ V
+    return Objective(H, g)
 
 
-def nearest_to(rates: FloatArray) -> Objective:
+def nearest_to(rates: FloatArray, V: FloatArray, weights: StepWeights) -> Objective:
     """Joint rates as near as possible to given ones (n,), instead of a motion of the end effector."""
-    return Objective(np.eye(rates.size + 1), np.append(rates, 0.0))
+    n = rates.size
+    H, g = np.eye(n + 2), np.zeros(n + 2)
+    H[n + 1, n + 1] = g[n + 1] = weights.clearance
+    g[:n] = -rates @ V
+    return Objective(H, g)
 
 
-def build_step(V: FloatArray, goal: Objective, rows: Sequence[Rows], weights: StepWeights) -> StepProblem:
+def build_step(V: FloatArray, goal: Objective, rows: Sequence[Rows]) -> StepProblem:
     """The programme of a step.
 
     A row lower <= G u <= upper becomes lower <= G V alpha <= upper. Where it gives way, a side becomes a row of
@@ -159,50 +164,34 @@ def build_step(V: FloatArray, goal: Objective, rows: Sequence[Rows], weights: St
         Right singular vectors of C_bm: u = V alpha.
     goal : Objective
     rows : sequence of Rows
-    weights : StepWeights
     """
     n = V.shape[0]
-    turn = np.zeros((n + 1, n + 1))
-    turn[:n, :n], turn[n, n] = V, 1.0
-    H = np.zeros((n + 2, n + 2))
-    H[: n + 1, : n + 1] = turn.T @ goal.W @ turn
-    H[n + 1, n + 1] = weights.clearance
-    g = np.append(-goal.w @ turn, weights.clearance)
-
-    sided = [part for given in rows for part in _one_sided(given)]
-    C = np.zeros((sum(len(part.lower) for part in sided), n + 2))
-    if sided:
-        C[:, :n] = np.concatenate([part.G for part in sided]) @ V
-        C[:, n + 1] = np.repeat([part.give for part in sided], [len(part.lower) for part in sided])
+    parts = [part for given in rows for part in _one_sided(given)]
+    count = sum(len(part.lower) for part in parts)
+    C, low, up = np.zeros((count, n + 2)), np.empty(count), np.empty(count)
+    first = 0
+    for part in parts:
+        last = first + len(part.lower)
+        np.matmul(part.G, V, out=C[first:last, :n])
+        if part.give:
+            C[first:last, n + 1] = part.give
+        low[first:last], up[first:last] = part.lower, part.upper
+        first = last
     lower, upper = np.full(n + 2, -UNBOUNDED), np.full(n + 2, UNBOUNDED)
     lower[n:] = 0.0
-    return StepProblem(
-        H=H,
-        g=g,
-        C=C,
-        l=np.concatenate([np.empty(0), *(part.lower for part in sided)]),
-        u=np.concatenate([np.empty(0), *(part.upper for part in sided)]),
-        lower=lower,
-        upper=upper,
-    )
+    return StepProblem(goal.H, goal.g, C, low, up, lower, upper)
 
 
 def _one_sided(rows: Rows) -> list[Rows]:
     """Rows whose `give` is the slack's coefficient: those that give way have one side each."""
-    if rows.give == 0.0:
+    G, lower, upper, give = rows
+    if give == 0.0:
         return [rows]
-    parts, above, below = [], rows.upper < UNBOUNDED, rows.lower > -UNBOUNDED
-    if below.any():
-        parts.append(Rows(rows.G[below], rows.lower[below], np.full(below.sum(), UNBOUNDED), rows.give))
-    if above.any():
-        parts.append(Rows(rows.G[above], np.full(above.sum(), -UNBOUNDED), rows.upper[above], -rows.give))
-    return parts
-
-
-def hard_bounds(rows: Sequence[Rows], n: int) -> tuple[FloatArray, FloatArray]:
-    """Bounds (n,) on the joint rates that rows state one by one (G = 1) and that never give way [rad/s]."""
-    lower, upper, one = np.full(n, -UNBOUNDED), np.full(n, UNBOUNDED), np.eye(n)
-    for given in rows:
-        if given.give == 0.0 and np.array_equal(given.G, one):
-            lower, upper = np.maximum(lower, given.lower), np.minimum(upper, given.upper)
-    return lower, upper
+    above = upper < UNBOUNDED
+    if not above.any():
+        return [rows]
+    below, none = lower > -UNBOUNDED, np.full(len(lower), UNBOUNDED)
+    return [
+        Rows(G[below], lower[below], none[below], give),
+        Rows(G[above], -none[above], upper[above], -give),
+    ]

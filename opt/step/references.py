@@ -21,20 +21,15 @@ class Reference:
     ----------
     on_cone : bool
         Whether to move on the cone where the paper's cost vanishes; otherwise straight to the target.
-    effort : callable
+    effort : callable or None
         From the state to the matrix W (n, n) of the redundant motion's price, rates^T W rates, scaled to a
-        mean diagonal of one.
+        mean diagonal of one. None: the identity.
     description : str
     """
 
     on_cone: bool
-    effort: Callable[[StepState], FloatArray]
+    effort: Callable[[StepState], FloatArray] | None
     description: str
-
-
-def _joint_rates(step: StepState) -> FloatArray:
-    """The identity: |alpha|^2, which is |joint rates|^2."""
-    return np.eye(step.sms.n)
 
 
 def _base_rotation(step: StepState) -> FloatArray:
@@ -54,9 +49,9 @@ def _scaled(W: FloatArray) -> FloatArray:
 
 
 REFERENCES: dict[str, Reference] = {
-    "step": Reference(True, _joint_rates, "the paper's cost as a convex step on its cone"),
+    "step": Reference(True, None, "the paper's cost as a convex step on its cone"),
     "resolved-rate": Reference(
-        False, _joint_rates, "resolved motion rate control through J* (Umetani and Yoshida 1989)"
+        False, None, "resolved motion rate control through J* (Umetani and Yoshida 1989)"
     ),
     "least-disturbance": Reference(
         False, _base_rotation, "least base rotation: redundancy in the reaction null space (Yoshida 2001)"

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from proxsuite import proxqp
 
+from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.step.programme import StepProblem
@@ -109,14 +110,13 @@ class StepSolver:
     def _solve(
         self, problem: StepProblem, rows: _Rows, start: tuple[FloatArray, FloatArray] | None
     ) -> Solution:
-        matrices = {"H": problem.H, "g": problem.g, "C": rows.A, "l": rows.low, "u": rows.up}
-        size = rows.A.shape
+        p, size = problem, rows.A.shape
         qp = self._solvers.get(size)
         if qp is None:
             qp = self._solvers[size] = new_solver(size[1], size[0])
-            qp.init(**matrices, compute_preconditioner=False)
+            qp.init(H=p.H, g=p.g, C=rows.A, l=rows.low, u=rows.up, compute_preconditioner=False)
         else:
-            qp.update(**matrices)
+            qp.update(H=p.H, g=p.g, C=rows.A, l=rows.low, u=rows.up)
         if start is None:
             qp.settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
             qp.solve()
@@ -134,7 +134,7 @@ class StepSolver:
 
 def _all_rows(problem: StepProblem) -> _Rows:
     p = problem
-    (bounded,) = np.nonzero((p.lower > -UNBOUNDED) | (p.upper < UNBOUNDED))
+    (bounded,) = (np.minimum(-p.lower, p.upper) < UNBOUNDED).nonzero()
     return _Rows(
         np.concatenate([p.C, np.eye(len(p.g))[bounded]]),
         np.concatenate([p.l, p.lower[bounded]]),
@@ -149,21 +149,22 @@ def _refined(problem: StepProblem, rows: _Rows, found: Solution) -> Solution:
     over a march of a thousand steps that shows. The equations have no memory. Their solution is taken where it
     keeps all rows and its multipliers have the right signs, which makes it the programme's; else ProxQP's.
     """
-    n, upper, lower = len(problem.g), found.z > TOLERANCE, found.z < -TOLERANCE
-    active = upper | lower
-    A, sides = rows.A[active], np.where(upper, rows.up, rows.low)[active]
-    k = len(sides)
-    matrix = np.zeros((n + k, n + k))
+    n = len(problem.g)
+    (active,) = (np.abs(found.z) > TOLERANCE).nonzero()
+    A, pressing, k = rows.A[active], found.z[active], len(active)
+    matrix, right = np.zeros((n + k, n + k)), np.empty(n + k)
     matrix[:n, :n], matrix[n:, :n], matrix[:n, n:] = problem.H, A, A.T
-    try:
-        solution = np.linalg.solve(matrix, np.concatenate([-problem.g, sides]))
-    except np.linalg.LinAlgError:  # rows that depend on each other
+    right[:n] = -problem.g
+    right[n:] = np.where(pressing > 0.0, rows.up[active], rows.low[active])
+    _, _, solution, info = lapack.dgesv(matrix, right)
+    if info != 0:  # rows that depend on each other
         return found
-    x, z = solution[:n], np.zeros(len(found.z))
-    z[active] = solution[n:]
+    x, multipliers = solution[:n], solution[n:]
     reached = rows.A @ x
+    nearest = min((reached - rows.low).min(), (rows.up - reached).min())
     # Written so that a NaN is not the solution.
-    kept = (reached >= rows.low - _KEPT).all() and (reached <= rows.up + _KEPT).all()
-    if kept and (z[upper] >= 0.0).all() and (z[lower] <= 0.0).all():
-        return Solution(x, z, True)
-    return found
+    if not (nearest >= -_KEPT and (multipliers * pressing >= 0.0).all()):
+        return found
+    z = np.zeros(len(found.z))
+    z[active] = multipliers
+    return Solution(x, z, True)

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import lapack
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.coupling import decompose
 from ffsms_pin.coupling.metrics import entropy_of_values
 from ffsms_pin.opt.limits.step_state import StepState
@@ -16,6 +16,7 @@ from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["step_state"]
 
+_STILL = frozen(np.zeros(6))
 _WORLD, _AXES = pin.Convention.WORLD, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
@@ -53,19 +54,18 @@ def step_state(
     J = pin.getFrameJacobian(model, data, sms.frame_id, _AXES)
     M_b, J_b, J_arm = M[:6, :6], J[:, :6], J[:, 6:]
     if momentum is None:
-        reaction, drift = -lapack.dposv(M_b, M[:6, 6:])[1], np.zeros(6)
-        tip_drift = np.zeros(6)
+        reaction, drift = -lapack.dposv(M_b, M[:6, 6:])[1], _STILL
+        tip_drift = _STILL
     else:
         right = np.column_stack([-M[:6, 6:], root_momentum(M, q, momentum)])
         solution = lapack.dposv(M_b, right)[1]
         reaction, drift = solution[:, :n], solution[:, n]
         tip_drift = J_b @ drift
     # Singular values depend on the reference point, not on the axes: the base's centre of mass, root's axes.
-    C_bm = reaction
-    if sms.base_com.any():
-        x, y, z = sms.base_com.tolist()
-        across = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])  # omega x com
-        C_bm = np.vstack([reaction[:3] + across @ reaction[3:], reaction[3:]])
+    C_bm = reaction.copy()
+    x, y, z = sms.base_com.tolist()
+    if x or y or z:
+        C_bm[:3] += np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]) @ reaction[3:]  # omega x com
     _, sigma, V = decompose(C_bm)
     return StepState(
         sms=sms,

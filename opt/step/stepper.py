@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,14 +12,13 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, number, positive, vector
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.opt.limits.limit import Limit, Rows
+from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.direction import WantedMotion, wanted_motion, wanted_spin
 from ffsms_pin.opt.step.programme import (
     StepProblem,
     StepWeights,
     build_step,
-    hard_bounds,
     nearest_to,
     objective,
 )
@@ -52,7 +50,7 @@ class _Build(NamedTuple):
 
     step: StepState
     wanted: WantedMotion
-    rows: list[Rows]
+    bounds: tuple[FloatArray, FloatArray]  # that never give way, on the joint rates
     problem: StepProblem
 
 
@@ -121,6 +119,9 @@ class Stepper:
         self.side, self.base_start = np.zeros(3), None
         self._given = tuple(limits)
         self.limits = tuple(limit.for_robot(sms) for limit in limits)
+        # Those that have a say in what the programme has chosen.
+        self._settling = [limit for limit in self.limits if type(limit).settle is not Limit.settle]
+        self._one, self._unbounded = np.eye(sms.n), (np.full(sms.n, -UNBOUNDED), np.full(sms.n, UNBOUNDED))
         self._data, self._solver, self._lock = sms.model.createData(), StepSolver(), threading.Lock()
         self._last: _Last | None = None
 
@@ -181,8 +182,12 @@ class Stepper:
 
     def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
         """The quadratic programme of a step, without solving it; arguments as for `step`."""
-        with self._alone():
-            return self._build(*self._checked(q, joint_rates, target, time_left)).problem
+        arguments = self._checked(q, joint_rates, target, time_left)
+        self._enter()
+        try:
+            return self._build(*arguments).problem
+        finally:
+            self._lock.release()
 
     def advance(
         self,
@@ -198,27 +203,33 @@ class Stepper:
         `rotation` (3, 3) is the wanted attitude of the end effector, where there is one. `prefer` (n,) are
         joint rates to come as near to as the limits allow, instead of the step's own objective.
         """
-        with self._alone():
-            built = self._build(q, rates, target, time_left, rotation, prefer)
-            step, wanted, n = built.step, built.wanted, self.sms.n
-            self.side = wanted.side
-            if self.base_start is None:
-                self.base_start = step.base_start
-            lower, upper = hard_bounds(built.rows, n)
-            braking = _within(_braking(step), lower, upper)
-            found = self._solver.solve(built.problem, self._start(step.V))
-            if found.solved:
-                # Within the solver's tolerance already; this makes the limits hold to the last bit.
-                chosen = _within(step.V @ found.x[:n], lower, upper)
-                self._last = _Last(chosen, found.x[n:], found.z)
-                for limit in self.limits:
+        self._enter()
+        try:
+            return self._advance(self._build(q, rates, target, time_left, rotation, prefer))
+        finally:
+            self._lock.release()
+
+    def _advance(self, built: _Build) -> Step:
+        """Solve a programme, remember its solution, and say what it comes to."""
+        step, wanted, n = built.step, built.wanted, self.sms.n
+        self.side, self.base_start = wanted.side, step.base_start
+        lower, upper = built.bounds
+        found = self._solver.solve(built.problem, self._start(step.V))
+        if found.solved:
+            # Within the solver's tolerance already; this makes the limits hold to the last bit.
+            chosen, slack = _within(step.V @ found.x[:n], lower, upper), max(0.0, float(found.x[n + 1]))
+            self._last = _Last(chosen, found.x[n:], found.z)
+            if self._settling:
+                braking = _within(_braking(step), lower, upper)
+                for limit in self._settling:
                     chosen = limit.settle(step, chosen, braking)
-                chosen, slack = _within(chosen, lower, upper), max(0.0, float(found.x[n + 1]))
-            else:
-                chosen, slack, self._last = braking, 0.0, None
-            cos_theta = cosine(step.J_star[:3] @ chosen + step.tip_drift[:3], wanted.towards)
-            cost = step_cost(cos_theta, step.entropy, self.kappa)
-            return Step(chosen @ step.V, chosen, cos_theta, step.entropy, cost, found.solved, slack)
+                chosen = _within(chosen, lower, upper)
+        else:
+            chosen, slack, self._last = _within(_braking(step), lower, upper), 0.0, None
+        velocity = step.J_star[:3] @ chosen + step.tip_drift[:3]
+        cos_theta = cosine(velocity, wanted.towards)
+        cost = step_cost(cos_theta, step.entropy, self.kappa)
+        return Step(chosen @ step.V, chosen, cos_theta, step.entropy, cost, found.solved, slack)
 
     def _build(
         self,
@@ -236,15 +247,22 @@ class Stepper:
         cosine_wanted = ideal_cosine(step.entropy, self.kappa) if reference.on_cone else 1.0
         wanted = wanted_motion(step, target, cosine_wanted, self.side)
         if prefer is not None:
-            goal = nearest_to(prefer)
+            goal = nearest_to(prefer, step.V, self.weights)
         else:
+            effort = None if reference.effort is None else reference.effort(step)
             spin = None if rotation is None else wanted_spin(step, rotation)
-            goal = objective(step, wanted, self.weights, reference.effort(step), spin, self._terms(step))
+            shares = [share for term in self.terms if (share := term.step_objective(step)) is not None]
+            goal = objective(step, wanted, self.weights, effort, spin, shares)
         rows = [rows for limit in self.limits if (rows := limit.rows(step)) is not None]
-        return _Build(step, wanted, rows, build_step(step.V, goal, rows, self.weights))
+        return _Build(step, wanted, self._hard_bounds(rows), build_step(step.V, goal, rows))
 
-    def _terms(self, step: StepState) -> Iterable[tuple[FloatArray, FloatArray]]:
-        return [share for term in self.terms if (share := term.step_objective(step)) is not None]
+    def _hard_bounds(self, rows: Sequence[Rows]) -> tuple[FloatArray, FloatArray]:
+        """Bounds (n,) on the joint rates that rows state one by one (G = 1) and that never give way [rad/s]."""
+        lower, upper = self._unbounded
+        for G, low, up, give in rows:
+            if give == 0.0 and G.shape == self._one.shape and (G == self._one).all():
+                lower, upper = np.maximum(lower, low), np.minimum(upper, up)
+        return lower, upper
 
     def _start(self, V: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Where the solver starts: the last solution, in the basis of this step."""
@@ -264,14 +282,9 @@ class Stepper:
             rotation,
         )
 
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
+    def _enter(self) -> None:
         if not self._lock.acquire(blocking=False):
             raise StepperInUse
-        try:
-            yield
-        finally:
-            self._lock.release()
 
 
 def _braking(step: StepState) -> FloatArray:
