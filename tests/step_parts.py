@@ -15,6 +15,7 @@ from ffsms_pin.opt.limits.clearance_rows import clearance_model, clearance_rows
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.step.march import March, march
 from ffsms_pin.opt.step.stepper import Stepper
 
 
@@ -88,3 +89,10 @@ def make_stepper(
     if base is not None:
         limits.append(StepBase(base))
     return Stepper(sms, dt, kappa, limits, **options)
+
+
+def marched(
+    stepper: Stepper, q0: FloatArray, target: FloatArray, duration: float, rotation: FloatArray | None = None
+) -> March:
+    """A march from rest."""
+    return march(stepper, q0, np.zeros(stepper.sms.n), target, duration, rotation)

@@ -13,6 +13,8 @@ from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Shapes"]
 
+_TOUCHING = 1e-9  # [m] nearer than this two points have no direction from one to the other
+
 
 class Shapes:
     """Distances of every pair of bodies that can meet: all but those that one joint connects.
@@ -83,10 +85,11 @@ class Shapes:
         value, gradient = np.empty(self.count), np.empty((self.count, self._sms.n))
         for row, k in enumerate(self._nearest()):
             result, pair = self._placed.distanceResults[k], self._geometry.collisionPairs[k]
-            normal = result.normal
-            here = self._speed(pair.first, result.getNearestPoint1(), normal, J)
-            there = self._speed(pair.second, result.getNearestPoint2(), normal, J)
-            value[row], gradient[row] = result.min_distance, there - here
+            here, there, distance = result.getNearestPoint1(), result.getNearestPoint2(), result.min_distance
+            # coal leaves its own normal unset for meshes. In an overlap both signs are the other way round.
+            normal = (there - here) / distance if abs(distance) > _TOUCHING else np.array(result.normal)
+            speed = self._speed(pair.second, there, normal, J) - self._speed(pair.first, here, normal, J)
+            value[row], gradient[row] = distance, speed
         return value, gradient
 
     def _nearest(self) -> list[int]:
