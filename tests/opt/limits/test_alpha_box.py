@@ -12,6 +12,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.opt.limits.alpha_box import AlphaBox, alpha_box_rows
 from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.system.base_motion import advance
 
 TARGET = np.array([0.45, 0.75, 0.0])
 
@@ -26,8 +27,6 @@ def fast() -> ffsms.SpaceManipulator:
 
 
 def largest_alpha(stepper: Stepper, duration: float) -> float:
-    from ffsms_pin.system.base_motion import advance
-
     sms, dt, most = stepper.sms, stepper.dt, 0.0
     q, rates = sms.configuration([0.4, 0.7, -0.5]), np.zeros(3)
     for k in range(round(duration / dt)):

@@ -60,9 +60,7 @@ def test_steps_keep_the_limit_and_break_it_without(
     turn = pin.XYZQUATToSE3(start[:7]).rotation
     target = panda.at(start).end_effector_pose.translation + turn @ np.array([0.0, -0.4, -0.3])
     free = marched(make_stepper(panda, 0.02), start, target, 6.0)
-    held = marched(
-        make_stepper(panda, 0.02, base=opt.BaseLimits(**{name: LIMITS[name]})), start, target, 6.0
-    )
+    held = marched(make_stepper(panda, 0.02, base=opt.BaseLimits(**{name: LIMITS[name]})), start, target, 6.0)
     assert finely(panda, start, free.rates, 0.02)[name] > 1.2 * LIMITS[name]
     assert 0.5 * LIMITS[name] < finely(panda, start, held.rates, 0.02)[name] <= LIMITS[name]
     assert held.note == ""

@@ -40,9 +40,7 @@ def plain_points(sms: ffsms.SpaceManipulator, points: Points, q: FloatArray) -> 
     pin.framesForwardKinematics(sms.model, data, q)
     places = [data.oMi[j].translation for j in range(2, sms.model.njoints)]
     places.append(data.oMf[sms.frame_id].translation)
-    values = [
-        np.linalg.norm(places[i] - places[j]) for i, j in zip(points.first, points.second, strict=True)
-    ]
+    values = [np.linalg.norm(places[i] - places[j]) for i, j in zip(points.first, points.second, strict=True)]
     box = data.oMi[1] * sms.base_box_placement
     half = 0.5 * np.array(sms.base_size)
     values += [(np.abs(box.actInv(places[i])) - half).max() for i in points.outside]

@@ -21,7 +21,9 @@ def test_it_is_that_of_the_robot(name: str) -> None:
         np.testing.assert_allclose(step.J_star, state.J_star, atol=1e-12)
         np.testing.assert_allclose(step.J_arm, state.J_m, atol=1e-12)
         np.testing.assert_allclose(step.pose.homogeneous, state.end_effector_pose.homogeneous, atol=1e-12)
-        np.testing.assert_allclose(step.reaction, -np.linalg.solve(step.M[:6, :6], step.M[:6, 6:]), atol=1e-12)
+        np.testing.assert_allclose(
+            step.reaction, -np.linalg.solve(step.M[:6, :6], step.M[:6, 6:]), atol=1e-12
+        )
         np.testing.assert_allclose(sms.velocity(q, rates)[:6], step.reaction @ rates, atol=1e-12)
         assert step.entropy == pytest.approx(state.coupling.entropy, abs=1e-12)
         # Columns of V up to sign, those of no coupling up to a turn among themselves.
