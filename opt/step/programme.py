@@ -134,9 +134,7 @@ def objective(
         added.append((w.effort * effort, np.zeros(n)))
     if spin is not None:
         J_w = step.J_star[3:]
-        added.append(
-            (w.orientation * (J_w.T @ J_w), w.orientation * ((spin - step.tip_drift[3:]) @ J_w))
-        )
+        added.append((w.orientation * (J_w.T @ J_w), w.orientation * ((spin - step.tip_drift[3:]) @ J_w)))
     for matrix, vector in added:
         H[:n, :n] += V.T @ matrix @ V
         g[:n] -= vector @ V

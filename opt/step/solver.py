@@ -18,9 +18,10 @@ from ffsms_pin.opt.step.programme import StepProblem
 
 __all__ = ["Solution", "StepSolver", "new_solver"]
 
-# The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-10
-# places it to 1e-5 rad/s. A laxer tolerance shows as jerks of the joints; a stricter one meets rounding.
-TOLERANCE = 1e-13
+# The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-11
+# places it to 1e-6 rad/s. A laxer tolerance leaves it open in a few steps of a thousand which rows are active;
+# a stricter one takes a few per cent more iterations for nothing.
+TOLERANCE = 1e-11
 # A dozen iterations are usual. A programme that takes these many has failed; they end within milliseconds.
 OUTER_ITERATIONS, INNER_ITERATIONS = 40, 40
 _KEPT = 1e-9  # [in the units of the rows] how exactly the refined solution keeps all rows

@@ -241,9 +241,7 @@ class Stepper:
         prefer: FloatArray | None = None,
     ) -> _Build:
         reference = REFERENCES[self.reference]
-        step = step_state(
-            self.sms, q, rates, self.dt, time_left, self.momentum, self.base_start, self._data
-        )
+        step = step_state(self.sms, q, rates, self.dt, time_left, self.momentum, self.base_start, self._data)
         cosine_wanted = ideal_cosine(step.entropy, self.kappa) if reference.on_cone else 1.0
         wanted = wanted_motion(step, target, cosine_wanted, self.side)
         if prefer is not None:

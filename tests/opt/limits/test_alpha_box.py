@@ -1,0 +1,75 @@
+"""The paper's box |alpha_i| <= 1: kept as printed where it can be, and said where not."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from step_parts import StepJoints, make_stepper
+
+import ffsms_pin as ffsms
+from ffsms_pin.opt.limits.alpha_box import AlphaBox, alpha_box_rows
+from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.system.base_motion import advance
+
+TARGET = np.array([0.45, 0.75, 0.0])
+
+
+@pytest.fixture(scope="module")
+def fast() -> ffsms.SpaceManipulator:
+    """With generous joint limits only the box is left to hold the rates."""
+    sms = ffsms.load("planar_3r")
+    fast = ffsms.SpaceManipulator(sms.model, "end_effector", sms.base_size)
+    fast.limits = dataclasses.replace(sms.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0))
+    return fast
+
+
+def largest_alpha(stepper: Stepper, duration: float) -> float:
+    sms, dt, most = stepper.sms, stepper.dt, 0.0
+    q, rates = sms.configuration([0.4, 0.7, -0.5]), np.zeros(3)
+    for k in range(round(duration / dt)):
+        step = stepper.advance(q, rates, TARGET, duration - k * dt)
+        assert step.solved
+        most = max(most, float(np.abs(step.alpha).max()))
+        q, _ = advance(sms, q, rates, (step.joint_rates - rates) / dt, dt)
+        rates = step.joint_rates
+    return most
+
+
+def test_alpha_stays_in_the_box_and_leaves_it_without(fast: ffsms.SpaceManipulator) -> None:
+    assert 0.999 < largest_alpha(make_stepper(fast), 0.2) <= 1.0 + 1e-6
+    assert largest_alpha(Stepper(fast, 0.01, 10.0, [StepJoints()]), 0.2) > 2.0
+
+
+def test_slow_rates_meet_rows_that_never_give_way(planar: ffsms.SpaceManipulator) -> None:
+    step = step_state(planar, planar.configuration([0.4, 0.7, -0.5]), np.full(3, 0.3), 0.01, 5.0)
+    rows = alpha_box_rows(step)
+    np.testing.assert_array_equal(rows.G, step.V.T)
+    assert rows.give == 0.0
+    assert (rows.lower == -1.0).all()
+    assert (rows.upper == 1.0).all()
+
+
+def test_where_the_box_cannot_be_kept_the_step_says_so(fast: ffsms.SpaceManipulator) -> None:
+    """Rates of twice the box: with enough acceleration they are back in one step, with little they are not."""
+    q = fast.configuration([0.4, 0.7, -0.5])
+    step = step_state(fast, q, np.zeros(3), 0.01, 5.0)
+    rates = 2.0 * step.V[:, 0]
+    assert alpha_box_rows(step_state(fast, q, rates, 0.01, 5.0)).give == 0.0
+    back = make_stepper(fast).step(q, rates, TARGET, 5.0)
+    assert back.solved
+    assert np.abs(back.alpha).max() <= 1.0 + 1e-9
+    assert back.slack < 1e-9
+
+    slow = ffsms.SpaceManipulator(fast.model, "end_effector", fast.base_size)
+    slow.limits = dataclasses.replace(fast.limits, acceleration=np.full(3, 10.0))
+    assert alpha_box_rows(step_state(slow, q, rates, 0.01, 5.0)).give > 0.0
+    step_ = make_stepper(slow, collision="off").step(q, rates, TARGET, 5.0)
+    assert step_.solved
+    assert np.abs(step_.alpha).max() > 1.5
+    assert step_.slack > 1e-3
+    # Not more than must be: the rates come back as fast as the joints can.
+    assert np.abs(step_.joint_rates - rates).max() == pytest.approx(0.1, abs=1e-9)
+    assert AlphaBox().rows(step).give == 0.0

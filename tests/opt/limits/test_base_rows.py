@@ -1,0 +1,141 @@
+"""Limits on the base's motion in single steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from step_parts import make_stepper, marched
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.base_rows import base_rows, settled
+from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.system.base_motion import roll_out
+
+DEGREE = np.pi / 180.0
+# Each about half of what the base does when it may do as it will, on the move below.
+LIMITS = {
+    "attitude": 2.0 * DEGREE,
+    "attitude_rate": 0.012,
+    "translation": 0.005,
+    "final_attitude": 0.5 * DEGREE,
+}
+
+
+@pytest.fixture(scope="module")
+def panda() -> ffsms.SpaceManipulator:
+    return ffsms.load("satellite_panda")
+
+
+@pytest.fixture(scope="module")
+def start(panda: ffsms.SpaceManipulator) -> FloatArray:
+    lower, upper = panda.limits.lower, panda.limits.upper
+    share = np.array([0.03, -0.04, 0.02, 0.01, 0.05, 0.02, 0.01])
+    # Turned and shifted: the limits count from where the base starts.
+    base = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.5, -0.2, 0.3]))
+    return panda.configuration(0.5 * (lower + upper) + share * (upper - lower), base)
+
+
+def finely(sms: ffsms.SpaceManipulator, q0: FloatArray, rates: FloatArray, dt: float) -> dict[str, float]:
+    """The largest of what a limit is on, from the plain formulas, at the nodes and between them."""
+    accelerations = np.repeat(np.diff(rates, axis=0) / dt, 5, axis=0)
+    q, fine = roll_out(sms, q0, rates[0], accelerations, dt / 5)
+    states = [sms.at(row, sms.velocity(row, rate)) for row, rate in zip(q, fine, strict=True)]
+    poses = [state.base_pose for state in states]
+    turns = [np.linalg.norm(pin.log3(poses[0].rotation.T @ pose.rotation)) for pose in poses]
+    return {
+        "attitude": float(np.max(turns)),
+        "attitude_rate": max(float(np.linalg.norm(state.base_twist[3:])) for state in states),
+        "translation": max(float(np.linalg.norm(p.translation - poses[0].translation)) for p in poses),
+        "final_attitude": float(turns[-1]),
+    }
+
+
+@pytest.mark.parametrize("name", list(LIMITS))
+def test_steps_keep_the_limit_and_break_it_without(
+    name: str, panda: ffsms.SpaceManipulator, start: FloatArray
+) -> None:
+    turn = pin.XYZQUATToSE3(start[:7]).rotation
+    target = panda.at(start).end_effector_pose.translation + turn @ np.array([0.0, -0.4, -0.3])
+    free = marched(make_stepper(panda, 0.02), start, target, 6.0)
+    held = marched(make_stepper(panda, 0.02, base=opt.BaseLimits(**{name: LIMITS[name]})), start, target, 6.0)
+    assert finely(panda, start, free.rates, 0.02)[name] > 1.2 * LIMITS[name]
+    assert 0.5 * LIMITS[name] < finely(panda, start, held.rates, 0.02)[name] <= LIMITS[name]
+    assert held.note == ""
+
+
+def test_where_the_step_counts_from(panda: ffsms.SpaceManipulator, start: FloatArray) -> None:
+    stepper = make_stepper(panda, base=opt.BaseLimits(attitude=0.1))
+    target, rates, away = panda.at(start).end_effector_pose.translation + 0.2, np.zeros(7), start.copy()
+    away[:3] += 0.2
+    stepper.step(start, rates, target, 4.0)
+    stepper.step(away, rates, target, 4.0)
+    np.testing.assert_array_equal(stepper.base_start, start[:7])
+    stepper.reset()
+    stepper.step(away, rates, target, 4.0)
+    np.testing.assert_array_equal(stepper.base_start, away[:7])
+    stepper.reset(base_start=start[:7])
+    stepper.step(away, rates, target, 4.0)
+    np.testing.assert_array_equal(stepper.base_start, start[:7])
+
+
+@pytest.mark.parametrize("kind", ["attitude", "translation"])
+def test_rows_are_the_rate_of_the_distance(
+    kind: str, panda: ffsms.SpaceManipulator, start: FloatArray
+) -> None:
+    """With a vanishing step a row is -d|r|/dt over the joint rates, by finite differences of a roll-out."""
+    rng, h = np.random.default_rng(3), 1e-6
+    q, _ = roll_out(panda, start, rng.normal(size=7), np.zeros((40, 7)), 0.01)
+
+    def distance(row: FloatArray) -> float:
+        first, now = panda.at(start).base_pose, panda.at(row).base_pose
+        if kind == "attitude":
+            return float(np.linalg.norm(pin.log3(first.rotation.T @ now.rotation)))
+        return float(np.linalg.norm(now.translation - first.translation))
+
+    for _ in range(4):
+        rates = rng.normal(size=7)
+        step = step_state(panda, q[-1], rates, 1e-9, 1.0, base_start=start[:7])
+        rows = base_rows(opt.BaseLimits(**{kind: 0.5}), step)
+        assert rows is not None
+        ahead, _ = roll_out(panda, q[-1], rates, np.zeros((1, 7)), h)
+        behind, _ = roll_out(panda, q[-1], -rates, np.zeros((1, 7)), h)
+        rate = (distance(ahead[-1]) - distance(behind[-1])) / (2.0 * h)
+        assert float(-rows.G[0] @ rates) == pytest.approx(rate, abs=1e-6)
+        # And it may go on as fast as what is left allows.
+        assert -rows.lower[0] == pytest.approx(2.0 * (0.97 * 0.5 - distance(q[-1])), abs=1e-6)
+
+
+def test_the_spin_of_momentum_counts(planar: ffsms.SpaceManipulator) -> None:
+    """A base that turns by itself leaves less to the arm on one side, and more on the other."""
+    q, limits = planar.configuration([0.3, 0.6, 0.5]), opt.BaseLimits(attitude_rate=0.05)
+    momentum = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+    still, turning = (
+        base_rows(limits, step_state(planar, q, np.zeros(3), 0.01, 1.0, total)) for total in (None, momentum)
+    )
+    assert still is not None
+    assert turning is not None
+    own = step_state(planar, q, np.zeros(3), 0.01, 1.0, momentum).drift[5]
+    along = turning.lower[:2] + 0.97 * 0.05 * 0.9
+    np.testing.assert_allclose(along, [own, -own], atol=1e-12)
+    np.testing.assert_allclose(still.lower[:2], -0.97 * 0.05 * 0.9, atol=1e-12)
+
+
+def test_without_limits_there_are_no_rows(planar: ffsms.SpaceManipulator) -> None:
+    step = step_state(planar, planar.configuration([0.3, 0.6, 0.5]), np.zeros(3), 0.01, 1.0)
+    assert base_rows(opt.BaseLimits(), step) is None
+
+
+def test_rates_from_which_the_arm_cannot_stop_in_time_are_not_taken(
+    panda: ffsms.SpaceManipulator, start: FloatArray
+) -> None:
+    rates = 0.2 * np.ones(7)
+    step = step_state(panda, start, rates, 0.02, 2.0)
+    slow, fast = 0.98 * rates, 1.02 * rates
+    wide, narrow = opt.BaseLimits(attitude=0.5), opt.BaseLimits(attitude=1e-3)
+    np.testing.assert_array_equal(settled(wide, step, fast, slow), fast)
+    np.testing.assert_array_equal(settled(narrow, step, fast, slow), slow)
+    # Nothing looks ahead to the end.
+    np.testing.assert_array_equal(settled(opt.BaseLimits(final_attitude=1e-3), step, fast, slow), fast)

@@ -1,0 +1,71 @@
+"""The paper's plain nonlinear step keeps its limits and arrives."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from step_parts import StepClearance, StepJoints
+
+import ffsms_pin as ffsms
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
+from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
+from ffsms_pin.opt.step.march import march
+from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.system.base_motion import roll_out
+
+TARGET = np.array([0.45, 0.75, 0.0])
+
+
+@pytest.mark.parametrize("kappa", [10.0, 1000.0])
+def test_a_march_comes_near_within_its_limits(planar: ffsms.SpaceManipulator, kappa: float) -> None:
+    """Near, from 0.6 m away: rates that chatter on the cone do not make the schedule good in the end."""
+    dt, q0 = 0.05, planar.configuration(np.deg2rad([1.0, 1.0, 1.0]))
+    stepper = NonlinearStepper(planar, dt, kappa, [StepJoints(), AlphaBox(), StepClearance(0.01)])
+    done = march(stepper, q0, np.zeros(3), TARGET, 12.0)
+    q, _ = roll_out(planar, q0, done.rates[0], np.diff(done.rates, axis=0) / dt, dt)
+    assert np.linalg.norm(planar.at(q[-1]).end_effector_pose.translation - TARGET) < 0.1
+    assert done.note == ""
+    assert (np.abs(done.rates) <= planar.limits.velocity + 1e-9).all()
+    assert (np.abs(np.diff(done.rates, axis=0)) <= dt * planar.limits.acceleration + 1e-9).all()
+    points = Points(planar)
+    assert min(points.values(row).min() for row in q) > 0.01 - 1e-3
+
+
+def test_alpha_is_within_its_box_as_printed(planar: ffsms.SpaceManipulator) -> None:
+    fast = ffsms.SpaceManipulator(planar.model, "end_effector", planar.base_size)
+    fast.limits = dataclasses.replace(
+        planar.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0)
+    )
+    stepper = NonlinearStepper(fast, 0.01, 10.0, [StepJoints()])
+    q, rates, most = fast.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.0
+    for k in range(10):
+        step = stepper.advance(q, rates, TARGET, 5.0 - 0.01 * k)
+        assert step.solved
+        most = max(most, float(np.abs(step.alpha).max()))
+        rates = step.joint_rates
+    assert 0.9 < most <= 1.0 + 1e-9
+
+
+def test_the_slope_of_the_cost_is_that_of_finite_differences(planar: ffsms.SpaceManipulator) -> None:
+    rng, h = np.random.default_rng(0), 1e-6
+    stepper = NonlinearStepper(planar, 0.01, 10.0, [])
+    step = step_state(planar, planar.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.01, 5.0)
+    A, towards = step.J_star[:3] @ step.V, np.array([0.6, 0.8, 0.0])
+    for _ in range(5):
+        alpha = rng.normal(size=3)
+        _, slope = stepper._cost(A @ alpha, A, towards, step.entropy)
+        for i in range(3):
+            change = h * np.eye(3)[i]
+            ahead, _ = stepper._cost(A @ (alpha + change), A, towards, step.entropy)
+            behind, _ = stepper._cost(A @ (alpha - change), A, towards, step.entropy)
+            assert slope[i] == pytest.approx((ahead - behind) / (2.0 * h), abs=1e-7)
+
+
+def test_it_has_no_attitude(planar: ffsms.SpaceManipulator) -> None:
+    stepper = NonlinearStepper(planar, 0.01, 10.0, [])
+    with pytest.raises(InvalidValue, match="attitude"):
+        stepper.advance(planar.configuration([0.1, 0.2, 0.3]), np.zeros(3), TARGET, 1.0, np.eye(3))

@@ -1,0 +1,174 @@
+"""The programme of a step, against its plain formulas, term by term."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from step_parts import StepJoints, StepRows, make_stepper
+
+import ffsms_pin as ffsms
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.alpha_box import alpha_box_rows
+from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
+from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.limits.rate_bounds import rate_bounds
+from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.step.direction import cone_direction, lateral_direction, reference_speed
+from ffsms_pin.opt.step.programme import Objective, StepProblem, StepWeights, build_step
+from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.terms.cost import ideal_cosine
+from ffsms_pin.opt.terms.term import Term
+
+TARGET = np.array([0.45, 0.75, 0.0])
+
+
+def plain_programme(
+    sms: ffsms.SpaceManipulator, q: FloatArray, rates: FloatArray, target: FloatArray, left: float
+) -> StepProblem:
+    """The matrices of docs/convex-step.md, in the basis V of the stepper."""
+    dt, w, n = 0.01, StepWeights(), sms.n
+    step = step_state(sms, q, rates, dt, left)
+    V, J_v = step.V, step.J_star[:3]
+    velocity, way = J_v @ rates, target - step.pose.translation
+    distance = float(np.linalg.norm(way))
+    towards = way / distance
+    cosine = ideal_cosine(step.entropy, 10.0)
+    e = cone_direction(towards, lateral_direction(towards, velocity), cosine)
+    now = max(0.0, float(velocity @ e))
+    gain = dt * float(np.abs(e @ J_v) @ sms.limits.acceleration)
+    speed = min(reference_speed(distance / max(cosine, 0.2), now, left, dt), now + gain)
+    H, g = np.zeros((n + 2, n + 2)), np.zeros(n + 2)
+    S = np.column_stack([J_v @ V, -e, np.zeros(3)])
+    H += w.direction * S.T @ S
+    H[:n, :n] += w.effort * np.eye(n) + w.change * V.T @ V
+    H[n, n] += w.speed
+    H[n + 1, n + 1] += w.clearance
+    g[:n], g[n], g[n + 1] = -w.change * V.T @ rates, -w.speed * speed, w.clearance
+    value, gradient = Points(sms).gradients(q)
+    m = len(value)
+    lower, upper = rate_bounds(sms.layout.positions(q), rates, sms.limits, dt)
+    # The box, which may have to give way: then each side is a row.
+    give = alpha_box_rows(step).give
+    none = np.full(n, UNBOUNDED)
+    box = [(np.eye(n), np.zeros(n), -np.ones(n), np.ones(n))]
+    if give:
+        box = [
+            (np.eye(n), np.full(n, give), -np.ones(n), none),
+            (np.eye(n), np.full(n, -give), -none, np.ones(n)),
+        ]
+    rows = [(V, np.zeros(n), lower, upper), *box]
+    rows.append((gradient @ V, np.ones(m), -2.0 * (value - 0.012), np.full(m, UNBOUNDED)))
+    return StepProblem(
+        H=H,
+        g=g,
+        C=np.vstack([np.column_stack([G, np.zeros(len(G)), slack]) for G, slack, _, _ in rows]),
+        l=np.concatenate([low for _, _, low, _ in rows]),
+        u=np.concatenate([up for _, _, _, up in rows]),
+        lower=np.concatenate([-none, [0.0, 0.0]]),
+        upper=np.full(n + 2, UNBOUNDED),
+    )
+
+
+@pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
+def test_the_built_programme_is_that_of_the_plain_formulas(name: str) -> None:
+    """One stepper for all states, fast ones among them: nothing of one is left in the next."""
+    sms = ffsms.load(name)
+    rng, stepper, gave = np.random.default_rng(7), make_stepper(sms), 0
+    middle, half = 0.5 * (sms.limits.upper + sms.limits.lower), 0.5 * (sms.limits.upper - sms.limits.lower)
+    for k in range(30):
+        q = sms.configuration(middle + 0.9 * half * rng.uniform(-1.0, 1.0, sms.n))
+        rates = (0.1, 0.9)[k % 2] * sms.limits.velocity * rng.uniform(-1.0, 1.0, sms.n)
+        stepper.reset()
+        built, plain = stepper.build(q, rates, TARGET, 6.0), plain_programme(sms, q, rates, TARGET, 6.0)
+        gave += len(plain.l) > 2 * sms.n + Points(sms).count
+        for found, expected in zip(built, plain, strict=True):
+            np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
+    assert (gave > 0) == (name == "satellite_panda")
+
+
+def test_building_remembers_nothing(planar: ffsms.SpaceManipulator) -> None:
+    q, rates = planar.configuration([0.4, 0.7, -0.5]), np.array([0.1, -0.2, 0.1])
+    stepper, fresh = make_stepper(planar), make_stepper(planar)
+    stepper.build(planar.configuration([1.0, 0.2, 0.4]), -rates, TARGET, 2.0)
+    found, expected = stepper.step(q, rates, TARGET, 5.0), fresh.step(q, rates, TARGET, 5.0)
+    np.testing.assert_array_equal(found.joint_rates, expected.joint_rates)
+
+
+def test_rows_with_two_sides_give_way_on_each() -> None:
+    """Of two rows that are hard, and three that give way: one on both sides, one below, one above."""
+    rng = np.random.default_rng(0)
+    V, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    hard = Rows(rng.normal(size=(2, 3)), np.array([-1.0, 0.5]), np.array([1.0, 0.7]))
+    soft = Rows(
+        rng.normal(size=(3, 3)), np.array([-1.0, 0.2, -UNBOUNDED]), np.array([1.0, UNBOUNDED, 0.3]), 0.5
+    )
+    problem = build_step(V, Objective(np.eye(5), np.zeros(5)), [hard, soft])
+    for _ in range(50):
+        alpha, slack = rng.normal(size=3), float(rng.uniform(0.0, 2.0))
+        x = np.concatenate([alpha, [0.4], [slack]])
+        u = V @ alpha
+        gaps = [
+            *(hard.lower - hard.G @ u),
+            *(hard.G @ u - hard.upper),
+            *(soft.lower - soft.G @ u - 0.5 * slack),
+            *(soft.G @ u - soft.upper - 0.5 * slack),
+        ]
+        assert problem.violation(x) == pytest.approx(max(0.0, *gaps), abs=1e-12)
+    assert problem.C.shape == (2 + 2 + 2, 5)
+
+
+class _Posture(Term):
+    """Joint rates that are wished for."""
+
+    name = "posture"
+
+    def __init__(self, weight: float, rates: FloatArray) -> None:
+        self._weight, self._rates = weight, rates
+
+    def residual(self, motions: Any) -> list[Any]:
+        return []
+
+    def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray]:
+        return self._weight * np.eye(step.sms.n), self._weight * self._rates
+
+
+def test_terms_add_to_the_objective_as_they_say() -> None:
+    sms, rng = ffsms.load("satellite_panda"), np.random.default_rng(3)
+    q = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
+    wished, rates = rng.uniform(-0.1, 0.1, 7), np.zeros(7)
+    target = sms.at(q).end_effector_pose.translation + np.array([0.1, -0.2, 0.1])
+    with_, without = (
+        Stepper(sms, 0.1, 10.0, [StepJoints()], terms) for terms in ([_Posture(1e-3, wished)], [])
+    )
+    V = step_state(sms, q, rates, 0.1, 5.0).V
+    problems = with_.build(q, rates, target, 5.0), without.build(q, rates, target, 5.0)
+    x = rng.normal(size=9)
+    u = V @ x[:7]
+    share = problems[0].value(x) - problems[1].value(x)
+    assert share == pytest.approx(1e-3 * (0.5 * u @ u - wished @ u), abs=1e-12)
+    near, far = (stepper.step(q, rates, target, 5.0) for stepper in (with_, without))
+    gap = np.linalg.norm(near.joint_rates - wished), np.linalg.norm(far.joint_rates - wished)
+    assert gap[0] < 0.9 * gap[1]
+    # It ranks below the direction.
+    assert near.cost < 1e-4
+
+
+def test_a_limit_may_be_written_by_anyone(planar: ffsms.SpaceManipulator) -> None:
+    """The end effector must not move down, although the target is there."""
+    q = planar.configuration([0.4, 0.7, -0.5])
+    target = planar.at(q).end_effector_pose.translation + np.array([0.05, -0.4, 0.0])
+
+    def not_down(step: StepState) -> Rows:
+        return Rows(step.J_star[1:2], np.zeros(1), np.full(1, UNBOUNDED), give=1.0)
+
+    for limits, held in (([StepJoints(), StepRows(not_down)], True), ([StepJoints()], False)):
+        stepper, rates = Stepper(planar, 0.01, 10.0, limits), np.zeros(3)
+        for k in range(20):
+            step = stepper.step(q, rates, target, 4.0 - 0.01 * k)
+            assert step.solved
+            rates = step.joint_rates
+        falls = float(step_state(planar, q, rates, 0.01, 1.0).J_star[1] @ rates)
+        assert (falls >= -1e-9) == held

@@ -1,0 +1,98 @@
+"""Limits and steppers for tests of the step: what must hold in a step, from the rows alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import ffsms_pin as ffsms
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
+from ffsms_pin.opt.limits.base_rows import base_rows, settled
+from ffsms_pin.opt.limits.clearance_rows import clearance_model, clearance_rows
+from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
+from ffsms_pin.opt.limits.rate_bounds import rate_bounds
+from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.step.march import March, march
+from ffsms_pin.opt.step.stepper import Stepper
+
+
+class StepLimit(Limit):
+    """A limit that steps alone are held to."""
+
+    name = "step"
+
+    def residual(self, motions: Any) -> list[Any]:
+        return []
+
+    def violation(self, motion: Any) -> Violation:
+        return Violation()
+
+
+class StepJoints(StepLimit):
+    """The robot's joint limits."""
+
+    def rows(self, step: StepState) -> Rows:
+        return Rows(np.eye(step.sms.n), *rate_bounds(step.joints, step.rates, step.sms.limits, step.dt))
+
+
+class StepClearance(StepLimit):
+    """Clearances of points or shapes."""
+
+    def __init__(self, kept: float = 0.01, collision: str = "points") -> None:
+        self._kept, self._collision, self._model = kept, collision, None
+
+    def for_robot(self, sms: ffsms.SpaceManipulator) -> StepClearance:
+        made = StepClearance(self._kept, self._collision)
+        made._model = clearance_model(sms, self._collision)
+        return made
+
+    def rows(self, step: StepState) -> Rows | None:
+        return None if self._model is None else clearance_rows(self._model, self._kept, step)
+
+
+class StepBase(StepLimit):
+    """Limits on the base's motion."""
+
+    def __init__(self, bounds: Any) -> None:
+        self._bounds = bounds
+
+    def rows(self, step: StepState) -> Rows | None:
+        return base_rows(self._bounds, step)
+
+    def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
+        return settled(self._bounds, step, rates, braking)
+
+
+class StepRows(StepLimit):
+    """Rows from a function."""
+
+    def __init__(self, rows: Callable[[StepState], Rows | None]) -> None:
+        self._rows = rows
+
+    def rows(self, step: StepState) -> Rows | None:
+        return self._rows(step)
+
+
+def make_stepper(
+    sms: ffsms.SpaceManipulator,
+    dt: float = 0.01,
+    kappa: float = 10.0,
+    collision: str = "points",
+    base: Any = None,
+    **options: Any,
+) -> Stepper:
+    """A stepper with the default limits: joints, clearance, the box of alpha, and the base where given."""
+    limits: list[Limit] = [StepJoints(), AlphaBox(), StepClearance(0.01, collision)]
+    if base is not None:
+        limits.append(StepBase(base))
+    return Stepper(sms, dt, kappa, limits, **options)
+
+
+def marched(
+    stepper: Stepper, q0: FloatArray, target: FloatArray, duration: float, rotation: FloatArray | None = None
+) -> March:
+    """A march from rest."""
+    return march(stepper, q0, np.zeros(stepper.sms.n), target, duration, rotation)
