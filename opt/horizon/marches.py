@@ -1,10 +1,13 @@
-"""Starts from the paper's step: marches on the cost's cone without limits, all sides at once, fitted by splines.
+"""Marches of the paper's step: as starts of the search, and as plans of their own.
 
-Where nothing stops it, such a march costs nothing and moves the joints little, and it may arrive where no straight
-joint-space move does. It is only a start, so one damped least-squares solution a step does for the programme.
+Where nothing stops it, a march costs nothing and moves the joints little, and it may arrive where no straight
+joint-space move does. As a start it is taken on the cost's cone without limits, all sides at once: one damped
+least-squares solution a step does for the programme. As a plan it is marched with every limit, step by step.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -17,10 +20,13 @@ from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.starts import joint_range
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.step.march import start_sides
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.system.base_motion import advance
 
-__all__ = ["cone_marches", "march_starts"]
+__all__ = ["cone_marches", "free_marches", "march_starts"]
 
-_DAMPING = 0.02  # [arm lengths] of the least squares, near singular postures
+_DAMPING = 0.003  # [arm lengths] of the least squares, near singular postures
 _POWER = 2.5  # the distance left shrinks as (time left)^2.5, as for the step
 _LEAST_COSINE = 0.2  # below, the path would be a spiral; its length is then taken as if at this cosine
 _SHARE = 0.8  # of the rate limits
@@ -33,6 +39,29 @@ def march_starts(problem: Problem, spline: RateSpline, options: SearchOptions) -
     maps = spline.rates_at(middles)
     rest = rates - maps.fixed[:, None] * problem.joint_rates
     return np.asarray(np.linalg.pinv(maps.free) @ rest)
+
+
+def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
+    """Joint rates (N + 1, n) of marches of the paper's step that cost less than a budget [s], one for each side.
+
+    A march is given up where it has cost more, or where a step's programme was not solved.
+    """
+    place, dt = problem.goal.place(problem.duration), problem.dt
+    stepper = Stepper(problem.sms, dt, problem.kappa, problem.limits, momentum=problem.momentum)
+    for side in start_sides(problem.sms, problem.q0, place.position):
+        stepper.reset(side)
+        q, cost, rates = problem.q0, 0.0, np.empty((problem.steps + 1, problem.sms.n))
+        rates[0] = problem.joint_rates
+        for k in range(problem.steps):
+            left = problem.duration - k * dt
+            step = stepper.advance(q, rates[k], place.position, left, place.rotation)
+            cost += step.cost * dt
+            if cost > budget or not step.solved:
+                break
+            rates[k + 1] = step.joint_rates
+            q, _ = advance(problem.sms, q, rates[k], (rates[k + 1] - rates[k]) / dt, dt, problem.momentum)
+        else:
+            yield rates
 
 
 def cone_marches(problem: Problem, steps: int) -> FloatArray:

@@ -14,12 +14,13 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.landing import aimed, arrival_error
-from ffsms_pin.opt.horizon.marches import march_starts
+from ffsms_pin.opt.horizon.marches import free_marches, march_starts
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.rounds import EARLY, LATE, STIFF, follow, keep_limits, land, run
 from ffsms_pin.opt.horizon.spline import embedded
 from ffsms_pin.opt.horizon.starts import JointGoals, shoot, spread, straight_moves, straight_time
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
 __all__ = ["Found", "Search"]
@@ -124,6 +125,7 @@ class Search:
             self._follow(effort)
             if self._arrived(effort.content(self.problem.kappa) * scale) or self._out_of_time() or outside:
                 break
+        self._march((self.options.nearly_free + EFFORTS[0].soft * (math.log(2.0) / self.problem.kappa) ** 2) * scale)
         if not self._arrived() and not self._out_of_time():
             self._go_straight()
         self._report(1.0)
@@ -242,6 +244,21 @@ class Search:
         self.goals = shoot(self.problem, self.problem.joints0[None])
         self._go_to(self.goals.joints[0], 0)
         return self._arrived()
+
+    def _march(self, cheap: float) -> None:
+        """Where the plan is not nearly free: the paper's own marches, where one is cheaper."""
+        goal = self.problem.goal
+        place = goal.place(self.problem.duration)
+        if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
+            return  # a march knows no such goal
+        least = min((cost_of(one.plan) for one in self.found if not self._misses(one.plan)[0]), default=np.inf)
+        if least <= cheap or not any(isinstance(term, Coupling) for term in self.problem.terms):
+            return
+        best = self.best()
+        for rates in free_marches(self.problem, least - self.options.cost_tolerance * max(1.0, self._coarse.time)):
+            self.found.append(best._replace(plan=measure(self.problem, rates)))
+            if self._arrived(cheap) or self._out_of_time():
+                break
 
     def _go_straight(self) -> None:
         """Where every cheap way round fails: the quickest straight moves that end at the goal."""
