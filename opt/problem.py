@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray, frozen, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.arm import ArmStack
-from ffsms_pin.opt.goals import Goal, as_goal
+from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits import Clearance, JointLimits, Limit
 from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator

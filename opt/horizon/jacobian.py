@@ -86,9 +86,7 @@ class Jacobian:
             made += np.einsum("vxjm,xv->jmv", self._turned[residual.motion, :, :, :, instants], turn)
         return np.asarray(made.reshape(len(made) * made.shape[1], -1))
 
-    def _own_slopes(
-        self, r: Residual, where: Any
-    ) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+    def _own_slopes(self, r: Residual, where: Any) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
         """Slopes by the joint positions and rates where the base stays, and by a turn of everything."""
         at, arm, stack = self._motions, self._motions.arm, self._stack
 
@@ -154,5 +152,3 @@ class Jacobian:
 def _along(values: FloatArray, dimensions: int) -> FloatArray:
     """A value a joint (n,), to be multiplied with (n, ...) of so many dimensions."""
     return values.reshape(-1, *(1,) * (dimensions - 1))
-
-

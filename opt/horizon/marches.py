@@ -89,7 +89,9 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
         e = cosine * d + np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * lateral
         left = problem.duration - k * dt
         share = _POWER / (left + 0.5 * _POWER * dt)
-        speed = np.minimum(share * distance / np.maximum(cosine, _LEAST_COSINE), speed + _gain(problem, steps, distance))
+        speed = np.minimum(
+            share * distance / np.maximum(cosine, _LEAST_COSINE), speed + _gain(problem, steps, distance)
+        )
         J, wanted = apply(R, arm.jstar), speed * e - problem.drift[:, None]
         if place.rotation is not None:
             turn = log3(np.einsum("xy,zyk->xzk", place.rotation, apply(R, arm.tip_rotation)))

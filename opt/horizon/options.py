@@ -64,4 +64,4 @@ class SearchOptions:
     moving: float = 1e-3
     turns: int = 8
     still: float = 1e-8
-    march_steps: int = 60
+    march_steps: int = 30

@@ -104,7 +104,9 @@ class Search:
     ) -> None:
         self.problem, self.options = problem, options or SearchOptions()
         self._report = progress or (lambda share: None)
-        self._coarse, self._fine = (Model.make(problem, one) for one in (self.options.coarse, self.options.fine))
+        self._coarse, self._fine = (
+            Model.make(problem, one) for one in (self.options.coarse, self.options.fine)
+        )
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
         self.found: list[Found] = []
         self._pool: Candidates | None = None
@@ -125,7 +127,9 @@ class Search:
             self._follow(effort)
             if self._arrived(effort.content(self.problem.kappa) * scale) or self._out_of_time() or outside:
                 break
-        self._march((self.options.nearly_free + EFFORTS[0].soft * (math.log(2.0) / self.problem.kappa) ** 2) * scale)
+        self._march(
+            (self.options.nearly_free + EFFORTS[0].soft * (math.log(2.0) / self.problem.kappa) ** 2) * scale
+        )
         if not self._arrived() and not self._out_of_time():
             self._go_straight()
         self._report(1.0)
@@ -179,12 +183,12 @@ class Search:
         found = follow(self._coarse, self._fine, self._pool, effort.keep, effort.patience)
         for i in range(len(found.p)):
             if i == 0 or not self._out_of_time():
-                self._finish(found.p[i])
+                self._finish(found.take([i]))
 
-    def _finish(self, p: FloatArray) -> None:
+    def _finish(self, motion: Candidates) -> None:
         """Land on the fine spline; where the plan arrives but is not nearly free, go on on the finest one."""
         weights, damping = LATE[-1].weights, LATE[-1].damping or 0.03
-        found = self._land(self._fine, Candidates.start(self._fine, p[None], weights, damping))
+        found = self._land(self._fine, motion)
         cheap = self.options.nearly_free * max(1.0, self._coarse.time)
         if not found.plan.reached or cost_of(found.plan) <= cheap or self._out_of_time():
             return
@@ -235,7 +239,9 @@ class Search:
         start = problem.sms.at(problem.q0).end_effector_pose
         turned = 0.0
         if place.rotation is not None:
-            turned = float(np.arccos(np.clip(0.5 * (np.trace(place.rotation @ start.rotation.T) - 1.0), -1, 1)))
+            turned = float(
+                np.arccos(np.clip(0.5 * (np.trace(place.rotation @ start.rotation.T) - 1.0), -1, 1))
+            )
         far = float(np.linalg.norm(place.position - problem.tip0))
         return far <= problem.goal.reach and turned <= problem.goal.orientation_reach
 
@@ -251,11 +257,15 @@ class Search:
         place = goal.place(self.problem.duration)
         if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
             return  # a march knows no such goal
-        least = min((cost_of(one.plan) for one in self.found if not self._misses(one.plan)[0]), default=np.inf)
+        least = min(
+            (cost_of(one.plan) for one in self.found if not self._misses(one.plan)[0]), default=np.inf
+        )
         if least <= cheap or not any(isinstance(term, Coupling) for term in self.problem.terms):
             return
         best = self.best()
-        for rates in free_marches(self.problem, least - self.options.cost_tolerance * max(1.0, self._coarse.time)):
+        for rates in free_marches(
+            self.problem, least - self.options.cost_tolerance * max(1.0, self._coarse.time)
+        ):
             self.found.append(best._replace(plan=measure(self.problem, rates)))
             if self._arrived(cheap) or self._out_of_time():
                 break
@@ -304,5 +314,3 @@ class Search:
 def cost_of(plan: Trajectory) -> float:
     """The paper's cost integral where it is a term, else the whole objective [s]."""
     return plan.shares.get("coupling", sum(plan.shares.values()))
-
-

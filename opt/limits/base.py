@@ -108,7 +108,9 @@ class BaseLimits(Limit):
         if self.translation < math.inf:
             shift = motions.base_position - motions.base_start[:, None, None]
             distance = np.sqrt(dot(shift, shift))
-            used.append(("by_base", distance, shift / np.maximum(distance, 1e-12), np.array(self.translation)))
+            used.append(
+                ("by_base", distance, shift / np.maximum(distance, 1e-12), np.array(self.translation))
+            )
         if self.attitude_rate < math.inf:
             speed = np.sqrt(dot(motions.base_spin, motions.base_spin))
             unit = motions.base_spin / np.maximum(speed, 1e-12)

@@ -87,9 +87,7 @@ class Clearance(Limit):
         if not where[0].size:
             return []
         slope = self._stack.gradients(motions.stack, motions.joints, motions.arm, where)
-        return [
-            Residual(lack[where] / length, motion=where[1], instants=where[2], by_joints=-slope / length)
-        ]
+        return [Residual(lack[where] / length, motion=where[1], instants=where[2], by_joints=-slope / length)]
 
     def violation(self, motion: Motions) -> Violation:
         """The largest lack of clearance at the nodes and in the middles between them."""

@@ -85,7 +85,9 @@ class JointLimits(Limit):
         # Between two instants a position has its extreme where the rate changes sign.
         start, end = rates[:, :-1], rates[:, 1:]
         turning = start * end < 0.0
-        extremes = joints[:, :-1] - np.where(turning, start**2 / (2.0 * np.where(turning, accelerations, 1.0)), 0.0)
+        extremes = joints[:, :-1] - np.where(
+            turning, start**2 / (2.0 * np.where(turning, accelerations, 1.0)), 0.0
+        )
         extremes = np.hstack([extremes, joints[:, -1:]])
         beyond = np.maximum(
             np.maximum(limits.lower[:, None] - joints, joints - limits.upper[:, None]),
@@ -95,7 +97,10 @@ class JointLimits(Limit):
         hard = np.hstack([np.abs(accelerations), np.zeros((len(joints), 1))]) - limits.acceleration[:, None]
         rounding = (_ROUNDING, _ROUNDING, _ROUNDING / float(np.diff(motion.times).min()))
         kinds = zip(
-            ("position", "rate", "acceleration"), (beyond, fast, hard), rounding, ("rad", "rad/s", "rad/s^2"),
+            ("position", "rate", "acceleration"),
+            (beyond, fast, hard),
+            rounding,
+            ("rad", "rad/s", "rad/s^2"),
             strict=True,
         )
         amount, notes = 0.0, []
@@ -114,7 +119,10 @@ class JointLimits(Limit):
         """Whether any joint is at a limit, at every instant."""
         limits = self.limits
         span = np.where(np.isfinite(limits.upper - limits.lower), limits.upper - limits.lower, 1.0)
-        near = np.minimum(joints - limits.lower[:, None], limits.upper[:, None] - joints) < _BINDING * span[:, None]
+        near = (
+            np.minimum(joints - limits.lower[:, None], limits.upper[:, None] - joints)
+            < _BINDING * span[:, None]
+        )
         near |= fast > -_BINDING * np.minimum(limits.velocity, 1e9)[:, None]
         near |= hard > -_BINDING * np.minimum(limits.acceleration, 1e9)[:, None]
         return np.asarray(near.any(axis=0))

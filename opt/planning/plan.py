@@ -123,7 +123,16 @@ def plan(
     if base_limits is not None:
         limits.append(base_limits)
     problem = Problem(
-        sms, q0, target, duration, dt, terms, limits, joint_rates=joint_rates, momentum=momentum, locked=locked
+        sms,
+        q0,
+        target,
+        duration,
+        dt,
+        terms,
+        limits,
+        joint_rates=joint_rates,
+        momentum=momentum,
+        locked=locked,
     )
     if method == "paper" and (base_limits is not None or problem.momentum is not None):
         raise InvalidValue("method", method, "knows no base limits and no momentum; take another one")
@@ -199,4 +208,3 @@ def _rank(plan: Trajectory) -> tuple[bool, float]:
 
 def _part(progress: Progress, index: int, count: int) -> Progress:
     return lambda share: progress((index + share) / count)
-

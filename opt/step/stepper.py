@@ -258,7 +258,7 @@ class Stepper:
         """Bounds (n,) on the joint rates that rows state one by one (G = 1) and that never give way [rad/s]."""
         lower, upper = self._unbounded
         for G, low, up, give in rows:
-            if give == 0.0 and G.shape == self._one.shape and (G == self._one).all():
+            if give == 0.0 and G.shape == self._one.shape and (self._one == G).all():
                 lower, upper = np.maximum(lower, low), np.minimum(upper, up)
         return lower, upper
 

@@ -87,8 +87,6 @@ class Coupling(Term):
         return result
 
 
-
-
 def _way(motions: Motions) -> FloatArray:
     """From the end effector to the target, the end effector where it was at the start of its step (3, S, K) [m]."""
     return motions.to_target + motions.lag * motions.velocity
