@@ -17,10 +17,10 @@ Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """A number at instants of motions, and its slopes, all in inertial axes; what is left out does not matter.
+    """A number at instants of motions, and its slopes, in inertial axes; what is left out does not matter.
 
-    Dense, with values at K instants of each of S motions; or, where most are zero, only V entries of them: then
-    `motion` says of which motions they are, `instants` at which instants, and (S, K) below reads (V,).
+    Dense, with values at K instants of each of S motions; or, where most are zero, only V entries of them:
+    then `motion` says of which motions they are, `instants` at which instants, and (S, K) below reads (V,).
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 """Slopes of residuals by the control points of whole motions.
 
-A base that floats follows the joints by the momentum equation. Its change under a change of p, as a rotation of
-everything about the centre of mass, is the integral of the change of its angular velocity: so the same quadrature
-that gives the attitude gives its derivative.
+A base that floats follows the joints by the momentum equation. Its change under a change of p, as a rotation
+of everything about the centre of mass, is the integral of the change of its angular velocity: so the same
+quadrature that gives the attitude gives its derivative.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Jacobian:
         self._stack, self._rates, self._travel = at.stack, spline.rates.free.T, spline.travel.free.T
         spin_q, self._jstar_q = velocity_slopes(at.stack, at.arm, at.rates)
         self._spin_q = spin_q
-        # How the base's angular velocity changes with p, inertial axes: its integral is the turn of everything
-        # about the centre of mass, (S, 3, n, M, Q + 2).
+        # How the base's angular velocity changes with p, inertial axes: its integral is the turn of
+        # everything about the centre of mass, (S, 3, n, M, Q + 2).
         count = spline.points
         by_rates, by_travel = (
             apply(at.base_attitude[..., :count], x[..., :count]).transpose(2, 0, 1, 3)[:, :, :, None]

@@ -1,9 +1,9 @@
 """What a landing must aim at so that the finished motion does what the problem asks.
 
-The descent sees the motion at the instants of a quadrature; the finished one is rolled out at its nodes. Where the
-two differ, by a millimetre at a long arm's end or by a corner of the base between two instants, the descent is
-given another goal: beside the true one by as much as the finished motion missed it; and limits with more in hand
-where that motion broke one.
+The descent sees the motion at the instants of a quadrature; the finished one is rolled out at its nodes.
+Where the two differ, by a millimetre at a long arm's end or by a corner of the base between two instants, the
+descent is given another goal: beside the true one by as much as the finished motion missed it; and limits
+with more in hand where that motion broke one.
 """
 
 from __future__ import annotations

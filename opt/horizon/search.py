@@ -57,8 +57,9 @@ class Effort(NamedTuple):
     patience : int
         How many times the usual iterations these make: those whose end is hard to meet need more.
     enough, soft : float
-        A plan as cheap as enough + soft (log 2 / kappa)^2 ends the search [s, for a motion of 8 s]. C~ exceeds
-        max(0, cos(theta_a)) by up to log 2 / kappa, so that for a small kappa no motion that arrives is nearly free.
+        A plan as cheap as enough + soft (log 2 / kappa)^2 ends the search [s, for a motion of 8 s]. C~
+        exceeds max(0, cos(theta_a)) by up to log 2 / kappa, so that for a small kappa no motion that arrives
+        is nearly free.
     """
 
     near: int
@@ -136,7 +137,7 @@ class Search:
         return self.best().plan
 
     def best(self) -> Found:
-        """Of those that arrive and cost no more than the cheapest and the tolerance, the one of least effort."""
+        """Of those that arrive at no more than the least cost and the tolerance, the one of least effort."""
         arrived = [one for one in self.found if self._misses(one.plan)[:2] == (False, False)]
         if not arrived:
             return min(self.found, key=lambda one: self._misses(one.plan))
@@ -230,8 +231,8 @@ class Search:
     def _is_near(self) -> bool:
         """Whether const8 counts the start as arrived: then no way round is taken for the cost's sake.
 
-        The paper's cost charges for standing still and for going straight, and nothing for length: for a target a
-        millimetre away the cheapest motion can be a detour of centimetres.
+        The paper's cost charges for standing still and for going straight, and nothing for length: for a
+        target a millimetre away the cheapest motion can be a detour of centimetres.
         """
         problem, place = self.problem, self.problem.goal.place(self.problem.duration)
         if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():

@@ -72,7 +72,7 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 
 
 class Seen(NamedTuple):
-    """The goal as a motion without momentum would have to meet it, from the centre of mass, base axes of the start.
+    """The goal for a motion without momentum, from the centre of mass, base axes of the start.
 
     Attributes
     ----------

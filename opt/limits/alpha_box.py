@@ -48,9 +48,9 @@ def alpha_box_rows(step: StepState) -> Rows:
 class AlphaBox(Limit):
     """The paper's |alpha_i| <= 1, with joint rates = V alpha.
 
-    The paper's step has it always, as printed; whole motions on request. V only turns, so the box says that no
-    principal direction of the coupling moves faster than 1 rad/s: slow arms never notice, and arms whose joints
-    may turn faster than 1 rad/s are held back by it.
+    The paper's step has it always, as printed; whole motions on request. V only turns, so the box says that
+    no principal direction of the coupling moves faster than 1 rad/s: slow arms never notice, and arms whose
+    joints may turn faster than 1 rad/s are held back by it.
     """
 
     name = "alpha box"
@@ -95,7 +95,7 @@ class AlphaBox(Limit):
         ]
 
     def violation(self, motion: Motions) -> Violation:
-        """The largest |alpha_i| beyond 1 at the nodes, each step's rates in the basis of its start, as printed."""
+        """The largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""
         _, V = singular(motion.arm.coupling[..., 0, :-1:2])
         alpha = np.abs((motion.rates[:, 0, 2::2].T[:, None] @ V)[:, 0])
         most = alpha.max(axis=1)

@@ -22,8 +22,8 @@ _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "fina
 _SHARE = 0.04
 # What a whole limit weighs: as much as a lack of clearance of this many arm lengths.
 _SCALE = 0.03
-# [rad] A turn beyond a limit narrower than this weighs as if the limit were so wide: one of a tenth of a degree
-# would be too stiff for a motion that is still finding its way.
+# [rad] A turn beyond a limit narrower than this weighs as if the limit were so wide: one of a tenth of a
+# degree would be too stiff for a motion that is still finding its way.
 _NARROW = 0.02
 _BINDING = 0.01  # with less than this share left the limit binds
 
@@ -96,7 +96,7 @@ class BaseLimits(Limit):
         return found
 
     def _used(self, motions: Motions) -> list[tuple[str, FloatArray, FloatArray, FloatArray]]:
-        """What slopes are by, sizes (S, K), their gradients (3, S, K) by that, and limits: for what is limited."""
+        """For what is limited: what slopes are by, sizes (S, K), gradients (3, S, K) by that, and limits."""
         used = []
         if self.holds_attitude:
             turned = log3(np.einsum("yx,yzsk->xzsk", motions.rotation_start, motions.base_attitude))
@@ -126,8 +126,8 @@ class BaseLimits(Limit):
         span = float(np.diff(motion.times).max())
         linear = np.gradient(motion.base_position[:, 0], motion.times, axis=1)
         for by, sizes, _, most in self._used(motion):
-            # Between two instants the path leaves the straight line between them by the change of its velocity
-            # times the span over 8; the line itself lies within any ball that holds its ends.
+            # Between two instants the path leaves the straight line between them by the change of its
+            # velocity times the span over 8; the line itself lies within any ball that holds its ends.
             velocity = {"by_base_turn": motion.base_spin[:, 0], "by_base": linear}.get(by)
             bulge = 0.0
             if velocity is not None:

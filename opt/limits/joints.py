@@ -25,8 +25,8 @@ _BINDING = 1e-3  # share of a limit: with less than this left it binds
 class JointLimits(Limit):
     """The robot's own limits (`sms.limits`), at every instant and not only at nodes.
 
-    In a step they are bounds on the joint rates; in a whole motion they are rows on the control points, which no
-    solution breaks, so there is no residual.
+    In a step they are bounds on the joint rates; in a whole motion they are rows on the control points, which
+    no solution breaks, so there is no residual.
     """
 
     name = "joints"

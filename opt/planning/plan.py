@@ -55,7 +55,8 @@ def plan(
 ) -> Trajectory:
     """Plan a coupling-informed motion from `q0` to `target`.
 
-    It builds an `opt.Problem` and solves it; for other terms and limits build one yourself and call `opt.solve`.
+    It builds an `opt.Problem` and solves it; for other terms and limits build one yourself and call
+    `opt.solve`.
 
     Parameters
     ----------

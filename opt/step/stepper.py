@@ -70,8 +70,8 @@ class Stepper:
     side it is on, and finds alpha and the speed s with J*_v V alpha = s e as nearly as the limits allow
     (docs/convex-step.md). Where the programme is not solved the arm brakes within its limits.
 
-    From step to step it remembers the side of the cone, the last solution as a start for the solver, and where
-    the base started. It is for one thread; `like()` makes another.
+    From step to step it remembers the side of the cone, the last solution as a start for the solver, and
+    where the base started. It is for one thread; `like()` makes another.
 
     Parameters
     ----------
@@ -153,8 +153,8 @@ class Stepper:
         Parameters
         ----------
         side : array_like, shape (3,)
-            Direction whose part across the way to the target is the side of the cone to start on; default: the
-            side on which the end effector is moving, and any where it is at rest.
+            Direction whose part across the way to the target is the side of the cone to start on; default:
+            the side on which the end effector is moving, and any where it is at rest.
         base_start : ndarray, shape (7,), optional
             Root pose that turn and shift of the base count from; default: where it is at the next step.
         """
@@ -255,7 +255,7 @@ class Stepper:
         return _Build(step, wanted, self._hard_bounds(rows), build_step(step.V, goal, rows))
 
     def _hard_bounds(self, rows: Sequence[Rows]) -> tuple[FloatArray, FloatArray]:
-        """Bounds (n,) on the joint rates that rows state one by one (G = 1) and that never give way [rad/s]."""
+        """Bounds (n,) on the joint rates that rows state one by one (G = 1) and never give way [rad/s]."""
         lower, upper = self._unbounded
         for G, low, up, give in rows:
             if give == 0.0 and G.shape == self._one.shape and (self._one == G).all():
