@@ -244,8 +244,10 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     notes = [note, *(violation.note for _, violation in found)]
     shares = {}
     for term in problem.terms:
-        paper = isinstance(term, Coupling)
-        shares[term.name] = term.weight * float(cost.sum()) * problem.dt if paper else term.share(motion)
+        if isinstance(term, Coupling):  # the paper's own sum
+            shares[term.name] = term.weight * float(cost.sum()) * problem.dt
+        else:
+            shares[term.name] = term.share(motion)
     return Trajectory(
         t=motion.times[nodes],
         q=configurations(sms, q0, motion),

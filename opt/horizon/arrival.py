@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -92,9 +92,5 @@ def _attitude(goal: Goal, motions: Motions, at: Indices, near: float) -> tuple[l
 def _components(value: FloatArray, at: Indices, by: str, slope: FloatArray) -> Residual:
     """The components of vectors (3, S, K), with slopes (3, 3, S, K), value first, in one residual."""
     count = value.shape[1]
-    return Residual(
-        value.transpose(1, 0, 2).reshape(count, -1),
-        np.tile(at, 3),
-        over_time=False,
-        **{by: slope.transpose(1, 2, 0, 3).reshape(3, count, -1)},
-    )
+    slopes: dict[str, Any] = {by: slope.transpose(1, 2, 0, 3).reshape(3, count, -1)}
+    return Residual(value.transpose(1, 0, 2).reshape(count, -1), np.tile(at, 3), over_time=False, **slopes)

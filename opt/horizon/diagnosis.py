@@ -94,7 +94,7 @@ def explain(
 def within_workspace(problem: Problem) -> bool:
     """Whether the target is as far from the system's centre of mass as the end effector can be."""
     distance, least, most = distances(problem)
-    return least - problem.goal.tolerance <= distance <= most + problem.goal.tolerance
+    return bool(least - problem.goal.tolerance <= distance <= most + problem.goal.tolerance)
 
 
 def distances(problem: Problem) -> tuple[float, float, float]:

@@ -152,8 +152,8 @@ def _measured(
             objective += term.weight * cost
     at_goal = arrival(goal, motions)
     end = weights.end * motions.duration / _TIME / problem.stack.length**2
-    for residual, share in ((at_goal.end, 1.0), (at_goal.tail, 0.1)):
-        for one in residual:
+    for ones, share in ((at_goal.end, 1.0), (at_goal.tail, 0.1)):
+        for one in ones:
             scaled = one.scaled(float(np.sqrt(share * end)))
             merit += scaled.squares(over_time, count)
             residuals.append(scaled)

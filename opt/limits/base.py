@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -91,7 +92,7 @@ class BaseLimits(Limit):
                 continue
             limit = np.broadcast_to(most, sizes.shape)[where]
             weight = _SCALE * (np.minimum(limit / _NARROW, 1.0) if name == "by_base_turn" else 1.0)
-            slope = {name: weight * unit[:, where[0], where[1]] / limit}
+            slope: dict[str, Any] = {name: weight * unit[:, where[0], where[1]] / limit}
             found.append(Residual(weight * excess[where], motion=where[0], instants=where[1], **slope))
         return found
 
