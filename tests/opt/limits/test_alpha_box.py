@@ -53,7 +53,7 @@ def test_slow_rates_meet_rows_that_never_give_way(planar: ffsms.SpaceManipulator
 
 
 def test_where_the_box_cannot_be_kept_the_step_says_so(fast: ffsms.SpaceManipulator) -> None:
-    """Rates of twice the box: with enough acceleration they are back in one step, with little they are not."""
+    """Rates of twice the box: with enough acceleration they are back in one step, with little not."""
     q = fast.configuration([0.4, 0.7, -0.5])
     step = step_state(fast, q, np.zeros(3), 0.01, 5.0)
     rates = 2.0 * step.V[:, 0]
