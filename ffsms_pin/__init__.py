@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.models import SatelliteBase, load, mount
 from ffsms_pin.system import JointLimits, SpaceManipulator, State
+from ffsms_pin.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from ffsms_pin import opt
@@ -31,7 +32,6 @@ __all__ = [
     "simulate_many",
     "view",
 ]
-__version__ = "0.1.0"
 
 # Loaded when first used: whoever only wants a state need not wait for the solver.
 _LATER = {

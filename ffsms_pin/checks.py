@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["FloatArray", "frozen", "matrix", "number", "positive", "vector", "writeable"]
+__all__ = ["FloatArray", "at_least_zero", "frozen", "matrix", "number", "positive", "vector"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
 
 
 def _floats(name: str, value: Any) -> FloatArray:
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:  # the most common case
+        array = np.array(value)
+        if not all(map(math.isfinite, array.ravel().tolist())):
+            raise InvalidValue(name, value, "must be finite")
+        return array
     try:
         given = np.asarray(value)
     except (TypeError, ValueError):  # rows of different lengths
@@ -67,12 +71,15 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     return result
 
 
+def at_least_zero(name: str, value: Any, unit: str = "") -> float:
+    """One finite number, not below zero."""
+    result = number(name, value)
+    if result < 0.0:
+        raise InvalidValue(name, value, f"must be at least zero{unit and f' [{unit}]'}")
+    return result
+
+
 def frozen(array: FloatArray) -> FloatArray:
     """The same array, made read-only: for values that are kept and handed out."""
-    writeable(array, False)
+    array.setflags(write=False)
     return array
-
-
-# `frozen` without its call, for what is made often: writeable(array, False). numpy's setflags(write=False)
-# takes twice as long, and its stub does not know the flag without the keyword.
-writeable: Callable[[FloatArray, bool], None] = cast(Any, np.ndarray.setflags)

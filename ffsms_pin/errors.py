@@ -181,11 +181,10 @@ class SimulationDiverged(FfsmsError, ArithmeticError):
         What was recorded up to that instant.
     """
 
-    def __init__(self, time: float, tracking: Any = None, path: str = "") -> None:
-        saved = f"; recorded until then: {path}" if path else ""
+    def __init__(self, time: float, tracking: Any = None, saved: str = "") -> None:
         super().__init__(
             f"the simulated state is not finite after t = {time:.6g} s; "
-            f"use a smaller dt or softer gains{saved}"
+            f"use a smaller dt or softer gains{saved and '; '}{saved}"
         )
         self.time = time
         self.tracking = tracking
@@ -205,9 +204,8 @@ class SimulationStopped(FfsmsError, RuntimeError):
         What was recorded until then.
     """
 
-    def __init__(self, time: float, reason: str, q: Any, v: Any, tracking: Any, path: str = "") -> None:
-        saved = f"; recorded until then: {path}" if path else ""
-        super().__init__(f"the run was stopped at t = {time:.6g} s: {reason}{saved}")
+    def __init__(self, time: float, reason: str, q: Any, v: Any, tracking: Any, saved: str = "") -> None:
+        super().__init__(f"the run was stopped at t = {time:.6g} s: {reason}{saved and '; '}{saved}")
         self.time = time
         self.reason = reason
         self.q, self.v = q, v
@@ -215,11 +213,18 @@ class SimulationStopped(FfsmsError, RuntimeError):
 
 
 class ResultError(FfsmsError, OSError):
-    """A result file cannot be read or written."""
+    """A result file cannot be read or written.
+
+    Attributes
+    ----------
+    path : str
+    problem : str
+    """
 
     def __init__(self, path: str | os.PathLike[str], problem: str) -> None:
         super().__init__(f"{os.fspath(path)}: {problem}")
         self.path = str(path)
+        self.problem = problem
 
 
 class TaskError(FfsmsError, RuntimeError):

@@ -7,6 +7,7 @@ minute, so that a second call need not wait for them to start.
 
 from __future__ import annotations
 
+import os
 import pickle
 import signal
 from collections import deque
@@ -18,6 +19,7 @@ from itertools import islice
 from typing import Any, Generic, TypeVar
 
 from ffsms_pin.errors import InvalidValue, TaskError, TasksFailed
+from ffsms_pin.parent import end_with_parent
 
 __all__ = ["Outcome", "all_results", "outcomes", "usable_cores"]
 
@@ -175,7 +177,9 @@ def _chunks(tasks: Iterable[Any], jobs: int, largest: int) -> Iterator[tuple[int
 def _pool(jobs: int) -> Any:
     import loky
 
-    return loky.get_reusable_executor(jobs, timeout=IDLE, env=ONE_THREAD, initializer=_leave_interrupts)
+    return loky.get_reusable_executor(
+        jobs, timeout=IDLE, env=ONE_THREAD, initializer=_begin, initargs=(os.getpid(),)
+    )
 
 
 def _submit(jobs: int, common: bytes, packed: bytes) -> Future[bytes]:
@@ -183,9 +187,10 @@ def _submit(jobs: int, common: bytes, packed: bytes) -> Future[bytes]:
     return future
 
 
-def _leave_interrupts() -> None:
-    """In a worker: Ctrl-C is for the process that the user started; it ends the workers."""
+def _begin(parent: int) -> None:
+    """In a worker: Ctrl-C is for the process that the user started; it ends the workers, dead or alive."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent(parent)
 
 
 @lru_cache(maxsize=4)

@@ -1,28 +1,46 @@
-"""Coupling-informed planning: the per-step quadratic programme, and trajectories made of its steps."""
+"""Coupling-informed planning: problems made of terms and limits, and solvers that only stack them."""
 
-from ffsms_pin.opt.base_limits import BaseLimits
-from ffsms_pin.opt.cost import ideal_cosine, soft_assistance, step_cost
-from ffsms_pin.opt.many import plan_each, plan_many
-from ffsms_pin.opt.plan import METHODS, plan
-from ffsms_pin.opt.replanning import Replanning
+from ffsms_pin.opt.goals import Goal, Moving, Pose, Position
+from ffsms_pin.opt.horizon import SearchOptions, solve
+from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, Rows, Violation
+from ffsms_pin.opt.planning.many import plan_each, plan_many
+from ffsms_pin.opt.planning.plan import METHODS, plan
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.step.programme import StepProblem, StepWeights
 from ffsms_pin.opt.step.result import Step
-from ffsms_pin.opt.step_planner import StepPlanner, StepWeights
-from ffsms_pin.opt.step_qp import StepProblem
+from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
+from ffsms_pin.opt.terms.cost import ideal_cosine, soft_assistance, step_cost
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = [
     "METHODS",
+    "AlphaBox",
     "BaseLimits",
-    "Replanning",
+    "BaseTurn",
+    "Clearance",
+    "Coupling",
+    "Effort",
+    "Goal",
+    "JointLimits",
+    "Limit",
+    "Moving",
+    "Pose",
+    "Position",
+    "Problem",
+    "Rows",
+    "SearchOptions",
+    "Smooth",
     "Step",
-    "StepPlanner",
     "StepProblem",
     "StepWeights",
+    "Term",
     "Trajectory",
+    "Violation",
     "ideal_cosine",
     "plan",
     "plan_each",
     "plan_many",
     "soft_assistance",
+    "solve",
     "step_cost",
 ]

@@ -6,6 +6,7 @@ the base moves. So their gradients are those of the arm on a fixed base.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,6 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.clearances import Clearances
 from ffsms_pin.opt.joint_reach import joint_reach
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.kinetics import views
 
 __all__ = ["CheckPoints"]
 
@@ -93,7 +93,8 @@ class CheckPoints:
         self._row_starts = np.arange(0, 6 * len(self._outside), 6)
         self._along, self._products = np.empty((rows, 3)), np.empty((rows, 6))
         self._along_pairs, self._along_outside = self._along[:pairs], self._along[pairs:]
-        self._look_at(sms._data)
+        self._work = sms.model.createData()
+        self._look_at(self._work)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Copied one by one, arrays would no longer be views of each other: a copy makes its own.
@@ -133,10 +134,10 @@ class CheckPoints:
 
     def evaluate(self, q: FloatArray) -> Clearances:
         """Clearances and gradients at q (nq,): pairs of points, then distances outside the base box."""
-        sms = self._sms
-        pin.computeJointJacobians(sms.model, sms._data, q)
-        pin.updateFramePlacement(sms.model, sms._data, sms.frame_id)
-        return self.from_data(sms._data)
+        sms, data = self._sms, self._work
+        pin.computeJointJacobians(sms.model, data, q)
+        pin.updateFramePlacement(sms.model, data, sms.frame_id)
+        return self.from_data(data)
 
     def from_data(self, data: Any) -> Clearances:
         """The same, where Pinocchio's data already hold poses, Jacobians and the end-effector frame."""
@@ -160,7 +161,7 @@ class CheckPoints:
 
     def _measure(self, data: Any) -> tuple[FloatArray, NDArray[np.intp]]:
         """Clearances, and the nearest face of the box for the points that count against it."""
-        if data is not self._data:  # another thread's
+        if data is not self._data:  # others were looked at last
             self._look_at(data)
         value, pairs = np.empty(self.count), len(self._first)
         np.concatenate(self._origins, out=self._flat)
@@ -180,7 +181,7 @@ class CheckPoints:
     def _look_at(self, data: Any) -> None:
         """Keep views of what is needed of the data: Pinocchio makes new objects at every access."""
         poses = [*(data.oMi[j] for j in self._joints), data.oMf[self._sms.frame_id], data.oMi[1]]
-        self._origins, self._rotation, J = views(
+        self._origins, self._rotation, J = _views(
             lambda: ([pose.translation for pose in poses], data.oMi[1].rotation, data.J)
         )
         self._linear, self._angular = J[:3, 6:], J[3:, 6:]
@@ -203,3 +204,13 @@ class CheckPoints:
         first, second = np.nonzero(np.triu(changing, 1))
         outside = np.flatnonzero(np.ptp(cloud, axis=0).max(axis=1) > _STILL)
         return first.tolist(), second.tolist(), outside.tolist()
+
+
+def _views(ask: Callable[[], Any]) -> Any:
+    """What Pinocchio gives, as views of its memory even where it was told to give copies."""
+    before = pin.sharedMemory()
+    pin.sharedMemory(True)
+    try:
+        return ask()
+    finally:
+        pin.sharedMemory(before)

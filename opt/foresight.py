@@ -17,7 +17,6 @@ from ffsms_pin.opt.marching import march, rank, start_sides
 from ffsms_pin.opt.reaction import ReactionEstimate
 from ffsms_pin.opt.targets import Goal
 from ffsms_pin.system import JointLimits, SpaceManipulator
-from ffsms_pin.system.variants import with_limits
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.step_planner import StepPlanner
@@ -110,7 +109,7 @@ class Foresight:
         limits = self._model.limits
         velocity, acceleration = limits.velocity.copy(), limits.acceleration.copy()
         velocity[self.failed] = acceleration[self.failed] = _STILL
-        self._model = with_limits(self._model, replace(limits, velocity=velocity, acceleration=acceleration))
+        self._model = self._model.with_limits(replace(limits, velocity=velocity, acceleration=acceleration))
         self._renew()
         self.guide, self._seen = None, None
         self._next_look = 0.0
@@ -137,7 +136,7 @@ class Foresight:
     def _look(self, now: Now) -> None:
         """Look ahead with the base as it was seen to react, and choose what to follow."""
         self._seen = None
-        self._model = with_limits(self._estimate.model(), self._model.limits)
+        self._model = self._estimate.model().with_limits(self._model.limits)
         self._renew(self._first_kind)
         aim = self._aim(self._arrival)
         guide: Guide | None = None
@@ -174,7 +173,7 @@ class Foresight:
         # Once a guide was needed, steps keep room to the joint limits, until there is no time to go round.
         models = [self._model]
         if self._room:
-            narrowed = with_limits(self._model, _narrowed(self._model.limits))
+            narrowed = self._model.with_limits(_narrowed(self._model.limits))
             models = [narrowed, self._model] if now.left < 2.0 else [narrowed]
         best: _Steps | None = None
         for model in models:

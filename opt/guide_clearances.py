@@ -33,7 +33,7 @@ class Shortfalls:
 
     def along(self, path: FloatArray, gradient: bool = False) -> tuple[FloatArray, FloatArray]:
         """Shortfalls (S, m) [m], and where wanted their slopes (S, m, n), at joint positions (S, n)."""
-        values, slopes = [], []
+        values, slopes, data = [], [], self._sms.model.createData()
         sms, trial, model = self._sms, self._trial, self._clearances
         for positions in path:
             sms.layout.set_positions(trial, positions)
@@ -41,8 +41,8 @@ class Shortfalls:
                 value, slope = model.evaluate(trial)
                 slopes.append(-slope)
             else:
-                pin.forwardKinematics(sms.model, sms._data, trial)
-                pin.updateFramePlacement(sms.model, sms._data, sms.frame_id)
-                value = model.values(sms._data)
+                pin.forwardKinematics(sms.model, data, trial)
+                pin.updateFramePlacement(sms.model, data, sms.frame_id)
+                value = model.values(data)
             values.append(self._least - value)
         return np.array(values), np.array(slopes)

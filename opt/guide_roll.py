@@ -16,7 +16,7 @@ from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.momentum_drift import momentum_drift
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.kinetics import cross_matrix
+from ffsms_pin.system.base_reaction import cross_matrix
 
 __all__ = ["Roll", "Slopes", "roll"]
 
@@ -95,7 +95,7 @@ def roll(
         Whether slopes are wanted as well.
     """
     step, n, set_positions = duration / len(path), sms.n, sms.layout.set_positions
-    model, data = sms.model, sms._data
+    model, data = sms.model, sms.model.createData()
     pose, trial, whole, still = pin.XYZQUATToSE3(q[:7]), q.copy(), np.empty(6 + n), np.zeros(6 + n)
     poses: list[Any] = []
     velocities, turns = np.empty((len(path), 6)), np.empty((len(path), 6, 6))
@@ -108,7 +108,7 @@ def roll(
         if slopes:
             whole[:6], whole[6:] = velocity, speed
             changes[k] = -lapack.dposv(
-                M[:6, :6], np.hstack([_momentum_slope(sms, trial, whole, still), M[:6, 6:]])
+                M[:6, :6], np.hstack([_momentum_slope(sms, data, trial, whole, still), M[:6, 6:]])
             )[1]
         if momentum is not None:
             trial[:7] = pin.SE3ToXYZQUAT(pose)
@@ -135,14 +135,16 @@ def roll(
     return Roll(position, rotation, poses, velocities, made)
 
 
-def _momentum_slope(sms: SpaceManipulator, q: FloatArray, v: FloatArray, still: FloatArray) -> FloatArray:
+def _momentum_slope(
+    sms: SpaceManipulator, data: Any, q: FloatArray, v: FloatArray, still: FloatArray
+) -> FloatArray:
     """Change (6, n) of the momentum about the root, in its axes, with the joint positions.
 
     The root is at the inertial origin and the velocity has no momentum. So the change is one of the momentum
     about the centre of mass, and taking it about the root adds com x (change of the linear part).
     """
-    slope: FloatArray = pin.computeCentroidalDynamicsDerivatives(sms.model, sms._data, q, v, still)[0][
+    slope: FloatArray = pin.computeCentroidalDynamicsDerivatives(sms.model, data, q, v, still)[0][
         :, 6:
     ].copy()
-    slope[3:] += cross_matrix(sms._data.com[0]) @ slope[:3]
+    slope[3:] += cross_matrix(data.com[0]) @ slope[:3]
     return slope

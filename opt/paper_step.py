@@ -109,7 +109,7 @@ class PaperStepPlanner:
     def _rows(self, kinetics: StepKinetics) -> tuple[FloatArray, FloatArray]:
         if self.clearances is None:
             return np.zeros((0, self.sms.n)), np.zeros(0)
-        value, gradient = self.clearances.from_data(self.sms._data)
+        value, gradient = self.clearances.from_data(kinetics.data)
         return gradient, -CLOSING_RATE * (value - self.clearance)
 
     def _cost(

@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.variants import with_model
 
 __all__ = ["ReactionEstimate"]
 
@@ -99,7 +98,7 @@ class ReactionEstimate:
         for i, factor in enumerate(self.factors[:-1]):
             model.inertias[i + 2] = _scaled(model.inertias[i + 2], float(factor), float(factor))
         model.inertias[1] = _scaled(model.inertias[1], 1.0, float(self.factors[-1]))
-        return with_model(self._sms, model)
+        return self._sms.with_inertias(model)
 
 
 def _scaled(body: Any, mass: float, inertia: float) -> Any:

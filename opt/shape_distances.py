@@ -68,8 +68,9 @@ class ShapeDistances:
 
     def evaluate(self, q: FloatArray) -> Clearances:
         """Clearances and gradients at q (nq,)."""
-        pin.computeJointJacobians(self._sms.model, self._sms._data, q)
-        return self.from_data(self._sms._data)
+        data = self._sms.model.createData()
+        pin.computeJointJacobians(self._sms.model, data, q)
+        return self.from_data(data)
 
     def from_data(self, data: Any) -> Clearances:
         """The same, where Pinocchio's data already hold poses and joint Jacobians."""

@@ -34,6 +34,8 @@ class StepKinetics(NamedTuple):
     entropy : float
     pose : pinocchio.SE3
         Of the end effector, inertial axes.
+    data : pinocchio.Data
+        With the poses and joint Jacobians.
     """
 
     M: FloatArray
@@ -43,6 +45,7 @@ class StepKinetics(NamedTuple):
     V: FloatArray
     entropy: float
     pose: Any
+    data: Any
 
     @property
     def position(self) -> FloatArray:
@@ -66,7 +69,7 @@ class KineticsAt:
     """
 
     def __init__(self, sms: SpaceManipulator) -> None:
-        self._sms = sms
+        self._sms, self._data = sms, sms.model.createData()
         # Velocities of root and joints a joint rate: the coupling above the identity.
         self._motion = np.vstack([np.zeros((6, sms.n)), np.eye(sms.n)])
         self._coupling = self._motion[:6]
@@ -81,18 +84,18 @@ class KineticsAt:
         return KineticsAt, (self._sms,)
 
     def __call__(self, q: FloatArray) -> StepKinetics:
-        """Kinetics at q (nq,), valid until the next call; leaves poses and Jacobians in the workspace."""
+        """Kinetics at q (nq,), valid until the next call."""
         sms, coupling = self._sms, self._coupling
-        model, data, frame = sms.model, sms._data, sms.frame_id
+        model, data, frame = sms.model, self._data, sms.frame_id
         M = pin.crba(model, data, q, _WORLD)
         np.negative(lapack.dposv(M[:6, :6], M[:6, 6:])[1], coupling)
         pose = pin.updateFramePlacement(model, data, frame)
         J_star = pin.getFrameJacobian(model, data, frame, _AXES).dot(self._motion)
         _, sigma, V = decompose(self._to_com.dot(coupling) if self._shifted else coupling)
         entropy = entropy_of_values(sigma.tolist(), sms.n)
-        return StepKinetics(M, coupling, J_star[:3], J_star[3:], V, entropy, pose)
+        return StepKinetics(M, coupling, J_star[:3], J_star[3:], V, entropy, pose, data)
 
 
 def step_kinetics(sms: SpaceManipulator, q: FloatArray) -> StepKinetics:
-    """What a step needs at q (nq,); leaves poses and Jacobians in the workspace."""
+    """What a step needs at q (nq,)."""
     return KineticsAt(sms)(q)

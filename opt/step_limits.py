@@ -68,7 +68,7 @@ class StepLimits:
         Parameters
         ----------
         kinetics : StepKinetics
-            At q, with the poses still in the workspace.
+            At q.
         drift : Drift or None
         q, rates : ndarray, shape (nq,), (n,)
             At the step's start.
@@ -80,7 +80,7 @@ class StepLimits:
         if self.base is None and not self._whole:
             chosen = self._within_bounds(joints, rates.tolist())
             if chosen is not None and _in_box(chosen, kinetics.V):
-                rows = self._rows(joints, chosen.tolist())
+                rows = self._rows(kinetics, joints, chosen.tolist())
                 if rows is None or rows.met(chosen):
                     self.asked_solver = False
                     return chosen, True
@@ -103,7 +103,7 @@ class StepLimits:
     ) -> StepProblem:
         """The whole programme, in alpha; arguments as for `solve`."""
         joints = self._joints(q)
-        rows = None if self._clear is None else self._clear.measure(self._sms._data)
+        rows = None if self._clear is None else self._clear.measure(kinetics.data)
         self._write(kinetics, drift, q, rates, time_left, joints, rows)
         return self._programme.in_alpha(kinetics.V)
 
@@ -127,11 +127,11 @@ class StepLimits:
         x = programme.bounded(*self._bounds.of(joints, rates))
         return None if x is None else x[:-1]
 
-    def _rows(self, joints: list[float], rates: list[float]) -> Rows | None:
+    def _rows(self, kinetics: StepKinetics, joints: list[float], rates: list[float]) -> Rows | None:
         """The rows of the clearances; None where rates of this size are known to meet them."""
-        if self._clear is None or self._clear.certain(joints, rates, self._sms._data):
+        if self._clear is None or self._clear.certain(joints, rates, kinetics.data):
             return None
-        return self._clear.measure(self._sms._data)
+        return self._clear.measure(kinetics.data)
 
     def _write(
         self,
@@ -149,7 +149,7 @@ class StepLimits:
         programme.bound(kinetics.V, rates, lower, upper)
         if self._clear is not None:
             fastest = [max(-low, up) for low, up in zip(lower, upper, strict=True)]
-            programme.keep_clear(self._rows(joints, fastest) if rows is None else rows)
+            programme.keep_clear(self._rows(kinetics, joints, fastest) if rows is None else rows)
         if self.base is not None:
             root = None if drift is None else drift.root
             programme.hold_base(

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
+import json
 import os
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
-import pinocchio as pin
-from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, frozen, number
-from ffsms_pin.coupling import cosine
-from ffsms_pin.opt.cost import step_cost
-from ffsms_pin.opt.momentum_drift import momentum_drift
-from ffsms_pin.opt.step_kinetics import step_kinetics
-from ffsms_pin.storage import load_arrays, save_arrays
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.opt.batch.entropy import entropy, singular
+from ffsms_pin.opt.batch.motions import apply_rates
+from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
+from ffsms_pin.opt.batch.stacks import apply, cross, dot, log3
+from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
+from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.terms import Coupling
+from ffsms_pin.storage import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
 
 __all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
 
-REACH = 0.02  # [m] the paper's r_th
-ORIENTATION_REACH = 0.02  # [rad] ours: about a degree, as far as r_th turns an arm of one metre
-ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
-
 _FORMAT = "ffsms-pin trajectory"
+_TEXTS = ("shares", "binding", "broken")  # kept as JSON
 _SCALARS = (
     ("kappa", float),
     ("reach", float),
@@ -32,6 +30,21 @@ _SCALARS = (
     ("clear", bool),
     ("shortest_duration", float),
 )
+_SHAPES: dict[str, tuple[str | int, ...]] = {
+    "t": ("N+1",),
+    "v": ("N+1", "n+6"),
+    "q": ("N+1", "nq"),
+    "joint_positions": ("N+1", "n"),
+    "end_effector": ("N+1", 3),
+    "target": (3,),
+    "target_rotation": (3, 3),
+    "momentum": (6,),
+    **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
+    **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
+    **dict.fromkeys(("position_error", "orientation_error"), ("N+1",)),
+    **{name: () for name, _ in _SCALARS},
+    **dict.fromkeys(_TEXTS, ()),
+}
 
 
 @dataclass(frozen=True)
@@ -80,6 +93,12 @@ class Trajectory:
         A duration that would do, where the plan failed for want of time and one is known [s]; else 0.
     momentum : ndarray, shape (6,)
         Total momentum [linear; angular], inertial axes, about the system's centre of mass.
+    shares : dict of str to float
+        What each term comes to, by its name: its integral over time, with its weight.
+    binding : dict of str to ndarray
+        Instants [s] at which each limit binds, by its name; a limit that never does is left out.
+    broken : dict of str to float
+        By how much each limit is broken, by its name, in the limit's own unit; empty where all are kept.
     """
 
     t: FloatArray
@@ -103,6 +122,9 @@ class Trajectory:
     clear: bool = True
     shortest_duration: float = 0.0
     momentum: FloatArray = field(default_factory=lambda: np.zeros(6))
+    shares: dict[str, float] = field(default_factory=dict)
+    binding: dict[str, FloatArray] = field(default_factory=dict)
+    broken: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for one in fields(self):
@@ -142,6 +164,11 @@ class Trajectory:
         """The paper's J times the step: the integral of the cost over time [s]."""
         return float(self.cost.sum()) * self.dt
 
+    @property
+    def largest_alpha(self) -> float:
+        """The largest |alpha_i| of the motion [rad/s]; the paper's box asks for at most 1."""
+        return float(np.abs(self.alpha).max())
+
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at time t [s].
 
@@ -161,91 +188,86 @@ class Trajectory:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
-        save_arrays(path, _FORMAT, {one.name: getattr(self, one.name) for one in fields(self)})
+        arrays = {one.name: getattr(self, one.name) for one in fields(self)}
+        for name in _TEXTS:
+            arrays[name] = json.dumps(arrays[name], default=lambda array: array.tolist())
+        save_arrays(path, _FORMAT, arrays)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
-        # Files from before there was momentum have none.
-        arrays = load_arrays(path, _FORMAT, [one.name for one in fields(cls)], {"momentum": np.zeros(6)})
+        # Files from before there was momentum, or before there were terms, have none.
+        before = {"momentum": np.zeros(6), **{name: np.array("{}") for name in _TEXTS}}
+        kinds = {"clear": "b", **dict.fromkeys(("note", *_TEXTS), "U")}
+        arrays = load_arrays(
+            path, _FORMAT, list(_SHAPES), before, lambda heads: check_shapes(path, heads, _SHAPES, kinds)
+        )
+        check_times(path, arrays["t"], least=2)
+        for name in _TEXTS:
+            arrays[name] = numbers_by_name(path, name, str(arrays[name]), rows=name == "binding")
         for name, kind in _SCALARS:
             arrays[name] = kind(arrays[name])
         return cls(**arrays)
 
 
-def measure(
-    sms: SpaceManipulator,
-    t: FloatArray,
-    q: FloatArray,
-    rates: FloatArray,
-    target: ArrayLike,
-    kappa: float,
-    note: str = "",
-    rotation: FloatArray | None = None,
-    momentum: FloatArray | None = None,
-) -> Trajectory:
-    """Make a trajectory of a motion, computing the paper's measures along it.
+def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
+    """The finished motion of joint rates (N + 1, n) at the nodes, with its measures, shares and limits.
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    t : ndarray, shape (N + 1,)
-        Nodes, evenly spaced [s].
-    q : ndarray, shape (N + 1, nq)
-        Configurations at the nodes, the base having followed the momentum equation (see `roll_out`).
-    rates : ndarray, shape (N + 1, n)
-        Joint rates at the nodes [rad/s], linear between them.
-    target : array_like, shape (3,)
-    kappa : float
-    note : str
-    rotation : ndarray, shape (3, 3), optional
-        Wanted attitude of the end effector.
-    momentum : ndarray, shape (6,), optional
-        Total momentum, as in `roll_out`; default zero.
+    The rates are linear between nodes; the base follows the momentum equation.
     """
-    steps, n = len(t) - 1, sms.n
-    dt = t[-1] / steps
-    goal = np.asarray(target, dtype=np.float64)
-    positions = np.array([sms.layout.positions(row) for row in q])
-    if not sms.layout.plain:
-        positions = np.unwrap(positions, axis=0)
-    v, end_effector = np.empty((steps + 1, sms.nv)), np.empty((steps + 1, 3))
-    alpha, cos_theta, entropy, cost = np.empty((steps, n)), np.empty(steps), np.empty(steps), np.empty(steps)
-    turn = np.zeros(steps + 1)
-    for k in range(steps + 1):
-        kinetics = step_kinetics(sms, q[k])
-        v[k, :6] = kinetics.coupling @ rates[k]
-        v[k, 6:] = rates[k]
-        drift = np.zeros(3)
-        if momentum is not None:
-            drifting = momentum_drift(kinetics.M, q[k], kinetics.position, momentum)
-            v[k, :6] += drifting.root
-            drift = drifting.tip_velocity
-        end_effector[k] = kinetics.position
-        if rotation is not None:
-            turn[k] = np.linalg.norm(pin.log3(rotation @ kinetics.rotation.T))
-        if k == steps:
-            break
-        alpha[k] = kinetics.V.T @ rates[k + 1]
-        cos_theta[k] = cosine(kinetics.J_v @ rates[k + 1] + drift, goal - kinetics.position)
-        entropy[k] = kinetics.entropy
-        cost[k] = step_cost(cos_theta[k], entropy[k], kappa)
+    sms, stack, goal, kappa = problem.sms, problem.stack, problem.goal, problem.kappa
+    q0, momentum = problem.q0, problem.momentum
+    motion = rolled_out(sms, stack, q0, rates, problem.dt, momentum, ARRIVAL_SHARE)
+    places = [goal.place(t) for t in motion.times] if goal.moves else [goal.place(0.0)] * len(motion.times)
+    target = np.stack([place.position for place in places], axis=-1)
+    motion = replace(motion, target=target, pace=problem.pace)
+    nodes = slice(None, None, 2)
+    R, arm, way = motion.base_attitude[:, :, 0, nodes], motion.arm, motion.to_target[:, 0, nodes]
+
+    # The paper pairs q_k with the rates of the step's end.
+    velocity = apply_rates(arm.jstar[..., 0, :-1:2], rates[1:].T)
+    velocity += cross(motion.own_spin[:, 0, :-1:2], arm.rho[:, 0, :-1:2])
+    velocity = apply(R[..., :-1], velocity) + motion.drift[:, None]
+    both = np.linalg.norm(way[:, :-1], axis=0) * np.linalg.norm(velocity, axis=0)
+    cosine = np.clip(dot(way[:, :-1], velocity) / np.where(both > 0.0, both, 1.0), -1.0, 1.0)
+    sigma, V = singular(arm.coupling[..., 0, :-1:2])
+    H = entropy(sigma, sms.n)
+    cost = (np.logaddexp(0.0, kappa * cosine) / kappa - (1.0 - H)) ** 2
+    turned = np.zeros(len(motion.times))
+    wanted = np.full((3, 3), np.nan)
+    if places[-1].rotation is not None:
+        wanted = places[-1].rotation
+        rotations = np.stack([place.rotation for place in places], axis=-1)
+        error = log3(np.einsum("xyk,zyk->xzk", rotations, motion.attitude[:, :, 0]))
+        turned = np.sqrt(dot(error, error))
+    found = [(limit.name, limit.violation(motion)) for limit in problem.limits]
+    notes = [note, *(violation.note for _, violation in found)]
+    shares = {}
+    for term in problem.terms:
+        paper = isinstance(term, Coupling)
+        shares[term.name] = term.weight * float(cost.sum()) * problem.dt if paper else term.share(motion)
     return Trajectory(
-        t=t,
-        q=q,
-        v=v,
-        joint_positions=positions,
-        joint_accelerations=np.diff(rates, axis=0) / dt,
-        alpha=alpha,
-        cos_theta=cos_theta,
-        entropy=entropy,
+        t=motion.times[nodes],
+        q=configurations(sms, q0, motion),
+        v=velocities(motion),
+        joint_positions=motion.joints[:, 0, nodes].T,
+        joint_accelerations=np.diff(rates, axis=0) / problem.dt,
+        alpha=(rates[1:, None] @ V)[:, 0],
+        cos_theta=cosine,
+        entropy=H,
         cost=cost,
-        end_effector=end_effector,
-        position_error=np.linalg.norm(goal - end_effector, axis=1),
-        target=goal,
-        target_rotation=np.full((3, 3), np.nan) if rotation is None else rotation,
-        orientation_error=turn,
+        end_effector=motion.end_effector[:, 0, nodes].T,
+        position_error=np.linalg.norm(way, axis=0),
+        target=target[:, -1],
+        target_rotation=wanted,
+        orientation_error=turned[nodes],
         kappa=kappa,
-        note=note,
+        reach=goal.reach,
+        orientation_reach=goal.orientation_reach,
+        note="; ".join(filter(None, notes)),
+        clear=all(violation.amount == 0.0 for _, violation in found),
         momentum=np.zeros(6) if momentum is None else momentum,
+        shares=shares,
+        binding={name: violation.instants for name, violation in found if violation.instants.size},
+        broken={name: violation.amount for name, violation in found if violation.amount > 0.0},
     )

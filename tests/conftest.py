@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -228,6 +229,13 @@ def refused() -> Callable[..., FfsmsError]:
         return caught.value
 
     return check
+
+
+@pytest.fixture
+def own_ports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ports of live pages that no other process that tests uses: one that is closed stays closed."""
+    number = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:])
+    monkeypatch.setattr("ffsms_pin.viewer.server._PORTS", range(7100 + 20 * number, 7120 + 20 * number))
 
 
 @pytest.fixture

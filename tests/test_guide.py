@@ -15,7 +15,6 @@ from ffsms_pin.opt.guide import Guide, find_guide, followed_on
 from ffsms_pin.opt.guide_roll import roll
 from ffsms_pin.opt.guide_spline import NODES, basis, maps
 from ffsms_pin.system.base_motion import roll_out
-from ffsms_pin.system.variants import with_limits
 
 Array = NDArray[np.float64]
 
@@ -220,7 +219,7 @@ def test_guide_keeps_the_accelerations_or_is_rejected(duration: float, fits: boo
 
 def test_guide_stays_within_the_range_of_the_joints(planar: ffsms.SpaceManipulator) -> None:
     """A target that the arm would reach beyond its range only."""
-    narrow = with_limits(planar, replace(planar.limits, lower=np.full(3, -0.4), upper=np.full(3, 0.4)))
+    narrow = planar.with_limits(replace(planar.limits, lower=np.full(3, -0.4), upper=np.full(3, 0.4)))
     q, end = planar.configuration([0.1, 0.2, 0.3]), planar.configuration([0.2, 0.9, 0.8])
     target, way = planar.at(end).end_effector_pose.translation, np.linspace(q[7:], end[7:], 20)
     free, kept = (find_guide(sms, q, np.zeros(3), target, 0.0, 12.0, way) for sms in (planar, narrow))
@@ -233,7 +232,7 @@ def test_guide_stays_within_the_range_of_the_joints(planar: ffsms.SpaceManipulat
 
 def test_guide_of_an_arm_whose_joints_turn_without_end(planar: ffsms.SpaceManipulator) -> None:
     endless = replace(planar.limits, lower=np.array([-np.inf, -np.inf, -2.0]), upper=np.full(3, np.inf))
-    sms, start, end = with_limits(planar, endless), np.array([3.0, 0.3, 0.2]), np.array([4.0, 0.9, 0.6])
+    sms, start, end = planar.with_limits(endless), np.array([3.0, 0.3, 0.2]), np.array([4.0, 0.9, 0.6])
     q = sms.configuration(start)
     q_end, _ = roll_out(sms, q, end - start, np.zeros((30, 3)), 1.0 / 30.0)
     target = sms.at(q_end[-1]).end_effector_pose.translation

@@ -146,9 +146,7 @@ def test_at_the_target_the_arm_stays(planar: ffsms.SpaceManipulator) -> None:
 
 
 def loosened(planar: ffsms.SpaceManipulator, **changes: FloatArray) -> ffsms.SpaceManipulator:
-    free = ffsms.SpaceManipulator(planar.model, "end_effector", planar.base_size)
-    free.limits = dataclasses.replace(planar.limits, **changes)
-    return free
+    return planar.with_limits(dataclasses.replace(planar.limits, **changes))
 
 
 def extremes(trajectory: opt.Trajectory) -> dict[str, FloatArray]:

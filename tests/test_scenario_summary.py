@@ -104,8 +104,7 @@ def test_a_clearance_between_nodes_counts(planar: ffsms.SpaceManipulator) -> Non
 
 def test_a_plan_beyond_a_limit_is_reported_as_one(outcome: Outcome) -> None:
     limits = replace(outcome.sms.limits, velocity=0.5 * np.abs(outcome.trajectory.joint_rates).max(axis=0))
-    tighter = ffsms.load("planar_3r")
-    tighter.limits = limits
+    tighter = ffsms.load("planar_3r").with_limits(limits)
     report = summary(replace(outcome, sms=tighter))
     assert report["joint_limits_kept"] is False
     assert [joint["limits_kept"] for joint in report["joints"]] == [False] * 3

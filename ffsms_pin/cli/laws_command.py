@@ -18,7 +18,8 @@ one table, and writes laws.json and one figure (pdf and png).
 
 example: ffsms-pin laws wrong-model
 
-exit codes: 0 done, however well the laws did; 2 bad input; 130 interrupted
+exit codes: 0 done, however well the laws did; 2 bad input; 70 a defect of ffsms-pin; 130 interrupted;
+143 terminated
 """
 
 

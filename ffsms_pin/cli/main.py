@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import sys
-from collections.abc import Sequence
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NoReturn
 
 import ffsms_pin
@@ -22,7 +26,7 @@ from ffsms_pin.errors import FfsmsError
 __all__ = ["main"]
 
 # Exit codes; 0 and 1 are the commands' own.
-BAD_INPUT, INTERRUPTED = 2, 130
+BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
 
 # Each imports what it needs only when it runs: --help should not wait for it.
 _COMMANDS: dict[str, Any] = {
@@ -51,8 +55,12 @@ examples:
 """
 _EPILOG = """\
 exit codes: 0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped;
-130 interrupted
+70 a defect of ffsms-pin (with FFSMS_PIN_TRACEBACK=1 it says where); 130 interrupted; 143 terminated
 """
+
+
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM came: everything that cleans up after Ctrl-C does so now."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -73,13 +81,46 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:  # --help, --version, or arguments that cannot be used
         return int(stop.code or 0)
     try:
-        return int(arguments.run(arguments))
+        with _ended_by_sigterm():
+            return int(arguments.run(arguments))
     except FfsmsError as error:
-        print(f"ffsms-pin: error: {error}", file=sys.stderr)  # noqa: T201
-        return BAD_INPUT
+        return _failed(f"error: {error}", BAD_INPUT)
+    except _Terminated:
+        return _failed("terminated", TERMINATED)
     except KeyboardInterrupt:
-        print("ffsms-pin: interrupted", file=sys.stderr)  # noqa: T201
-        return INTERRUPTED
+        return _failed("interrupted", INTERRUPTED)
+    except MemoryError:
+        return _failed("error: out of memory; ask for shorter motions or fewer of them", BAD_INPUT)
+    except Exception as error:  # whatever is left is our fault
+        if os.environ.get("FFSMS_PIN_TRACEBACK"):
+            traceback.print_exc()
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        return _failed(f"a defect of ffsms-pin, please report it: {what}", DEFECT)
+
+
+def _failed(words: str, code: int) -> int:
+    print(f"ffsms-pin: {words}", file=sys.stderr)  # noqa: T201
+    return code
+
+
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM end the block as Ctrl-C does, where nobody else has a use for the signal."""
+
+    def terminate(*_: object) -> NoReturn:
+        raise _Terminated
+
+    try:
+        usual = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+        if usual:
+            signal.signal(signal.SIGTERM, terminate)
+    except ValueError:  # only the main thread may ask for signals
+        usual = False
+    try:
+        yield
+    finally:
+        if usual:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
-import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
+from ffsms_pin.storage import regular_target, remove_leftovers, replace_file, require_space
+from ffsms_pin.storage.temporary import COMPLETE, is_abandoned, locked_folder, open_folder
 
 __all__ = ["chosen_folder", "results_folder"]
+
+_SPACE = 16e6  # [bytes] for figures and numbers: less free space is found out before a run
 
 
 def chosen_folder(out: str | None, name: str) -> Path:
@@ -22,25 +25,38 @@ def chosen_folder(out: str | None, name: str) -> Path:
 
 
 @contextmanager
-def results_folder(out: Path) -> Iterator[Path]:
+def results_folder(out: Path, at_once: bool = False) -> Iterator[Path]:
     """A temporary folder whose files move to `out` when the block ends well, and vanish when it does not.
 
-    A folder that does not exist yet appears in one move. Into one that does, each file moves on its own,
-    replacing its namesake; the temporary folder is then inside it, so that moving never crosses file systems.
+    A folder that does not exist yet appears in one move. In one that does, the complete results arrive as
+    one hidden folder, in one move, and from there each file replaces its namesake in one move: where a run is
+    killed meanwhile, the next one into this folder moves the rest before it starts. Hidden folders that runs
+    left when they were killed earlier are removed.
 
     Parameters
     ----------
     out : Path
-        Folders above it are made as needed, and removed again on failure.
+        Folders above it are made as needed, and removed again on failure. A link is followed.
+    at_once : bool
+        Whether `out` is made at the start: for a run that writes there while it goes on. What it wrote stays.
     """
+    named, out = out, Path(os.path.realpath(out))
     made: list[Path] = []
     staging: Path | None = None
+    lock: int | None = None
     try:
         if out.exists() and not out.is_dir():
-            raise ResultError(out, "is a file; the results need a folder: choose another --out")
+            raise ResultError(named, "is a file; the results need a folder: choose another --out")
         _make_parents(out, made)
-        staging = (out if out.exists() else out.parent) / f".{out.name}.{secrets.token_hex(4)}"
-        staging.mkdir()
+        if at_once and not out.exists():
+            out.mkdir()
+            made.append(out)
+        require_space(named, _SPACE)
+        remove_leftovers(out.parent)
+        if out.exists():
+            remove_leftovers(out)
+            _finish_moves(out)
+        staging, lock = locked_folder(out if out.exists() else out.parent, out.name)
         yield staging
         _move(staging, out)
     except BaseException as error:
@@ -50,8 +66,11 @@ def results_folder(out: Path) -> Iterator[Path]:
             with suppress(OSError):  # somebody else's files are in it by now
                 folder.rmdir()
         if isinstance(error, OSError) and not isinstance(error, FfsmsError):
-            raise ResultError(out, f"cannot be written ({error.strerror}); choose another --out") from None
+            raise ResultError(named, f"cannot be written ({error.strerror}); choose another --out") from None
         raise
+    finally:
+        if lock is not None:
+            os.close(lock)
 
 
 def _make_parents(out: Path, made: list[Path]) -> None:
@@ -68,6 +87,38 @@ def _move(staging: Path, out: Path) -> None:
     if not out.exists():
         staging.rename(out)
         return
-    for file in sorted(staging.iterdir()):
-        os.replace(file, out / file.name)
-    staging.rmdir()
+    for file in _files(staging):
+        regular_target(out / file)  # nothing moves unless everything can
+    complete = out / (staging.name + COMPLETE)
+    staging.rename(complete)
+    _move_files(complete, out)
+
+
+def _finish_moves(out: Path) -> None:
+    """Move the results that a dead run had complete."""
+    for complete in sorted(out.glob(f".*.ffsms-pin-*{COMPLETE}")):
+        lock = open_folder(complete)
+        try:
+            if is_abandoned(lock):
+                _move_files(complete, out)
+        finally:
+            os.close(lock)
+
+
+def _move_files(complete: Path, out: Path) -> None:
+    """Move every file of a complete folder; where one cannot be moved, the others stay for the next run."""
+    try:
+        for file in _files(complete):
+            (out / file).parent.mkdir(parents=True, exist_ok=True)
+            replace_file(complete / file, out / file)
+        shutil.rmtree(complete)  # folders only, by now
+    except OSError as error:
+        why = error.problem if isinstance(error, ResultError) else error.strerror
+        raise ResultError(
+            out, f"not all results could be moved ({why}); the rest is in {complete}: the next run moves it"
+        ) from None
+
+
+def _files(folder: Path) -> list[Path]:
+    """All files below a folder, as paths from there."""
+    return sorted(path.relative_to(folder) for path in folder.rglob("*") if not path.is_dir())

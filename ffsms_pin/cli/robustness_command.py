@@ -18,7 +18,8 @@ writes robustness.json and one figure (pdf and png).
 
 example: ffsms-pin robustness case-1 --plants 50 --jobs 2
 
-exit codes: 0 done, however many arrived; 2 bad input; 130 interrupted
+exit codes: 0 done, however many arrived; 2 bad input; 70 a defect of ffsms-pin; 130 interrupted;
+143 terminated
 """
 
 

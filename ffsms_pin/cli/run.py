@@ -15,12 +15,19 @@ from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder
 from ffsms_pin.cli.summary_table import summary_table
 from ffsms_pin.scenarios import run, scenario, summary
+from ffsms_pin.scenarios.own_files import writes_files
 from ffsms_pin.storage import write_content
 
 __all__ = ["run_scenario"]
 
 
-def run_scenario(name: str, out: str | None = None, figures: bool = True, show: bool = False) -> bool:
+def run_scenario(
+    name: str,
+    out: str | None = None,
+    figures: bool = True,
+    show: bool = False,
+    allow_outside: bool = False,
+) -> bool:
     """Run a scenario and write its results.
 
     Parameters
@@ -33,6 +40,8 @@ def run_scenario(name: str, out: str | None = None, figures: bool = True, show: 
         Whether figures are drawn.
     show : bool
         Whether to open the drawing of the motion, where there is a display.
+    allow_outside : bool
+        Whether files that the scenario names may lie elsewhere than below the results folder.
 
     Returns
     -------
@@ -42,8 +51,9 @@ def run_scenario(name: str, out: str | None = None, figures: bool = True, show: 
     chosen = scenario(name)
     folder = chosen_folder(out, chosen.name)
     errors, output = Console(stderr=True), output_console()
-    with results_folder(folder) as staging, shown_progress(errors) as progress:
-        outcome = run(chosen, progress)
+    at_once = writes_files(chosen)
+    with results_folder(folder, at_once) as staging, shown_progress(errors) as progress:
+        outcome = run(chosen, progress, folder=folder, allow_outside=allow_outside)
         outcome.trajectory.save(staging / "trajectory.npz")
         outcome.tracking.save(staging / "tracking.npz")
         numbers = summary(outcome)

@@ -18,7 +18,7 @@ png).
 example: ffsms-pin run case-2 --out results/case-2
 
 exit codes: 0 the plan reaches the target and the closed loop ends there; 1 one of them does not, results
-written; 2 bad input, or the run was stopped; 130 interrupted
+written; 2 bad input, or the run was stopped; 70 a defect of ffsms-pin; 130 interrupted; 143 terminated
 """
 
 
@@ -40,11 +40,18 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--show", action="store_true", help="open the drawing of the motion, where there is a display"
     )
+    parser.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="let files that the scenario names (stream, watchdog path) lie outside the results folder",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the scenario; returns the exit code."""
     from ffsms_pin.cli.run import run_scenario
 
-    reached = run_scenario(arguments.scenario, arguments.out, arguments.figures, arguments.show)
+    reached = run_scenario(
+        arguments.scenario, arguments.out, arguments.figures, arguments.show, arguments.allow_outside
+    )
     return REACHED if reached else NOT_REACHED

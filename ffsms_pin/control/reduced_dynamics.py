@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import pinocchio as pin
-from scipy.linalg import lapack
+import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.system.base_reaction import floating_motion
 
-__all__ = ["floating_torque", "reduced_coriolis", "reduced_dynamics", "reduced_torque"]
+__all__ = ["reduced_coriolis", "reduced_dynamics", "reduced_torque"]
 
 
 def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -31,39 +31,18 @@ def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tup
     C_q : ndarray, shape (n,)
         Reduced Coriolis and centrifugal torque [N m].
     """
-    model, data = sms.model, sms._data
-    M = pin.crba(model, data, q)
-    effects = pin.nonLinearEffects(model, data, q, v)
-    M_bm = M[:6, 6:]
-    # Neither result depends on the axes or the reference point of the base's velocity, so Pinocchio's serve.
-    _, reaction, _ = lapack.dposv(M[:6, :6], M_bm)
-    return M[6:, 6:] - M_bm.T @ reaction, effects[6:] - effects[:6] @ reaction
+    M = dynamics.inertia_matrix(sms, q)
+    N = floating_motion(M)
+    effects = dynamics.velocity_effects(sms, q, v)
+    return dynamics.reduced_inertia(M, N), dynamics.reduced_effects(effects, N)
 
 
 def reduced_torque(sms: SpaceManipulator, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
     """Torques H_q qdd + C_q (n,) [N m]: they give the joints the accelerations qdd (n,), the base reacting.
 
-    Without the two being made: see `floating_torque`. Other arguments as for `reduced_dynamics`.
+    Without the two being made. Other arguments as for `reduced_dynamics`.
     """
-    return floating_torque(sms, q, v, sms._joints_alone.dot(qdd))
-
-
-def floating_torque(
-    sms: SpaceManipulator, q: FloatArray, v: FloatArray, acceleration: FloatArray
-) -> FloatArray:
-    """The same of `acceleration` (6 + n,): six zeros, then the joint accelerations.
-
-    With f the generalised force that holds the base's acceleration at zero, the base takes up f_b by
-    accelerating, so tau = f_m - M_bm^T M_b^-1 f_b.
-    """
-    model, work = sms.model, sms._workspace
-    data = work.data
-    force = pin.rnea(model, data, q, v, acceleration)
-    pin.crba(model, data, q)
-    # M_b is the whole's inertia in the root frame. All columns of the product: numpy copies slices of them.
-    force -= work.whole.inverse().dot(force[:6]).dot(work.base_rows)
-    tau: FloatArray = force[6:]
-    return tau
+    return dynamics.floating_torque(sms, q, v, np.concatenate([np.zeros(6), qdd]))
 
 
 def reduced_coriolis(
@@ -81,15 +60,8 @@ def reduced_coriolis(
     C : ndarray, shape (n, n)
         At the joint rates and zero momentum: dH_q/dt - 2 C is skew, and C qd = C_q where there is none.
     """
-    model, data = sms.model, sms._data
-    M = pin.crba(model, data, q).copy()
-    effects = pin.nonLinearEffects(model, data, q, v)
-    _, reaction, _ = lapack.dposv(M[:6, :6], M[:6, 6:])
-    H_q = M[6:, 6:] - M[6:, :6] @ reaction
-    C_q = effects[6:] - effects[:6] @ reaction
-    still = v.copy()
-    still[:6] = -(reaction @ v[6:])
-    C = pin.computeCoriolisMatrix(model, data, q, still)
-    # N^T C N with N = [-reaction; I].
-    upper = C[:6, 6:] - C[:6, :6] @ reaction
-    return H_q, C_q, C[6:, 6:] - C[6:, :6] @ reaction - reaction.T @ upper
+    M = dynamics.inertia_matrix(sms, q)
+    N = floating_motion(M)
+    effects = dynamics.velocity_effects(sms, q, v)
+    C = dynamics.reduced_coriolis_matrix(sms, q, N, v[6:])
+    return dynamics.reduced_inertia(M, N), dynamics.reduced_effects(effects, N), C

@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control.gains import gain_matrix, positives
 from ffsms_pin.control.law import JointLaw, Motion
-from ffsms_pin.control.reduced_dynamics import floating_torque, reduced_dynamics
+from ffsms_pin.control.reduced_dynamics import reduced_dynamics, reduced_torque
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -85,15 +85,13 @@ class SlidingModeController(JointLaw):
         if np.ndim(boundary) > 0 and not self._diagonal:
             raise InvalidValue("boundary", boundary, "must be one number where K_s is not diagonal")
         # What [q_e; qd_e] is multiplied by: above, the rows of the push before it is cut off at `_most`;
-        # below, those of the acceleration [0 (6); qdd_d - Gamma qd_e] without its qdd_d. Of a diagonal K_s
+        # below, those of the acceleration qdd_d - Gamma qd_e without its qdd_d. Of a diagonal K_s
         # the push is K_s sat(s / boundary) at once, else sat alone.
         self._most = strength if self._diagonal else np.ones(sms.n)
         self._least = -self._most
         slope = np.diag(self._most / self._boundary)
         zeros = np.zeros((sms.n, sms.n))
-        self._of_errors = np.block(
-            [[slope @ self._Gamma, slope], [np.zeros((6, 2 * sms.n))], [zeros, -self._Gamma]]
-        )
+        self._of_errors = np.block([[slope @ self._Gamma, slope], [zeros, -self._Gamma]])
 
     @property
     def K_s(self) -> FloatArray:
@@ -111,13 +109,10 @@ class SlidingModeController(JointLaw):
         return self._boundary
 
     def _law(self, motion: Motion) -> FloatArray:
-        sms = self.sms
-        n = sms.n
-        made = self._of_errors.dot(motion.errors)
-        push, joints = made[:n], made[n + 6 :]
-        np.minimum(np.maximum(push, self._least, out=push), self._most, out=push)
-        np.add(joints, motion.qdd_d, joints)
-        tau = floating_torque(sms, motion.q, motion.v, made[n:])
+        made = self._of_errors @ motion.errors
+        push, braking = made[: self.sms.n], made[self.sms.n :]
+        push = np.minimum(np.maximum(push, self._least), self._most)
+        tau = reduced_torque(self.sms, motion.q, motion.v, motion.qdd_d + braking)
         tau -= push if self._diagonal else self._K_s.dot(push)
         return tau
 

@@ -18,6 +18,12 @@ _ROWS = {"attitude": slice(3, 6), "twist": slice(0, 6)}
 def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArray:
     """Orthonormal basis of the joint rates that leave the base's attitude, or all of its twist, unmoved.
 
+    The momentum is zero. The dimension of the space is n minus the rank of the rows in question: at least
+    n - 3 for the attitude and n - 6 for the twist, more where the arm cannot push the base in some direction
+    (a planar arm of three joints: 2 and 0). Which basis of the space it is is arbitrary. With a basis N, no
+    rates N x move the base by more than tolerance times the largest singular value times |x|; where the twist
+    is zero it is zero for every point of the base.
+
     Parameters
     ----------
     C_bm : ndarray, shape (6, n)

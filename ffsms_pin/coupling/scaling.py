@@ -29,7 +29,8 @@ def scaled(C_bm: FloatArray, characteristic_length: float, offset: FloatArray, r
     C_bm : ndarray, shape (6, n)
         For metres and the base's centre of mass; rows [linear; angular], inertial axes.
     characteristic_length : float
-        [m]. The linear rows are divided by it: 1 is the paper's, 0.001 gives what millimetres give.
+        [m]. The linear rows are divided by it, which makes all of C_bm dimensionless: 1 is the paper's
+        choice, 0.001 gives what millimetres give.
     offset : ndarray, shape (3,)
         From the base's centre of mass to the new reference point, inertial axes [m].
     rows : {"all", "translation", "rotation"}

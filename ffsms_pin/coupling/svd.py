@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin import lapack
-from ffsms_pin.checks import FloatArray, vector, writeable
+from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.coupling.metrics import cosine, entropy_of_values
 from ffsms_pin.errors import SolverError
 
@@ -72,13 +72,12 @@ class Coupling:
 
     def __init__(self, C_bm: FloatArray, velocity_jacobian: Callable[[], FloatArray]) -> None:
         U, sigma, V = decompose(C_bm)
-        writeable(U, False)
-        writeable(sigma, False)
-        writeable(V, False)
-        own = self.__dict__
-        own["U"], own["sigma"], own["V"] = U, sigma, V
-        own["entropy"] = entropy_of_values(sigma.tolist(), V.shape[0])
-        own["_velocity_jacobian"] = velocity_jacobian
+        # Past the guard below.
+        object.__setattr__(self, "U", frozen(U))
+        object.__setattr__(self, "sigma", frozen(sigma))
+        object.__setattr__(self, "V", frozen(V))
+        object.__setattr__(self, "entropy", entropy_of_values(sigma.tolist(), V.shape[0]))
+        object.__setattr__(self, "_velocity_jacobian", velocity_jacobian)
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(f"a coupling cannot be changed (tried to set '{name}')")

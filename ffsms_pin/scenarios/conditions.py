@@ -25,9 +25,8 @@ from ffsms_pin.simulation import (
     random_plants,
 )
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.variants import with_limits
 
-__all__ = ["control_steps", "controller", "loop_options", "own_files", "plant", "radians"]
+__all__ = ["control_steps", "controller", "loop_options", "plant", "radians"]
 
 _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
 
@@ -72,18 +71,6 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     return options
 
 
-def own_files(scenario: Scenario) -> dict[str, Any]:
-    """Options of `simulate` that write files: for one run of a scenario, and not for every one of many."""
-    options: dict[str, Any] = {}
-    folder = scenario.source.parent
-    if "stream" in scenario.simulation:
-        options["stream"] = folder / scenario.simulation["stream"]
-    if scenario.watchdog is not None and "path" in scenario.watchdog:
-        limits = radians(scenario.watchdog)
-        options["watchdog"] = Watchdog(**{**limits, "path": folder / limits["path"]})
-    return options
-
-
 def plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
     """What is simulated: the model, or a robot with other inertial parameters, or another robot."""
     given = dict(scenario.plant)
@@ -92,7 +79,7 @@ def plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
         path = scenario.robot_path(given.pop("model"))
         simulated = load(path, end_effector=given.pop("end_effector", sms.end_effector))
         if simulated.joint_names == sms.joint_names:  # `simulate` refuses another plant
-            simulated = with_limits(simulated, sms.limits)
+            simulated = simulated.with_limits(sms.limits)
     if given:
         simulated = perturb(simulated, **given)
     if shares is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import os
 import sys
 from collections.abc import Mapping
@@ -112,8 +111,7 @@ class Scenario:
             }
             chosen = {name: value for name, value in limits.items() if value is not None}
             if chosen:
-                sms = copy.copy(sms)
-                sms.limits = replace(sms.limits, **chosen)
+                sms = sms.with_limits(replace(sms.limits, **chosen))
         except InvalidValue as error:
             raise InvalidScenario(self.source, str(error)) from None
         return sms

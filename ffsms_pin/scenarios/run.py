@@ -6,15 +6,18 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 from ffsms_pin.control import JointLaw
 from ffsms_pin.opt import Replanning, Trajectory
 from ffsms_pin.scenarios.closed_loop import Attempt, attempt, named, prepared
-from ffsms_pin.scenarios.conditions import controller, own_files
+from ffsms_pin.scenarios.conditions import controller
 from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.own_files import expected_size, own_files
 from ffsms_pin.scenarios.references import planned
 from ffsms_pin.simulation import Tracking
+from ffsms_pin.storage import require_space
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Outcome", "StageProgress", "Timing", "run", "stage"]
@@ -63,7 +66,13 @@ class Outcome:
     open_loop: Attempt | None = None
 
 
-def run(scenario: Scenario, progress: StageProgress | None = None) -> Outcome:
+def run(
+    scenario: Scenario,
+    progress: StageProgress | None = None,
+    *,
+    folder: Path | None = None,
+    allow_outside: bool = False,
+) -> Outcome:
     """Plan the scenario's motion and follow it in closed loop, under the scenario's conditions.
 
     A target that is not reached is no error: `outcome.trajectory.reached` says so of the plan.
@@ -73,16 +82,26 @@ def run(scenario: Scenario, progress: StageProgress | None = None) -> Outcome:
     scenario : Scenario
     progress : callable, optional
         Called with "planning", "tracking" or "plan once" and the share of that stage that is done, 0 to 1.
+    folder : Path, optional
+        Where the results will be: it must have room for them, and the files that the scenario names count
+        from there. Default: the folder of the scenario's file.
+    allow_outside : bool
+        Whether files that the scenario names may lie elsewhere than below that folder.
 
     Raises
     ------
     InvalidScenario
-        A value does not fit the robot.
+        A value does not fit the robot, or a file lies outside the folder.
+    ResultError
+        A file cannot be written, or there is no room for the results; found out before anything is planned.
     FfsmsError
         The robot cannot be loaded, the simulation does not stay finite, or its watchdog stops it.
     """
     sms = scenario.load()
+    if folder is not None:
+        require_space(folder, expected_size(scenario, sms))
     with named(scenario):
+        files = own_files(scenario, folder, allow_outside)
         q0 = scenario.start_configuration(sms)
         law = controller(scenario, sms)
         loop = prepared(scenario, sms, q0)
@@ -90,7 +109,7 @@ def run(scenario: Scenario, progress: StageProgress | None = None) -> Outcome:
         trajectory = planned(scenario, sms, q0, stage(progress, "planning"))
         ended = time.perf_counter()
         reference = loop.reference(trajectory)
-        tracking = loop.run(reference, law, stage(progress, "tracking"), **own_files(scenario))
+        tracking = loop.run(reference, law, stage(progress, "tracking"), **files)
         tracked = time.perf_counter()
         note, open_loop = "", None
         if isinstance(reference, Replanning):

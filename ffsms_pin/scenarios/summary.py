@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-import ffsms_pin
 from ffsms_pin.opt.step_planner import clearance_model
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.described import described
@@ -17,6 +16,7 @@ from ffsms_pin.scenarios.extremes import base_numbers, clearances_along, least_c
 from ffsms_pin.scenarios.joint_units import joint_units
 from ffsms_pin.scenarios.run import Outcome
 from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers, tracked_numbers
+from ffsms_pin.version import __version__
 
 __all__ = ["summary"]
 
@@ -63,7 +63,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "timing": _timing(outcome),
         "versions": {
             "python": platform.python_version(),
-            "ffsms_pin": ffsms_pin.__version__,
+            "ffsms_pin": __version__,
             **{name: version(name) for name in ("pin", "proxsuite", "numpy", "scipy")},
         },
     }

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, positive, vector
-from ffsms_pin.errors import InvalidValue, SimulationDiverged, SimulationStopped
+from ffsms_pin.errors import InvalidValue, ResultError, SimulationDiverged, SimulationStopped
 from ffsms_pin.simulation import disturbances as outside
 from ffsms_pin.simulation import events as happening
 from ffsms_pin.simulation.actuator import Actuator
@@ -25,6 +26,7 @@ from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.watchdog import Watchdog
 from ffsms_pin.simulation.world import World
+from ffsms_pin.storage import check_writable
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["simulate"]
@@ -97,7 +99,8 @@ def simulate(
     stream : path, optional
         For long runs: an npz file for the recording, whose rows go to disk as they come, so that the memory
         taken does not grow with the duration. What is returned then reads them from there. If the run is
-        interrupted, `Tracking.load` of the same path reads what was recorded until then.
+        interrupted, `Tracking.load` of the same path reads what was recorded until then, or says how where an
+        older complete file is there too; the next run to the same path keeps it.
 
     Returns
     -------
@@ -111,6 +114,8 @@ def simulate(
         The state stopped being finite; the error carries what was recorded until then.
     SimulationStopped
         The watchdog stopped the run; likewise.
+    ResultError
+        The file of `stream` or of the watchdog cannot be written; found out before the run.
     """
     plant = _checked_plant(sms, sms if plant is None else plant)
     duration, dt = positive("reference.duration", reference.duration, "s"), positive("dt", dt, "s")
@@ -130,6 +135,8 @@ def simulate(
     if reset is not None:
         reset(dt)
     target = _target_function(reference.target)
+    if watchdog is not None and watchdog.path is not None:
+        check_writable(watchdog.path)
     rows = None if stream is None else RowStream(stream)
     t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
     record = Record(plant, t, target, rows)
@@ -137,7 +144,7 @@ def simulate(
     stride = max(1, steps // 200)  # a progress bar needs no more
 
     # On its way to infinity a diverging state overflows here and there; the record finds out.
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), rows or nullcontext():
         for k in range(steps + 1):
             now = float(t[k])
             while coming and coming[0].time <= now + 1e-9:
@@ -173,15 +180,18 @@ def simulate(
             work += done
             if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):
                 progress((k + 1) / steps)
-    return record.tracking(steps + 1)
+        return record.tracking(steps + 1)
 
 
 def _save(watchdog: Watchdog | None, tracking: Tracking) -> str:
-    """Save what was recorded where the watchdog says; the path, or nothing."""
+    """Save what was recorded where the watchdog says; what to tell about it, or nothing."""
     if watchdog is None or watchdog.path is None:
         return ""
-    tracking.save(watchdog.path)
-    return str(watchdog.path)
+    try:
+        tracking.save(watchdog.path)
+    except ResultError as error:
+        return f"what was recorded is in the error's `tracking` only, for {error}"
+    return f"recorded until then: {watchdog.path}"
 
 
 def _checked_plant(sms: SpaceManipulator, plant: SpaceManipulator) -> SpaceManipulator:

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, matrix, number, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.variants import with_model
 
 __all__ = ["Capture", "Event", "JointFault"]
 
@@ -88,7 +87,7 @@ class Capture:
         free = np.setdiff1d(np.arange(plant.nv), locked)
         after = np.zeros(plant.nv)
         after[free] = np.linalg.solve(M[np.ix_(free, free)], momentum[free])
-        return with_model(plant, model), after
+        return plant.with_inertias(model), after
 
     def __str__(self) -> str:
         return f"captured {self.mass:g} kg"

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, number, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.variants import with_model
 
 __all__ = ["InertialError", "perturb", "random_plants"]
 
@@ -84,14 +83,11 @@ def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors:
         if np.ndim(error.arm_com) < 2
         else [vector("arm_com", row, 3, "m") for row in _rows("arm_com", error.arm_com, n)]
     )
-    model = sms.model.copy()
-    model.inertias[1] = _changed(
-        model.inertias[1], base_mass, base_inertia, vector("base_com", error.base_com, 3, "m")
-    )
-    for i in range(n):
-        body = model.inertias[i + 2]
-        model.inertias[i + 2] = _changed(body, float(arm_mass[i]), float(arm_inertia[i]), shifts[i])
-    return with_model(sms, model)
+    base, *arm = list(sms.model.inertias)[1:]
+    inertias = [_changed(base, base_mass, base_inertia, vector("base_com", error.base_com, 3, "m"))]
+    for i, body in enumerate(arm):
+        inertias.append(_changed(body, float(arm_mass[i]), float(arm_inertia[i]), shifts[i]))
+    return sms.with_inertias(inertias)
 
 
 def random_plants(

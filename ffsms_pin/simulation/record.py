@@ -45,6 +45,10 @@ class Record:
         self._targets: list[FloatArray] = []  # of the rows that are not complete
         self._complete = 0
         self._notes: list[str] = []
+        if rows is not None and rows.set_aside is not None:
+            self._notes.append(
+                f"rows of an earlier run that was left unfinished are kept in {rows.set_aside}"
+            )
 
         def made(name: str, *shape: int) -> FloatArray:
             return np.empty(shape) if rows is None else rows.empty(name, shape)

@@ -1,15 +1,15 @@
 """Long recordings: rows that go to disk as they come, so that the memory taken does not grow with the run.
 
-While a run lasts, its rows lie in a folder beside the result, `<name>.part`, one file an array, mapped into
-memory: a run that is interrupted, or killed, leaves them there to be read. At the end they become one npz
-file that is there whole or not at all, and the folder goes.
+While a run lasts, its rows lie in a folder beside the result, `<name>.part` (see `unfinished`), one file an
+array, mapped into memory: a run that is interrupted, or killed, leaves them there to be read. At the end they
+become one npz file that is there whole or not at all, and the folder goes.
 """
 
 from __future__ import annotations
 
 import mmap
 import os
-import shutil
+import weakref
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -19,49 +19,55 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import ResultError
-from ffsms_pin.storage import write_atomically
+from ffsms_pin.simulation.unfinished import ROWS, begun, check_stream, given_up
+from ffsms_pin.storage import require_space, write_atomically
 
-__all__ = ["RowStream", "part_folder", "recorded", "save_mapped"]
+__all__ = ["RowStream", "save_mapped"]
 
 BLOCK = 4096  # rows between two times that memory is given back
-_ROWS = "rows"  # the file that says how many rows are done
-
-
-def part_folder(path: str | os.PathLike[str]) -> Path:
-    """Where the rows of the result `path` are until it is complete."""
-    path = Path(path)
-    return path.with_name(path.name + ".part")
 
 
 class RowStream:
-    """Arrays on disk for the rows of a run that is going on.
+    """Arrays on disk for the rows of a run that is going on; a context that ends with the run.
 
     Parameters
     ----------
     path : path
-        The result, an npz file; its folder must exist. What an earlier run left unfinished there is removed.
+        The result, an npz file; its folder must exist. What an earlier run left unfinished there is kept
+        beside it, as `<name>.part-1` or the next number that is free.
 
     Raises
     ------
     ResultError
-        The files cannot be made. Their whole size is reserved then, so a disk that is too small is found out
-        before the run and not during it.
+        The files cannot be made, another run records to the same file, or a `<name>.part` that is not ours
+        is in the way. The whole size of the rows is reserved, and that of the result must be free besides: a
+        disk that is too small is found out before the run and not during it.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
-        self.folder = part_folder(path)
-        shutil.rmtree(self.folder, ignore_errors=True)
+        self.path = check_stream(path)
         self._arrays: dict[str, np.memmap[Any, Any]] = {}
+        self._size = 0
         try:
-            self.folder.mkdir()
+            self.folder, handle, self.set_aside = begun(self.path)
+            self._unlock = weakref.finalize(self, os.close, handle)
+            self._rows = np.load(self.folder / f"{ROWS}.npy", mmap_mode="r+")
         except OSError as error:
+            if isinstance(error, ResultError):
+                raise
             raise ResultError(self.path, f"cannot be written ({error.strerror})") from None
-        self._rows = self._new(_ROWS, (1,), np.int64)
+
+    def __enter__(self) -> RowStream:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._unlock.alive and self._rows[0] == 0:  # it failed before there was anything to keep
+            given_up(self.folder)
+        self._unlock()  # from now on another run may take the place
 
     def empty(self, name: str, shape: tuple[int, ...]) -> FloatArray:
         """An array of zeros on disk; its first dimension counts rows."""
-        self._arrays[name] = self._new(name, shape, np.float64)
+        self._arrays[name] = self._new(name, shape)
         return self._arrays[name]
 
     def times(self, duration: float, steps: int) -> FloatArray:
@@ -80,15 +86,20 @@ class RowStream:
             for array in self._arrays.values():
                 _give_back(array)
 
-    def _new(self, name: str, shape: tuple[int, ...], kind: type) -> np.memmap[Any, Any]:
+    def _new(self, name: str, shape: tuple[int, ...]) -> np.memmap[Any, Any]:
         file = self.folder / f"{name}.npy"
         try:
-            array = np.lib.format.open_memmap(file, mode="w+", dtype=kind, shape=shape)
+            array = np.lib.format.open_memmap(file, mode="w+", dtype=np.float64, shape=shape)
             if array.nbytes and hasattr(os, "posix_fallocate"):
                 with open(file, "r+b") as opened:
                     os.posix_fallocate(opened.fileno(), 0, file.stat().st_size)
+            self._size += array.nbytes
+            require_space(self.path, self._size)  # for the result, beside the rows
         except OSError as error:
-            shutil.rmtree(self.folder, ignore_errors=True)
+            given_up(self.folder)
+            self._unlock()
+            if isinstance(error, ResultError):
+                raise
             raise ResultError(self.path, f"cannot be written ({error.strerror})") from None
         return array
 
@@ -96,29 +107,12 @@ class RowStream:
         """Let `save` write the result, and remove the folder: mapped arrays stay readable without it."""
         for array in self._arrays.values():
             _give_back(array)
-        save(self.path)
-        shutil.rmtree(self.folder, ignore_errors=True)
-
-
-def recorded(path: str | os.PathLike[str]) -> dict[str, Any] | None:
-    """Arrays of the rows that an unfinished run left, mapped read-only; None where there are none.
-
-    `path` is the result's, which is not there, or that of the folder.
-    """
-    folder = Path(path)
-    if not folder.is_dir():
-        folder = part_folder(path)
-        if os.path.exists(path) or not folder.is_dir():
-            return None
-    try:
-        arrays = {file.stem: np.load(file, mmap_mode="r") for file in sorted(folder.glob("*.npy"))}
-        rows = int(arrays.pop(_ROWS)[0])
-        # The torque of a step belongs to its end as well: the last row has none yet.
-        if rows > 0:
-            return {name: array[: rows - (name == "tau")] for name, array in arrays.items()}
-    except (OSError, ValueError, KeyError, IndexError):
-        raise ResultError(path, "was left unfinished, and its rows cannot be read") from None
-    raise ResultError(path, "was left unfinished before its first row")
+        try:
+            save(self.path)
+        except ResultError as error:
+            raise ResultError(error.path, f"{error.problem}; the recording is in {self.folder}") from None
+        given_up(self.folder)
+        self._unlock()
 
 
 def save_mapped(path: str | os.PathLike[str], kind: str, values: Mapping[str, Any]) -> None:

@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import Field, dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen
-from ffsms_pin.errors import ResultError
-from ffsms_pin.simulation.streaming import recorded, save_mapped
-from ffsms_pin.storage import load_arrays, save_arrays
+from ffsms_pin.simulation.streaming import save_mapped
+from ffsms_pin.simulation.unfinished import recorded
+from ffsms_pin.storage import check_shapes, check_times, load_arrays, save_arrays
 
 __all__ = ["Tracking"]
 
 _FORMAT = "ffsms-pin tracking"
+_SHAPES: dict[str, tuple[str | int, ...]] = {
+    "t": ("N+1",),
+    "v": ("N+1", "n+6"),
+    "q": ("N+1", "nq"),
+    "tau": ("N", "n"),
+    "joint_error": ("N+1", "n"),
+    "joint_rate_error": ("N+1", "n"),
+    "position_error": ("N+1",),
+    "momentum": ("N+1", 6),
+    "kinetic_energy": ("N+1",),
+    "work": ("N+1",),
+}
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
@@ -94,48 +107,32 @@ class Tracking:
         save(path, _FORMAT, {field.name: getattr(self, field.name) for field in fields(self)})
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Tracking:
+    def load(cls, path: str | os.PathLike[str], *, complete: bool = False) -> Tracking:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file.
 
-        Of a streamed run that was interrupted, the rows that it left; its `note` says so.
+        Of a streamed run that was interrupted, the rows that it left; its `note` says so. Where both are
+        there, a complete older run and the rows of a newer one, the error says how to read either.
+
+        Parameters
+        ----------
+        path : path
+            Of the file, or of the folder with the rows (`<name>.part`).
+        complete : bool
+            Whether to read the complete file, whatever a newer run left unfinished beside it.
         """
-        partial = recorded(path)
+        partial = None if complete else recorded(path, list(_SHAPES))
         if partial is not None:
-            missing = [field.name for field in _arrays() if field.name not in partial]
-            if missing:
-                raise ResultError(path, f"was left unfinished and lacks {', '.join(missing)}")
-            _check_shapes(path, partial)
+            check_shapes(path, partial, _SHAPES)
             return cls(**partial, note="interrupted: this is what was recorded until then")
-        arrays = load_arrays(path, _FORMAT, [field.name for field in fields(cls)])
+
+        def check(heads: Mapping[str, Any]) -> None:
+            check_shapes(path, heads, {**_SHAPES, "note": ()}, {"note": "U"})
+
+        arrays = load_arrays(path, _FORMAT, [field.name for field in fields(cls)], check=check)
+        check_times(path, arrays["t"])
         note = str(arrays.pop("note"))
-        _check_shapes(path, arrays)
         return cls(**arrays, note=note)
 
 
 def _arrays() -> list[Field[Any]]:
     return [field for field in fields(Tracking) if field.name != "note"]
-
-
-def _check_shapes(path: str | os.PathLike[str], arrays: dict[str, Any]) -> None:
-    """Raise `ResultError` unless the arrays are numbers and fit together."""
-    for name, array in arrays.items():
-        if array.dtype.kind not in "fiu":
-            raise ResultError(path, f"holds no numbers in {name}")
-    nodes = arrays["t"].size
-    n = arrays["v"].shape[1] - 6 if arrays["v"].ndim == 2 else 0
-    nq = arrays["q"].shape[1] if arrays["q"].ndim == 2 else 0
-    wanted = {
-        "t": (nodes,),
-        "v": (nodes, 6 + n),
-        "q": (nodes, max(nq, 7 + n)),
-        "tau": (nodes - 1, n),
-        "joint_error": (nodes, n),
-        "joint_rate_error": (nodes, n),
-        "position_error": (nodes,),
-        "momentum": (nodes, 6),
-        "kinetic_energy": (nodes,),
-        "work": (nodes,),
-    }
-    for name, shape in wanted.items():
-        if arrays[name].shape != shape:
-            raise ResultError(path, f"holds {name} of shape {arrays[name].shape} where {shape} would fit")

@@ -31,7 +31,8 @@ class Watchdog:
         So many planning steps in a row whose programme was not solved stop the run (the reference's
         `failed_in_a_row`); until then the arm brakes.
     path : path, optional
-        Where the recording is saved if the run is stopped (npz, as by `Tracking.save`).
+        Where the recording is saved if the run is stopped (npz, as by `Tracking.save`). `simulate` tries it
+        before the run; should it fail at the end, the error still carries the recording.
     """
 
     position_margin: float = 1e-3

@@ -18,8 +18,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.system.base_reaction import root_velocity
+from ffsms_pin.system.dynamics import inertia_matrix
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.tumbling import moved_root
 
@@ -27,13 +28,6 @@ __all__ = ["advance", "roll_out"]
 
 _GAUSS = (0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0)
 _BRACKET = math.sqrt(3.0) / 12.0
-
-
-def _root_velocity(sms: SpaceManipulator, q: FloatArray, rates: FloatArray) -> FloatArray:
-    M = pin.crba(sms.model, sms._data, q)
-    velocity: FloatArray
-    _, velocity, _ = lapack.dposv(M[:6, :6], -(M[:6, 6:] @ rates))
-    return velocity
 
 
 def advance(
@@ -74,7 +68,7 @@ def advance(
     for c in _GAUSS:
         h = c * dt
         sms.layout.set_positions(trial, positions + h * (rates + (0.5 * h) * accelerations))
-        twists.append(pin.Motion(_root_velocity(sms, trial, rates + h * accelerations)))
+        twists.append(pin.Motion(root_velocity(inertia_matrix(sms, trial), rates + h * accelerations)))
     first, second = twists
     twist = (0.5 * dt) * (first + second) + (_BRACKET * dt * dt) * first.cross(second)
     pose = pin.XYZQUATToSE3(q[:7]) * pin.exp6(twist)
@@ -109,7 +103,7 @@ def _advance_tumbling(
         sms.layout.set_positions(trial, positions + t * (rates + (0.5 * t) * accelerations))
         return trial, rates + t * accelerations
 
-    pose = moved_root(sms.model, sms._data, pin.XYZQUATToSE3(q[:7]), joints_at, dt, momentum)
+    pose = moved_root(sms, pin.XYZQUATToSE3(q[:7]), joints_at, dt, momentum)
     end = rates + dt * accelerations
     result = q.copy()
     result[:7] = pin.SE3ToXYZQUAT(pose)

@@ -91,9 +91,8 @@ def build(
     if base_size is None and box is not None:
         base_size = box.size
         placement = pin.SE3(pin.rpy.rpyToMatrix(np.array(box.rpy)), np.array(box.xyz))
-    sms = SpaceManipulator(model, end_effector, base_size, placement, acceleration)
-    sms.description = Description(urdf.full_text(), urdf.path, package_dirs)
-    return sms
+    description = Description(urdf.full_text(), urdf.path, package_dirs)
+    return SpaceManipulator(model, end_effector, base_size, placement, acceleration, description=description)
 
 
 def folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import math
-from math import isfinite
+from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, frozen, vector
-from ffsms_pin.errors import FrameNotFound, GeometryError, InvalidInertia, InvalidValue
+from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.errors import GeometryError, InvalidInertia, InvalidValue
+from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.joints import JointLayout
-from ffsms_pin.system.kinetics import Workspace
 from ffsms_pin.system.limits import ACCELERATION_PER_VELOCITY, JointLimits
+from ffsms_pin.system.mechanism import Mechanism, scratch
 from ffsms_pin.system.shapes import Description, ShapeKind
 from ffsms_pin.system.state import State
 
 __all__ = ["SpaceManipulator"]
 
-_FLOAT64 = np.dtype(np.float64)
 
-
-class SpaceManipulator:
-    """A satellite with an unactuated base and an arm.
+class SpaceManipulator(Mechanism):
+    """A satellite with an unactuated base and an arm; it does not change once it is made.
 
     Usually made by `ffsms_pin.load`; the constructor takes a Pinocchio model directly.
 
@@ -42,13 +42,16 @@ class SpaceManipulator:
     acceleration : array_like, optional
         Joint acceleration limits [rad/s^2], one number or (n,). Default 1.25 /s times the rate limits: the
         paper's ratio.
+    limits : JointLimits, optional
+        In place of the model's limits and `acceleration`.
+    description : Description, optional
+        The URDF behind the model, for its shapes.
 
     Attributes
     ----------
     model : pinocchio.Model
     n : int
         Number of actuated joints.
-    joint_names : list of str
     end_effector : str
     base_size : tuple of float or None
         [m]
@@ -57,6 +60,8 @@ class SpaceManipulator:
         Pinocchio's index of the end-effector frame.
     base_com : ndarray, shape (3,)
         Centre of mass of the base body in the root frame [m].
+    base_box_placement : pinocchio.SE3
+        Pose of the box's centre in the root frame.
     description : Description or None
         The URDF behind the model; None where the model was given directly.
 
@@ -72,56 +77,74 @@ class SpaceManipulator:
         base_size: ArrayLike | None = None,
         base_box_placement: Any = None,
         acceleration: ArrayLike | None = None,
+        *,
+        limits: JointLimits | None = None,
+        description: Description | None = None,
     ) -> None:
-        if not isinstance(model, pin.Model):
-            raise InvalidValue("model", model, "must be a pinocchio.Model")
-        self.model = model.copy()
-        self.model.gravity = pin.Motion.Zero()
-        self.layout = JointLayout(self.model)
-        self.n: int = self.layout.n
-        self.joint_names: list[str] = list(self.layout.names)
-        self.end_effector = end_effector
-        self.frame_id: int = _frame_id(self.model, end_effector)
-        self.limits = _limits(self.model, self.layout, acceleration)
-        base = self.model.inertias[1]
-        self.base_com: FloatArray = frozen(np.array(base.lever))
-        self.base_size: tuple[float, float, float] | None = None
-        if base_size is not None:
-            size = vector("base_size", base_size, 3, "m")
-            if size.min() <= 0.0:
-                raise InvalidValue("base_size", base_size, "must be above zero [m]")
-            self.base_size = (float(size[0]), float(size[1]), float(size[2]))
+        super().__init__(model, end_effector)
+        if limits is None:
+            limits = _limits(self.model, self.layout, acceleration)
+        elif acceleration is not None:
+            raise InvalidValue("acceleration", acceleration, "is part of `limits`; give one of the two")
+        elif not isinstance(limits, JointLimits) or limits.lower.shape != (self.n,):
+            raise InvalidValue("limits", limits, f"must be JointLimits of {self.n} joints")
+        self.limits = limits
+        self.base_size = _box(base_size)
         if base_box_placement is None:
-            base_box_placement = pin.SE3(np.eye(3), np.array(base.lever))
-        self.base_box_placement = base_box_placement
-        self.description: Description | None = None
+            base_box_placement = pin.SE3(np.eye(3), self.base_com)
+        self.base_box_placement = base_box_placement.copy()
+        self.description = description
         self._geometry: dict[str, Any] = {}
-        self._workspace = Workspace(self.model, self.frame_id)
-        # What states need again and again.
-        self._base_place = pin.SE3(np.eye(3), np.array(base.lever))
-        self._identity = frozen(np.eye(6 + self.n))
-        self._joints_alone = frozen(self._identity[:, 6:].copy())
-        self._less_joints = frozen(-self._joints_alone)
-        self._still = frozen(np.zeros(6 + self.n))
-        self._all_but_position = frozen(np.concatenate([np.zeros(3), np.ones(self.model.nq - 3)]))
-        self._nq, self._nv = int(self.model.nq), int(self.model.nv)
-        self._q_shape, self._v_shape = (self._nq,), (self._nv,)
-        self._plain = self.layout.plain
         self._check_inertia()
+        self._complete = True
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A copy is made anew: scratch data and geometry models stay here.
+        make = partial(SpaceManipulator, limits=self.limits, description=self.description)
+        return make, (self.model, self.end_effector, self.base_size, self.base_box_placement)
 
     @property
-    def _data(self) -> Any:
-        return self._workspace.data
+    def joint_names(self) -> list[str]:
+        """Names of the actuated joints, in the order of v; a new list."""
+        return list(self.layout.names)
 
-    @property
-    def nq(self) -> int:
-        """Length of q: 7 for the base, then one a joint, two for a continuous one."""
-        return self._nq
+    def with_limits(self, limits: JointLimits) -> SpaceManipulator:
+        """The same robot with other joint limits; this one stays as it is."""
+        return self._variant(self.model, limits)
 
-    @property
-    def nv(self) -> int:
-        """Length of v: 6 + n."""
-        return self._nv
+    def with_inertias(self, inertias: Any) -> SpaceManipulator:
+        """The same robot with other inertias; limits, box and shapes are kept, and this one stays as it is.
+
+        Parameters
+        ----------
+        inertias : sequence of pinocchio.Inertia, or pinocchio.Model
+            One a body: the base's, then one a joint, each in the frame of its joint. Or a model of the same
+            joints, whose inertias are taken.
+
+        Raises
+        ------
+        InvalidValue
+            Not one inertia a body, or a model of other joints.
+        InvalidInertia
+            An inertia is not positive definite.
+        """
+        model = self.model.copy()
+        if isinstance(inertias, pin.Model):
+            if list(inertias.names) != list(model.names):
+                raise InvalidValue("inertias", list(inertias.names), "must be a model of the same joints")
+            inertias = list(inertias.inertias)[1:]
+        bodies = list(inertias) if isinstance(inertias, Iterable) else []
+        if len(bodies) != self.n + 1 or not all(isinstance(body, pin.Inertia) for body in bodies):
+            raise InvalidValue("inertias", inertias, f"must be {self.n + 1} pinocchio.Inertia, base first")
+        for joint, body in enumerate(bodies, start=1):
+            model.inertias[joint] = body
+        return self._variant(model, self.limits)
+
+    def _variant(self, model: Any, limits: JointLimits) -> SpaceManipulator:
+        box, place = self.base_size, self.base_box_placement
+        return SpaceManipulator(
+            model, self.end_effector, box, place, limits=limits, description=self.description
+        )
 
     def at(self, q: ArrayLike, v: ArrayLike | None = None) -> State:
         """Kinematics, dynamics and coupling at one state.
@@ -133,33 +156,12 @@ class SpaceManipulator:
         v : array_like, shape (6 + n,), optional
             Velocity, Pinocchio's; default: at rest.
         """
-        if v is None:
-            v = self._still
-        # The checks at little cost where all is in order (a sum is finite only if all are), else in words.
-        if (
-            type(q) is type(v) is np.ndarray
-            and q.dtype is v.dtype is _FLOAT64
-            and q.shape == self._q_shape
-            and v.shape == self._v_shape
-        ):
-            numbers = q.tolist()
-            x, y, z, w = numbers[3:7]
-            if abs(x * x + y * y + z * z + w * w - 1.0) < 1e-6 and isfinite(sum(numbers, sum(v.tolist()))):
-                if not self._plain:
-                    self.layout.check_circles("q", q)
-                return State(self, q.copy(), v.copy())
-        return State(self, self.checked_configuration("q", q), vector("v", v, self._nv))
+        rates = np.zeros(self.nv) if v is None else vector("v", v, self.nv)
+        return State(self, self.checked_configuration("q", q), rates)
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
         """Copy of `q`, checked for shape, finite values and a unit quaternion."""
-        if type(q) is np.ndarray and q.dtype is _FLOAT64 and q.shape == self._q_shape:
-            numbers = q.tolist()
-            x, y, z, w = numbers[3:7]
-            if abs(x * x + y * y + z * z + w * w - 1.0) < 1e-6 and isfinite(sum(numbers)):
-                if not self._plain:
-                    self.layout.check_circles(name, q)
-                return q.copy()
-        array = vector(name, q, self._nq)
+        array = vector(name, q, self.nq)
         norm = math.hypot(*array[3:7].tolist())
         if abs(norm - 1.0) > 1e-6:
             raise InvalidValue(
@@ -195,7 +197,7 @@ class SpaceManipulator:
                 raise InvalidValue("base", base.rotation, "must hold a rotation matrix")
             q[:7] = pin.SE3ToXYZQUAT(base)
         else:
-            q[:3] = -pin.centerOfMass(self.model, self._data, q)
+            q[:3] = -pin.centerOfMass(self.model, scratch(self), q)
         return q
 
     def joint_positions(self, q: ArrayLike) -> FloatArray:
@@ -213,13 +215,13 @@ class SpaceManipulator:
         momentum : array_like, shape (6,), optional
             Total momentum [linear; angular], inertial axes, about the system's centre of mass; default zero.
         """
-        state = self.at(q)
-        v = np.empty(self.nv)
-        v[6:] = vector("joint_rates", joint_rates, self.n, "rad/s")
-        v[:6] = state._N[:6] @ v[6:]
+        q = self.checked_configuration("q", q)
+        rates = vector("joint_rates", joint_rates, self.n, "rad/s")
+        M = dynamics.inertia_matrix(self, q)
+        root = base_reaction.root_velocity(M, rates)
         if momentum is not None:
-            v[:6] += state.drift(vector("momentum", momentum, 6))
-        return v
+            root += base_reaction.root_drift(M, q, vector("momentum", momentum, 6))
+        return np.concatenate([root, rates])
 
     def geometry(self, kind: ShapeKind) -> Any:
         """Shapes of the robot, for viewers and for collision checks; read when first asked for, then kept.
@@ -259,30 +261,17 @@ class SpaceManipulator:
                     f"moves but its inertia is not positive definite (mass {body.mass:g} kg)",
                 )
 
-    def __getstate__(self) -> dict[str, Any]:
-        # Geometry models are read again when a copy asks for them.
-        return {
-            key: {} if key == "_geometry" else value
-            for key, value in self.__dict__.items()
-            if key != "_workspace"
-        }
-
-    def __setstate__(self, values: dict[str, Any]) -> None:
-        self.__dict__.update(values)
-        frozen(self.base_com)
-        self._workspace = Workspace(self.model, self.frame_id)
-
     def __repr__(self) -> str:
         return f"SpaceManipulator('{self.model.name}', n={self.n}, end_effector='{self.end_effector}')"
 
 
-def _frame_id(model: Any, name: str) -> int:
-    """Index of a frame; a link and a joint may share a name, and then the link is meant."""
-    frames = [(i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0]
-    found = [(i, frame) for i, frame in frames if frame.name == name]
-    if not found:
-        raise FrameNotFound(str(name), list(dict.fromkeys(frame.name for _, frame in frames)))
-    return next((i for i, frame in found if frame.type == pin.FrameType.BODY), found[0][0])
+def _box(size: ArrayLike | None) -> tuple[float, float, float] | None:
+    if size is None:
+        return None
+    length, width, height = vector("base_size", size, 3, "m").tolist()
+    if min(length, width, height) <= 0.0:
+        raise InvalidValue("base_size", size, "must be above zero [m]")
+    return length, width, height
 
 
 def _limits(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -> JointLimits:

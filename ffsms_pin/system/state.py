@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-import numpy as np
+from functools import cached_property
+from typing import Any, Literal, NoReturn
 
-from ffsms_pin.system.state_rates import Rates
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, frozen, vector
+from ffsms_pin.coupling import Coupling, reaction_null_space, scaled
+from ffsms_pin.coupling.null_space import NULL_SPACE_TOLERANCE
+from ffsms_pin.coupling.scaling import Rows
+from ffsms_pin.system import base_reaction, dynamics, kinematics
+from ffsms_pin.system.mechanism import Mechanism
 
 __all__ = ["State"]
 
 
-class State(Rates):
+class State:
     """Everything about the system at one (q, v), in the paper's convention.
 
     Inertial axes; twists and momenta ordered [linear; angular]; the base's reference point is the centre of
     mass of the base body. Each quantity is computed when it is first asked for, then kept, read-only. Made by
-    `SpaceManipulator.at`. A class a subject, each in a file of its own, in this order:
-
-    - `snapshot`: q and v, which do not change, and what the rest is made of;
-    - `state_dynamics`: inertia, velocity-dependent forces, momentum, energy;
-    - `state_kinematics`: poses, twists, Jacobians;
-    - `state_coupling`: C_bm, C_be, the decomposition of C_bm, the reaction null space;
-    - `state_rates`: bias accelerations, and how C_bm and J* change.
+    `SpaceManipulator.at`; the formulas are in `base_reaction`, `kinematics` and `dynamics`.
 
     Attributes
     ----------
@@ -30,6 +33,268 @@ class State(Rates):
         Velocity, Pinocchio's.
     """
 
+    q: FloatArray
+    v: FloatArray
+    _robot: Mechanism
+
+    def __init__(self, robot: Mechanism, q: FloatArray, v: FloatArray) -> None:
+        object.__setattr__(self, "_robot", robot)  # past the guard below
+        object.__setattr__(self, "q", frozen(q))
+        object.__setattr__(self, "v", frozen(v))
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(
+            f"a state cannot be changed (tried to set '{name}'); ask for a new one with at(q, v)"
+        )
+
+    def __delattr__(self, name: str) -> NoReturn:
+        raise AttributeError(f"a state cannot be changed (tried to delete '{name}')")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # q and v say it all; a copy computes again what it is asked for.
+        return State, (self._robot, np.array(self.q), np.array(self.v))
+
     def __repr__(self) -> str:
-        name = self.__dict__["_sms"].model.name
-        return f"State of '{name}': joints {np.array2string(self.q[7:], precision=4)}"
+        return f"State of '{self._robot.model.name}': joints {np.array2string(self.q[7:], precision=4)}"
+
+    # -- what the rest is made of, in Pinocchio's velocity coordinates
+    @cached_property
+    def _M(self) -> FloatArray:
+        return frozen(dynamics.inertia_matrix(self._robot, self.q))
+
+    @cached_property
+    def _N(self) -> FloatArray:
+        return frozen(base_reaction.floating_motion(self._M))
+
+    @cached_property
+    def _base_to_root(self) -> Any:
+        return base_reaction.base_to_root(self.q, self._robot.base_com)
+
+    @cached_property
+    def _T(self) -> FloatArray:
+        return frozen(base_reaction.velocity_from_twist(self._base_to_root, self._robot.n))
+
+    @cached_property
+    def _effects(self) -> FloatArray:
+        return frozen(dynamics.velocity_effects(self._robot, self.q, self.v))
+
+    @cached_property
+    def _J_e(self) -> FloatArray:
+        return frozen(kinematics.frame_jacobian(self._robot, self.q))
+
+    # -- kinematics
+    @property
+    def base_pose(self) -> Any:
+        """Pose of the base (a new pinocchio.SE3): the root's axes, at the base's centre of mass."""
+        return kinematics.base_pose(self._robot, self.q)
+
+    @property
+    def end_effector_pose(self) -> Any:
+        """Pose of the end-effector frame (a new pinocchio.SE3)."""
+        return kinematics.frame_pose(self._robot, self.q)
+
+    @cached_property
+    def base_twist(self) -> FloatArray:
+        """Twist of the base (6,) [m/s; rad/s]: velocity of its centre of mass, angular velocity."""
+        return frozen(self._base_to_root.actionInverse.dot(self.v[:6]))
+
+    @cached_property
+    def end_effector_twist(self) -> FloatArray:
+        """Twist of the end effector (6,) [m/s; rad/s]: velocity of the frame's origin, angular velocity."""
+        return frozen(self._J_e.dot(self.v))
+
+    @cached_property
+    def J_b(self) -> FloatArray:
+        """Base Jacobian (6, 6): end-effector twist a base twist (paper Eq. d1)."""
+        return frozen(self._J_e[:, :6].dot(self._base_to_root.action))
+
+    @property
+    def J_m(self) -> FloatArray:
+        """Manipulator Jacobian (6, n): [J_Te; J_Re] of the paper."""
+        return self._J_e[:, 6:]
+
+    @cached_property
+    def J_star(self) -> FloatArray:
+        """Generalised Jacobian (6, n): J_b C_bm + J_m (paper Eq. DC_GJM; Umetani and Yoshida 1989)."""
+        return frozen(kinematics.generalised_jacobian(self._J_e, self._N))
+
+    # -- dynamics
+    @cached_property
+    def H(self) -> FloatArray:
+        """Generalised inertia matrix (6 + n, 6 + n) for [base twist; joint rates] (paper Eq. T)."""
+        return frozen(dynamics.generalised_inertia(self._M, self._T))
+
+    @property
+    def H_b(self) -> FloatArray:
+        """Base block (6, 6): [[H_v, H_vw], [H_vw^T, H_w]] of the paper."""
+        return self.H[:6, :6]
+
+    @property
+    def H_bm(self) -> FloatArray:
+        """Base-joint block (6, n): [H_vm; H_wm] of the paper."""
+        return self.H[:6, 6:]
+
+    @property
+    def H_m(self) -> FloatArray:
+        """Joint block (n, n)."""
+        return self.H[6:, 6:]
+
+    @cached_property
+    def H_q(self) -> FloatArray:
+        """Reduced inertia matrix (n, n): the Schur complement of H_b in H."""
+        return frozen(dynamics.reduced_inertia(self._M, self._N))
+
+    @cached_property
+    def _C(self) -> FloatArray:
+        return frozen(dynamics.velocity_forces(self._effects, self._T, self.H, self.base_twist))
+
+    @property
+    def C_b(self) -> FloatArray:
+        """Coriolis and centrifugal force on the base (6,) [N; N m], conjugate to the base twist."""
+        return self._C[:6]
+
+    @property
+    def C_m(self) -> FloatArray:
+        """Coriolis and centrifugal torque on the joints (n,) [N m], with the base twist held constant."""
+        return self._C[6:]
+
+    @cached_property
+    def C_q(self) -> FloatArray:
+        """Reduced Coriolis and centrifugal torque (n,) [N m]: C_m - H_bm^T H_b^-1 C_b, the base reacting."""
+        return frozen(dynamics.reduced_effects(self._effects, self._N))
+
+    @cached_property
+    def C_q_matrix(self) -> FloatArray:
+        """Coriolis matrix C of the reduced system (n, n) [N m s], at the joint rates and zero momentum.
+
+        C qd = C_q where the total momentum is zero, and dH_q/dt - 2 C is skew at any.
+        """
+        return frozen(dynamics.reduced_coriolis_matrix(self._robot, self.q, self._N, self.v[6:]))
+
+    @cached_property
+    def _centroidal(self) -> dynamics.Centroidal:
+        com, momentum, energy = dynamics.centroidal(self._robot, self.q, self.v)
+        return dynamics.Centroidal(frozen(com), frozen(momentum), energy)
+
+    @property
+    def com(self) -> FloatArray:
+        """Centre of mass of the whole system (3,) [m]."""
+        return self._centroidal.com
+
+    @property
+    def momentum(self) -> FloatArray:
+        """Total momentum (6,) [kg m/s; kg m^2/s], angular part about the system's centre of mass."""
+        return self._centroidal.momentum
+
+    @property
+    def kinetic_energy(self) -> float:
+        """Kinetic energy [J]."""
+        return self._centroidal.kinetic_energy
+
+    def drift(self, momentum: FloatArray) -> FloatArray:
+        """Root velocity (6,), Pinocchio's, that gives the system `momentum` (6,) with the joints at rest."""
+        return base_reaction.root_drift(self._M, self.q, momentum)
+
+    # -- coupling
+    @cached_property
+    def C_bm(self) -> FloatArray:
+        """Joint-to-base coupling (6, n): -H_b^-1 H_bm, base twist a joint rate at zero momentum."""
+        return frozen(self._base_to_root.actionInverse.dot(self._N[:6]))
+
+    @cached_property
+    def C_be(self) -> FloatArray:
+        """End-to-base coupling (6, 6): C_bm J*^+ (paper Eq. DC_4), J*^+ the pseudo-inverse."""
+        return frozen(kinematics.end_to_base(self.C_bm, self.J_star))
+
+    @cached_property
+    def coupling(self) -> Coupling:
+        """Singular value decomposition of C_bm, entropy and assistance."""
+        return Coupling(self.C_bm, lambda: self.J_star[:3])
+
+    def coupling_at(
+        self, characteristic_length: float = 1.0, reference: ArrayLike | None = None, rows: Rows = "all"
+    ) -> Coupling:
+        """Like `coupling`, for another unit of length, another point of the base, or some rows only.
+
+        Parameters
+        ----------
+        characteristic_length : float
+            [m]. The linear rows of C_bm are divided by it; 1 m is the paper's choice.
+        reference : array_like, shape (3,), optional
+            The point of the base whose translation counts, in the root frame [m]. Default: the base's centre
+            of mass, the paper's choice.
+        rows : {"all", "translation", "rotation"}
+            Which rows of C_bm count. The entropy is divided by log n all the same.
+
+        Raises
+        ------
+        InvalidValue
+            The length is not above zero, the point not three numbers, or `rows` another word.
+        """
+        offset = np.zeros(3)
+        if reference is not None:
+            point = vector("reference", reference, 3, "m")
+            offset = self.base_pose.rotation @ (point - self._robot.base_com)
+        return Coupling(scaled(self.C_bm, characteristic_length, offset, rows), lambda: self.J_star[:3])
+
+    def reaction_null_space(
+        self, of: Literal["attitude", "twist"] = "attitude", tolerance: float = NULL_SPACE_TOLERANCE
+    ) -> FloatArray:
+        """Orthonormal basis (n, k) of the joint rates that leave the base unmoved, at zero momentum.
+
+        A new array; k may be 0. See `ffsms_pin.coupling.reaction_null_space`.
+
+        Parameters
+        ----------
+        of : {"attitude", "twist"}
+            Whether the base must not turn (angular rows of C_bm), or not move at all.
+        tolerance : float
+            In [0, 1): a singular value up to this fraction of the largest one of C_bm counts as zero. The
+            default is just above rounding.
+
+        Raises
+        ------
+        InvalidValue
+        """
+        return reaction_null_space(self.C_bm, of, tolerance)
+
+    # -- how twists and matrices change in time
+    @cached_property
+    def drift_twist(self) -> FloatArray:
+        """Base twist (6,) that the momentum alone gives, H_b^-1 h: base_twist = C_bm qd + drift_twist."""
+        return frozen(self.base_twist - self.C_bm @ self.v[6:])
+
+    @cached_property
+    def _bias_accelerations(self) -> tuple[FloatArray, FloatArray]:
+        base, end_effector = dynamics.bias_accelerations(self._robot, self._M, self.q, self.v)
+        return frozen(base), frozen(end_effector)
+
+    @property
+    def base_bias_acceleration(self) -> FloatArray:
+        """Rate of the base twist (6,) [m/s^2; rad/s^2] with zero joint accelerations and no outer force.
+
+        d(base_twist)/dt = C_bm qdd + base_bias_acceleration; it is C_bm_dot_qd plus the rate of drift_twist.
+        """
+        return self._bias_accelerations[0]
+
+    @property
+    def end_effector_bias_acceleration(self) -> FloatArray:
+        """Rate of the end-effector twist, likewise: J_star_dot_qd plus the rate of J_b drift_twist (6,)."""
+        return self._bias_accelerations[1]
+
+    @cached_property
+    def _products(self) -> tuple[FloatArray, FloatArray]:
+        still = dynamics.bias_accelerations(self._robot, self._M, self.q, self._N @ self.v[6:])
+        base = dynamics.turned_along(still[0], self.C_bm @ self.v[6:], self.drift_twist)
+        end_effector = dynamics.turned_along(still[1], self.J_star @ self.v[6:], self.drift_twist)
+        return frozen(base), frozen(end_effector)
+
+    @property
+    def C_bm_dot_qd(self) -> FloatArray:
+        """dC_bm/dt times the joint rates (6,) [m/s^2; rad/s^2], the rate of change along this v."""
+        return self._products[0]
+
+    @property
+    def J_star_dot_qd(self) -> FloatArray:
+        """dJ*/dt times the joint rates (6,) [m/s^2; rad/s^2], the rate of change along this v."""
+        return self._products[1]

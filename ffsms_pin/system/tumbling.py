@@ -23,27 +23,25 @@ import pinocchio as pin
 
 from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system.kinetics import cross_matrix
+from ffsms_pin.system.base_reaction import WholeBody, cross_matrix, root_velocity, whole_body
+from ffsms_pin.system.dynamics import inertia_matrix
+from ffsms_pin.system.mechanism import Mechanism
 
 __all__ = ["moved_root"]
 
 
 class _Spin(NamedTuple):
-    """What decides the angular velocity at one instant, and the centre of mass; all in root axes.
+    """What decides the angular velocity at one instant, in root axes.
 
-    `reaction` (3,) is the angular velocity that the joint rates give, `inertia` (3, 3) that of the whole
-    system about its centre of mass `com` (3,).
+    `reaction` (3,) is the angular velocity that the joint rates give, `whole` the system as one rigid body.
     """
 
     reaction: FloatArray
-    inertia: FloatArray
-    com: FloatArray
-    mass: float
+    whole: WholeBody
 
 
 def moved_root(
-    model: Any,
-    data: Any,
+    robot: Mechanism,
     pose: Any,
     joints_at: Callable[[float], tuple[FloatArray, FloatArray]],
     dt: float,
@@ -53,7 +51,7 @@ def moved_root(
 
     Parameters
     ----------
-    model, data : pinocchio.Model, pinocchio.Data
+    robot : Mechanism
     pose : pinocchio.SE3
         Of the root at the step's start.
     joints_at : callable
@@ -64,12 +62,12 @@ def moved_root(
     momentum : ndarray, shape (6,)
         [linear; angular], inertial axes, about the system's centre of mass.
     """
-    start, middle, end = (_spin(model, data, *joints_at(t)) for t in (0.0, 0.5 * dt, dt))
+    start, middle, end = (_spin(robot, *joints_at(t)) for t in (0.0, 0.5 * dt, dt))
     h = pose.rotation.T @ momentum[3:]  # in the axes that the root had at the start
 
     def slope(spin: _Spin, u: FloatArray) -> FloatArray:
         """Rate of the chart's coordinates: the inverse of the exponential's derivative, to order 4."""
-        _, own, _ = lapack.dposv(spin.inertia, pin.exp3(u).T @ h)
+        _, own, _ = lapack.dposv(spin.whole.inertia, pin.exp3(u).T @ h)
         omega, turn = spin.reaction + own, cross_matrix(u)
         bracket = turn @ omega
         rate: FloatArray = omega + 0.5 * bracket + (turn @ bracket) / 12.0
@@ -81,16 +79,10 @@ def moved_root(
     k4 = slope(end, dt * k3)
     rotation = pose.rotation @ pin.exp3(dt / 6.0 * (k1 + 2.0 * (k2 + k3) + k4))
 
-    com = pose.act(start.com) + (dt / start.mass) * momentum[:3]
-    return pin.SE3(rotation, com - rotation @ end.com)
+    com = pose.act(start.whole.com) + (dt / start.whole.mass) * momentum[:3]
+    return pin.SE3(rotation, com - rotation @ end.whole.com)
 
 
-def _spin(model: Any, data: Any, q: FloatArray, rates: FloatArray) -> _Spin:
-    M = pin.crba(model, data, q)
-    mass = float(M[0, 0])
-    # The blocks of a rigid body's inertia: [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]].
-    com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass
-    arm = cross_matrix(com)
-    inertia = M[3:6, 3:6] + mass * (arm @ arm)
-    _, velocity, _ = lapack.dposv(M[:6, :6], -(M[:6, 6:] @ rates))
-    return _Spin(velocity[3:], inertia, com, mass)
+def _spin(robot: Mechanism, q: FloatArray, rates: FloatArray) -> _Spin:
+    M = inertia_matrix(robot, q)
+    return _Spin(root_velocity(M, rates)[3:], whole_body(M))

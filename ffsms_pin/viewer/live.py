@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import time
-import webbrowser
+import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.errors import FfsmsWarning
 from ffsms_pin.simulation.interfaces import Reference
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.coupling_layer import CouplingLayer
 from ffsms_pin.viewer.frames import Frames, Target, surroundings, target_function
 from ffsms_pin.viewer.margins import LimitLayer
 from ffsms_pin.viewer.robot import Robot
-from ffsms_pin.viewer.server import Server
+from ffsms_pin.viewer.server import Server, open_browser
 from ffsms_pin.viewer.stage import Stage
 
 __all__ = ["LiveView"]
@@ -44,6 +45,17 @@ class LiveView:
         Updates of the page for each second of this machine's time, at most.
     browser : bool
         Whether to open a window of the default browser.
+    host : str, optional
+        Name or address of an interface on which other machines may open the page ("0.0.0.0" for all), with
+        the address `url`, which holds a secret. Default: this machine only.
+
+    Raises
+    ------
+    InvalidValue
+        A value out of range.
+    ViewerError
+        The page cannot be served. Once it is served, what goes wrong with it is one warning
+        (`FfsmsWarning`), and the simulation goes on without it.
 
     Attributes
     ----------
@@ -61,12 +73,14 @@ class LiveView:
         kappa: float = 10.0,
         fps: float = 30.0,
         browser: bool = True,
+        host: str | None = None,
     ) -> None:
         self._sms, self._kappa = sms, kappa
         self._speed = None if speed is None else positive("speed", speed)
         self._pause = 1.0 / positive("fps", fps, "1/s")
         self._goal = target_function(target)
         self._started = self._shown = -np.inf
+        self._failed = False
         first = self._frame(0.0, sms.checked_configuration("q", q), np.zeros(sms.nv))
         centre, radius = surroundings(first)
         self._stage = stage = Stage(radius)
@@ -76,15 +90,26 @@ class LiveView:
             stage.ball("target", 0.022 * radius, "#D55E00")
         self._layers: list[Any] = [CouplingLayer(stage, first), LimitLayer(stage, first)]
         self._draw(first)
-        self._server = Server()
+        self._server = Server(host)
         stage.scene.attach(self._server)
         self.url = self._server.url
         if browser:
-            webbrowser.open(self.url)
+            open_browser(self.url)
 
     def show(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Show the state (q, v) at time t [s]."""
-        self._draw(self._frame(t, q, v))
+        """Show the state (q, v) at time t [s]; a page that fails is told in one warning, then left alone."""
+        if self._failed:
+            return
+        try:
+            self._draw(self._frame(t, q, v))
+        except Exception as error:  # whatever it is, the run that is watched matters more
+            self._failed = True
+            self._stage.scene.detach()
+            warnings.warn(
+                f"the live page shows nothing from t = {t:g} s on ({error}); the run goes on without it",
+                FfsmsWarning,
+                stacklevel=2,
+            )
 
     def watch(self, reference: Reference) -> Reference:
         """The same reference, which shows the plant's state whenever the simulation asks it."""
@@ -92,6 +117,8 @@ class LiveView:
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """`show`, but not more often than the page needs, and not sooner than `speed` allows."""
+        if self._failed:  # nobody watches any more: no reason to hold up the run
+            return
         now = time.monotonic()
         if t <= 0.0 or not np.isfinite(self._started):
             self._started = now - (0.0 if self._speed is None else t / self._speed)

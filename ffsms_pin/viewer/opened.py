@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import html
 import os
-import webbrowser
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import umsgpack
 
-from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.checks import positive
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import REACH
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import write_content
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.viewer.colours import ASSISTANCE_STOPS, COLOURS, USAGE_STOPS
+from ffsms_pin.viewer.colours import COLOURS
 from ffsms_pin.viewer.coupling_layer import CouplingLayer
+from ffsms_pin.viewer.facts import facts
 from ffsms_pin.viewer.frames import Frames, Result, Target, surroundings
 from ffsms_pin.viewer.layers import LAYERS, chosen_layers
 from ffsms_pin.viewer.margins import ClearanceLayer, LimitLayer
 from ffsms_pin.viewer.page import page
 from ffsms_pin.viewer.paths import add_base_trail, add_path, add_target
 from ffsms_pin.viewer.robot import Robot
-from ffsms_pin.viewer.server import Server
+from ffsms_pin.viewer.server import Server, open_browser
 from ffsms_pin.viewer.stage import Stage
 
 __all__ = ["View", "view"]
@@ -148,22 +148,31 @@ class View:
             "animations": self._stage.film.lower(1.0),
             "options": {"play": True, "repetitions": 1_000_000},
         }
-        return page(self._title, [*self._stage.scene.commands(), umsgpack.packb(film)], self._facts())
+        commands = [*self._stage.scene.commands(), umsgpack.packb(film)]
+        return page(self._title, commands, facts(self._frames, self.layers, self._speed, self._play))
 
-    def open(self, browser: bool = True) -> str:
+    def open(self, browser: bool = True, *, host: str | None = None) -> str:
         """Show the scene on a live page of this machine; returns the page's address.
 
         Parameters
         ----------
         browser : bool
             Whether to open a window of the default browser on it.
+        host : str, optional
+            Name or address of an interface on which other machines may open the page ("0.0.0.0" for all),
+            with the address that is returned; it holds a secret. Default: this machine only.
+
+        Raises
+        ------
+        ViewerError
+            The page cannot be served.
         """
         if self._server is None:
-            self._server = Server()
+            self._server = Server(host)
             self._stage.scene.attach(self._server)
             self._server.film(self._stage.film.lower(self._speed))
         if browser:
-            webbrowser.open(self._server.url)
+            open_browser(self._server.url)
         return self._server.url
 
     def close(self) -> None:
@@ -184,35 +193,6 @@ class View:
             f'<iframe srcdoc="{html.escape(self.html())}" style="width: 100%; height: 480px; border: none">'
         )
         return f"{frame}</iframe>"
-
-    def _facts(self) -> dict[str, Any]:
-        frames = self._frames
-        readings: list[dict[str, Any]] = [
-            {"label": "entropy", "unit": "", "digits": 3, "values": _short(frames.entropy)}
-        ]
-        if frames.target is not None:
-            distance = 1e3 * np.linalg.norm(frames.target - frames.tips, axis=1)
-            readings += [
-                {"label": "cos θₐ", "unit": "", "digits": 3, "values": _short(frames.assistance)},
-                {"label": "to target", "unit": " mm", "digits": 1, "values": _short(distance)},
-            ]
-        layers = [
-            {"name": name, "shown": on, "label": LAYERS[name].label, "colour": LAYERS[name].colour}
-            | {"nodes": list(LAYERS[name].nodes)}
-            for name, on in self.layers.items()
-        ]
-        scales = [{"label": "use of a limit", "stops": list(USAGE_STOPS), "ends": ["0", "all of it"]}]
-        if frames.target is not None:
-            ends = ["−1 away", "0 across", "1 at it"]
-            scales.insert(0, {"label": "assistance cos θₐ", "stops": list(ASSISTANCE_STOPS), "ends": ends})
-        return {
-            "t": _short(frames.t - frames.t[0]),
-            "speed": self._speed,
-            "play": self._play,
-            "layers": layers,
-            "scales": scales,
-            "readings": readings,
-        }
 
 
 def _draw(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, reach: float) -> None:
@@ -240,8 +220,3 @@ def _draw(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, reac
             robot.display(frames.q[k])
             for layer in layers:
                 layer.show(frames, k)
-
-
-def _short(values: FloatArray) -> list[float]:
-    """Numbers as they are read, not as they are computed."""
-    return [round(float(value), 4) for value in values]

@@ -18,8 +18,8 @@ __all__ = ["Scene", "Sink"]
 class Sink(Protocol):
     """What takes packed commands: a running server."""
 
-    def forward(self, kind: str, path: str, packed: bytes) -> None:
-        """Take one command."""
+    def forward(self, kind: str, path: str, name: str, packed: bytes) -> None:
+        """Take one command; `name` is that of the property, where it sets one."""
 
 
 @dataclass
@@ -68,8 +68,8 @@ class Scene:
 
     def attach(self, sink: Sink) -> None:
         """Send everything to a server, and from now on every command as it comes."""
-        for kind, path, packed in self._all():
-            sink.forward(kind, path, packed)
+        for command in self._all():
+            sink.forward(*command)
         self._sink = sink
 
     def detach(self) -> None:
@@ -83,16 +83,16 @@ class Scene:
 
     def commands(self) -> list[bytes]:
         """Packed commands that build the scene, in order."""
-        return [packed for _, _, packed in self._all()]
+        return [packed for *_, packed in self._all()]
 
-    def _all(self) -> Iterator[tuple[str, str, bytes]]:
+    def _all(self) -> Iterator[tuple[str, str, str, bytes]]:
         for path, node in self._nodes.items():
             if node.object is not None:
-                yield "set_object", path, node.object
-            for packed in node.properties.values():
-                yield "set_property", path, packed
+                yield "set_object", path, "", node.object
+            for name, packed in node.properties.items():
+                yield "set_property", path, name, packed
             if node.transform is not None:
-                yield "set_transform", path, node.transform
+                yield "set_transform", path, "", node.transform
 
     def _keep(self, kind: str, path: str, data: dict[str, Any]) -> None:
         packed = umsgpack.packb(data)
@@ -110,4 +110,4 @@ class Scene:
             elif kind == "set_property":
                 node.properties[data["property"]] = packed
         if self._sink is not None:
-            self._sink.forward(kind, path, packed)
+            self._sink.forward(kind, path, data.get("property", ""), packed)

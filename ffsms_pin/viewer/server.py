@@ -1,80 +1,184 @@
-"""Meshcat's server in a process of its own, started and stopped cleanly."""
+"""The live page's server: a thread of this process that sends a scene to the browsers that may see it.
+
+What it lets in
+---------------
+It listens on the loopback interface only (127.0.0.1, and ::1 where there is one) unless `host` names more.
+The address of the page holds a random token, and nobody gets anything without it. The Host header must be a
+name of the loopback interface with the server's port (with `host`, any name), and a WebSocket is opened only
+for the server's own page. Everything else is answered with 403.
+
+Nothing that comes in is used: messages of browsers are dropped unread. There is no other way in, since the
+scene comes from this process through memory. The page is served with a policy that forbids its scripts to
+evaluate texts.
+
+There is no other process either: the server ends when this process does, however that ends.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import atexit
 import contextlib
-import io
+import errno
+import socket
+import threading
+import webbrowser
 from typing import Any
 
 import umsgpack
-import zmq
-from meshcat.visualizer import ViewerWindow
 
-from ffsms_pin.errors import ViewerError
+from ffsms_pin.errors import InvalidValue, ViewerError
+from ffsms_pin.viewer.access import LOOPBACK, Access
+from ffsms_pin.viewer.handlers import LiveServer
+from ffsms_pin.viewer.scene_log import SceneLog
 
-__all__ = ["Server"]
+__all__ = ["Server", "open_browser"]
 
-_PATIENCE = 20_000  # [ms]
+_PORTS = range(7000, 8000)
+_TICK = 0.05  # [s] the server looks this often whether it should end
+_PATIENCE = 5.0  # [s] for its end
 
 
 class Server:
-    """A page on this machine that shows what it is sent; nobody else's machine can open it.
+    """A live page.
+
+    Parameters
+    ----------
+    host : str, optional
+        Name or address of the interface to listen on, "0.0.0.0" for all of IPv4. Other machines can then
+        open the page, over plain HTTP, if they know its address with the token. Default: loopback only.
 
     Attributes
     ----------
     url : str
-        Of the page.
+        Of the page, with the token.
+
+    Raises
+    ------
+    InvalidValue
+        A `host` that is not a name.
+    ViewerError
+        The server cannot listen there.
     """
 
-    def __init__(self) -> None:
-        try:
-            with contextlib.redirect_stdout(
-                io.StringIO()
-            ):  # it prints the address; so does whoever starts it
-                self._window = ViewerWindow(zmq_url=None, start_server=True, server_args=[])
-        except (OSError, RuntimeError) as error:
-            raise ViewerError(
-                f"Meshcat's server does not start ({error}); is a port from 7000 on free?"
-            ) from None
-        self.url: str = self._window.web_url
-        self._socket = self._window.zmq_socket
-        self._socket.setsockopt(zmq.RCVTIMEO, _PATIENCE)
-        self._socket.setsockopt(zmq.LINGER, 0)
+    def __init__(self, host: str | None = None) -> None:
+        if host is not None and (not isinstance(host, str) or not host.strip() or not host.isprintable()):
+            raise InvalidValue("host", host, "must be the name or address of an interface, or None")
+        port, self._sockets = _listen(host)
+        self._access = Access(port, any_host=host is not None)
+        self.url: str = f"http://{_name(host)}:{port}/{self._access.token}/"
+        self._log = SceneLog()
+        self._problem = ""
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="ffsms-pin viewer", daemon=True)
+        self._thread.start()
+        atexit.register(self.close)
 
-    def forward(self, kind: str, path: str, packed: bytes) -> None:
-        """Send one packed command."""
-        self._ask([kind.encode(), path.encode(), packed])
+    def forward(self, kind: str, path: str, name: str, packed: bytes) -> None:
+        """Show one command on every page; see `SceneLog.put`. Never waits for a page.
+
+        Raises
+        ------
+        ViewerError
+            The server has ended.
+        """
+        if not self._thread.is_alive():
+            raise ViewerError(f"the live page's server has ended{self._problem}; open the view again")
+        self._log.put(kind, path, name, packed)
 
     def film(self, animations: list[dict[str, Any]]) -> None:
         """Play an animation, over and over."""
-        # Under a path of its own: to a page that opens later the server sends the tree from its root on, and
-        # an animation must come after the objects that it moves.
         data = {
             "type": "set_animation",
-            "path": "/film",
+            "path": "",
             "animations": animations,
             "options": {"play": True, "repetitions": 1_000_000},
         }
-        self.forward("set_animation", "/film", umsgpack.packb(data))
-
-    def wait(self) -> None:
-        """Block until a browser shows the page."""
-        self._socket.setsockopt(zmq.RCVTIMEO, -1)
-        self._ask([b"wait"])
-        self._socket.setsockopt(zmq.RCVTIMEO, _PATIENCE)
+        self.forward("set_animation", "", "", umsgpack.packb(data))
 
     def close(self) -> None:
-        """Stop the server; the page stands still from then on."""
-        self._socket.close()
-        process = self._window.server_proc
-        process.kill()
-        process.wait()
-        process.stdout.close()
-        process.stderr.close()
+        """Stop the server; the page stands still from then on. A second time does nothing."""
+        atexit.unregister(self.close)
+        self._end.set()
+        self._thread.join(_PATIENCE)
 
-    def _ask(self, parts: list[bytes]) -> None:
+    def _run(self) -> None:
+        """What the thread does."""
         try:
-            self._socket.send_multipart(parts)
-            self._socket.recv()
-        except zmq.ZMQError as error:
-            raise ViewerError(f"Meshcat's server does not answer ({error}); open the view again") from None
+            asyncio.run(self._serve())
+        except Exception as error:  # told to whoever draws next
+            self._problem = f" ({error})"
+        finally:
+            for item in self._sockets:
+                item.close()
+
+    async def _serve(self) -> None:
+        server = LiveServer(self._access, self._log)
+        server.add_sockets(self._sockets)
+        asyncio.get_running_loop().set_exception_handler(self._handle)
+        # The thread that draws never calls into this one's event loop, so neither can hold up the other.
+        while not self._end.is_set():
+            await asyncio.sleep(_TICK)
+        server.close()
+
+    def _handle(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """What the event loop does with an error that nobody caught."""
+        error = context.get("exception")
+        if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+            # A connection that cannot be accepted stays first in line, and would be tried for ever.
+            self._problem = f" ({error.strerror})"
+            self._end.set()
+        else:
+            loop.default_exception_handler(context)
+
+
+def open_browser(url: str) -> None:
+    """Open a window of the default browser, where there is one."""
+    with contextlib.suppress(webbrowser.Error, OSError):
+        webbrowser.open(url)
+
+
+def _listen(host: str | None) -> tuple[int, list[socket.socket]]:
+    """A port, and the sockets that listen on it: of the host, or of the loopback interface."""
+    addresses = [host] if host is not None else [*LOOPBACK] if _has_ipv6() else [LOOPBACK[0]]
+    for port in _PORTS:
+        found = [_listening(address, port) for address in addresses]
+        sockets = [item for item in found if item is not None]
+        if len(sockets) == len(addresses):
+            return port, sockets
+        for item in sockets:
+            item.close()
+    raise ViewerError(f"the live page finds no free port from {_PORTS[0]} to {_PORTS[-1]}; close other views")
+
+
+def _listening(address: str, port: int) -> socket.socket | None:
+    """A socket that listens there; None where the port is taken."""
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    try:
+        made = socket.create_server((address, port), family=family)
+    except OSError as error:
+        if error.errno in (errno.EADDRINUSE, errno.EACCES):
+            return None
+        raise ViewerError(f"the live page cannot listen on '{address}' ({error.strerror})") from None
+    except UnicodeError:  # no name of a machine can be so
+        raise ViewerError(f"the live page cannot listen on '{address[:80]}' (not a name)") from None
+    made.setblocking(False)
+    return made
+
+
+def _has_ipv6() -> bool:
+    """Whether this machine has a loopback address of IPv6."""
+    try:
+        socket.create_server((LOOPBACK[1], 0), family=socket.AF_INET6).close()
+    except OSError:
+        return False
+    return True
+
+
+def _name(host: str | None) -> str:
+    """The host as an address of a page names it."""
+    if host is None:
+        return LOOPBACK[0]
+    if host in ("0.0.0.0", "::"):
+        return socket.gethostname()
+    return f"[{host}]" if ":" in host else host

@@ -80,6 +80,14 @@ class ArmValues:
         """The arm at an index of the stack's first axis, of two."""
         return ArmValues(*(getattr(self, field.name)[..., index, :] for field in fields(self)))
 
+    def arrays(self) -> list[FloatArray]:
+        """All of them, in order."""
+        return [getattr(self, field.name) for field in fields(self)]
+
+    def stacked(self) -> ArmValues:
+        """Of a stack with one axis: the same as a stack of one motion, with two."""
+        return ArmValues(*(getattr(self, field.name)[..., None, :] for field in fields(self)))
+
 
 class ArmStack:
     """A manipulator, prepared for evaluation at many joint positions at once."""

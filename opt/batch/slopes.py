@@ -21,7 +21,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
 from ffsms_pin.opt.batch.stacks import apply, cross, dot
 
-__all__ = ["coupling_slopes", "velocity_slopes"]
+__all__ = ["coupling_slopes", "spin_slopes", "velocity_slopes"]
 
 
 def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -60,6 +60,25 @@ def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple
     beyond = velocity - v_0 - cross(omega, t)
     d_tip = d_root + cross(d_spin, t) + cross(omega, arm.arm) + moves * cross(a, beyond)
     return d_spin, d_tip
+
+
+def spin_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray, spin_q: FloatArray) -> FloatArray:
+    """Slopes (3, n, ...) by the joint positions of the end effector's angular velocity, base axes.
+
+    Parameters
+    ----------
+    stack : ArmStack
+    arm : ArmValues
+    rates : ndarray, shape (n, ...)
+    spin_q : ndarray, shape (3, n, ...)
+        Those of the base's angular velocity, as `velocity_slopes` gives them.
+    """
+    moves = stack.moves_tip.reshape(-1, *(1,) * (rates.ndim - 1))
+    before = _summed(stack.before, arm.axes * rates)
+    tip = np.einsum("xj...,j...->x...", arm.axes * moves, rates)[:, None]
+    # Joint k turns the axes of all joints beyond it; its own stays, and its own rate drops out of the
+    # product.
+    return spin_q + moves * cross(arm.axes, tip - before)
 
 
 def coupling_slopes(stack: ArmStack, arm: ArmValues, by_coupling: FloatArray) -> FloatArray:

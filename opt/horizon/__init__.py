@@ -1,6 +1,6 @@
-"""The whole-horizon planner: see docs/horizon.md."""
+"""The whole motion at once: see docs/horizon.md."""
 
-from ffsms_pin.opt.horizon.motion import keeps_clear
-from ffsms_pin.opt.horizon.search import plan_horizon
+from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.solve import solve
 
-__all__ = ["keeps_clear", "plan_horizon"]
+__all__ = ["SearchOptions", "solve"]

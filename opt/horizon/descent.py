@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.limits_qp import LimitsQP
-from ffsms_pin.opt.horizon.linearisation import Linearisation, linearise
-from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.task import Task
-from ffsms_pin.opt.horizon.weights import Weights
+from ffsms_pin.opt.goals import Goal
+from ffsms_pin.opt.horizon.control_qp import ControlQP
+from ffsms_pin.opt.horizon.merit import Linearisation, Weights, linearise
+from ffsms_pin.opt.horizon.spline import Grid, RateSpline, rate_spline
+from ffsms_pin.opt.problem import Problem
 
-__all__ = ["Motions", "Workbench", "descend"]
+__all__ = ["Candidates", "Model", "descend"]
 
+_TIME = 8.0  # [s] The weights and dampings are those of a motion this long
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4
 _HOPELESS = 1e3  # a step that fails even under this damping will not be found
 _STALL = 1e-3  # the relative gain below which a motion drops out
@@ -26,21 +27,39 @@ _MERIT_NOISE = 1e-4  # added to the merit in that: gains below a tenth of this p
 
 
 @dataclass(frozen=True, eq=False)
-class Workbench:
-    """A task on one spline, with the solver of its steps."""
+class Model:
+    """A problem on one spline, with the solver of its steps.
 
-    task: Task
+    Attributes
+    ----------
+    problem : Problem
+    goal : Goal
+        The problem's, or that goal shifted.
+    spline : RateSpline
+    qp : ControlQP
+    """
+
+    problem: Problem
+    goal: Goal
     spline: RateSpline
-    qp: LimitsQP
+    qp: ControlQP
 
     @classmethod
-    def make(cls, task: Task, spline: RateSpline) -> Workbench:
-        """A workbench of its own solver."""
-        return cls(task, spline, LimitsQP(task, spline))
+    def make(cls, problem: Problem, grid: Grid) -> Model:
+        """The problem on a spline so fine."""
+        place = problem.goal.place(problem.duration)
+        moving = place.velocity is not None or place.spin is not None
+        spline = rate_spline(problem.steps, problem.dt, grid, moving)
+        return cls(problem, problem.goal, spline, ControlQP(problem, spline))
+
+    @property
+    def time(self) -> float:
+        """Scale of times: 1 for a motion of 8 s."""
+        return self.problem.duration / _TIME
 
 
 @dataclass
-class Motions:
+class Candidates:
     """Motions under way: control points (S, M, n), their linearisations and dampings (S,).
 
     A damping is that of a motion of 8 s, like the weights.
@@ -52,26 +71,26 @@ class Motions:
 
     @classmethod
     def start(
-        cls, bench: Workbench, p: FloatArray, weights: Weights, damping: float | FloatArray = 1e-2
-    ) -> Motions:
+        cls, model: Model, p: FloatArray, weights: Weights, damping: float | FloatArray = 1e-2
+    ) -> Candidates:
         """Motions linearised under these weights."""
-        at = linearise(bench.task, bench.spline, p, weights)
+        at = linearise(model.problem, model.goal, model.spline, p, weights)
         return cls(p.copy(), at, np.broadcast_to(damping, len(p)).astype(np.float64))
 
-    def take(self, index: Any) -> Motions:
+    def take(self, index: Any) -> Candidates:
         """The motions at an index."""
-        return Motions(self.p[index], self.at.take(index), self.damping[index])
+        return Candidates(self.p[index], self.at.take(index), self.damping[index])
 
-    def join(self, other: Motions) -> Motions:
+    def join(self, other: Candidates) -> Candidates:
         """These motions and then the others."""
-        return Motions(
+        return Candidates(
             np.concatenate([self.p, other.p]),
             self.at.join(other.at),
             np.concatenate([self.damping, other.damping]),
         )
 
 
-def descend(bench: Workbench, motions: Motions, weights: Weights, iterations: int) -> Motions:
+def descend(model: Model, motions: Candidates, weights: Weights, iterations: int) -> Candidates:
     """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it.
 
     What follows begins under other weights, or is the end: the last iteration makes no derivatives.
@@ -82,15 +101,22 @@ def descend(bench: Workbench, motions: Motions, weights: Weights, iterations: in
     for left in reversed(range(iterations)):
         hessian, gradient = motions.at.hessian[live], motions.at.gradient[live]
         damped = hessian.copy()
-        damped[:, diagonal, diagonal] += bench.task.time**3 * motions.damping[live, None]
+        damped[:, diagonal, diagonal] += model.time**3 * motions.damping[live, None]
         steps = np.stack(
-            [bench.qp.solve(H, g, p) for H, g, p in zip(damped, gradient, motions.p[live], strict=True)]
+            [model.qp.solve(H, g, p) for H, g, p in zip(damped, gradient, motions.p[live], strict=True)]
         )
         flat = steps.reshape(len(live), size, 1)
         expected = -2.0 * np.einsum("si,si->s", gradient, flat[..., 0])
         expected -= np.einsum("si,si->s", flat[..., 0], (hessian @ flat)[..., 0])
         trial = motions.p[live] + steps
-        new = linearise(bench.task, bench.spline, trial, weights, motions.at.merit[live] if left else -np.inf)
+        new = linearise(
+            model.problem,
+            model.goal,
+            model.spline,
+            trial,
+            weights,
+            motions.at.merit[live] if left else -np.inf,
+        )
         gain = motions.at.merit[live] - new.merit
         better = gain > 0.0
         if better.all() and len(live) == len(motions.p):
@@ -103,7 +129,7 @@ def descend(bench: Workbench, motions: Motions, weights: Weights, iterations: in
         damping = np.clip(motions.damping[live] * factor, _LEAST_DAMPING, _MOST_DAMPING)
         motions.damping[live] = damping
         stalled = np.where(
-            better, gain < _STALL * (new.merit + bench.task.time * _MERIT_NOISE), damping > _HOPELESS
+            better, gain < _STALL * (new.merit + model.time * _MERIT_NOISE), damping > _HOPELESS
         )
         live = live[~stalled]
         if not live.size:

@@ -1,124 +1,154 @@
-"""From slopes by what moves at an instant to slopes by the control points of the whole motion.
+"""Slopes of residuals by the control points of whole motions.
 
-The base's attitude follows from the joints by the momentum equation. Its change under a change of p, as a
-rotation of everything about the centre of mass, is the integral of the change of its angular velocity: so
-the same quadrature that gives the attitude gives its derivative.
+A base that floats follows the joints by the momentum equation. Its change under a change of p, as a rotation
+of everything about the centre of mass, is the integral of the change of its angular velocity: so the same
+quadrature that gives the attitude gives its derivative.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.base_limits import BaseLimits
-from ffsms_pin.opt.batch.slopes import coupling_slopes, velocity_slopes
-from ffsms_pin.opt.horizon.base_residual import BaseShares, base_shares
-from ffsms_pin.opt.horizon.course import Course
-from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.batch.arm import ArmValues
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import Indices, Residual
+from ffsms_pin.opt.batch.slopes import coupling_slopes, spin_slopes, velocity_slopes
 from ffsms_pin.opt.batch.stacks import apply, cross, dot
-from ffsms_pin.opt.horizon.task import Task
+from ffsms_pin.opt.horizon.spline import RateSpline
 
-__all__ = ["Jacobian", "Residual"]
-
-# Of the quadrature's points: Q of them, then 0.9 T and T.
-Points: TypeAlias = NDArray[np.signedinteger[Any]] | slice
-
-
-@dataclass(frozen=True)
-class Residual:
-    """Values at K points of S motions, weighted, and their slopes by what moves there.
-
-    Attributes
-    ----------
-    value : ndarray, shape (S, K)
-    points : ndarray, shape (K,), or slice
-    by_velocity, by_tip : ndarray, shape (3, S, K), optional
-        By the end effector's velocity and position; base axes.
-    by_turn : ndarray, shape (3, S, K), optional
-        By a turn of the end effector; axes of the base at the start.
-    by_entropy : ndarray, shape (S, K), optional
-    """
-
-    value: FloatArray
-    points: Points
-    by_velocity: FloatArray | None = None
-    by_tip: FloatArray | None = None
-    by_turn: FloatArray | None = None
-    by_entropy: FloatArray | None = None
-
-    def take(self, index: Any) -> Residual:
-        """The motions at an index."""
-        slopes = (self.by_velocity, self.by_tip, self.by_turn, self.by_entropy)
-        taken = (None if x is None else x[..., index, :] for x in slopes)
-        return Residual(self.value[index], self.points, *taken)
+__all__ = ["Jacobian"]
 
 
 class Jacobian:
-    """The Jacobian of motions, one residual after the other: transposed, and joints first."""
+    """Turns the slopes of residuals into rows by the control points, joints first: (n M, ...).
 
-    def __init__(self, task: Task, spline: RateSpline, at: Course) -> None:
-        self._at, self._spline, self._stack = at, spline, task.arm
-        self._rates, self._travel = spline.rates.T, spline.travel.T
-        self._spin_q, self._jstar_q = velocity_slopes(task.arm, at.arm, at.rates)
-        self._entropy_q = coupling_slopes(task.arm, at.arm, at.by_coupling)
-        # How the base's angular velocity changes with p, in the axes of its start: its integral is the turn
-        # of everything about the centre of mass, (S, 3, n, M, Q + 2).
+    Parameters
+    ----------
+    spline : RateSpline
+    motions : Motions
+    chosen : ndarray of int
+        The motions that rows are wanted for; residuals are those of these, numbered anew.
+    """
+
+    def __init__(self, spline: RateSpline, motions: Motions, chosen: Indices) -> None:
+        self._spline, self._whole, self._chosen = spline, motions, chosen
+        self._motions = at = motions if len(chosen) == motions.count else motions.take(chosen)
+        self._stack, self._rates, self._travel = at.stack, spline.rates.free.T, spline.travel.free.T
+        spin_q, self._jstar_q = velocity_slopes(at.stack, at.arm, at.rates)
+        self._spin_q = spin_q
+        # How the base's angular velocity changes with p, inertial axes: its integral is the turn of
+        # everything about the centre of mass, (S, 3, n, M, Q + 2).
         count = spline.points
         by_rates, by_travel = (
-            apply(at.R[..., :count], x[..., :count]).transpose(2, 0, 1, 3)[:, :, :, None]
-            for x in (at.arm.spin, self._spin_q)
+            apply(at.base_attitude[..., :count], x[..., :count]).transpose(2, 0, 1, 3)[:, :, :, None]
+            for x in (at.arm.spin, spin_q)
         )
         change = by_rates * self._rates[:, :count]
         change += by_travel * self._travel[:, :count]
         turned = change.reshape(-1, count) @ spline.sweep.T
         self._turned: FloatArray = turned.reshape(*change.shape[:-1], len(spline.sweep))
 
-    def rows(self, residual: Residual) -> FloatArray:
-        """Rows of a residual, (S, n M, K)."""
-        at, points, by_tip, by_velocity = self._at, residual.points, residual.by_tip, residual.by_velocity
-        jstar, R = at.arm.jstar[..., points], at.R[..., points]
-        by_travel, by_rates = np.zeros(jstar.shape[1:]), None
-        turn = np.zeros((3, *jstar.shape[2:]))
-        if by_tip is not None:
-            moment = cross(at.arm.rho[..., points], by_tip)
-            by_travel += dot(jstar, by_tip[:, None]) - dot(at.arm.spin[..., points], moment[:, None])
-            turn += moment
-        if by_velocity is not None:
-            by_rates = dot(jstar, by_velocity[:, None])
-            by_travel += dot(self._jstar_q[..., points], by_velocity[:, None])
-            turn += cross(at.relative[..., points], by_velocity)
-        turn = apply(R, turn)
-        if residual.by_entropy is not None:
-            by_travel += residual.by_entropy * self._entropy_q[..., points]
-        if residual.by_turn is not None:
-            here = apply(np.swapaxes(R, 0, 1), residual.by_turn)
-            moves = self._stack.moves_tip[:, None, None]
-            by_travel += moves * dot(at.arm.axes[..., points], here[:, None])
-            turn += residual.by_turn
-        rows = np.einsum("sxjmk,xsk->sjmk", self._turned[..., points], turn)
-        rows += by_travel.swapaxes(0, 1)[:, :, None] * self._travel[:, points]
-        if by_rates is not None:
-            rows += by_rates.swapaxes(0, 1)[:, :, None] * self._rates[:, points]
-        return np.asarray(rows.reshape(len(rows), -1, rows.shape[-1]))
+    @cached_property
+    def _entropy_q(self) -> FloatArray:
+        slope = self._whole.entropy_slope
+        if len(self._chosen) < self._whole.count:
+            slope = slope[..., self._chosen, :]
+        return coupling_slopes(self._stack, self._motions.arm, slope)
 
-    def base_shares(self, task: Task, limits: BaseLimits) -> BaseShares:
-        """What base limits are exceeded by, for every motion; stack first, control points before joints."""
-        at, arm, spline = self._at, self._at.arm, self._spline
-        count, turn = spline.points, self._turned.transpose(0, 4, 1, 3, 2)
-        base = self._stack.base_com[:, None, None] - arm.com
-        return base_shares(
-            limits,
-            spline,
-            at.R.transpose(2, 3, 0, 1),
-            turn.reshape(*turn.shape[:3], -1),
-            at.omega[..., :count].transpose(1, 2, 0),
-            arm.spin[..., :count].transpose(2, 3, 0, 1),
-            self._spin_q[..., :count].transpose(2, 3, 0, 1),
-            base.transpose(1, 2, 0),
-            arm.linear.transpose(2, 3, 0, 1) / -self._stack.mass,
-            spline.times[:, None] * task.drift - task.base0,
-        )
+    @cached_property
+    def _tip_spin_q(self) -> FloatArray:
+        return spin_slopes(self._stack, self._motions.arm, self._motions.rates, self._spin_q)
+
+    def rows(self, residual: Residual) -> FloatArray:
+        """Rows of a residual: (S, n M, K) of a dense one, (n M, V) of one with entries."""
+        where: Any = residual.instants
+        if residual.motion is not None:
+            where = (residual.motion, residual.instants)
+        travel, rates, turn = self._own_slopes(residual, where)
+        instants = residual.instants
+        if residual.motion is None:
+            rows = np.zeros((*travel.swapaxes(0, 1).shape[:2], self._spline.size, travel.shape[-1]))
+            if turn is not None:
+                rows = np.einsum("sxjmk,xsk->sjmk", self._turned[..., instants], turn)
+            rows += travel.swapaxes(0, 1)[:, :, None] * self._travel[:, instants]
+            if rates is not None:
+                rows += rates.swapaxes(0, 1)[:, :, None] * self._rates[:, instants]
+            return np.asarray(rows.reshape(len(rows), -1, rows.shape[-1]))
+        made = travel[:, None] * self._travel[:, instants]
+        if rates is not None:
+            made += rates[:, None] * self._rates[:, instants]
+        if turn is not None:
+            # Entry by entry: the index arrays come first in numpy's order, (V, 3, n, M).
+            made += np.einsum("vxjm,xv->jmv", self._turned[residual.motion, :, :, :, instants], turn)
+        return np.asarray(made.reshape(len(made) * made.shape[1], -1))
+
+    def _own_slopes(self, r: Residual, where: Any) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+        """Slopes by the joint positions and rates where the base stays, and by a turn of everything."""
+        at, arm, stack = self._motions, self._motions.arm, self._stack
+
+        def pick(values: FloatArray) -> FloatArray:
+            return values[(..., *where)] if isinstance(where, tuple) else values[..., where]
+
+        R = pick(at.base_attitude)
+
+        def inward(slope: FloatArray) -> FloatArray:
+            """Into base axes."""
+            return np.asarray(np.einsum("yx...,y...->x...", R, slope))
+
+        shape = r.value.shape
+        travel = np.zeros((stack.n, *shape)) if r.by_joints is None else r.by_joints.copy()
+        rates = None if r.by_rates is None else r.by_rates.copy()
+        turn: FloatArray | None = None
+
+        def turned(moment: FloatArray) -> None:
+            nonlocal turn
+            turn = moment if turn is None else turn + moment
+
+        def by_rate(slope: FloatArray) -> None:
+            nonlocal rates
+            rates = slope if rates is None else rates + slope
+
+        if r.by_tip is not None:
+            g, rho = inward(r.by_tip), pick(arm.rho)
+            travel += dot(pick(arm.jstar), g[:, None]) - dot(pick(arm.spin), cross(rho, g)[:, None])
+            turned(apply(R, cross(rho, g)))
+        if r.by_velocity is not None:
+            g = inward(r.by_velocity)
+            by_rate(dot(pick(arm.jstar), g[:, None]))
+            travel += dot(pick(self._jstar_q), g[:, None])
+            turned(cross(pick(at.relative_velocity), r.by_velocity))
+        if r.by_turn is not None:
+            g = inward(r.by_turn)
+            travel += _along(stack.moves_tip, g.ndim) * dot(pick(arm.axes), g[:, None])
+            turned(r.by_turn)
+        if r.by_spin is not None:
+            g = inward(r.by_spin)
+            by_rate(dot(pick(arm.spin), g[:, None]))
+            by_rate(_along(stack.moves_tip, g.ndim) * dot(pick(arm.axes), g[:, None]))
+            travel += dot(pick(self._tip_spin_q), g[:, None])
+            turned(cross(pick(at.spin), r.by_spin))
+        if r.by_base is not None:
+            travel -= dot(pick(arm.linear), inward(r.by_base)[:, None]) / stack.mass
+            turned(cross(pick(at.base_from_com), r.by_base))
+        if r.by_base_turn is not None:
+            turned(r.by_base_turn)
+        if r.by_base_spin is not None:
+            g = inward(r.by_base_spin)
+            by_rate(dot(pick(arm.spin), g[:, None]))
+            travel += dot(pick(self._spin_q), g[:, None])
+            turned(cross(pick(at.base_spin), r.by_base_spin))
+        if r.by_entropy is not None:
+            travel += r.by_entropy * pick(self._entropy_q)
+        if r.by_coupling is not None:
+            picked = ArmValues(*(pick(value) for value in arm.arrays()))
+            travel += coupling_slopes(stack, picked, r.by_coupling)
+        return travel, rates, turn
+
+
+def _along(values: FloatArray, dimensions: int) -> FloatArray:
+    """A value a joint (n,), to be multiplied with (n, ...) of so many dimensions."""
+    return values.reshape(-1, *(1,) * (dimensions - 1))

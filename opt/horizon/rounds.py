@@ -10,24 +10,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffsms_pin.opt.horizon.base_residual import BASE_MARGIN
-from ffsms_pin.opt.horizon.descent import Motions, Workbench, descend
-from ffsms_pin.opt.horizon.linearisation import CLEARANCE_MARGIN
-from ffsms_pin.opt.horizon.spline import embedding
-from ffsms_pin.opt.horizon.weights import Weights
+from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
+from ffsms_pin.opt.horizon.merit import Weights
+from ffsms_pin.opt.horizon.spline import embedded
 
-__all__ = ["ARRIVAL", "EARLY", "LATE", "STIFF", "Round", "best", "follow", "hold_base", "land", "run"]
+__all__ = ["EARLY", "LATE", "STIFF", "Round", "best", "follow", "keep_limits", "land", "run"]
 
-# [m] At the deadline: a twentieth of the paper's r_th.
-ARRIVAL = 1e-3
-# [m] The last tenth is held a little within the paper's r_th = 0.02 m.
-_TAIL = 0.0195
 # Motions whose joints stay this near to each other everywhere [rad or m] have come together.
 _APART = 0.05
-# Weight of the true cost beside the smoothed merit when motions are compared: the smoothing hides cost.
+# Weight of the true objective beside the smoothed merit when motions are compared: the smoothing hides cost.
 _HONEST = 0.3
 _LANDINGS = 5
-# How much softer the end is made, in turn, where it and the base limits cannot both be had.
+# Shares of tolerance, reach and margin at which a motion has landed.
+_END, _TAIL, _LACK = 0.8, 0.975, 0.5
+# How much softer the goal is made, in turn, where it and the limits cannot both be had.
 _HOLDS = (1e-1, 1e-2, 1e-3, 1e-4)
 
 
@@ -49,8 +45,8 @@ class Round:
     damping: float | None = None
 
 
-def _weights(end: float, slow: float, close: float, rough: float = 1e-4) -> Weights:
-    return Weights(end, 0.1 * end, max(1e3, 0.1 * end), rough, slow, close, base=1e-4 * end)
+def _weights(end: float, slow: float, close: float, ease: float = 10.0) -> Weights:
+    return Weights(end, max(1e3, 0.1 * end), ease, slow, close)
 
 
 # Made with every start, on the coarse spline. The end's weight grows from round to round, by ten each: a
@@ -62,17 +58,17 @@ EARLY = (
 _COARSE = Round(4, 3, _weights(1e3, 0.03, 0.01), 0.03)
 LATE = (
     Round(3, 3, _weights(1e4, 0.03, 0.002), 0.03),
-    Round(1, 5, _weights(1e5, 0.0, 0.0, 1e-5), 0.03),
+    Round(1, 5, _weights(1e5, 0.0, 0.0, 1.0), 0.03),
 )
 # For a straight move that ends at the target and shall go on doing so, whatever it costs.
-STIFF = Round(1, 10, _weights(1e6, 0.0, 0.0, 1e-5), 1.0)
+STIFF = Round(1, 10, _weights(1e6, 0.0, 0.0, 1.0), 1.0)
 
 
-def best(bench: Workbench, motions: Motions, keep: int) -> Motions:
+def best(model: Model, motions: Candidates, keep: int) -> Candidates:
     """The `keep` best motions; of those that came together only the best."""
     chosen: list[int] = []
-    places = bench.spline.travel @ motions.p
-    for i in np.argsort(motions.at.merit + _HONEST * motions.at.cost, kind="stable"):
+    places = model.spline.travel.free @ motions.p
+    for i in np.argsort(motions.at.merit + _HONEST * motions.at.objective, kind="stable"):
         if all(np.max(np.abs(places[i] - places[j])) > _APART for j in chosen):
             chosen.append(int(i))
         if len(chosen) == keep:
@@ -81,22 +77,22 @@ def best(bench: Workbench, motions: Motions, keep: int) -> Motions:
 
 
 def run(
-    bench: Workbench, motions: Motions, rounds: tuple[Round, ...], weights: Weights | None = None
-) -> Motions:
+    model: Model, motions: Candidates, rounds: tuple[Round, ...], weights: Weights | None = None
+) -> Candidates:
     """Rounds on one spline; `weights` are those under which the motions were linearised, if any."""
     for r in rounds:
         if weights is not None:
-            motions = best(bench, motions, r.keep)
+            motions = best(model, motions, r.keep)
         if r.weights is not weights:
             damping = motions.damping if r.damping is None else r.damping
-            motions, weights = Motions.start(bench, motions.p, r.weights, damping), r.weights
-        motions = descend(bench, motions, r.weights, r.iterations)
+            motions, weights = Candidates.start(model, motions.p, r.weights, damping), r.weights
+        motions = descend(model, motions, r.weights, r.iterations)
     return motions
 
 
 def follow(
-    coarse: Workbench, fine: Workbench, pool: Motions, keep: tuple[int, int, int], patience: int = 1
-) -> Motions:
+    coarse: Model, fine: Model, pool: Candidates, keep: tuple[int, int, int], patience: int = 1
+) -> Candidates:
     """From the pool of early motions to a few on the fine spline, the best first.
 
     `keep` motions go on: on the coarse spline, on the fine one, and there to the end. `patience`: how many
@@ -108,36 +104,30 @@ def follow(
     )
     early, first, last = rounds
     motions = run(coarse, pool, (early,), EARLY[-1].weights)
-    p = embedding(coarse.spline, fine.spline) @ best(coarse, motions, first.keep).p
-    motions = Motions.start(fine, p, first.weights, first.damping or 0.03)
+    kept = best(coarse, motions, first.keep).p
+    p = embedded(coarse.spline, fine.spline, kept, fine.problem.joint_rates)
+    motions = Candidates.start(fine, p, first.weights, first.damping or 0.03)
     return best(fine, run(fine, motions, (first, last), first.weights), last.keep)
 
 
-def land(bench: Workbench, motion: Motions) -> Motions:
-    """Make the end, the tail and the clearances stiffer where the cost pulls harder than they do."""
-    weights, margin = LATE[-1].weights, 0.5 * CLEARANCE_MARGIN * bench.task.length
+def land(model: Model, motion: Candidates) -> Candidates:
+    """Make goal and limits stiffer where the terms pull harder than they do."""
+    weights = LATE[-1].weights
     for _ in range(_LANDINGS):
         at = motion.at
-        held = at.base_lack[0] <= 0.5 * BASE_MARGIN
-        if held and at.error[0] <= 0.8 * ARRIVAL and at.tail[0] <= _TAIL and at.lack[0] <= margin:
+        if at.lack[0] <= _LACK and at.error[0] <= _END and at.tail[0] <= _TAIL:
             break
-        weights = replace(
-            weights,
-            end=10.0 * weights.end,
-            tail=10.0 * weights.tail,
-            clear=10.0 * weights.clear,
-            base=10.0 * weights.base,
-        )
-        motion = descend(bench, Motions.start(bench, motion.p, weights, motion.damping), weights, 4)
+        weights = weights.stiffer()
+        motion = descend(model, Candidates.start(model, motion.p, weights, motion.damping), weights, 4)
     return motion
 
 
-def hold_base(bench: Workbench, motion: Motions) -> Motions:
-    """Where base limits and target cannot both be had: within the limits, as near as they allow."""
+def keep_limits(model: Model, motion: Candidates) -> Candidates:
+    """Where limits and goal cannot both be had: within the limits, as near to the goal as they allow."""
     stiff = LATE[-1].weights
     for softer in _HOLDS:
-        if motion.at.base_lack[0] <= 0.5 * BASE_MARGIN:
+        if motion.at.lack[0] <= _LACK:
             break
-        weights = replace(stiff, end=softer * stiff.end, tail=softer * stiff.tail, base=10.0 * stiff.base)
-        motion = descend(bench, Motions.start(bench, motion.p, weights, 0.03), weights, 15)
+        weights = stiff._replace(end=softer * stiff.end, limits=10.0 * stiff.limits)
+        motion = descend(model, Candidates.start(model, motion.p, weights, 0.03), weights, 15)
     return motion

@@ -1,61 +1,46 @@
-"""`plan_horizon`: the whole motion at once, from several starts to one plan."""
+"""The search for one problem: from several starts to one plan."""
 
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.base_limits import BaseLimits
-from ffsms_pin.opt.clearances import CollisionMode
-from ffsms_pin.opt.horizon.careful import careful_march
-from ffsms_pin.opt.horizon.descent import Motions, Workbench, descend
-from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision, within_workspace
-from ffsms_pin.opt.horizon.landing import corrected
-from ffsms_pin.opt.horizon.limits_qp import LimitsQP
-from ffsms_pin.opt.horizon.motion import limits_kept, node_rates, trajectory
-from ffsms_pin.opt.horizon.rounds import ARRIVAL, EARLY, LATE, STIFF, follow, hold_base, land, run
-from ffsms_pin.opt.horizon.spline import rate_spline
-from ffsms_pin.opt.batch.stacks import log3
-from ffsms_pin.opt.horizon.starts import (
-    Goals,
-    greedy_marches,
-    halton,
-    seeds,
-    shoot,
-    straight_moves,
-    straight_time,
-)
-from ffsms_pin.opt.horizon.task import Task
-from ffsms_pin.opt.marching import Progress
-from ffsms_pin.opt.trajectory import ORIENTATION_REACH, REACH, Trajectory
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
+from ffsms_pin.opt.horizon.diagnosis import within_workspace
+from ffsms_pin.opt.horizon.landing import aimed, arrival_error
+from ffsms_pin.opt.horizon.marches import free_marches, march_starts
+from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.rounds import EARLY, LATE, STIFF, follow, keep_limits, land, run
+from ffsms_pin.opt.horizon.spline import embedded
+from ffsms_pin.opt.horizon.starts import JointGoals, shoot, spread, straight_moves, straight_time
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.terms import Coupling
+from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = ["Search", "plan_horizon"]
-
-# Intervals before and after 0.9 T, and quadrature points an interval. The coarse spline has ten control
-# points a joint, enough for a zigzag of three strokes; the fine one doubles that; the dense one is the fine
-# one under a closer watch, for landings.
-_COARSE = (6, 3, 2)
-_FINE = (12, 5, 3)
-_DENSE = (12, 5, 6)
-# [arm lengths] Straight moves that end further away are tried only where less than half of the group ends
-# nearer; those that end this near count as ending there.
-_NEAR, _THERE = 0.05, 1e-3
-_STRAIGHT = 6  # straight moves that are tried where nothing else arrives
-_SHORT = 3.0  # a march to a target that is near may be longer than the straight move by this factor
-_MOVING = 1e-3  # [rad/s] a plan that is faster at its end has not come to rest
-_LANDINGS = 3  # of a motion whose roll-out misses what its quadrature hit
+__all__ = ["Found", "Search"]
 
 
-# [s] Cost integrals, of motions up to 8 s; zero is the least there is. A plan this cheap ends the search; a
-# greedy march must be nearly free.
-_CHEAP, _NEARLY_FREE = 3e-3, 1e-3
-# A march can chatter near its end: more changes of sign a joint than a zigzag needs, [(rad/s)^2] of products.
-_TURNS, _STILL = 8, 1e-8
+class Found(NamedTuple):
+    """A finished motion and where it comes from.
+
+    Attributes
+    ----------
+    plan : Trajectory
+    p : ndarray, shape (M, n)
+        Its control points.
+    model : Model
+        Whose spline they belong to.
+    """
+
+    plan: Trajectory
+    p: FloatArray
+    model: Model
 
 
 class Effort(NamedTuple):
@@ -63,28 +48,27 @@ class Effort(NamedTuple):
 
     Attributes
     ----------
-    goals : int
-        New joint goals.
-    promising : float
-        Whether the best early motion is worth following: its merit and cost together.
+    near, far : int
+        New joint goals: from postures near the start, and from the whole range of the joints.
+    marches : bool
+        Whether coarse marches of the paper's step are starts as well.
     keep : tuple of int
         Motions that are followed: on the coarse spline, on the fine one, and there to the end.
     patience : int
         How many times the usual iterations these make: those whose end is hard to meet need more.
     enough, soft : float
-        A plan as cheap as enough + soft (log 2 / kappa)^2 ends the search. C~ exceeds max(0, cos(theta_a)) by
-        up to log 2 / kappa, so that for a small kappa no motion that arrives is nearly free.
-    marches : bool
-        Whether greedy marches are tried after it.
+        A plan as cheap as enough + soft (log 2 / kappa)^2 ends the search [s, for a motion of 8 s]. C~
+        exceeds max(0, cos(theta_a)) by up to log 2 / kappa, so that for a small kappa no motion that arrives
+        is nearly free.
     """
 
-    goals: int
-    promising: float
+    near: int
+    far: int
+    marches: bool
     keep: tuple[int, int, int]
     patience: int
     enough: float
     soft: float
-    marches: bool
 
     def content(self, kappa: float) -> float:
         """The cost [s] that ends the search, of motions up to 8 s."""
@@ -93,219 +77,241 @@ class Effort(NamedTuple):
 
 # An early motion says little of what it comes to in the end, so where the first plans are not nearly free,
 # more are followed, and longer.
-_EFFORTS = (
-    Effort(8, 0.3, (3, 2, 1), 1, _CHEAP, 0.2, marches=False),
-    Effort(12, np.inf, (6, 4, 2), 2, 0.03, 0.5, marches=True),
-    Effort(24, np.inf, (10, 6, 4), 4, np.inf, 0.0, marches=False),
+EFFORTS = (
+    Effort(3, 4, True, (3, 2, 1), 1, 3e-3, 0.2),
+    Effort(4, 8, False, (6, 4, 2), 2, 0.03, 0.5),
+    Effort(4, 20, False, (10, 6, 4), 4, np.inf, 0.0),
 )
-# So much more patience where the base is held: the way there bends with every iteration.
-_HELD = 2
 # For a plan at any cost.
-_HASTE = (Effort(8, np.inf, (1, 1, 1), 2, np.inf, 0.0, marches=False),)
-
-
-def plan_horizon(
-    sms: SpaceManipulator,
-    q0: FloatArray,
-    target: FloatArray,
-    duration: float,
-    dt: float,
-    kappa: float,
-    clearance: float = 0.01,
-    collision: CollisionMode = "points",
-    progress: Progress | None = None,
-    rotation: FloatArray | None = None,
-    base_limits: BaseLimits | None = None,
-    momentum: FloatArray | None = None,
-) -> Trajectory:
-    """Plan the whole motion at once; arguments as for `plan`, checked.
-
-    Joint goals found by shooting give starts; Levenberg-Marquardt under the joint limits takes them down, the
-    worse half dropping out each round; the plan is the cheapest that arrives.
-    """
-    task = Task.make(
-        sms, q0, target, duration, dt, kappa, clearance, collision, rotation, base_limits, momentum
-    )
-    refused = start_in_collision(task)
-    if refused is not None:
-        return refused
-    search = Search(task)
-    plan = search.run(progress)
-    if task.base_limits is not None and not plan.clear:
-        careful = careful_march(task)
-        plan = careful if careful.clear else plan
-    if not limits_kept(task, plan):
-        note = "a joint limit is broken between the spline and its nodes; a smaller dt keeps it"
-        plan = replace(plan, clear=False, note=note)
-    elif plan.reached:
-        return plan
-    binding = [] if search.p is None else search.fine.qp.active(search.p)
-    return explain(task, plan, search.goals, binding, lambda other: Search(other).run(efforts=_HASTE))
+HASTE = (Effort(4, 4, False, (1, 1, 1), 2, np.inf, 0.0),)
 
 
 class Search:
-    """The search for one task; keeps what a diagnosis needs."""
+    """The search for one problem; keeps what a diagnosis needs.
 
-    def __init__(self, task: Task) -> None:
-        self.task = task
-        splines = [rate_spline(task.steps, task.dt, *grid) for grid in (_COARSE, _FINE)]
-        self.coarse, self.fine = (Workbench.make(task, spline) for spline in splines)
-        self.goals = Goals(np.empty((0, task.arm.n)), np.empty(0))
-        self.plan: Trajectory | None = None
-        self.p: FloatArray | None = None  # its control points, if it has any
+    Parameters
+    ----------
+    problem : Problem
+    options : SearchOptions
+    progress : callable, optional
+        Called with the share of the work done, 0 to 1.
+    """
 
-    def run(self, progress: Progress | None = None, efforts: tuple[Effort, ...] = _EFFORTS) -> Trajectory:
-        """The cheapest plan that arrives, or the one that comes nearest."""
-        task, scale = self.task, max(1.0, self.task.time)
-        report = progress or (lambda share: None)
-        if is_near(task) and self._go_near():
+    def __init__(
+        self,
+        problem: Problem,
+        options: SearchOptions | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        self.problem, self.options = problem, options or SearchOptions()
+        self._report = progress or (lambda share: None)
+        self._coarse, self._fine = (
+            Model.make(problem, one) for one in (self.options.coarse, self.options.fine)
+        )
+        self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
+        self.found: list[Found] = []
+        self._pool: Candidates | None = None
+        self._drawn = 0
+        self._started = time.perf_counter()
+
+    def run(self, efforts: tuple[Effort, ...] = EFFORTS) -> Trajectory:
+        """The best plan that arrives, or the one that comes nearest."""
+        scale = max(1.0, self._coarse.time)
+        if self._is_near() and self._go_near():
             efforts = ()
-        pool: Motions | None = None
         for turn, effort in enumerate(efforts):
-            motions = self._early(straight_moves(task, self.coarse.spline, self._new_goals(effort.goals)))
-            pool = motions if pool is None else pool.join(motions)
-            report((turn + 0.5) / len(efforts))
-            outside = turn == 0 and self._none_near() and not within_workspace(task)
+            self._gather(effort)
+            outside = turn == 0 and self._none_near() and not within_workspace(self.problem)
             if outside:
-                effort = _HASTE[0]
-            if np.min(pool.at.merit + pool.at.cost) < effort.promising * scale:
-                self._follow(pool, effort)
-            if outside or self._done(effort.content(task.kappa) * scale):
+                effort = HASTE[0]
+            self._report((turn + 0.5) / len(efforts))
+            self._follow(effort)
+            if self._arrived(effort.content(self.problem.kappa) * scale) or self._out_of_time() or outside:
                 break
-            if effort.marches:
-                self._march()
-                if self._done(_CHEAP * scale):
-                    break
-        if not self._done(np.inf):
+        self._march(
+            (self.options.nearly_free + EFFORTS[0].soft * (math.log(2.0) / self.problem.kappa) ** 2) * scale
+        )
+        if not self._arrived() and not self._out_of_time():
             self._go_straight()
-        report(1.0)
-        assert self.plan is not None
-        return self.plan
+        self._report(1.0)
+        return self.best().plan
 
-    def _new_goals(self, count: int) -> FloatArray:
-        """Joint goals (K, n) of a new group, as far as they end near the target."""
-        task = self.task
-        goals = shoot(task, halton(len(self.goals.distance), count, task.arm.n))
-        self.goals = Goals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
-        reach = max(_NEAR * task.length, float(np.sort(goals.distance)[(count - 1) // 2]))
-        return goals.joints[goals.distance <= reach]
+    def best(self) -> Found:
+        """Of those that arrive at no more than the least cost and the tolerance, the one of least effort."""
+        arrived = [one for one in self.found if self._misses(one.plan)[:2] == (False, False)]
+        if not arrived:
+            return min(self.found, key=lambda one: self._misses(one.plan))
+        least = min(cost_of(one.plan) for one in arrived)
+        tolerance = self.options.cost_tolerance * max(1.0, self._coarse.time)
+        cheap = [one for one in arrived if cost_of(one.plan) <= least + tolerance]
+        return min(cheap, key=lambda one: sum(one.plan.shares.values()))
+
+    def binding(self) -> list[tuple[str, int]]:
+        """Joint limits that the best plan touches: kind and joint."""
+        found = self.best()
+        return found.model.qp.active(found.p)
+
+    # -- starts ----------------------------------------------------------------------------------------
+
+    def _gather(self, effort: Effort) -> None:
+        """Add early motions to the pool: straight moves to new joint goals, and marches."""
+        problem, coarse = self.problem, self._coarse
+        near = spread(problem, self._drawn, effort.near, self.options.near)
+        far = spread(problem, self._drawn, effort.far)
+        joints = np.vstack([problem.joints0, near, far] if not self._drawn else [near, far])
+        self._drawn += max(effort.near, effort.far)
+        goals = shoot(problem, joints)
+        self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
+        length, half = problem.stack.length, (len(goals.distance) - 1) // 2
+        reach = max(self.options.near_goal * length, float(np.sort(goals.distance)[half]))
+        p = straight_moves(problem, coarse.spline, goals.joints[goals.distance <= reach])
+        if effort.marches:
+            p = np.concatenate([p, march_starts(problem, coarse.spline, self.options)])
+        p = np.stack([coarse.qp.within(one) for one in p])
+        first = EARLY[0].weights
+        early = run(coarse, Candidates.start(coarse, p, first, EARLY[0].damping or 0.3), EARLY, first)
+        self._pool = early if self._pool is None else self._pool.join(early)
 
     def _none_near(self) -> bool:
-        """Whether no straight move ends near the target."""
-        return float(self.goals.distance.min()) > _NEAR * self.task.length
+        """Whether no straight move ends near the goal."""
+        return float(self.goals.distance.min()) > self.options.near_goal * self.problem.stack.length
 
-    def _early(self, p: FloatArray) -> Motions:
-        p = np.stack([within(self.coarse.qp, one) for one in p])
-        first = EARLY[0].weights
-        return run(self.coarse, Motions.start(self.coarse, p, first, EARLY[0].damping or 0.3), EARLY, first)
+    # -- to the end ------------------------------------------------------------------------------------
 
-    def _follow(self, pool: Motions, effort: Effort) -> None:
-        """Follow the best of the pool to their ends; land those that can be better than the plan there is."""
-        patience = effort.patience if self.task.base_limits is None else _HELD * effort.patience
-        found = follow(self.coarse, self.fine, pool, effort.keep, patience)
-        for i, cost in enumerate(found.at.cost):
-            if self.plan is None or not self._done(float(cost)):
-                self._offer(found.take([i]))
+    def _follow(self, effort: Effort) -> None:
+        """Follow the best of the pool to their ends."""
+        assert self._pool is not None
+        found = follow(self._coarse, self._fine, self._pool, effort.keep, effort.patience)
+        for i in range(len(found.p)):
+            if i == 0 or not self._out_of_time():
+                self._finish(found.take([i]))
 
-    def _march(self, longest: float = np.inf) -> None:
-        """Keep a greedy march that is nearly free, if there is one no longer than this [m]."""
-        for rates in greedy_marches(self.task, _NEARLY_FREE):
-            plan = trajectory(self.task, rates)
-            if path(plan) <= longest:
-                self._keep(plan, None)
-            if self._done(_NEARLY_FREE):
+    def _finish(self, motion: Candidates) -> None:
+        """Land on the fine spline; where the plan arrives but is not nearly free, go on on the finest one."""
+        weights, damping = LATE[-1].weights, LATE[-1].damping or 0.03
+        found = self._land(self._fine, motion)
+        cheap = self.options.nearly_free * max(1.0, self._coarse.time)
+        if not found.plan.reached or cost_of(found.plan) <= cheap or self._out_of_time():
+            return
+        model = Model.make(self.problem, self.options.finest)
+        p = embedded(found.model.spline, model.spline, found.p, self.problem.joint_rates)
+        motion = Candidates.start(model, p[None], weights, damping)
+        self._land(model, descend(model, motion, weights, self.options.last_iterations))
+
+    def _land(self, model: Model, motion: Candidates) -> Found:
+        """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
+        problem, whole = self.problem, model
+        for _ in range(self.options.landings):
+            motion = land(model, motion)
+            found = self._keep(model, motion.p[0])
+            goal, broken = aimed(problem, model.goal, found.plan), found.plan.broken
+            if (goal is None and not broken) or motion.at.error[0] > 1.0 or motion.at.tail[0] > 1.0:
                 break
+            aim = model.problem
+            if broken:
+                spare = self.options.spare * problem.stack.length
+                limits = [one.tightened(broken.get(one.name, -spare) + spare) for one in aim.limits]
+                aim = replace(aim, limits=limits)
+            model = replace(model, problem=aim, goal=goal or model.goal)
+            motion = Candidates.start(model, motion.p, LATE[-1].weights, motion.damping)
+        if found.plan.broken and not self._arrived():
+            found = self._keep(whole, keep_limits(whole, motion).p[0])
+        return found
+
+    def _keep(self, model: Model, p: FloatArray) -> Found:
+        problem = self.problem
+        nodes = np.arange(problem.steps + 1, dtype=np.float64) * problem.dt
+        rates = model.spline.rates_at(nodes).of(p, problem.joint_rates)
+        rates[0] = problem.joint_rates
+        self.found.append(Found(measure(problem, rates), p, model))
+        return self.found[-1]
+
+    # -- special ways ----------------------------------------------------------------------------------
+
+    def _is_near(self) -> bool:
+        """Whether const8 counts the start as arrived: then no way round is taken for the cost's sake.
+
+        The paper's cost charges for standing still and for going straight, and nothing for length: for a
+        target a millimetre away the cheapest motion can be a detour of centimetres.
+        """
+        problem, place = self.problem, self.problem.goal.place(self.problem.duration)
+        if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
+            return False
+        start = problem.sms.at(problem.q0).end_effector_pose
+        turned = 0.0
+        if place.rotation is not None:
+            turned = float(
+                np.arccos(np.clip(0.5 * (np.trace(place.rotation @ start.rotation.T) - 1.0), -1, 1))
+            )
+        far = float(np.linalg.norm(place.position - problem.tip0))
+        return far <= problem.goal.reach and turned <= problem.goal.orientation_reach
 
     def _go_near(self) -> bool:
-        """A short motion to a target that is near: the straight move, or a march that is as short and free.
+        """The straight move to the nearest joint goal; whether it arrives."""
+        self.goals = shoot(self.problem, self.problem.joints0[None])
+        self._go_to(self.goals.joints[0], 0)
+        return self._arrived()
 
-        Returns whether one arrives.
-        """
-        task, bench = self.task, self.fine
-        self.goals = shoot(task, seeds(task, task.joints0[None]))
-        p = within(bench.qp, straight_moves(task, bench.spline, self.goals.joints)[0])
-        self._offer(Motions.start(bench, p[None], LATE[-1].weights, LATE[-1].damping or 0.03))
-        if not self._done(np.inf):
-            return False
-        assert self.plan is not None
-        self._march(_SHORT * path(self.plan))
-        return True
+    def _march(self, cheap: float) -> None:
+        """Where the plan is not nearly free: the paper's own marches, where one is cheaper."""
+        goal = self.problem.goal
+        place = goal.place(self.problem.duration)
+        if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
+            return  # a march knows no such goal
+        least = min(
+            (cost_of(one.plan) for one in self.found if not self._misses(one.plan)[0]), default=np.inf
+        )
+        if least <= cheap or not any(isinstance(term, Coupling) for term in self.problem.terms):
+            return
+        best = self.best()
+        for rates in free_marches(
+            self.problem, least - self.options.cost_tolerance * max(1.0, self._coarse.time)
+        ):
+            self.found.append(best._replace(plan=measure(self.problem, rates)))
+            if self._arrived(cheap) or self._out_of_time():
+                break
 
     def _go_straight(self) -> None:
-        """Where every cheap way round fails: the quickest straight moves that end at the target."""
-        task, bench = self.task, self.fine
-        there = self.goals.joints[self.goals.distance <= _THERE * task.length]
-        for goal in sorted(there, key=lambda goal: straight_time(task, goal))[:_STRAIGHT]:
-            p = within(bench.qp, straight_moves(task, bench.spline, goal[None])[0])
-            motion = Motions.start(bench, p[None], STIFF.weights, STIFF.damping or 1.0)
-            self._offer(descend(bench, motion, STIFF.weights, STIFF.iterations))
-            if self._done(np.inf):
+        """Where every cheap way round fails: the quickest straight moves that end at the goal."""
+        problem = self.problem
+        there = self.goals.joints[self.goals.distance <= self.options.there * problem.stack.length]
+        for goal in sorted(there, key=lambda goal: straight_time(problem, goal))[: self.options.straight]:
+            self._go_to(goal, STIFF.iterations)
+            if self._arrived() or self._out_of_time():
                 break
 
-    def _offer(self, motion: Motions) -> None:
-        """Land a motion and keep its plan if it is better; land again where the roll-out shows a miss."""
-        task, bench = self.task, self.fine
-        for _ in range(_LANDINGS):
-            motion = land(bench, motion)
-            plan = self._keep_motion(motion)
-            aim = corrected(task, bench.task, plan)
-            if aim is None or motion.at.error[0] > ARRIVAL or motion.at.tail[0] > REACH:
-                break
-            bench = replace(bench, task=aim, spline=rate_spline(task.steps, task.dt, *_DENSE))
-            motion = Motions.start(bench, motion.p, LATE[-1].weights, motion.damping)
-        if task.base_limits is not None and not plan.clear and not self._done(np.inf):
-            self._keep_motion(hold_base(self.fine, motion))
+    def _go_to(self, goal: FloatArray, iterations: int) -> None:
+        model = self._fine
+        p = model.qp.within(straight_moves(self.problem, model.spline, goal[None])[0])
+        motion = Candidates.start(model, p[None], STIFF.weights, STIFF.damping or 1.0)
+        self._land(model, descend(model, motion, STIFF.weights, iterations))
 
-    def _keep_motion(self, motion: Motions) -> Trajectory:
-        """The plan of a motion on the fine spline; kept if it is better than what there is."""
-        p = motion.p[0]
-        plan = trajectory(self.task, node_rates(self.task, self.fine.spline, p))
-        self._keep(plan, p)
-        return plan
+    # -- judging ---------------------------------------------------------------------------------------
 
-    def _keep(self, plan: Trajectory, p: FloatArray | None) -> None:
-        if self.plan is None or self._score(plan) < self._score(self.plan):
-            self.plan, self.p = plan, p
+    def _misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
+        """Whether a plan fails, whether it arrives poorly, and by how much it misses."""
+        error = arrival_error(self.problem, plan)
+        if not plan.reached:
+            return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
+        rates, options = plan.joint_rates, self.options
+        place = self.problem.goal.place(self.problem.duration)
+        rests = place.velocity is None and place.spin is None
+        moving = rests and float(np.abs(rates[-1]).max()) > options.moving
+        turns = int(np.sum(rates[1:-1] * rates[2:] < -options.still))
+        restless = turns > options.turns * self.problem.sms.n
+        return False, error > self.problem.goal.tolerance or moving or restless, error
 
-    def _score(self, plan: Trajectory) -> tuple[bool, bool, float]:
-        task, end = self.task, float(plan.position_error[-1])
-        arrived = plan.reached and limits_kept(task, plan)
-        if task.rotation is not None:
-            end = max(end, float(plan.orientation_error[-1]))
-        if not arrived and task.base_limits is not None:
-            return True, not plan.clear, end  # rather short of the target than beyond the base's limits
-        rates = plan.joint_rates
-        moving = float(np.abs(rates[-1]).max()) > _MOVING
-        restless = int(np.sum(rates[1:-1] * rates[2:] < -_STILL)) > _TURNS * task.arm.n
-        return not arrived, end > ARRIVAL or moving or restless, plan.cost_integral if arrived else end
-
-    def _done(self, cost: float) -> bool:
+    def _arrived(self, cost: float = np.inf) -> bool:
         """Whether there is a plan that arrives, as cheap as this."""
-        return self.plan is not None and self._score(self.plan) <= (False, False, cost)
+        return any(
+            self._misses(one.plan)[:2] == (False, False) and cost_of(one.plan) <= cost for one in self.found
+        )
+
+    def _out_of_time(self) -> bool:
+        limit = self.options.time_limit
+        return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
 
 
-def is_near(task: Task) -> bool:
-    """Whether const8 counts the start as arrived: then no way round is taken for the cost's sake.
-
-    The paper's cost charges for standing still and for going straight, and nothing for length: for a target a
-    millimetre away the cheapest motion can be a detour of centimetres.
-    """
-    if task.momentum is not None:
-        return False
-    start = task.arm.evaluate(task.joints0[:, None])
-    turned = 0.0
-    if task.rotation is not None:
-        here = task.rotation0 @ start.tip_rotation[..., 0]
-        turned = float(np.linalg.norm(log3(task.rotation @ here.T)))
-    return float(np.linalg.norm(task.goal - start.rho[:, 0])) <= REACH and turned <= ORIENTATION_REACH
-
-
-def path(plan: Trajectory) -> float:
-    """Length of the end effector's path [m]."""
-    return float(np.linalg.norm(np.diff(plan.end_effector, axis=0), axis=1).sum())
-
-
-def within(qp: LimitsQP, p: FloatArray) -> FloatArray:
-    """Control points shortened onto the limits; that they come to rest is left to the descent."""
-    at = (qp.rows @ p.ravel())[: qp.moving]
-    return p * min(1.0, LimitsQP.share(at, qp.lower[: qp.moving], qp.upper[: qp.moving]))
+def cost_of(plan: Trajectory) -> float:
+    """The paper's cost integral where it is a term, else the whole objective [s]."""
+    return plan.shares.get("coupling", sum(plan.shares.values()))

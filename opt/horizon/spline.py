@@ -2,7 +2,8 @@
 
 Its acceleration is a linear spline and its position a cubic one, each with control points that are linear in
 those of the rates. A spline lies within the range of its control points, so rows on these keep the rate,
-acceleration and position limits at every instant.
+acceleration and position limits at every instant. The first control point is the joint's rate at the start,
+which is given; the last one is zero, or free where the goal asks for a velocity.
 
 Reference: C. de Boor, "A Practical Guide to Splines", 2001, ch. IX to XI.
 """
@@ -11,26 +12,60 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.opt.problem import ARRIVAL_SHARE
 
-__all__ = ["RateSpline", "at_nodes", "embedding", "rate_spline"]
+__all__ = ["Grid", "Map", "RateSpline", "embedded", "rate_spline"]
+
+
+class Grid(NamedTuple):
+    """How fine a spline is.
+
+    Attributes
+    ----------
+    intervals, late : int
+        Before and after 0.9 T. The late ones halve in length: so does the distance that they handle.
+    gauss : int
+        Quadrature points an interval.
+    """
+
+    intervals: int
+    late: int
+    gauss: int
+
+
+class Map(NamedTuple):
+    """Values = free @ p + fixed * (rate at the start), for each joint's free control points p (M,).
+
+    Attributes
+    ----------
+    free : ndarray, shape (k, M)
+    fixed : ndarray, shape (k,)
+    """
+
+    free: FloatArray
+    fixed: FloatArray
+
+    def of(self, p: FloatArray, rates0: FloatArray) -> FloatArray:
+        """Values (..., k, n) of control points (..., M, n) with joint rates (n,) at the start."""
+        return np.asarray(self.free @ p + self.fixed[:, None] * rates0)
 
 
 @dataclass(frozen=True, eq=False)
 class RateSpline:
-    """Knots, quadrature points and the linear maps from control points (M, n); the first and last are zero.
+    """Knots, instants, and the linear maps from control points.
 
     Attributes
     ----------
     knots : ndarray
         With their repetitions; the last lies half a step beyond the deadline (see `rate_spline`).
-    rates, travel : ndarray, shape (Q + 2, M)
-        Joint rates and their integral at Q quadrature points, then at 0.9 T and T.
+    rates, travel, accelerations : Map, k = Q + 2
+        Joint rates, their integral and their slope at Q quadrature points, then at 0.9 T and T.
     times : ndarray, shape (Q + 2,)
     weights : ndarray, shape (Q,)
         Of the quadrature over time.
@@ -40,50 +75,61 @@ class RateSpline:
         Integration over the interval.
     sweep : ndarray, shape (Q + 2, Q)
         Integration from the start to every point.
-    late : int
+    late_interval : int
         The interval that begins at 0.9 T.
-    acceleration : ndarray, shape (M + 1, M)
-        To the control points of the accelerations.
-    position : ndarray, shape (M, M)
-        To the control points of the positions, relative to the start.
-    last_rate : ndarray, shape (M,)
-        Joint rates at T.
+    acceleration_points, position_points, rate_points : Map
+        To the control points of the accelerations, of the positions (relative to the start) and of the rates.
     roughness : ndarray, shape (M, M)
-        p^T roughness p is the integral of the squared acceleration.
-    sites, at_sites : ndarray, shape (M,), (M, M)
-        The control points' places in time, and the rates there: for collocation.
+        p^T roughness p is the integral of the squared acceleration of a motion from rest.
+    sites : ndarray, shape (M,)
+        The free control points' places in time.
+    at_sites : Map
+        The rates there: for collocation.
+    free_end : bool
     """
 
     knots: FloatArray
-    rates: FloatArray
-    travel: FloatArray
+    rates: Map
+    travel: Map
+    accelerations: Map
     times: FloatArray
     weights: FloatArray
     part: FloatArray
     whole: FloatArray
     sweep: FloatArray
-    late: int
-    acceleration: FloatArray
-    position: FloatArray
-    last_rate: FloatArray
+    late_interval: int
+    acceleration_points: Map
+    position_points: Map
+    rate_points: Map
     roughness: FloatArray
     sites: FloatArray
-    at_sites: FloatArray
+    at_sites: Map
+    free_end: bool
 
     @property
     def size(self) -> int:
         """Number of control points that are free, M."""
-        return int(self.rates.shape[1])
+        return int(self.rates.free.shape[1])
 
     @property
     def points(self) -> int:
         """Number of quadrature points, Q."""
         return len(self.weights)
 
+    @property
+    def last_rate(self) -> Map:
+        """Joint rates at T."""
+        return Map(self.rates.free[-1:], self.rates.fixed[-1:])
+
     @cached_property
-    def roots(self) -> FloatArray:
-        """Square roots of the weights, and zeros for 0.9 T and T (Q + 2,)."""
-        return np.append(np.sqrt(self.weights), [0.0, 0.0])
+    def over_time(self) -> FloatArray:
+        """The weights, and zeros for 0.9 T and T (Q + 2,)."""
+        return np.append(self.weights, [0.0, 0.0])
+
+    @cached_property
+    def watch(self) -> FloatArray:
+        """The weights for limits (Q + 2,): 0.9 T and T count as if they were all the time."""
+        return np.append(self.weights, [self.times[-1]] * 2)
 
     @cached_property
     def last_tenth(self) -> NDArray[np.intp]:
@@ -91,9 +137,13 @@ class RateSpline:
         count = self.points
         return np.append(np.flatnonzero(self.times[:count] > self.times[count]), count)
 
+    def rates_at(self, times: FloatArray) -> Map:
+        """Joint rates at any times (k,)."""
+        return _cut(_basis(self.knots, 2, times), self.free_end)
 
-@lru_cache(maxsize=32)
-def rate_spline(steps: int, dt: float, intervals: int, late_intervals: int, gauss: int) -> RateSpline:
+
+@lru_cache(maxsize=64)
+def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> RateSpline:
     """Make the spline for a duration of `steps` steps of `dt`.
 
     The rates end at zero half a step after the deadline: a stopped end effector has no direction, so at the
@@ -104,22 +154,21 @@ def rate_spline(steps: int, dt: float, intervals: int, late_intervals: int, gaus
     steps : int
     dt : float
         [s]
-    intervals, late_intervals : int
-        Before and after 0.9 T. The late ones halve in length: so does the distance that they handle.
-    gauss : int
-        Quadrature points an interval.
+    grid : Grid
+    free_end : bool
+        Whether the last control point is free as well, for goals that ask for a velocity.
     """
     duration = steps * dt
     end, late_start = duration + 0.5 * dt, ARRIVAL_SHARE * duration
-    main = np.linspace(0.0, late_start, intervals + 1)
-    rest = end - (end - late_start) * 0.5 ** np.arange(1, late_intervals)
+    main = np.linspace(0.0, late_start, grid.intervals + 1)
+    rest = end - (end - late_start) * 0.5 ** np.arange(1, grid.late)
     rest = rest[rest <= duration - 0.5 * dt]  # the deadline lies in the last interval
     borders = np.concatenate([main, rest, [end]])
     knots = np.concatenate([[0.0] * 2, borders, [end] * 2])
-    acceleration = _difference(knots)
     # The directions change fastest where the arm starts to move; there the cost is watched more closely.
     stops = np.concatenate([[0.0, 0.06 * main[1], 0.25 * main[1]], borders[1:-1], [duration]])
-    late = intervals + 2
+    late = grid.intervals + 2
+    gauss = grid.gauss
 
     x, w = np.polynomial.legendre.leggauss(gauss)
     nodes = 0.5 * (x + 1.0)
@@ -136,63 +185,60 @@ def rate_spline(steps: int, dt: float, intervals: int, late_intervals: int, gaus
         sweep[-2, columns] = whole[k] if k < late else 0.0
         sweep[-1, columns] = whole[k]
 
-    sites = (0.5 * (knots[1:-2] + knots[2:-1]))[1:-1]
-    rates, travel = _maps(knots, times)
-    left, right = acceleration[:-1], acceleration[1:]
+    slope, sums = _difference(knots), _summation(knots)
+    wide = np.concatenate([[knots[0]], knots, [knots[-1]]])
+    accelerations = _cut(slope, free_end)
+    left, right = accelerations.free[:-1], accelerations.free[1:]
     lengths = np.diff(borders)[:, None, None] / 6.0
     both = left[:, :, None] * right[:, None, :]
     squares = left[:, :, None] * left[:, None, :] + right[:, :, None] * right[:, None, :]
-    roughness = np.sum(lengths * (2.0 * squares + both + np.swapaxes(both, 1, 2)), axis=0)
+    sites = (0.5 * (knots[1:-2] + knots[2:-1]))[1 : None if free_end else -1]
     return RateSpline(
         knots=knots,
-        rates=rates,
-        travel=travel,
+        rates=_cut(_basis(knots, 2, times), free_end),
+        travel=_cut(_basis(wide, 3, times)[:, 1:] @ sums, free_end),
+        accelerations=_cut(_basis(knots[1:-1], 1, times) @ slope, free_end),
         times=times,
         weights=whole.ravel(),
         part=part,
         whole=whole,
         sweep=sweep,
-        late=late,
-        acceleration=acceleration,
-        position=_summation(knots)[:, 1:-1][1:-1],
-        last_rate=rates[-1],
-        roughness=roughness,
+        late_interval=late,
+        acceleration_points=accelerations,
+        position_points=_cut(sums, free_end),
+        rate_points=_cut(np.eye(len(sums))[1 : None if free_end else -1], free_end),
+        roughness=np.sum(lengths * (2.0 * squares + both + np.swapaxes(both, 1, 2)), axis=0),
         sites=sites,
-        at_sites=_basis(knots, 2, sites)[:, 1:-1],
+        at_sites=_cut(_basis(knots, 2, sites), free_end),
+        free_end=free_end,
     )
 
 
-def at_nodes(spline: RateSpline, times: FloatArray) -> FloatArray:
-    """Joint rates at any times (K,) as a map (K, M)."""
-    return _basis(spline.knots, 2, times)[:, 1:-1]
+def embedded(coarse: RateSpline, fine: RateSpline, p: FloatArray, rates0: FloatArray) -> FloatArray:
+    """Control points (..., M, n) of the fine spline that agrees with the coarse one at its sites."""
+    there = coarse.rates_at(fine.sites).of(p, rates0) - fine.at_sites.fixed[:, None] * rates0
+    return np.asarray(np.linalg.solve(fine.at_sites.free, there))
 
 
-@lru_cache(maxsize=32)
-def embedding(coarse: RateSpline, fine: RateSpline) -> FloatArray:
-    """Map from a coarse spline's control points to those of a fine one that agrees with it at its sites."""
-    return np.asarray(np.linalg.solve(fine.at_sites, at_nodes(coarse, fine.sites)))
+def _cut(columns: FloatArray, free_end: bool) -> Map:
+    """A map of all control points, split into the first one and those that are free."""
+    return Map(columns[:, 1 : None if free_end else -1], columns[:, 0])
 
 
 def _difference(knots: FloatArray) -> FloatArray:
-    """Control points of the derivative of a quadratic spline whose outer control points are zero."""
+    """Control points of the derivative of a quadratic spline, a control point of it."""
     count = len(knots) - 3
     spans = knots[3 : 3 + count - 1] - knots[1:count]
     rows = np.arange(count - 1)
     matrix = np.zeros((count - 1, count))
     matrix[rows, rows], matrix[rows, rows + 1] = -2.0 / spans, 2.0 / spans
-    return matrix[:, 1:-1]
+    return matrix
 
 
 def _summation(knots: FloatArray) -> FloatArray:
-    """Control points of the integral of a quadratic spline."""
+    """Control points of a quadratic spline's integral, a control point of it; the first, zero, left out."""
     count = len(knots) - 3
     return np.asarray(np.tril(np.ones((count, count))) * ((knots[3:] - knots[:-3]) / 3.0))
-
-
-def _maps(knots: FloatArray, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rates and their integral at times, a control point; the outer two, zero, left out."""
-    wide = np.concatenate([[knots[0]], knots, [knots[-1]]])
-    return _basis(knots, 2, times)[:, 1:-1], _basis(wide, 3, times)[:, 1:] @ _summation(knots)[:, 1:-1]
 
 
 def _basis(knots: FloatArray, degree: int, times: FloatArray) -> FloatArray:

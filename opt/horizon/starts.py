@@ -8,37 +8,29 @@ where no straight move does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.course import apply_rates
-from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.batch.motions import apply_rates
 from ffsms_pin.opt.batch.stacks import apply, dot, exp3, log3, products
-from ffsms_pin.opt.horizon.task import Task
-from ffsms_pin.opt.marching import start_sides
-from ffsms_pin.opt.step_kinetics import step_kinetics
-from ffsms_pin.opt.step_planner import StepPlanner
-from ffsms_pin.system.base_motion import advance
+from ffsms_pin.opt.horizon.control_qp import braking
+from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.limits import BaseLimits
+from ffsms_pin.opt.problem import Problem
 
 __all__ = [
-    "Goals",
-    "greedy_marches",
+    "JointGoals",
+    "Seen",
     "halton",
     "joint_range",
-    "seeds",
     "shoot",
+    "spread",
     "straight_moves",
     "straight_time",
 ]
 
-_MARCH_STEPS = 100  # of the coarse march: some 15 ms a side for three joints
-# [s], [arm lengths] A coarse march that costs more, or ends further away, is not nearly free on the fine step
-# either.
-_COARSE_COST = 5e-3
-_MARCH_NEAR = 5e-3
 _POINTS = 4  # Gauss points along a straight move; its base rotation is then known to 1e-4 rad
 _TURN = np.pi  # [rad or m] a joint without a limit is tried this far to each side of the start
 _SHARE = 0.9  # of the joint range
@@ -49,7 +41,7 @@ _FAR, _THERE = 0.1, 1e-3
 _ENOUGH = 5  # Newton steps, where most moves end there after them
 
 
-class Goals(NamedTuple):
+class JointGoals(NamedTuple):
     """Joint goals (K, n) of straight moves, and how far from the target these end (K,) [m].
 
     Where an attitude is wanted, a radian counts like a metre.
@@ -79,122 +71,129 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
     return out
 
 
-def shoot(task: Task, units: FloatArray, iterations: int = 20) -> Goals:
-    """Joint goals whose straight moves end near the target: Newton's method through J*.
+class Seen(NamedTuple):
+    """The goal for a motion without momentum, from the centre of mass, base axes of the start.
+
+    Attributes
+    ----------
+    position : ndarray, shape (3,)
+        [m]
+    rotation : ndarray, shape (3, 3), or None
+    """
+
+    position: FloatArray
+    rotation: FloatArray | None
+
+    @classmethod
+    def of(cls, problem: Problem) -> Seen:
+        """The problem's goal; with momentum, turned back by about as much as the momentum turns the base."""
+        place, turn = problem.goal.place(problem.duration), problem.rotation0
+        if problem.momentum is not None:
+            inverse = problem.stack.evaluate(problem.joints0[:, None]).inverse[..., 0]
+            turn = turn @ exp3(problem.duration * (inverse @ (turn.T @ problem.momentum[3:])))
+        way = place.position - problem.com0 - problem.duration * problem.drift
+        return cls(turn.T @ way, None if place.rotation is None else turn.T @ place.rotation)
+
+
+def spread(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
+    """Joint positions (count, n), evenly spread over the joint range, or over what lies near the start.
 
     Parameters
     ----------
-    task : Task
-    units : ndarray, shape (K, n)
-        Seeds in the unit cube, spread over the joint range.
-    iterations : int
-        At most; fewer where half of the moves end at the target before.
+    problem : Problem
+    first : int
+        How many were drawn before.
+    count : int
+    radius : float
+        Largest distance of a joint from where it starts [rad or m].
     """
-    arm = task.arm
-    low, high = joint_range(task)
+    low, high = joint_range(problem)
+    start = problem.joints0
+    low, high = np.maximum(low, start - radius), np.minimum(high, start + radius)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    goals = middle + _SHARE * half * (2.0 * units - 1.0)
-    inset = 0.005 * half
-    wanted = None if task.rotation is None else task.rotation0.T @ task.rotation
-    if wanted is not None and task.momentum is not None:
-        wanted = task.carried.T @ wanted
+    return np.asarray(middle + _SHARE * half * (2.0 * halton(first, count, problem.sms.n) - 1.0))
+
+
+def shoot(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:
+    """Joint goals whose straight moves end near the goal: Newton's method through J*.
+
+    Parameters
+    ----------
+    problem : Problem
+    joints : ndarray, shape (K, n)
+        Joint positions to start from.
+    iterations : int
+        At most; fewer where half of the moves end at the goal before.
+    """
+    arm, seen, start = problem.stack, Seen.of(problem), problem.joints0
+    low, high = joint_range(problem)
+    inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
+    goals = np.where(problem.free, joints, start)
     # Of the moves that arrive, rather those that leave the base as it was.
-    limits = task.base_limits
-    steady = limits is not None and min(limits.attitude, limits.final_attitude) < np.inf
+    steady = any(isinstance(one, BaseLimits) and one.holds_attitude for one in problem.limits)
     x, w = np.polynomial.legendre.leggauss(_POINTS)
     fractions = np.append(0.5 * (x + 1.0), 1.0)
     for k in range(iterations):
-        way = (goals - task.joints0).T[..., None]
-        values = arm.evaluate(task.joints0[:, None, None] + way * fractions)
+        way = (goals - start).T[..., None]
+        values = arm.evaluate(start[:, None, None] + way * fractions)
         R = products(exp3(0.5 * w * apply_rates(values.spin[..., :-1], way)))[..., -1]
-        error = task.aim[:, None] - apply(R, values.rho[..., -1])
+        error = seen.position[:, None] - apply(R, values.rho[..., -1])
         columns = [values.jstar[..., -1]]
-        if wanted is not None:
+        if seen.rotation is not None:
             attitude = apply(R, values.tip_rotation[..., -1])
-            error = np.concatenate([error, log3(np.einsum("xy,zyk->xzk", wanted, attitude))])
+            error = np.concatenate([error, log3(np.einsum("xy,zyk->xzk", seen.rotation, attitude))])
             columns.append(values.spin[..., -1] + values.axes[..., -1] * arm.moves_tip[:, None])
         distance = np.sqrt(dot(error, error))
         if steady:
             error = np.concatenate([error, -log3(R)])
             columns.append(values.spin[..., -1])
-        if k == iterations - 1 or (k >= _ENOUGH and np.median(distance) < _THERE * task.length):
+        if k == iterations - 1 or (k >= _ENOUGH and np.median(distance) < _THERE * arm.length):
             break
-        J = np.concatenate([apply(R, column) for column in columns]).transpose(2, 0, 1)
+        J = np.concatenate([apply(R, column) for column in columns]).transpose(2, 0, 1) * problem.free
         Jt = np.swapaxes(J, 1, 2)
         # Less damping the nearer: it converges fast, and an end that is nearly singular is met too.
-        near = np.clip(np.sqrt(dot(error, error)) / (_FAR * task.length), 1e-4, 1.0)
-        damping = _DAMPING * (task.length * near) ** 2
+        near = np.clip(np.sqrt(dot(error, error)) / (_FAR * arm.length), 1e-4, 1.0)
+        damping = _DAMPING * (arm.length * near) ** 2
         damped = J @ Jt + damping[:, None, None] * np.eye(len(error))
         step = (Jt @ np.linalg.solve(damped, error.T[..., None]))[..., 0]
         step *= np.minimum(1.0, _STEP / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
         goals = np.clip(goals + step, low + inset, high - inset)
-    return Goals(goals, distance)
+    return JointGoals(goals, distance)
 
 
-def seeds(task: Task, joints: FloatArray) -> FloatArray:
-    """The units from which `shoot` starts at joint positions (K, n)."""
-    low, high = joint_range(task)
-    return np.asarray(0.5 + (joints - 0.5 * (low + high)) / (_SHARE * (high - low)))
-
-
-def joint_range(task: Task) -> tuple[FloatArray, FloatArray]:
+def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
     """Where goals are looked for: the joint limits, or half a turn to each side where there is none."""
-    limits, start = task.sms.limits, task.joints0
+    limits, start = problem.sms.limits, problem.joints0
     low = np.where(np.isfinite(limits.lower), limits.lower, start - _TURN)
     high = np.where(np.isfinite(limits.upper), limits.upper, start + _TURN)
-    return low, high
+    return np.where(problem.free, low, start), np.where(problem.free, high, start)
 
 
-def straight_moves(task: Task, spline: RateSpline, goals: FloatArray) -> FloatArray:
+def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
     """Control points (K, M, n) of straight joint-space moves of least acceleration.
 
     A joint that the time is too short for goes as far as its rate and acceleration limits let it.
     """
-    end, size = spline.position[-1], spline.size
+    size = spline.size
+    end = spline.position_points.free[-1]
     system = np.block([[spline.roughness, end[:, None]], [end[None], np.zeros((1, 1))]])
     profile = np.linalg.solve(system, np.append(np.zeros(size), 1.0))[:-1]
-    limits, way = task.sms.limits, goals - task.joints0
+    limits = problem.sms.limits
+    # An arm that moves at the start first brakes, and goes the rest of the way.
+    brake = braking(problem, spline)
+    stopped = spline.position_points.of(brake, problem.joint_rates)[-1]
+    way = goals - problem.joints0 - stopped
     rate = np.max(np.abs(profile)) * np.abs(way) / limits.velocity
-    acceleration = np.max(np.abs(spline.acceleration @ profile)) * np.abs(way) / limits.acceleration
-    way = way / np.maximum(1.0, 1.001 * np.maximum(rate, acceleration))
-    return np.asarray(profile[:, None] * way[:, None, :])
-
-
-def greedy_marches(task: Task, free: float) -> Iterator[FloatArray]:
-    """Joint rates at the nodes (N + 1, n) of step marches, one a side, that cost less than `free` [s].
-
-    A march on a coarse step tells beforehand which sides are worth a march on the task's own.
-    """
-    steps = min(task.steps, _MARCH_STEPS)
-    for side in start_sides(task.sms, task.q0, task.target):
-        if _march(task, steps, side, _COARSE_COST) is not None:
-            rates = _march(task, task.steps, side, free)
-            if rates is not None:
-                yield rates
-
-
-def _march(task: Task, steps: int, side: FloatArray, free: float) -> FloatArray | None:
-    """Joint rates of a march that costs less than `free` and comes near the target; else None."""
-    dt, mode = task.duration / steps, "off" if task.clearances is None else task.clearances.mode
-    planner = StepPlanner(
-        task.sms, dt, task.kappa, task.clearance, mode, base_limits=task.base_limits, momentum=task.momentum
+    acceleration = (
+        np.max(np.abs(spline.acceleration_points.free @ profile)) * np.abs(way) / limits.acceleration
     )
-    planner.reset(side)
-    q, rates, cost = task.q0, np.zeros((steps + 1, task.arm.n)), 0.0
-    for k in range(steps):
-        step = planner.advance(q, rates[k], task.target, task.duration - k * dt, task.rotation)
-        cost += step.cost * dt
-        if cost > free or not step.solved:
-            return None
-        rates[k + 1] = step.joint_rates
-        q, _ = advance(task.sms, q, rates[k], (rates[k + 1] - rates[k]) / dt, dt, task.momentum)
-    end = step_kinetics(task.sms, q).position
-    return rates if float(np.linalg.norm(end - task.target)) <= _MARCH_NEAR * task.length else None
+    way = way / np.maximum(1.0, 1.001 * np.maximum(rate, acceleration))
+    return np.asarray(brake + profile[:, None] * way[:, None, :])
 
 
-def straight_time(task: Task, goal: FloatArray) -> float:
+def straight_time(problem: Problem, goal: FloatArray) -> float:
     """Least duration of a straight joint-space move from rest to rest [s]."""
-    limits, way = task.sms.limits, np.abs(goal - task.joints0)
+    limits, way = problem.sms.limits, np.abs(goal - problem.joints0)
     if np.isinf(limits.acceleration).any():
         return 0.0  # nothing is known of how long a joint without limits needs
     ramp = limits.velocity / limits.acceleration

@@ -1,1 +1,9 @@
-"""Limits: what must hold."""
+"""Limits: what must hold. One class a file, and its rows for a step beside it."""
+
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
+from ffsms_pin.opt.limits.base import BaseLimits
+from ffsms_pin.opt.limits.clearance import Clearance
+from ffsms_pin.opt.limits.joints import JointLimits
+from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
+
+__all__ = ["AlphaBox", "BaseLimits", "Clearance", "JointLimits", "Limit", "Rows", "Violation"]

@@ -11,18 +11,18 @@ from ffsms_pin.checks import FloatArray
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.batch.motions import Motions
-    from ffsms_pin.opt.batch.residual import Residual
+    from ffsms_pin.opt.batch.residual import Residuals
     from ffsms_pin.opt.limits.step_state import StepState
     from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["UNBOUNDED", "Limit", "Rows", "Violation"]
+__all__ = ["UNBOUNDED", "ControlMaps", "ControlRows", "Limit", "Rows", "Violation"]
 
 # What stands for "no bound" in a quadratic programme; finite, so that sums stay numbers.
 UNBOUNDED = 1e20
 
 
 class Rows(NamedTuple):
-    """Rows lower <= G u <= upper, up to a slack, of a step's programme in the joint rates u at the step's end.
+    """Rows lower <= G u <= upper, up to a slack, in the joint rates u at the step's end.
 
     Attributes
     ----------
@@ -30,14 +30,59 @@ class Rows(NamedTuple):
     lower, upper : ndarray, shape (k,)
         `UNBOUNDED` with its sign where a row has one side only.
     give : float
-        How far a row gives way per unit of the programme's slack, in the row's unit per metre a second; 0: never.
-        A row must not give way only if it can always be kept.
+        How far a row gives way per unit of the programme's slack, in the row's unit per metre a second; 0:
+        never. A row must not give way only if it can always be kept.
     """
 
     G: FloatArray
     lower: FloatArray
     upper: FloatArray
     give: float = 0.0
+
+
+class ControlMaps(NamedTuple):
+    """Linear maps from a joint's M free control points to those of its motion, plus what is fixed.
+
+    A spline lies within the range of its control points, so bounds on these hold at every instant.
+
+    Attributes
+    ----------
+    rates, accelerations, positions : ndarray, shape (k, M)
+    rates_fixed, accelerations_fixed, positions_fixed : ndarray, shape (k, n)
+        What the state at the start adds.
+    dt : float
+        Step of the finished motion [s].
+    """
+
+    rates: FloatArray
+    accelerations: FloatArray
+    positions: FloatArray
+    rates_fixed: FloatArray
+    accelerations_fixed: FloatArray
+    positions_fixed: FloatArray
+    dt: float
+
+
+class ControlRows(NamedTuple):
+    """Rows lower <= matrix p_j + fixed_j <= upper for the control points p_j (M,) of every joint j.
+
+    Attributes
+    ----------
+    kind : str
+        "rate", "acceleration", "position": for messages.
+    scale : float
+        Makes rows of different kinds alike in size.
+    matrix : ndarray, shape (k, M)
+    fixed : ndarray, shape (k, n)
+    lower, upper : ndarray, shape (n,)
+    """
+
+    kind: str
+    scale: float
+    matrix: FloatArray
+    fixed: FloatArray
+    lower: FloatArray
+    upper: FloatArray
 
 
 class Violation(NamedTuple):
@@ -69,24 +114,28 @@ class Limit(ABC):
     name : str
         Key of `Trajectory.binding`.
     margin : float
-        What the residual keeps in hand, in the residual's unit: a penalty gives way a little, and whole motions
-        are watched at some instants only. A motion whose residual is below half of it counts as one that keeps
-        the limit.
+        What the residual keeps in hand, in the residual's unit: a penalty gives way a little, and whole
+        motions are watched at some instants only. A motion whose residual is below half of it counts as one
+        that keeps the limit.
     """
 
     name: str
     margin: float = 0.0
 
     def for_robot(self, sms: SpaceManipulator) -> Limit:
-        """This limit, prepared for a robot; called once by each solver. Default: the limit itself."""
+        """The limit, prepared for a robot; called once by each solver. Default: itself."""
+        return self
+
+    def tightened(self, by: float) -> Limit:
+        """The same limit with so much more in hand, in its own unit; default: the limit itself."""
         return self
 
     @abstractmethod
     def rows(self, step: StepState) -> Rows | None:
-        """Rows that keep the limit through one step of the paper's method; None where nothing is in question."""
+        """Rows that keep the limit through one step of the paper's method; None: nothing to keep."""
 
     @abstractmethod
-    def residual(self, motions: Motions) -> list[Residual]:
+    def residual(self, motions: Motions) -> Residuals:
         """By how much motions break the limit or use up its margin, at least zero; an empty list: by nothing.
 
         The unit is the limit's own over a scale that weighs like one arm's length of missed target.
@@ -94,7 +143,11 @@ class Limit(ABC):
 
     @abstractmethod
     def violation(self, motion: Motions) -> Violation:
-        """What a finished motion makes of it; `motion` is one motion at its nodes and in the middles between."""
+        """What a finished motion makes of it; `motion` is one, at its nodes and the middles between."""
+
+    def control_rows(self, maps: ControlMaps) -> list[ControlRows]:
+        """Rows that the control points of whole motions keep strictly: for what is linear in them."""
+        return []
 
     def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
         """Joint rates (n,) to take instead of the chosen `rates`, where rows alone do not see far enough.

@@ -1,1 +1,9 @@
-"""Terms: what a motion should be like."""
+"""Terms: what a motion should be like. One class a file."""
+
+from ffsms_pin.opt.terms.base_turn import BaseTurn
+from ffsms_pin.opt.terms.coupling import Coupling
+from ffsms_pin.opt.terms.effort import Effort
+from ffsms_pin.opt.terms.smooth import Smooth
+from ffsms_pin.opt.terms.term import Term
+
+__all__ = ["BaseTurn", "Coupling", "Effort", "Smooth", "Term"]

@@ -21,8 +21,9 @@ TARGET = np.array([0.45, 0.75, 0.0])
 def fast() -> ffsms.SpaceManipulator:
     """With generous joint limits only the box is left to hold the rates."""
     sms = ffsms.load("planar_3r")
-    fast = ffsms.SpaceManipulator(sms.model, "end_effector", sms.base_size)
-    fast.limits = dataclasses.replace(sms.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0))
+    fast = sms.with_limits(
+        dataclasses.replace(sms.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0))
+    )
     return fast
 
 
@@ -63,8 +64,7 @@ def test_where_the_box_cannot_be_kept_the_step_says_so(fast: ffsms.SpaceManipula
     assert np.abs(back.alpha).max() <= 1.0 + 1e-9
     assert back.slack < 1e-9
 
-    slow = ffsms.SpaceManipulator(fast.model, "end_effector", fast.base_size)
-    slow.limits = dataclasses.replace(fast.limits, acceleration=np.full(3, 10.0))
+    slow = fast.with_limits(dataclasses.replace(fast.limits, acceleration=np.full(3, 10.0)))
     assert alpha_box_rows(step_state(slow, q, rates, 0.01, 5.0)).give > 0.0
     step_ = make_stepper(slow, collision="off").step(q, rates, TARGET, 5.0)
     assert step_.solved

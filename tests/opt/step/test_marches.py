@@ -62,8 +62,7 @@ def test_marches_arrive_within_all_limits(name: str) -> None:
 
 
 def loosened(sms: ffsms.SpaceManipulator, **changes: FloatArray) -> ffsms.SpaceManipulator:
-    free = ffsms.SpaceManipulator(sms.model, sms.end_effector, sms.base_size)
-    free.limits = dataclasses.replace(sms.limits, **changes)
+    free = sms.with_limits(dataclasses.replace(sms.limits, **changes))
     return free
 
 

@@ -1,0 +1,145 @@
+"""Arrays in npz files: written atomically, and read only after their sizes have been looked at."""
+
+from __future__ import annotations
+
+import os
+import stat
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+
+from ffsms_pin.errors import ResultError
+from ffsms_pin.storage.writing import write_atomically
+
+__all__ = ["Header", "load_arrays", "save_arrays"]
+
+_FORMAT_KEY = "format"
+# Packed arrays of doubles shrink to a half, seldom to a tenth. What would unpack to more than a gigabyte and
+# to more than twenty times the file's own size is refused.
+_UNPACKED = 2**30  # [bytes]
+_RATIO = 20
+_LONGEST_TEXT = 2**20  # [bytes]
+
+
+class Header(NamedTuple):
+    """What the head of an array says about it."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+
+    @property
+    def nbytes(self) -> int:
+        """Size of the array [bytes]."""
+        size = self.dtype.itemsize
+        for dimension in self.shape:
+            size *= dimension  # Python's integers do not overflow
+        return size
+
+
+def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, Any]) -> None:
+    """Write arrays, numbers and texts to a compressed npz file that says what `kind` of result it is."""
+    arrays: dict[str, Any] = {_FORMAT_KEY: kind, **values}
+    write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
+
+
+def load_arrays(
+    path: str | os.PathLike[str],
+    kind: str,
+    names: Sequence[str],
+    defaults: Mapping[str, Any] | None = None,
+    check: Callable[[Mapping[str, Any]], None] | None = None,
+) -> dict[str, Any]:
+    """Read what `save_arrays` wrote; every one of `names` must be there, or have a default.
+
+    Nothing else is read from the file, and nothing before its size is known.
+
+    Parameters
+    ----------
+    path : path
+    kind : str
+    names : sequence of str
+    defaults : mapping of str to arrays
+        For members that older files do not have.
+    check : callable
+        Is given the headers of the arrays, by name, before any of them is read; raises `ResultError` where
+        they do not fit.
+    """
+    try:
+        if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
+            raise ResultError(path, "is no regular file, so it is not read")
+        # Opened here: an archive that is damaged would be left open.
+        with open(path, "rb") as stream:
+            return _read(path, stream, kind, names, defaults or {}, check)
+    except ResultError:  # itself an OSError
+        raise
+    except FileNotFoundError:
+        raise ResultError(path, "there is no such file") from None
+    except OSError as error:
+        raise ResultError(path, f"cannot be read ({error.strerror})") from None
+    except MemoryError:
+        raise ResultError(path, "is too large for this machine's memory") from None
+    except Exception:  # a damaged archive raises whatever the layer raises that stumbles over it
+        raise ResultError(path, "is not an npz file of results") from None
+
+
+def _read(
+    path: str | os.PathLike[str],
+    stream: IO[bytes],
+    kind: str,
+    names: Sequence[str],
+    defaults: Mapping[str, Any],
+    check: Callable[[Mapping[str, Any]], None] | None,
+) -> dict[str, Any]:
+    with zipfile.ZipFile(stream) as archive:
+        there = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+        if _FORMAT_KEY not in there or _kind(archive, there[_FORMAT_KEY]) != kind:
+            raise ResultError(path, f"is not a {kind} file")
+        missing = [name for name in names if name not in there and name not in defaults]
+        if missing:
+            raise ResultError(path, f"lacks {', '.join(missing)}; it was written by another version")
+        headers = {name: _header(archive, there[name]) for name in names if name in there}
+        unpacked, packed = (
+            sum(header.nbytes for header in headers.values()),
+            os.fstat(stream.fileno()).st_size,
+        )
+        if unpacked > max(_UNPACKED, _RATIO * packed):
+            raise ResultError(
+                path,
+                f"would unpack to {unpacked / 1e9:.3g} GB from {packed / 1e6:.3g} MB, as no recording does; "
+                "it is not read",
+            )
+        if check is not None:
+            check({**defaults, **headers})
+        return {
+            name: _array(archive, there[name]) if name in there else np.array(defaults[name])
+            for name in names
+        }
+
+
+def _kind(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> str:
+    """The text that says what kind of result a file holds; empty where it is none."""
+    header = _header(archive, info)
+    short = header.dtype.kind == "U" and header.shape == () and header.nbytes <= _LONGEST_TEXT
+    return str(_array(archive, info)) if short else ""
+
+
+def _header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Header:
+    """Shape and type of a member, without reading it; a ValueError where it holds less than they say."""
+    with archive.open(info) as member:
+        version = np.lib.format.read_magic(member)
+        read = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }[version]
+        shape, _, dtype = read(member)
+        header = Header(shape, dtype)
+        if dtype.hasobject or header.nbytes != info.file_size - member.tell():
+            raise ValueError("not the size that its header says")
+    return header
+
+
+def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
+    with archive.open(info) as member:  # never gives more bytes than `info` says
+        return np.lib.format.read_array(member, allow_pickle=False)

@@ -1,0 +1,175 @@
+"""How the base reacts to the joints: -M_b^-1 M_bm, what momentum adds, and the base's two velocities.
+
+Nothing acts on a floating base, so its momentum is constant. With Pinocchio's inertia matrix
+M = [[M_b, M_bm], [M_bm^T, M_m]], root velocity v_b and joint rates qd, the momentum about the root is
+M_b v_b + M_bm qd. Where it is zero,
+
+    v_b = -M_b^-1 M_bm qd,
+
+and elsewhere the momentum adds M_b^-1 h. M, and so all of this, depends on the joints alone.
+
+Pinocchio's base velocity is that of the root frame's origin, in the root's own axes. The paper's is that of
+the base's centre of mass, in inertial axes. With R the base's attitude and c its centre of mass in the root
+frame, v_root = A x_b where A = [[R^T, [c]x R^T], [0, R^T]]: the action on motions of the rigid transformation
+(R^T, c).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin import lapack
+from ffsms_pin.checks import FloatArray
+
+__all__ = [
+    "WholeBody",
+    "base_to_root",
+    "cross_matrix",
+    "floating_motion",
+    "joint_torques",
+    "root_acceleration",
+    "root_drift",
+    "root_reaction",
+    "root_velocity",
+    "velocity_from_twist",
+    "whole_body",
+]
+
+
+def root_reaction(M: FloatArray) -> FloatArray:
+    """-M_b^-1 M_bm (6, n): the root's velocity a joint rate at zero momentum, in the root's axes.
+
+    Parameters
+    ----------
+    M : ndarray, shape (6 + n, 6 + n)
+        Pinocchio's inertia matrix: `dynamics.inertia_matrix`.
+    """
+    return -_over_base(M, M[:6, 6:])
+
+
+def floating_motion(M: FloatArray) -> FloatArray:
+    """N = [-M_b^-1 M_bm; I] (6 + n, n): Pinocchio's whole velocity a joint rate at zero momentum.
+
+    M N is zero in the base's rows.
+    """
+    n = len(M) - 6
+    N = np.zeros((6 + n, n))
+    N[:6] = root_reaction(M)
+    N[6:].flat[:: n + 1] = 1.0  # the diagonal
+    return N
+
+
+def root_velocity(M: FloatArray, joint_rates: FloatArray) -> FloatArray:
+    """-M_b^-1 M_bm qd (6,): the root's velocity at zero momentum, in the root's axes [m/s; rad/s]."""
+    return -_over_base(M, M[:6, 6:].dot(joint_rates))
+
+
+def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
+    """N^T f (n,) [N m]: the joints' part of a generalised force f (6 + n,), the base giving way.
+
+    With f the force for a motion that holds the base's acceleration at zero, the base takes up f_b by
+    accelerating, and the joints see f_m - M_bm^T M_b^-1 f_b.
+    """
+    torques: FloatArray = force[6:] - _over_base(M, force[:6]).dot(M[:6, 6:])
+    return torques
+
+
+def root_acceleration(M: FloatArray, force: FloatArray) -> FloatArray:
+    """-M_b^-1 f_b (6,): the root's acceleration, in its own axes, with the joints' held at zero.
+
+    f (6 + n,) is the generalised force that would hold the whole velocity constant.
+    """
+    return -_over_base(M, force[:6])
+
+
+def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray) -> FloatArray:
+    """Root velocity (6,), in the root's axes, that gives the system `momentum` with the joints at rest.
+
+    Parameters
+    ----------
+    M : ndarray, shape (6 + n, 6 + n)
+        Pinocchio's inertia matrix at q.
+    q : ndarray, shape (nq,)
+        Its attitude matters: the momentum is in inertial axes, the velocity in the root's.
+    momentum : ndarray, shape (6,)
+        [linear; angular], inertial axes, about the system's centre of mass [kg m/s; kg m^2/s].
+    """
+    to_root = pin.XYZQUATToSE3(q[:7]).rotation.T
+    linear, angular = to_root @ momentum[:3], to_root @ momentum[3:]
+    about_root = angular + cross_matrix(whole_body(M).com) @ linear
+    return _over_base(M, np.concatenate([linear, about_root]))
+
+
+def base_to_root(q: FloatArray, base_com: FloatArray) -> Any:
+    """The transformation (pinocchio.SE3) from the paper's base twist to Pinocchio's root velocity.
+
+    Its `action` (6, 6) makes the root velocity of a base twist, `actionInverse` the base twist of a root
+    velocity.
+
+    Parameters
+    ----------
+    q : ndarray, shape (nq,)
+    base_com : ndarray, shape (3,)
+        Centre of mass of the base body in the root frame [m].
+    """
+    transformation = pin.XYZQUATToSE3(q[:7]).inverse()
+    transformation.translation = base_com
+    return transformation
+
+
+def velocity_from_twist(base_to_root: Any, n: int) -> FloatArray:
+    """T (6 + n, 6 + n): Pinocchio's velocity from the paper's [base twist; joint rates].
+
+    Parameters
+    ----------
+    base_to_root : pinocchio.SE3
+        From the function of that name.
+    n : int
+        Number of joints.
+    """
+    T = np.zeros((6 + n, 6 + n))
+    T.flat[:: 7 + n] = 1.0  # the diagonal
+    T[:6, :6] = base_to_root.action
+    return T
+
+
+class WholeBody(NamedTuple):
+    """The system as one rigid body, its joints locked; in the root frame.
+
+    Attributes
+    ----------
+    mass : float
+        [kg]
+    com : ndarray, shape (3,)
+        Centre of mass [m].
+    inertia : ndarray, shape (3, 3)
+        About the centre of mass [kg m^2].
+    """
+
+    mass: float
+    com: FloatArray
+    inertia: FloatArray
+
+
+def whole_body(M: FloatArray) -> WholeBody:
+    """What M_b says: it is a rigid body's inertia, [[m 1, -m [c]x], [m [c]x, I - m [c]x [c]x]]."""
+    mass = float(M[0, 0])
+    com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / mass
+    arm = cross_matrix(com)
+    return WholeBody(mass, com, M[3:6, 3:6] + mass * (arm @ arm))
+
+
+def cross_matrix(a: FloatArray) -> FloatArray:
+    """The paper's skew matrix [a]x, with [a]x b = a x b."""
+    x, y, z = a.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _over_base(M: FloatArray, right: FloatArray) -> FloatArray:
+    """M_b^-1 times a vector or a matrix, by Cholesky's decomposition: M_b is positive definite."""
+    _, solution, _ = lapack.dposv(M[:6, :6], right)
+    found: FloatArray = solution
+    return found

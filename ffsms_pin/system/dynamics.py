@@ -1,0 +1,194 @@
+"""Inertia, velocity-dependent forces, momentum, energy and accelerations, as functions that return them.
+
+M, N and `effects` are in Pinocchio's velocity coordinates (root frame, its own axes); T takes the paper's,
+[base twist; joint rates], to them: v = T x. So H = T^T M T, and what the joints see while the base reacts
+follows from N = [-M_b^-1 M_bm; I], whatever the coordinates of the base's velocity.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.system.base_reaction import cross_matrix, joint_torques, root_acceleration
+from ffsms_pin.system.kinematics import at_origin
+from ffsms_pin.system.mechanism import Mechanism, scratch
+
+__all__ = [
+    "Centroidal",
+    "bias_accelerations",
+    "centroidal",
+    "floating_torque",
+    "generalised_inertia",
+    "inertia_matrix",
+    "reduced_coriolis_matrix",
+    "reduced_effects",
+    "reduced_inertia",
+    "turned_along",
+    "velocity_effects",
+    "velocity_forces",
+]
+
+
+def inertia_matrix(robot: Mechanism, q: FloatArray) -> FloatArray:
+    """Pinocchio's inertia matrix M (6 + n, 6 + n) at q (nq,); it depends on the joints alone."""
+    M: FloatArray = pin.crba(robot.model, scratch(robot), q)
+    return M
+
+
+def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArray:
+    """Generalised force (6 + n,) that holds Pinocchio's velocity v constant: Coriolis and centrifugal."""
+    effects: FloatArray = pin.nonLinearEffects(robot.model, scratch(robot), q, v)
+    return effects
+
+
+def generalised_inertia(M: FloatArray, T: FloatArray) -> FloatArray:
+    """H (6 + n, 6 + n) for [base twist; joint rates] (paper Eq. T): [[H_b, H_bm], [H_bm^T, H_m]]."""
+    H: FloatArray = T.T.dot(M.dot(T))
+    return H
+
+
+def velocity_forces(effects: FloatArray, T: FloatArray, H: FloatArray, base_twist: FloatArray) -> FloatArray:
+    """[C_b; C_m] (6 + n,) [N; N m]: the force that holds base twist and joint rates constant.
+
+    `effects` (6 + n,) holds Pinocchio's velocity constant, in axes that turn with the base. Then the base's
+    centre of mass accelerates by omega x (its velocity), and nothing else of [base twist; joint rates] does.
+    """
+    vx, vy, vz, wx, wy, wz = base_twist.tolist()
+    turning = np.array([wy * vz - wz * vy, wz * vx - wx * vz, wx * vy - wy * vx])
+    C: FloatArray = effects.dot(T) - turning.dot(H[:3])
+    return C
+
+
+# -- the base reacting -------------------------------------------------------------------------------------
+
+
+def reduced_inertia(M: FloatArray, N: FloatArray) -> FloatArray:
+    """H_q (n, n), the Schur complement of H_b in H: N^T M N, which is the joints' rows of M N."""
+    H_q: FloatArray = M[6:].dot(N)
+    return H_q
+
+
+def reduced_effects(effects: FloatArray, N: FloatArray) -> FloatArray:
+    """C_q (n,) [N m], C_m - H_bm^T H_b^-1 C_b: N^T times the velocity effects.
+
+    It does not matter at which base acceleration the forces are: N^T M is zero in the base's columns.
+    """
+    C_q: FloatArray = effects.dot(N)
+    return C_q
+
+
+def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rates: FloatArray) -> FloatArray:
+    """Coriolis matrix C of the reduced system (n, n) [N m s], at joint rates (n,) and zero momentum.
+
+    C qd = C_q where the total momentum is zero, and dH_q/dt - 2 C is skew at any.
+
+    Notes
+    -----
+    N maps joint rates to the whole velocity, so H_q = N^T M N, and tau = N^T (M dv/dt + C_M v) for v = N qd
+    gives H_q qdd + N^T (M dN/dt + C_M N) qd. Only N's base rows change, and N^T M is zero in the base's
+    columns, so N^T M dN/dt vanishes and C = N^T C_M N. For the same reason dH_q/dt = N^T (dM/dt) N, so C is
+    as skew with it as Pinocchio's C_M is with M (Echeandia and Wensing, "Numerical methods to compute the
+    Coriolis matrix and Christoffel symbols for rigid-body systems", Journal of Computational and Nonlinear
+    Dynamics 16 (2021)).
+    """
+    C_M = pin.computeCoriolisMatrix(robot.model, scratch(robot), at_origin(q), N @ rates)
+    C: FloatArray = N.T @ C_M @ N
+    return C
+
+
+def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, acceleration: FloatArray) -> FloatArray:
+    """Torques H_q qdd + C_q (n,) [N m]: they give the joints the accelerations qdd, the base reacting.
+
+    Without H_q and C_q being made. `acceleration` (6 + n,) is six zeros, then qdd.
+    """
+    force = pin.rnea(robot.model, scratch(robot), q, v, acceleration)
+    return joint_torques(inertia_matrix(robot, q), force)
+
+
+# -- momentum, energy, accelerations -----------------------------------------------------------------------
+
+
+class Centroidal(NamedTuple):
+    """What a system does as a whole.
+
+    Attributes
+    ----------
+    com : ndarray, shape (3,)
+        Centre of mass [m].
+    momentum : ndarray, shape (6,)
+        [linear; angular], the angular part about the centre of mass [kg m/s; kg m^2/s].
+    kinetic_energy : float
+        [J]
+    """
+
+    com: FloatArray
+    momentum: FloatArray
+    kinetic_energy: float
+
+
+def centroidal(robot: Mechanism, q: FloatArray, v: FloatArray) -> Centroidal:
+    """Centre of mass, momentum and kinetic energy at q (nq,) and v (6 + n,)."""
+    data = scratch(robot)
+    momentum = pin.computeCentroidalMomentum(robot.model, data, at_origin(q), v).vector.copy()
+    energy = float(pin.computeKineticEnergy(robot.model, data))
+    return Centroidal(q[:3] + data.com[0], momentum, energy)
+
+
+def bias_accelerations(
+    robot: Mechanism, M: FloatArray, q: FloatArray, v: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Accelerations of the base and of the end effector, joint accelerations zero, the base reacting.
+
+    Nothing acts on the base, so with zero joint accelerations the base rows of the equations of motion give
+    the root's acceleration, and one kinematics pass gives the rest. With zero momentum these accelerations
+    are dC_bm/dt qd and dJ*/dt qd.
+
+    Parameters
+    ----------
+    robot : Mechanism
+    M : ndarray, shape (6 + n, 6 + n)
+        Pinocchio's inertia matrix at q.
+    q, v : ndarray, shape (nq,), (6 + n,)
+        Of any momentum.
+
+    Returns
+    -------
+    base, end_effector : ndarray, shape (6,)
+        Rates of the twists [m/s^2; rad/s^2], inertial axes: of the base's centre of mass and of the end
+        effector's origin. The linear part is the acceleration of the point (the classical one, not the
+        spatial one).
+    """
+    model, data, axes = robot.model, scratch(robot), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    acceleration = np.zeros(robot.nv)
+    acceleration[:6] = root_acceleration(M, velocity_effects(robot, q, v))
+    pin.forwardKinematics(model, data, q, v, acceleration)
+    end_effector = pin.getFrameClassicalAcceleration(model, data, robot.frame_id, axes).vector.copy()
+    base = pin.getClassicalAcceleration(model, data, 1, axes).vector.copy()
+    rotation = data.oMi[1].rotation
+    lever, turning = rotation @ robot.base_com, cross_matrix(rotation @ v[3:6])
+    base[:3] += cross_matrix(base[3:]) @ lever + turning @ (turning @ lever)
+    return base, end_effector
+
+
+def turned_along(product: FloatArray, twist: FloatArray, drift_twist: FloatArray) -> FloatArray:
+    """dA/dt qd (6,) [m/s^2; rad/s^2] along a motion with momentum, A being C_bm or J*.
+
+    Seen from the base, both matrices depend on the joints alone. What else the base turns by, because of the
+    momentum, turns them as a whole.
+
+    Parameters
+    ----------
+    product : ndarray, shape (6,)
+        The same at the same joint rates and zero momentum: a bias acceleration.
+    twist : ndarray, shape (6,)
+        A qd.
+    drift_twist : ndarray, shape (6,)
+        Base twist that the momentum alone gives.
+    """
+    turning = cross_matrix(drift_twist[3:])
+    turned: FloatArray = np.concatenate([turning @ twist[:3], turning @ twist[3:]])
+    return product + turned

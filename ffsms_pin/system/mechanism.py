@@ -1,0 +1,101 @@
+"""Pinocchio's model of a robot, with the few facts that kinematics and dynamics need of it."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, NoReturn
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.errors import FrameNotFound, InvalidValue
+from ffsms_pin.system.joints import JointLayout
+
+__all__ = ["Mechanism", "scratch"]
+
+
+class Mechanism:
+    """A model with a free-flyer root, and its end-effector frame; it does not change once it is made.
+
+    The functions of `kinematics` and `dynamics` take one as their first argument. Users have its subclass,
+    `SpaceManipulator`.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        With a free-flyer as its first joint. It is copied, and gravity is set to zero on the copy.
+    end_effector : str
+        Name of the end-effector frame.
+
+    Attributes
+    ----------
+    model : pinocchio.Model
+    layout : JointLayout
+        Where the joints stand in Pinocchio's q.
+    n : int
+        Number of actuated joints.
+    nq : int
+        Length of q: 7 for the base, then one a joint, two for a continuous one.
+    nv : int
+        Length of v: 6 + n.
+    end_effector : str
+    frame_id : int
+        Pinocchio's index of the end-effector frame.
+    base_com : ndarray, shape (3,)
+        Centre of mass of the base body in the root frame [m].
+    """
+
+    _complete = False
+
+    def __init__(self, model: Any, end_effector: str) -> None:
+        if not isinstance(model, pin.Model):
+            raise InvalidValue("model", model, "must be a pinocchio.Model")
+        self.model = model.copy()
+        self.model.gravity = pin.Motion.Zero()
+        self.layout = JointLayout(self.model)
+        self.n: int = self.layout.n
+        self.nq, self.nv = int(self.model.nq), int(self.model.nv)
+        self.end_effector = end_effector
+        self.frame_id: int = _frame_id(self.model, end_effector)
+        self.base_com: FloatArray = frozen(np.array(self.model.inertias[1].lever))
+        self._scratch = _Scratch(self.model)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if self._complete:
+            self._refuse("set", name)
+        super().__setattr__(name, value)
+
+    def __delattr__(self, name: str) -> None:
+        self._refuse("delete", name)
+
+    def _refuse(self, what: str, name: str) -> NoReturn:
+        raise AttributeError(
+            f"a robot cannot be changed (tried to {what} '{name}'); make another one:"
+            " with_limits(limits), with_inertias(inertias), or load it with other arguments"
+        )
+
+
+class _Scratch(threading.local):
+    """Pinocchio's data of one model, one a thread: two threads must not write into the same."""
+
+    def __init__(self, model: Any) -> None:
+        self.data = model.createData()
+
+
+def scratch(robot: Mechanism) -> Any:
+    """Pinocchio's data of the calling thread, for one calculation within `ffsms_pin.system`.
+
+    Any later call may overwrite them, so a function copies its result out of them and leaves nothing in them
+    for another. Code elsewhere makes its own: `sms.model.createData()`.
+    """
+    return robot._scratch.data
+
+
+def _frame_id(model: Any, name: str) -> int:
+    """Index of a frame; a link and a joint may share a name, and then the link is meant."""
+    frames = [(i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0]
+    found = [(i, frame) for i, frame in frames if frame.name == name]
+    if not found:
+        raise FrameNotFound(str(name), list(dict.fromkeys(frame.name for _, frame in frames)))
+    return next((i for i, frame in found if frame.type == pin.FrameType.BODY), found[0][0])

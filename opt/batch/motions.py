@@ -1,0 +1,181 @@
+"""Motions of one robot, seen at instants: what terms, goals and limits are functions of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
+from ffsms_pin.opt.batch.entropy import entropy_and_gradient
+from ffsms_pin.opt.batch.residual import Indices
+from ffsms_pin.opt.batch.stacks import apply, cross
+
+__all__ = ["EXACT", "Motions", "Smoothing", "apply_rates"]
+
+
+class Smoothing(NamedTuple):
+    """How much is smoothed while a search is on its way; zeros: nothing, the true values.
+
+    Attributes
+    ----------
+    slow : float
+        Share of the mean speed of a straight way below which a direction of motion fades.
+    close : float
+        Distance to the target below which the direction to it fades [m].
+    """
+
+    slow: float = 0.0
+    close: float = 0.0
+
+
+EXACT = Smoothing()
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """S motions at K instants, inertial axes; components and joints come first.
+
+    Attributes
+    ----------
+    stack : ArmStack
+        The robot.
+    times, weights : ndarray, shape (K,)
+        Instants [s], and their weights in an integral over time [s].
+    watch : ndarray, shape (K,)
+        The same for limits: instants that only they look at have a weight too.
+    late : ndarray of int
+        Indices of the instants in the last tenth.
+    last : int
+        Index of the deadline.
+    joints, rates, accelerations : ndarray, shape (n, S, K)
+    arm : ArmValues
+        The arm seen from the base.
+    base_attitude : ndarray, shape (3, 3, S, K)
+    com : ndarray, shape (3, K)
+        The system's centre of mass [m].
+    drift : ndarray, shape (3,)
+        Its velocity [m/s].
+    own_spin : ndarray, shape (3, S, K)
+        The part of the base's angular velocity that the total momentum gives, base axes [rad/s].
+    base_start, rotation_start : ndarray, shape (3,), (3, 3)
+        Place of the base's centre of mass and attitude of the base at the start.
+    target : ndarray, shape (3, K)
+        Where the goal's position is [m].
+    pace : float
+        Scale of speeds: the mean speed of a straight way to the target [m/s].
+    smoothing : Smoothing
+    lag : float
+        The paper pairs a step's rates, those of its end, with the place at its start: so much earlier [s].
+    """
+
+    stack: ArmStack
+    times: FloatArray
+    weights: FloatArray
+    watch: FloatArray
+    late: Indices
+    last: int
+    joints: FloatArray
+    rates: FloatArray
+    accelerations: FloatArray
+    arm: ArmValues
+    base_attitude: FloatArray
+    com: FloatArray
+    drift: FloatArray
+    own_spin: FloatArray
+    base_start: FloatArray
+    rotation_start: FloatArray
+    target: FloatArray
+    pace: float
+    smoothing: Smoothing = EXACT
+    lag: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """Number of motions, S."""
+        return int(self.joints.shape[1])
+
+    @property
+    def duration(self) -> float:
+        """Time from the start to the deadline [s]."""
+        return float(self.times[self.last])
+
+    @cached_property
+    def end_effector(self) -> FloatArray:
+        """Position of the end effector (3, S, K) [m]."""
+        return self.com[:, None] + apply(self.base_attitude, self.arm.rho)
+
+    @cached_property
+    def attitude(self) -> FloatArray:
+        """Attitude of the end effector (3, 3, S, K)."""
+        return apply(self.base_attitude, self.arm.tip_rotation)
+
+    @cached_property
+    def relative_velocity(self) -> FloatArray:
+        """Velocity of the end effector relative to the system's centre of mass (3, S, K) [m/s]."""
+        moved = apply_rates(self.arm.jstar, self.rates)
+        own, rho = self.own_spin, self.arm.rho
+        if own.any():
+            moved = moved + cross(own, rho)
+        return apply(self.base_attitude, moved)
+
+    @property
+    def velocity(self) -> FloatArray:
+        """Velocity of the end effector (3, S, K) [m/s]."""
+        return self.relative_velocity + self.drift[:, None, None]
+
+    @cached_property
+    def base_spin(self) -> FloatArray:
+        """Angular velocity of the base (3, S, K) [rad/s]."""
+        return apply(self.base_attitude, apply_rates(self.arm.spin, self.rates) + self.own_spin)
+
+    @cached_property
+    def spin(self) -> FloatArray:
+        """Angular velocity of the end effector (3, S, K) [rad/s]."""
+        turning = self.arm.axes * self.stack.moves_tip[:, None, None]
+        return self.base_spin + apply(self.base_attitude, apply_rates(turning, self.rates))
+
+    @cached_property
+    def base_from_com(self) -> FloatArray:
+        """From the system's centre of mass to the base's (3, S, K) [m]."""
+        return apply(self.base_attitude, self.stack.base_com[:, None, None] - self.arm.com)
+
+    @property
+    def base_position(self) -> FloatArray:
+        """Place of the base's centre of mass (3, S, K) [m]."""
+        return self.com[:, None] + self.base_from_com
+
+    @property
+    def to_target(self) -> FloatArray:
+        """From the end effector to the goal's position (3, S, K) [m]."""
+        return self.target[:, None] - self.end_effector
+
+    @cached_property
+    def _entropy(self) -> tuple[FloatArray, FloatArray]:
+        return entropy_and_gradient(self.arm.coupling)
+
+    @property
+    def entropy(self) -> FloatArray:
+        """H_norm (S, K)."""
+        return self._entropy[0]
+
+    @property
+    def entropy_slope(self) -> FloatArray:
+        """Slopes (6, n, S, K) of H_norm by `ArmValues.coupling`."""
+        return self._entropy[1]
+
+    def take(self, index: Any) -> Motions:
+        """The motions at an index."""
+        stacked = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values.update({name: values[name][..., index, :] for name in stacked})
+        values["arm"] = self.arm.take(index)
+        return Motions(**values)
+
+
+def apply_rates(columns: FloatArray, rates: FloatArray) -> FloatArray:
+    """Columns (3, n, ...) times joint rates (n, ...)."""
+    return np.asarray(np.einsum("xj...,j...->x...", columns, rates))

@@ -1,0 +1,142 @@
+"""Rolling out joint rates: joints, base and end effector at the nodes and in the middles between."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.arm import ArmStack
+from ffsms_pin.opt.batch.motions import Motions, apply_rates
+from ffsms_pin.opt.batch.stacks import apply, cross, exp3, products, quaternions
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_motion import roll_out
+
+__all__ = ["configurations", "rolled_out", "velocities"]
+
+
+def rolled_out(
+    sms: SpaceManipulator,
+    stack: ArmStack,
+    q0: FloatArray,
+    rates: FloatArray,
+    dt: float,
+    momentum: FloatArray | None,
+    late_share: float,
+) -> Motions:
+    """One motion at its N + 1 nodes, even instants, and in the N middles between them, odd instants.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    stack : ArmStack
+        The same robot.
+    q0 : ndarray, shape (nq,)
+    rates : ndarray, shape (N + 1, n)
+        Joint rates at the nodes, linear between them [rad/s].
+    dt : float
+        [s]
+    momentum : ndarray, shape (6,), or None
+        Total momentum [linear; angular], inertial axes, about the system's centre of mass.
+    late_share : float
+        From which share of the time on instants count as late.
+
+    Returns
+    -------
+    Motions
+        Without a target (NaN); see `dataclasses.replace`.
+    """
+    steps, n = len(rates) - 1, sms.n
+    count = 2 * steps + 1
+    times = np.linspace(0.0, steps * dt, count)
+    u = np.empty((n, count))
+    u[:, ::2], u[:, 1::2] = rates.T, 0.5 * (rates[:-1] + rates[1:]).T
+    joints = np.empty((n, count))
+    travel = np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)
+    start = sms.layout.positions(q0)
+    joints[:, ::2] = (start + np.vstack([np.zeros(n), travel])).T
+    joints[:, 1::2] = joints[:, :-1:2] + 0.125 * dt * (3.0 * rates[:-1] + rates[1:]).T
+    slopes = np.diff(rates, axis=0).T / dt
+    accelerations = np.repeat(slopes, 2, axis=1)
+    accelerations = np.hstack([accelerations, slopes[:, -1:]])
+
+    arm = stack.evaluate(joints)
+    rotation0 = pin.Quaternion(q0[3:7]).toRotationMatrix()
+    com0 = q0[:3] + rotation0 @ arm.com[:, 0]
+    drift, own = np.zeros(3), np.zeros((3, count))
+    omega = apply_rates(arm.spin, u)
+    if momentum is None:
+        R = _attitudes(rotation0, omega, dt)
+    else:
+        halves = np.repeat(slopes.T, 2, axis=0)
+        q, _ = roll_out(sms, q0, rates[0], halves, 0.5 * dt, momentum)
+        R = np.stack([pin.Quaternion(row[3:7]).toRotationMatrix() for row in q], axis=-1)
+        drift = momentum[:3] / stack.mass
+        own = apply(arm.inverse, np.einsum("yxk,y->xk", R, momentum[3:]))
+    simpson = np.full(count, dt / 3.0)
+    simpson[1::2] *= 2.0
+    simpson[[0, -1]] *= 0.5
+    return Motions(
+        stack=stack,
+        times=times,
+        weights=simpson,
+        watch=simpson,
+        late=np.flatnonzero(times >= late_share * times[-1] - 1e-9),
+        last=count - 1,
+        joints=joints[:, None],
+        rates=u[:, None],
+        accelerations=accelerations[:, None],
+        arm=arm.stacked(),
+        base_attitude=R[:, :, None],
+        com=com0[:, None] + drift[:, None] * times,
+        drift=drift,
+        own_spin=own[:, None],
+        base_start=com0 + rotation0 @ (stack.base_com - arm.com[:, 0]),
+        rotation_start=rotation0,
+        target=np.full((3, count), np.nan),
+        pace=1.0,
+    )
+
+
+def configurations(sms: SpaceManipulator, q0: FloatArray, motion: Motions) -> FloatArray:
+    """Pinocchio's q (N + 1, nq) at the nodes of a motion that was rolled out from q0."""
+    R, arm = motion.base_attitude[:, :, 0, ::2], motion.arm
+    q = np.empty((R.shape[-1], sms.nq))
+    q[:, :3] = (motion.com[:, ::2] - apply(R, arm.com[:, 0, ::2])).T
+    q[:, 3:7] = quaternions(R).T
+    positions = motion.joints[:, 0, ::2].T
+    if sms.layout.plain:
+        q[:, 7:] = positions
+    else:
+        for row, place in zip(q, positions, strict=True):
+            sms.layout.set_positions(row, place)
+    q[0] = q0
+    return q
+
+
+def velocities(motion: Motions) -> FloatArray:
+    """Pinocchio's v (N + 1, 6 + n) at the nodes: root velocity in root axes, then joint rates."""
+    R, arm, u = motion.base_attitude[:, :, 0, ::2], motion.arm, motion.rates[:, 0, ::2]
+    own = motion.own_spin[:, 0, ::2]
+    v = np.empty((u.shape[1], 6 + len(u)))
+    linear = apply_rates(arm.root[..., 0, ::2], u) + np.einsum("yxk,y->xk", R, motion.drift)
+    v[:, :3] = (linear + cross(arm.com[:, 0, ::2], own)).T
+    v[:, 3:6] = (apply_rates(arm.spin[..., 0, ::2], u) + own).T
+    v[:, 6:] = u.T
+    return v
+
+
+def _attitudes(rotation0: FloatArray, omega: FloatArray, dt: float) -> FloatArray:
+    """Base attitudes (3, 3, 2 N + 1) of angular velocities (3, 2 N + 1) in base axes, to order 4.
+
+    Over a step the turn is that of Simpson's rule and one bracket; over its first half that of the parabola
+    through the same three points.
+    """
+    first, middle, last = omega[:, :-1:2], omega[:, 1::2], omega[:, 2::2]
+    turns = exp3((dt / 6.0) * (first + 4.0 * middle + last) + (dt * dt / 12.0) * cross(first, last))
+    half = (dt / 24.0) * (5.0 * first + 8.0 * middle - last) + (dt * dt / 48.0) * cross(first, middle)
+    R = np.empty((3, 3, omega.shape[1]))
+    R[..., 0] = rotation0
+    R[..., 2::2] = np.einsum("xy,yzk->xzk", rotation0, products(turns))
+    R[..., 1::2] = apply(R[..., :-1:2], exp3(half))
+    return R

@@ -1,0 +1,249 @@
+"""Goals: where the end effector should be at the deadline, and how it should arrive."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray, frozen, positive, vector
+from ffsms_pin.errors import InvalidValue
+
+__all__ = [
+    "ORIENTATION_REACH",
+    "REACH",
+    "TOLERANCE",
+    "Goal",
+    "Moving",
+    "Place",
+    "Pose",
+    "Position",
+    "Shifted",
+    "as_goal",
+    "rotation_matrix",
+]
+
+REACH = 0.02  # [m] the paper's r_th
+ORIENTATION_REACH = 0.02  # [rad] ours: about a degree, as far as r_th turns an arm of one metre
+TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] ours, at the deadline: a twentieth of r_th
+
+
+class Place(NamedTuple):
+    """What the end effector should do at one time, inertial axes; None where anything will do.
+
+    Attributes
+    ----------
+    position : ndarray, shape (3,)
+        [m]
+    rotation : ndarray, shape (3, 3), or None
+    velocity, spin : ndarray, shape (3,), or None
+        [m/s], [rad/s]
+    """
+
+    position: FloatArray
+    rotation: FloatArray | None = None
+    velocity: FloatArray | None = None
+    spin: FloatArray | None = None
+
+
+class Goal(ABC):
+    """Where the end effector should be: at the deadline within `tolerance`, near it in the last tenth.
+
+    Attributes
+    ----------
+    tolerance : float
+        At the deadline: of the position [m], and of the attitude and the velocities where they are asked for
+        [rad, m/s, rad/s].
+    reach, orientation_reach : float
+        How far the end effector may be from its place in the last tenth of the time, the paper's r_th [m],
+        and how far its attitude from the wanted one [rad].
+    """
+
+    tolerance: float = TOLERANCE
+    reach: float = REACH
+    orientation_reach: float = ORIENTATION_REACH
+
+    @abstractmethod
+    def place(self, t: float) -> Place:
+        """Where the end effector should be at a time, the velocities counting at the deadline only."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the place depends on the time."""
+        return False
+
+
+@dataclass(frozen=True, eq=False)
+class Position(Goal):
+    """The end effector at a place, in any attitude.
+
+    Attributes
+    ----------
+    position : array_like, shape (3,)
+        Inertial axes [m].
+    velocity : array_like, shape (3,), optional
+        Velocity of the end effector at the deadline [m/s]; default: the arm comes to rest.
+    tolerance, reach : float
+        See `Goal`.
+    """
+
+    position: Any
+    velocity: Any = None
+    tolerance: float = TOLERANCE
+    reach: float = REACH
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", frozen(vector("target", self.position, 3, "m")))
+        _check(self)
+        if self.velocity is not None:
+            object.__setattr__(self, "velocity", frozen(vector("goal.velocity", self.velocity, 3, "m/s")))
+
+    def place(self, t: float) -> Place:
+        """The same at all times."""
+        return Place(self.position, None, self.velocity)
+
+
+@dataclass(frozen=True, eq=False)
+class Pose(Goal):
+    """The end-effector frame at a pose.
+
+    Attributes
+    ----------
+    pose : pinocchio.SE3
+        Inertial axes.
+    twist : array_like, shape (6,), optional
+        Velocity and angular velocity at the deadline [m/s; rad/s]; default: the arm comes to rest.
+    tolerance, reach, orientation_reach : float
+        See `Goal`.
+    """
+
+    pose: Any
+    twist: Any = None
+    tolerance: float = TOLERANCE
+    reach: float = REACH
+    orientation_reach: float = ORIENTATION_REACH
+    _place: Place = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        _check(self)
+        position = frozen(vector("target.translation", self.pose.translation, 3, "m"))
+        rotation = frozen(rotation_matrix("target.rotation", self.pose.rotation))
+        velocity = spin = None
+        if self.twist is not None:
+            twist = frozen(vector("goal.twist", self.twist, 6))
+            velocity, spin = twist[:3], twist[3:]
+        object.__setattr__(self, "_place", Place(position, rotation, velocity, spin))
+
+    def place(self, t: float) -> Place:
+        """The same at all times."""
+        return self._place
+
+
+@dataclass(frozen=True, eq=False)
+class Moving(Goal):
+    """A place that moves: the end effector meets it at the deadline, with its velocity.
+
+    Attributes
+    ----------
+    path : callable
+        From a time [s] to a position (3,) [m] or a pinocchio.SE3, inertial axes; smooth.
+    tolerance, reach, orientation_reach : float
+        See `Goal`.
+    """
+
+    path: Callable[[float], Any]
+    tolerance: float = TOLERANCE
+    reach: float = REACH
+    orientation_reach: float = ORIENTATION_REACH
+
+    # [s] Over which the velocity is a difference; positions then carry it to 1e-7 of theirs.
+    _STEP = 1e-3
+
+    def __post_init__(self) -> None:
+        _check(self)
+        self.place(0.0)
+
+    @property
+    def moves(self) -> bool:
+        """It does."""
+        return True
+
+    def place(self, t: float) -> Place:
+        """Where the path is, and how fast."""
+        here = as_goal(self.path(t)).place(t)
+        ahead, behind = (as_goal(self.path(t + h)).place(t) for h in (self._STEP, -self._STEP))
+        velocity = (ahead.position - behind.position) / (2.0 * self._STEP)
+        spin = None
+        if ahead.rotation is not None and behind.rotation is not None:
+            spin = pin.log3(ahead.rotation @ behind.rotation.T) / (2.0 * self._STEP)
+        return Place(here.position, here.rotation, velocity, spin)
+
+
+@dataclass(frozen=True, eq=False)
+class Shifted(Goal):
+    """Another goal, put aside: what a solver aims at where its model errs by as much.
+
+    Attributes
+    ----------
+    goal : Goal
+    offset : ndarray, shape (3,)
+        [m]
+    turn : ndarray, shape (3, 3)
+        Rotation, inertial axes.
+    """
+
+    goal: Goal
+    offset: FloatArray
+    turn: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "reach", "orientation_reach"):
+            object.__setattr__(self, name, getattr(self.goal, name))
+
+    @property
+    def moves(self) -> bool:
+        """Whether the other one does."""
+        return self.goal.moves
+
+    def place(self, t: float) -> Place:
+        """The other's place, shifted and turned."""
+        place = self.goal.place(t)
+        rotation = None if place.rotation is None else self.turn @ place.rotation
+        return place._replace(position=place.position + self.offset, rotation=rotation)
+
+
+def as_goal(target: Any) -> Goal:
+    """The goal that a plain value means: a position (3,), a pose, or a function of time that gives one.
+
+    Raises
+    ------
+    InvalidValue
+        None of these, not finite, or with a matrix that is no rotation.
+    """
+    if isinstance(target, Goal):
+        return target
+    if callable(target):
+        return Moving(target)
+    return Pose(target) if hasattr(target, "translation") else Position(target)
+
+
+def rotation_matrix(name: str, value: Any) -> FloatArray:
+    """A rotation matrix (3, 3), checked: a mirror is none."""
+    rotation = np.array(value, dtype=np.float64)
+    if (
+        rotation.shape != (3, 3)
+        or not np.isfinite(rotation).all()
+        or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6
+        or np.linalg.det(rotation) < 0.0
+    ):
+        raise InvalidValue(name, rotation, "must be a rotation matrix")
+    return rotation
+
+
+def _check(goal: Goal) -> None:
+    for name in ("tolerance", "reach", "orientation_reach"):
+        positive(f"goal.{name}", getattr(goal, name))

@@ -1,0 +1,157 @@
+"""The quadratic programme of one step of the descent: a model of the merit under every linear limit.
+
+Determinism: where the unconstrained minimum keeps the limits, a Cholesky factorisation gives it. Otherwise
+DAQP, a dual active-set method, ends at the solution that belongs to its active rows, exactly and always the
+same; an interior-point or proximal method stops somewhere near. It is also several times faster on a few
+dozen unknowns. Where it finds none, the unconstrained step is shortened onto the limits: a poor step, which
+the descent will reject or damp.
+
+Reference: D. Arnstroem, A. Bemporad, D. Axehill, "A dual active-set solver for embedded quadratic programming
+using recursive LDL^T updates", IEEE Transactions on Automatic Control 67 (2022).
+"""
+
+from __future__ import annotations
+
+import daqp
+import numpy as np
+from scipy.linalg import lapack
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.limits.limit import UNBOUNDED, ControlMaps, ControlRows
+from ffsms_pin.opt.problem import Problem
+
+__all__ = ["AT_REST", "ControlQP", "braking"]
+
+# [rad/s] At the last node: small enough to count as rest, large enough to have a direction.
+AT_REST = 8e-4
+_REST_SHARE = 2e-3  # of the rate limit, for slow arms
+# Kept in hand on every row, for the tolerance below.
+_RESERVE = 1e-6
+_TOLERANCE = 1e-7
+_MAX_ITERATIONS = 1000  # a few dozen are usual
+
+
+class ControlQP:
+    """Steps x that keep the control points p + x of a spline within the limits.
+
+    Parameters
+    ----------
+    problem : Problem
+    spline : RateSpline
+    start : ndarray, shape (M, n), optional
+        Control points that must stay allowed, such as the rest of a plan; default: those of an arm that
+        brakes.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (k, Mn)
+    lower, upper : ndarray, shape (k,)
+        lower <= rows p <= upper; p flattened with the joints last.
+    moving : int
+        The first rows, all but those that ask for rest at the end.
+    labels : list of (str, int)
+        What each row limits: "rate", "acceleration" or "position", and the joint's index.
+    """
+
+    def __init__(self, problem: Problem, spline: RateSpline, start: FloatArray | None = None) -> None:
+        n, size = problem.sms.n, spline.size
+        self._free = np.flatnonzero(np.tile(problem.free, size))
+        kinds = _kinds(problem, spline)
+        rows, lower, upper = [], [], []
+        self.labels: list[tuple[str, int]] = []
+        for kind in kinds:
+            # Those of one control point after the other, the joints last: the rates' are the identity.
+            block = np.zeros((len(kind.matrix), n, size, n))
+            for i in range(n):
+                block[:, i, :, i] = kind.scale * kind.matrix
+            rows.append(block.reshape(-1, size * n))
+            low, high = (kind.scale * (bound - kind.fixed).ravel() for bound in (kind.lower, kind.upper))
+            lower.append(np.maximum(low + _RESERVE, -UNBOUNDED))
+            upper.append(np.minimum(high - _RESERVE, UNBOUNDED))
+            self.labels.extend((kind.kind, i) for _ in kind.matrix for i in range(n))
+        self.rows, self.lower, self.upper = np.vstack(rows), np.concatenate(lower), np.concatenate(upper)
+        self.moving = len(self.labels) - (0 if spline.free_end else n)
+        # A start at its limit, or beyond: it must stay feasible.
+        at = self.rows @ (braking(problem, spline) if start is None else start).ravel()
+        self.lower, self.upper = np.minimum(self.lower, at), np.maximum(self.upper, at)
+        self._free_rows = self.rows[:, self._free]
+
+    def within(self, p: FloatArray) -> FloatArray:
+        """Control points shortened onto the limits; that they come to rest is left to the descent."""
+        at = (self.rows @ p.ravel())[: self.moving]
+        return p * min(1.0, self.share(at, self.lower[: self.moving], self.upper[: self.moving]))
+
+    def solve(self, hessian: FloatArray, gradient: FloatArray, p: FloatArray) -> FloatArray:
+        """Minimise 1/2 x^T hessian x + gradient^T x over x, shaped like p (M, n); locked joints stay."""
+        free = self._free
+        step = np.zeros(p.size)
+        if not free.size:
+            return step.reshape(p.shape)
+        if free.size < p.size:
+            hessian, gradient = hessian[np.ix_(free, free)], gradient[free]
+        factor, info = lapack.dpotrf(hessian)
+        unbounded = -gradient if info else lapack.dpotrs(factor, -gradient)[0]
+        at = self.rows @ p.ravel()
+        low, high = self.lower - at, self.upper - at
+        move = self._free_rows @ unbounded
+        if info == 0 and (move <= high).all() and (move >= low).all():
+            step[free] = unbounded
+            return step.reshape(p.shape)
+        # Of order one: the solver's tolerances are absolute.
+        scale = len(gradient) / float(np.trace(hessian))
+        options = {"primal_tol": _TOLERANCE, "iter_limit": _MAX_ITERATIONS}
+        found, _, status, _ = daqp.solve(
+            scale * hessian, scale * gradient, self._free_rows, high, low, **options
+        )
+        if status != 1 or not np.isfinite(found).all():
+            found = unbounded * self.share(move, low, high)
+        step[free] = found
+        return step.reshape(p.shape)
+
+    def active(self, p: FloatArray) -> list[tuple[str, int]]:
+        """Kind and joint of the limits that control points p touch, most often touched first."""
+        at = self.rows @ p.ravel()
+        touched = (at > self.upper - 1e-4 * np.abs(self.upper)) | (
+            at < self.lower + 1e-4 * np.abs(self.lower)
+        )
+        found = [
+            label for label, here in zip(self.labels, touched, strict=True) if here and label[0] != "rest"
+        ]
+        return sorted(set(found), key=lambda label: -found.count(label))
+
+    @staticmethod
+    def share(move: FloatArray, low: FloatArray, high: FloatArray) -> float:
+        """The largest share of a step that keeps the limits."""
+        room = np.ones_like(move)
+        over, under = move > np.maximum(high, 0.0), move < np.minimum(low, 0.0)
+        room[over] = high[over] / move[over]
+        room[under] = low[under] / move[under]
+        return max(0.0, float(room.min(initial=1.0)))
+
+
+def braking(problem: Problem, spline: RateSpline) -> FloatArray:
+    """Control points (M, n) of an arm that brakes from the rates it starts with."""
+    rates, limit = problem.joint_rates, problem.sms.limits.acceleration
+    slower = np.abs(rates) - spline.sites[:, None] * np.minimum(limit, 1e6)
+    return np.asarray(np.sign(rates) * np.maximum(slower, 0.0))
+
+
+def _kinds(problem: Problem, spline: RateSpline) -> list[ControlRows]:
+    """The rows of all limits, and those that ask for rest at the end."""
+    rates0, joints0 = problem.joint_rates, problem.joints0
+    maps = ControlMaps(
+        spline.rate_points.free,
+        spline.acceleration_points.free,
+        spline.position_points.free,
+        spline.rate_points.fixed[:, None] * rates0,
+        spline.acceleration_points.fixed[:, None] * rates0,
+        spline.position_points.fixed[:, None] * rates0 + joints0,
+        problem.dt,
+    )
+    kinds = [row for limit in problem.limits for row in limit.control_rows(maps)]
+    if not spline.free_end:
+        rest = np.minimum(AT_REST, _REST_SHARE * problem.sms.limits.velocity)
+        last = spline.last_rate
+        kinds.append(ControlRows("rest", 1.0, last.free, last.fixed[:, None] * rates0, -rest, rest))
+    return kinds

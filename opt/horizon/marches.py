@@ -1,0 +1,143 @@
+"""Marches of the paper's step: as starts of the search, and as plans of their own.
+
+Where nothing stops it, a march costs nothing and moves the joints little, and it may arrive where no straight
+joint-space move does. As a start it is taken on the cost's cone without limits, all sides at once: one damped
+least-squares solution a step does for the programme. As a plan it is marched with every limit, step by step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.arm import ArmValues
+from ffsms_pin.opt.batch.entropy import entropy, singular
+from ffsms_pin.opt.batch.motions import apply_rates
+from ffsms_pin.opt.batch.stacks import apply, dot, exp3, log3
+from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.horizon.starts import joint_range
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.step.march import start_sides
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.system.base_motion import advance
+
+__all__ = ["cone_marches", "free_marches", "march_starts"]
+
+_DAMPING = 0.003  # [arm lengths] of the least squares, near singular postures
+_POWER = 2.5  # the distance left shrinks as (time left)^2.5, as for the step
+_LEAST_COSINE = 0.2  # below, the path would be a spiral; its length is then taken as if at this cosine
+_SHARE = 0.8  # of the rate limits
+
+
+def march_starts(problem: Problem, spline: RateSpline, options: SearchOptions) -> FloatArray:
+    """Control points (S, M, n) nearest to the marches."""
+    rates = cone_marches(problem, options.march_steps)
+    middles = (np.arange(options.march_steps) + 0.5) * problem.duration / options.march_steps
+    maps = spline.rates_at(middles)
+    rest = rates - maps.fixed[:, None] * problem.joint_rates
+    return np.asarray(np.linalg.pinv(maps.free) @ rest)
+
+
+def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
+    """Joint rates (N + 1, n) of marches that cost less than a budget [s], one for each side.
+
+    A march is given up where it has cost more, or where a step's programme was not solved.
+    """
+    place, dt = problem.goal.place(problem.duration), problem.dt
+    stepper = Stepper(problem.sms, dt, problem.kappa, problem.limits, momentum=problem.momentum)
+    for side in start_sides(problem.sms, problem.q0, place.position):
+        stepper.reset(side)
+        q, cost, rates = problem.q0, 0.0, np.empty((problem.steps + 1, problem.sms.n))
+        rates[0] = problem.joint_rates
+        for k in range(problem.steps):
+            left = problem.duration - k * dt
+            step = stepper.advance(q, rates[k], place.position, left, place.rotation)
+            cost += step.cost * dt
+            if cost > budget or not step.solved:
+                break
+            rates[k + 1] = step.joint_rates
+            q, _ = advance(problem.sms, q, rates[k], (rates[k + 1] - rates[k]) / dt, dt, problem.momentum)
+        else:
+            yield rates
+
+
+def cone_marches(problem: Problem, steps: int) -> FloatArray:
+    """Joint rates (S, steps, n) in the middles of steps: a march for each side of the cone, one straight."""
+    stack, dt, kappa = problem.stack, problem.duration / steps, problem.kappa
+    place = problem.goal.place(problem.duration)
+    low, high = joint_range(problem)
+    most = np.where(problem.free, _SHARE * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)[:, None]
+    sides = _sides(problem, place.position)
+    straight = np.append(np.zeros(sides.shape[1], dtype=bool), True)
+    lateral = np.concatenate([sides, np.ones((3, 1))], axis=1)  # of the straight one it does not matter
+    count = len(straight)
+    joints = np.repeat(problem.joints0[:, None], count, axis=1)
+    R = np.repeat(problem.rotation0[..., None], count, axis=2)
+    out, speed = np.zeros((count, steps, stack.n)), np.zeros(count)
+    for k in range(steps):
+        arm = stack.evaluate(joints)
+        com = problem.com0 + (k * dt) * problem.drift
+        way = place.position[:, None] - com[:, None] - apply(R, arm.rho)
+        distance = np.sqrt(dot(way, way)) + 1e-12
+        d = way / distance
+        cosine = np.where(straight, 1.0, _ideal_cosine(arm, kappa))
+        lateral = lateral - dot(lateral, d) * d
+        lateral = lateral / (np.sqrt(dot(lateral, lateral)) + 1e-12)
+        e = cosine * d + np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * lateral
+        left = problem.duration - k * dt
+        share = _POWER / (left + 0.5 * _POWER * dt)
+        speed = np.minimum(
+            share * distance / np.maximum(cosine, _LEAST_COSINE), speed + _gain(problem, steps, distance)
+        )
+        J, wanted = apply(R, arm.jstar), speed * e - problem.drift[:, None]
+        if place.rotation is not None:
+            turn = log3(np.einsum("xy,zyk->xzk", place.rotation, apply(R, arm.tip_rotation)))
+            turning = apply(R, arm.spin + arm.axes * stack.moves_tip[:, None])
+            J, wanted = np.concatenate([J, turning]), np.concatenate([wanted, share * turn])
+        u = _least_squares(J, wanted, _DAMPING * stack.length)
+        u *= np.minimum(1.0, 1.0 / np.maximum(np.abs(u / np.maximum(most, 1e-12)).max(axis=0), 1e-12))
+        u = np.clip(np.where(most > 0.0, u, 0.0), (low[:, None] - joints) / dt, (high[:, None] - joints) / dt)
+        out[:, k] = u.T
+        joints = joints + dt * u
+        R = apply(R, exp3(dt * apply_rates(arm.spin, u)))
+    return out
+
+
+def _gain(problem: Problem, steps: int, distance: FloatArray) -> FloatArray:
+    """How much the speed may rise in a step: over a tenth of the time to its mean [m/s]."""
+    return np.asarray(10.0 / steps * np.maximum(problem.pace, distance / problem.duration) * _POWER)
+
+
+def _ideal_cosine(arm: ArmValues, kappa: float) -> FloatArray:
+    """The cosine c* of no cost, log(exp(kappa (1 - H)) - 1) / kappa, within [-1, 1]."""
+    sigma, _ = singular(arm.coupling)
+    x = np.maximum(kappa * (1.0 - entropy(sigma, arm.jstar.shape[1])), 1e-9)
+    return np.asarray(np.clip((x + np.log(-np.expm1(-x))) / kappa, -1.0, 1.0))
+
+
+def _least_squares(J: FloatArray, wanted: FloatArray, damping: float) -> FloatArray:
+    """Least joint rates (n, S) with J u near to what is wanted (m, S), for Jacobians (m, n, S)."""
+    A = J.transpose(2, 0, 1)
+    At = A.swapaxes(1, 2)
+    square = A @ At + damping**2 * np.eye(len(wanted))
+    # Damping must not slow what can be done: one step of refinement takes most of it back.
+    first = np.linalg.solve(square, wanted.T[..., None])
+    rest = wanted.T[..., None] - A @ (At @ first)
+    u: FloatArray = (At @ (first + np.linalg.solve(square, rest)))[..., 0].T
+    return u
+
+
+def _sides(problem: Problem, target: FloatArray) -> FloatArray:
+    """Unit vectors (3, S) across the way to the target in which the end effector can move at the start."""
+    arm = problem.stack.evaluate(problem.joints0[:, None])
+    way = target - problem.tip0
+    distance = float(np.linalg.norm(way))
+    across = np.eye(3) if distance < 1e-12 else np.eye(3) - np.outer(way, way) / distance**2
+    J = problem.rotation0 @ arm.jstar[..., 0]
+    directions, strengths, _ = np.linalg.svd(across @ J)
+    usable = [directions[:, i] for i in range(min(2, len(strengths))) if strengths[i] > 1e-6]
+    sides = [sign * direction for direction in usable for sign in (1.0, -1.0)]
+    return np.array(sides).T if sides else np.zeros((3, 0))

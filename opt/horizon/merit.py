@@ -1,0 +1,243 @@
+"""The merit of whole motions: the squares of all residuals, weighted, and their slopes by the control points.
+
+Terms, goal and limits contribute residuals; this file only stacks them. To add one, write a `Term` or a
+`Limit`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.motions import Motions, Smoothing
+from ffsms_pin.opt.batch.residual import Indices, JointResidual, Residual, Residuals
+from ffsms_pin.opt.goals import Goal
+from ffsms_pin.opt.horizon.arrival import arrival
+from ffsms_pin.opt.horizon.jacobian import Jacobian
+from ffsms_pin.opt.horizon.motions import motions_of, targets
+from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.terms import Coupling
+
+__all__ = ["Linearisation", "Weights", "linearise"]
+
+_TIME = 8.0  # [s] The weights are those of a motion this long
+
+
+class Weights(NamedTuple):
+    """Weights of the squares beside the terms' own, and the smoothing of the paper's cost.
+
+    Given for a motion of 8 s of an arm one metre long, and fitted to the problem by its duration and the
+    arm's length, so that everything keeps its proportion to the cost integral.
+
+    Attributes
+    ----------
+    end : float
+        Of the goal's errors at the deadline [1/m^2]; a tenth of it of what they exceed in the last tenth.
+    limits : float
+        Of the residuals of limits, over time [1/s].
+    ease : float
+        Factor on the weights of terms that smooth (`Term.eases`).
+    slow, close : float
+        See `Smoothing`; `close` in arm lengths.
+    """
+
+    end: float
+    limits: float
+    ease: float = 1.0
+    slow: float = 0.0
+    close: float = 0.0
+
+    def stiffer(self, factor: float = 10.0) -> Weights:
+        """With a stiffer goal and stiffer limits."""
+        return self._replace(end=factor * self.end, limits=factor * self.limits)
+
+
+@dataclass
+class Linearisation:
+    """S motions: every array has S rows, so that rows can be taken, replaced and joined.
+
+    Attributes
+    ----------
+    merit : ndarray, shape (S,)
+        The weighted sum of squares.
+    objective : ndarray, shape (S,)
+        The terms alone, not smoothed and not eased.
+    cost : ndarray, shape (S,)
+        The paper's cost integral [s], by quadrature; zero without a `Coupling`.
+    gradient : ndarray, shape (S, Mn)
+        Half of the merit's; zero where it was not asked for.
+    hessian : ndarray, shape (S, Mn, Mn)
+        Half of the merit's, Gauss-Newton; likewise.
+    error : ndarray, shape (S,)
+        Of the goal at the deadline, the largest of its parts, as a share of its tolerance.
+    tail : ndarray, shape (S,)
+        Likewise in the last tenth, as a share of its reach.
+    lack : ndarray, shape (S,)
+        The largest residual of a limit, as a share of the limit's margin.
+    """
+
+    merit: FloatArray
+    objective: FloatArray
+    cost: FloatArray
+    gradient: FloatArray
+    hessian: FloatArray
+    error: FloatArray
+    tail: FloatArray
+    lack: FloatArray
+
+    def take(self, index: Any) -> Linearisation:
+        """The motions at an index."""
+        return Linearisation(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    def put(self, index: Any, other: Linearisation) -> None:
+        """Replace the motions at an index."""
+        for field in fields(self):
+            getattr(self, field.name)[index] = getattr(other, field.name)
+
+    def join(self, other: Linearisation) -> Linearisation:
+        """These motions and then the others."""
+        names = [field.name for field in fields(self)]
+        return Linearisation(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
+
+
+def linearise(
+    problem: Problem,
+    goal: Goal,
+    spline: RateSpline,
+    p: FloatArray,
+    weights: Weights,
+    below: float | FloatArray = np.inf,
+) -> Linearisation:
+    """Residuals of motions with control points p (S, M, n), squared and linearised.
+
+    `goal` is the problem's, or that goal shifted. Motions whose merit is not less than `below`, a number or
+    (S,), get no derivatives; minus infinity asks for none at all.
+    """
+    length = problem.stack.length
+    smoothing = Smoothing(weights.slow, weights.close * length)
+    motions = motions_of(problem, spline, p, smoothing, targets(goal, spline.times))
+    result, residuals = _measured(problem, goal, motions, weights)
+    good = np.flatnonzero(result.merit < below)
+    size = p[0].size
+    result.gradient = np.zeros((len(p), size))
+    result.hessian = np.zeros((len(p), size, size))
+    if good.size:
+        taken = residuals if good.size == len(p) else [one.take(good) for one in residuals]
+        gradient, hessian = _summed(spline, motions, good, taken)
+        result.gradient[good], result.hessian[good] = gradient, hessian
+    return result
+
+
+def _measured(
+    problem: Problem, goal: Goal, motions: Motions, weights: Weights
+) -> tuple[Linearisation, Residuals]:
+    """All residuals with their weights, and what needs no derivatives."""
+    count, over_time = motions.count, motions.weights
+    residuals: Residuals = []
+    merit, objective, cost = np.zeros(count), np.zeros(count), np.zeros(count)
+    for term in problem.terms:
+        ease = np.sqrt(weights.ease) if term.eases else 1.0
+        for residual in term.residual(motions):
+            square = residual.squares(over_time, count)
+            merit += ease * ease * square
+            if not isinstance(term, Coupling):
+                objective += square
+            residuals.append(_over_time(residual, ease, over_time))
+        if isinstance(term, Coupling):
+            cost = term.cost(motions)
+            objective += term.weight * cost
+    at_goal = arrival(goal, motions)
+    end = weights.end * motions.duration / _TIME / problem.stack.length**2
+    for residual, share in ((at_goal.end, 1.0), (at_goal.tail, 0.1)):
+        for one in residual:
+            scaled = one.scaled(float(np.sqrt(share * end)))
+            merit += scaled.squares(over_time, count)
+            residuals.append(scaled)
+    lack = np.zeros(count)
+    for limit in problem.limits:
+        for residual in limit.residual(motions):
+            merit += weights.limits * residual.squares(motions.watch, count)
+            np.maximum.at(lack, *_largest(residual, limit.margin))
+            residuals.append(_over_time(residual, float(np.sqrt(weights.limits)), motions.watch))
+    empty = np.empty(0)
+    result = Linearisation(merit, objective, cost, empty, empty, at_goal.error, at_goal.worst, lack)
+    return result, residuals
+
+
+def _over_time(
+    residual: Residual | JointResidual, factor: float, over_time: FloatArray
+) -> Residual | JointResidual:
+    """A residual times a factor and the root of the quadrature's weights."""
+    if isinstance(residual, JointResidual):
+        scale = factor * np.sqrt(over_time)
+        parts = (residual.value, residual.by_position, residual.by_rate, residual.by_acceleration)
+        value, *slopes = [None if x is None else scale * x for x in parts]
+        assert value is not None
+        return JointResidual(value, *slopes)
+    if not residual.over_time:
+        return residual.scaled(factor)
+    return replace(residual.scaled(factor * np.sqrt(over_time)[residual.instants]), over_time=False)
+
+
+def _largest(residual: Residual | JointResidual, margin: float) -> tuple[Indices, FloatArray]:
+    """Motions, and the largest residual of each as a share of the margin."""
+    value = np.abs(residual.value) / max(margin, 1e-12)
+    if isinstance(residual, JointResidual):
+        value = value.max(axis=(0, 2))
+    elif residual.motion is not None:
+        return residual.motion, value
+    else:
+        value = value.max(axis=1)
+    return np.arange(len(value)), value
+
+
+def _summed(
+    spline: RateSpline, motions: Motions, chosen: Indices, residuals: Residuals
+) -> tuple[FloatArray, FloatArray]:
+    """Gradient (S, Mn) and Hessian (S, Mn, Mn) of half the sum of squares; control points first."""
+    n, size, count = motions.stack.n, spline.size, len(chosen)
+    jacobian = Jacobian(spline, motions, chosen)
+    gradient, hessian = np.zeros((count, n * size)), np.zeros((count, n * size, n * size))
+    dense = [one for one in residuals if isinstance(one, Residual) and one.motion is None]
+    if dense:
+        S = np.concatenate([jacobian.rows(one) for one in dense], axis=-1)
+        value = np.concatenate([one.value for one in dense], axis=1)
+        gradient += (S @ value[..., None])[..., 0]
+        hessian += S @ np.swapaxes(S, 1, 2)
+    for residual in residuals:
+        if isinstance(residual, JointResidual):
+            _add_joints(spline, residual, gradient, hessian)
+        elif residual.motion is not None and residual.value.size:
+            rows = jacobian.rows(residual)
+            for s in np.unique(residual.motion):
+                own = rows[:, residual.motion == s]
+                gradient[s] += own @ residual.value[residual.motion == s]
+                hessian[s] += own @ own.T
+    # So far the joints came first.
+    blocks = hessian.reshape(count, n, size, n, size).transpose(0, 2, 1, 4, 3)
+    points = gradient.reshape(count, n, size).transpose(0, 2, 1)
+    return points.reshape(count, -1), blocks.reshape(hessian.shape)
+
+
+def _add_joints(
+    spline: RateSpline, residual: JointResidual, gradient: FloatArray, hessian: FloatArray
+) -> None:
+    """What depends on one joint alone: blocks on the diagonal."""
+    n, count, size = residual.value.shape[0], len(gradient), spline.size
+    parts = (
+        (residual.by_position, spline.travel.free),
+        (residual.by_rate, spline.rates.free),
+        (residual.by_acceleration, spline.accelerations.free),
+    )
+    rows = [slope[..., None] * free for slope, free in parts if slope is not None]
+    S: FloatArray = sum(rows[1:], rows[0])  # (n or 1, S or 1, K, M)
+    squares = np.broadcast_to(np.swapaxes(S, -1, -2) @ S, (n, count, size, size))
+    slopes = np.broadcast_to(np.swapaxes(S, -1, -2), (n, count, *S.shape[:1:-1])) @ residual.value[..., None]
+    blocks, points = hessian.reshape(count, n, size, n, size), gradient.reshape(count, n, size)
+    for j in range(n):
+        blocks[:, j, :, j] += squares[j]
+        points[:, j] += slopes[j, ..., 0]

@@ -1,0 +1,54 @@
+"""`solve`: from a problem to a trajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision
+from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.search import HASTE, Search
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.trajectory import Trajectory
+
+__all__ = ["solve"]
+
+
+def solve(
+    problem: Problem,
+    options: SearchOptions | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Trajectory:
+    """Plan the whole motion at once.
+
+    Joint goals found by shooting, and coarse marches of the paper's step, give starts; Levenberg-Marquardt
+    within the joint limits takes them down, the worse half dropping out each round. Of the motions that
+    arrive and cost no more than the cheapest and a tolerance, the one of least effort is the plan.
+
+    Parameters
+    ----------
+    problem : Problem
+    options : SearchOptions, optional
+        Numbers of the search, such as its `time_limit`.
+    progress : callable, optional
+        Called with the share of the work done, 0 to 1.
+
+    Returns
+    -------
+    Trajectory
+        `reached` says whether the goal was met; `note` what stood in the way; `shares` what each term came
+        to; `binding` when each limit binds.
+    """
+    refused = start_in_collision(problem)
+    if refused is not None:
+        return refused
+    search = Search(problem, options, progress)
+    plan = search.run()
+    if plan.reached:
+        return plan
+    return explain(problem, plan, search.goals, search.binding(), lambda other: _reached(other, options))
+
+
+def _reached(problem: Problem, options: SearchOptions | None) -> bool:
+    quick = replace(options or SearchOptions(), straight=2)
+    return Search(problem, quick).run(HASTE).reached

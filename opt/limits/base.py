@@ -1,0 +1,146 @@
+"""How far and how fast the base may move, as a limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import Residual, Residuals
+from ffsms_pin.opt.batch.stacks import apply, dot, log3
+from ffsms_pin.opt.limits.base_rows import base_rows, settled
+from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
+from ffsms_pin.opt.limits.step_state import StepState
+
+__all__ = ["BaseLimits"]
+
+_UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
+# Share of a limit kept in hand: a penalty gives way, and only some instants of a whole motion are watched.
+_SHARE = 0.04
+# What a whole limit weighs: as much as a lack of clearance of this many arm lengths.
+_SCALE = 0.03
+# [rad] A turn beyond a limit narrower than this weighs as if the limit were so wide: one of a tenth of a
+# degree would be too stiff for a motion that is still finding its way.
+_NARROW = 0.02
+_BINDING = 0.01  # with less than this share left the limit binds
+
+
+@dataclass(frozen=True)
+class BaseLimits(Limit):
+    """Limits on the base's motion. The default of each, infinity, is no limit.
+
+    Attributes
+    ----------
+    attitude : float
+        Largest turn of the base from its attitude at the start, at any time [rad].
+    attitude_rate : float
+        Largest angular speed [rad/s].
+    translation : float
+        Largest distance of the base's centre of mass from where it started [m].
+    final_attitude : float
+        Largest turn that is left at the end [rad].
+
+    Raises
+    ------
+    InvalidValue
+        A limit that is not a number above zero.
+    """
+
+    attitude: float = math.inf
+    attitude_rate: float = math.inf
+    translation: float = math.inf
+    final_attitude: float = math.inf
+    name = "base"
+    margin = _SCALE * _SHARE
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            infinite = isinstance(value, float) and value == math.inf
+            if not infinite:
+                positive(f"base_limits.{field.name}", value, _UNITS[field.name])
+
+    @property
+    def none(self) -> bool:
+        """Whether nothing is limited."""
+        return all(getattr(self, field.name) == math.inf for field in fields(self))
+
+    @property
+    def holds_attitude(self) -> bool:
+        """Whether the attitude is limited, on the way or at the end."""
+        return min(self.attitude, self.final_attitude) < math.inf
+
+    def rows(self, step: StepState) -> Rows | None:
+        """The base may come near a limit at most at a rate proportional to what is left of it."""
+        return None if self.none else base_rows(self, step)
+
+    def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
+        """Rates from which the arm can still stop with the base within its limits."""
+        return settled(self, step, rates, braking)
+
+    def residual(self, motions: Motions) -> Residuals:
+        """Shares of the limits that are used beyond 1 less the margin, over the whole motion."""
+        found: Residuals = []
+        for name, sizes, unit, most in self._used(motions):
+            excess = sizes / most - (1.0 - _SHARE)
+            where = np.nonzero(excess > 0.0)
+            if not where[0].size:
+                continue
+            limit = np.broadcast_to(most, sizes.shape)[where]
+            weight = _SCALE * (np.minimum(limit / _NARROW, 1.0) if name == "by_base_turn" else 1.0)
+            slope = {name: weight * unit[:, where[0], where[1]] / limit}
+            found.append(Residual(weight * excess[where], motion=where[0], instants=where[1], **slope))
+        return found
+
+    def _used(self, motions: Motions) -> list[tuple[str, FloatArray, FloatArray, FloatArray]]:
+        """For what is limited: what slopes are by, sizes (S, K), gradients (3, S, K) by that, and limits."""
+        used = []
+        if self.holds_attitude:
+            turned = log3(np.einsum("yx,yzsk->xzsk", motions.rotation_start, motions.base_attitude))
+            most = np.full(len(motions.times), self.attitude)
+            most[motions.last] = min(self.attitude, self.final_attitude)
+            angle = np.sqrt(dot(turned, turned))
+            axis = apply(motions.rotation_start[..., None, None], turned / np.maximum(angle, 1e-12))
+            used.append(("by_base_turn", angle, axis, most))
+        if self.translation < math.inf:
+            shift = motions.base_position - motions.base_start[:, None, None]
+            distance = np.sqrt(dot(shift, shift))
+            used.append(
+                ("by_base", distance, shift / np.maximum(distance, 1e-12), np.array(self.translation))
+            )
+        if self.attitude_rate < math.inf:
+            speed = np.sqrt(dot(motions.base_spin, motions.base_spin))
+            unit = motions.base_spin / np.maximum(speed, 1e-12)
+            used.append(("by_base_spin", speed, unit, np.array(self.attitude_rate)))
+        return used
+
+    def violation(self, motion: Motions) -> Violation:
+        """The largest excess of any of them, between the instants of the finished motion too."""
+        if self.none:
+            return Violation()
+        names = {"by_base_turn": "attitude", "by_base": "translation", "by_base_spin": "attitude_rate"}
+        worst, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
+        span = float(np.diff(motion.times).max())
+        linear = np.gradient(motion.base_position[:, 0], motion.times, axis=1)
+        for by, sizes, _, most in self._used(motion):
+            # Between two instants the path leaves the straight line between them by the change of its
+            # velocity times the span over 8; the line itself lies within any ball that holds its ends.
+            velocity = {"by_base_turn": motion.base_spin[:, 0], "by_base": linear}.get(by)
+            bulge = 0.0
+            if velocity is not None:
+                bulge = float(np.linalg.norm(np.diff(velocity, axis=1), axis=0).max()) * span / 8.0
+            name, size = names[by], sizes[0]
+            binds |= size > (1.0 - _BINDING) * most
+            checks = [(name, float(size.max()) + bulge, getattr(self, name))]
+            if by == "by_base_turn":
+                checks.append(("final_attitude", float(size[motion.last]), self.final_attitude))
+            for limit, largest, allowed in checks:
+                if largest > allowed:
+                    worst = max(worst, largest - allowed)
+                    unit = _UNITS[limit]
+                    notes.append(f"{limit} {allowed:.4g} {unit}, the largest found is {largest:.4g} {unit}")
+        note = f"the base limit is broken: {'; '.join(notes)}" if notes else ""
+        return Violation(worst, motion.times[binds], note)

@@ -1,0 +1,107 @@
+"""What keeps the arm clear of itself and of the base, as a limit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import number
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import Residual, Residuals
+from ffsms_pin.opt.limits.clearance_rows import clearance_model, clearance_rows
+from ffsms_pin.opt.limits.clearance_stack import ClearanceStack, clearance_stack
+from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
+from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["Clearance", "CollisionMode"]
+
+CollisionMode = str
+MODES = ("points", "shapes", "off")
+
+# [m] Clearances of finished motions are looked at twice a step; what they can lose in between is a few
+# micrometres.
+_BETWEEN = 1e-5
+_BINDING = 1e-3  # [m] with less than this left the limit binds
+
+
+@dataclass(frozen=True)
+class Clearance(Limit):
+    """Distances within the arm and from the arm to the base.
+
+    Attributes
+    ----------
+    clearance : float
+        The paper's d_safe, and the margin to the base [m].
+    collision : {"points", "shapes", "off"}
+        What is kept apart: the paper's points and the base's box (const4 to const7), the URDF's collision
+        shapes, or nothing.
+    """
+
+    clearance: float = 0.01
+    collision: CollisionMode = "points"
+    name = "clearance"
+    # [arm lengths] A penalty gives way, and only some instants of a whole motion are watched.
+    margin = 0.01
+    _stack: ClearanceStack | None = None
+    _model: Any = None
+    _length: float = 1.0
+
+    def __post_init__(self) -> None:
+        number("clearance", self.clearance)
+        if self.collision not in MODES:
+            raise InvalidValue("collision", self.collision, f"must be one of {', '.join(MODES)}")
+
+    def for_robot(self, sms: SpaceManipulator) -> Clearance:
+        """With the robot's points or shapes."""
+        stack = clearance_stack(sms, self.collision)
+        if stack is None:
+            return replace(self, _stack=None, _model=None)
+        return replace(self, _stack=stack, _model=clearance_model(sms, self.collision))
+
+    def tightened(self, by: float) -> Clearance:
+        """With a greater clearance."""
+        return replace(self, clearance=self.clearance + by)
+
+    def least(self, motions: Motions) -> tuple[float, str]:
+        """The least clearance [m] of motions, and between what; infinite where nothing is kept apart."""
+        if self._stack is None:
+            return np.inf, ""
+        values = self._stack.values(motions.joints, motions.arm).min(axis=(1, 2))
+        which = int(np.argmin(values))
+        return float(values[which]), self._stack.names()[which]
+
+    def rows(self, step: StepState) -> Rows | None:
+        """A clearance may shrink at most at a rate proportional to what is left of it."""
+        return None if self._model is None else clearance_rows(self._model, self.clearance, step)
+
+    def residual(self, motions: Motions) -> Residuals:
+        """What clearances lack of the asked one and the margin, in arm lengths."""
+        if self._stack is None:
+            return []
+        length = motions.stack.length
+        lack = self.clearance + self.margin * length - self._stack.values(motions.joints, motions.arm)
+        where = np.nonzero(lack > 0.0)
+        if not where[0].size:
+            return []
+        slope = self._stack.gradients(motions.stack, motions.joints, motions.arm, where)
+        return [Residual(lack[where] / length, motion=where[1], instants=where[2], by_joints=-slope / length)]
+
+    def violation(self, motion: Motions) -> Violation:
+        """The largest lack of clearance at the nodes and in the middles between them."""
+        if self._stack is None:
+            return Violation()
+        values = self._stack.values(motion.joints, motion.arm)[:, 0]
+        which, k = np.unravel_index(int(np.argmin(values)), values.shape)
+        lack = self.clearance - float(values[which, k])
+        near = motion.times[values.min(axis=0) < self.clearance + _BINDING]
+        if lack <= -_BETWEEN:
+            return Violation(0.0, near)
+        note = (
+            f"a clearance is broken: {self._stack.names()[which]} is {1e3 * values[which, k]:.1f} mm at "
+            f"{motion.times[k]:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
+        )
+        return Violation(max(lack, _BETWEEN), near, note)

@@ -1,0 +1,141 @@
+"""Clearances at many configurations at once, and the gradients of those that matter."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
+from ffsms_pin.opt.batch.stacks import cross, dot
+from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.limits.shapes import Shapes
+from ffsms_pin.system import SpaceManipulator
+
+# Of entries of an array.
+Indices: TypeAlias = NDArray[np.signedinteger[Any]]
+
+__all__ = ["ClearanceStack", "clearance_stack"]
+
+
+class ClearanceStack(Protocol):
+    """The clearances of a robot, for stacks of configurations."""
+
+    mode: str
+
+    def names(self) -> list[str]:
+        """What each clearance is between, in order."""
+
+    def values(self, positions: FloatArray, arm: ArmValues) -> FloatArray:
+        """Clearances (m, ...) [m] at joint positions (n, ...)."""
+
+    def gradients(
+        self, stack: ArmStack, positions: FloatArray, arm: ArmValues, where: tuple[Indices, ...]
+    ) -> FloatArray:
+        """Gradients (n, V) of the clearances at V entries of `values`."""
+
+
+def clearance_stack(sms: SpaceManipulator, collision: str) -> ClearanceStack | None:
+    """The clearances that a mode keeps; None for "off", and where nothing can come near anything."""
+    if collision == "off":
+        return None
+    if collision not in ("points", "shapes"):
+        raise InvalidValue("collision", collision, 'must be "points", "shapes" or "off"')
+    stack = PointStack(sms) if collision == "points" else ShapeStack(sms)
+    return stack if stack.names() else None
+
+
+class PointStack:
+    """The paper's points (see `Points`)."""
+
+    mode: str = "points"
+
+    def __init__(self, sms: SpaceManipulator) -> None:
+        self._points = Points(sms)
+        self._first, self._second = (
+            np.array(side, dtype=np.intp) for side in (self._points.first, self._points.second)
+        )
+        self._outside = np.array(self._points.outside, dtype=np.intp)
+        self._half = 0.5 * np.array(sms.base_size)
+        self._rotation = sms.base_box_placement.rotation.copy()
+        self._centre = sms.base_box_placement.translation.copy()
+
+    def names(self) -> list[str]:
+        """What each clearance is between, in order."""
+        return self._points.names()
+
+    def values(self, positions: FloatArray, arm: ArmValues) -> FloatArray:
+        """Distances of pairs of points, then distances outside the base box."""
+        points = arm.points
+        apart = points[:, self._first] - points[:, self._second]
+        outside = (np.abs(self._in_box(points[:, self._outside])).T - self._half).T
+        return np.concatenate([np.sqrt(dot(apart, apart)), outside.max(axis=0)])
+
+    def gradients(
+        self, stack: ArmStack, positions: FloatArray, arm: ArmValues, where: tuple[Indices, ...]
+    ) -> FloatArray:
+        """Gradients (n, V) of the clearances at V entries of `values`."""
+        pairs, (columns, *rest) = len(self._first), where
+        boxed = columns >= pairs
+        one = np.where(boxed, 0, columns)
+        other = np.where(boxed, columns - pairs, 0)
+        first = np.where(boxed, self._outside[other] if self._outside.size else 0, self._first[one])
+        second = self._second[one] if pairs else first
+        every: Any = slice(None)
+        here, there = (arm.points[(every, point, *rest)] for point in (first, second))
+        apart = here - there
+        unit = apart / np.maximum(np.sqrt(dot(apart, apart)), 1e-12)
+        place = self._in_box(here)
+        axis = np.argmax(np.abs(place) - self._half[:, None], axis=0)
+        sign = np.where(np.take_along_axis(place, axis[None], axis=0) < 0.0, -1.0, 1.0)
+        unit = np.where(boxed, sign * self._rotation[:, axis], unit)
+        a, v = (values[(every, every, *rest)] for values in (arm.axes, arm.velocities))
+        here_moves = (v + cross(a, here[:, None])) * stack.moves_point[first].T
+        there_moves = (v + cross(a, there[:, None])) * stack.moves_point[second].T
+        return dot(here_moves - np.where(boxed, 0.0, there_moves), unit[:, None])
+
+    def _in_box(self, points: FloatArray) -> FloatArray:
+        """Points (3, ...) in the box's own axes, from its centre."""
+        centre = self._centre.reshape(3, *(1,) * (points.ndim - 1))
+        return np.asarray(np.einsum("xi,x...->i...", self._rotation, points - centre))
+
+
+class ShapeStack:
+    """Exact distances of the URDF's shapes (see `Shapes`): one configuration after the other."""
+
+    mode: str = "shapes"
+
+    def __init__(self, sms: SpaceManipulator) -> None:
+        self._sms = sms
+        self._shapes = Shapes(sms)
+        self._q = pin.neutral(sms.model)
+
+    def names(self) -> list[str]:
+        """What each clearance is between, in order."""
+        return self._shapes.names()
+
+    def values(self, positions: FloatArray, arm: ArmValues) -> FloatArray:
+        """Distances of pairs of bodies."""
+        sms, places = self._sms, positions.reshape(len(positions), -1).T
+        out = np.empty((self._shapes.count, len(places)))
+        for k, place in enumerate(places):
+            sms.layout.set_positions(self._q, place)
+            out[:, k] = self._shapes.values(self._q)
+        return out.reshape(-1, *positions.shape[1:])
+
+    def gradients(
+        self, stack: ArmStack, positions: FloatArray, arm: ArmValues, where: tuple[Indices, ...]
+    ) -> FloatArray:
+        """Gradients (n, V) of the distances at V entries of `values`."""
+        columns, *rest = where
+        out = np.empty((len(positions), len(columns)))
+        stacked = np.ravel_multi_index(tuple(rest), positions.shape[1:])
+        for entry in np.unique(stacked):
+            here = stacked == entry
+            self._sms.layout.set_positions(self._q, positions.reshape(len(positions), -1)[:, entry])
+            out[:, here] = self._shapes.gradients(self._q)[1][columns[here]].T
+        return out

@@ -1,0 +1,128 @@
+"""The joints' rates, accelerations and positions as a limit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import Residuals
+from ffsms_pin.opt.limits.limit import ControlMaps, ControlRows, Limit, Rows, Violation
+from ffsms_pin.opt.limits.rate_bounds import rate_bounds
+from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.system import JointLimits as Limits
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["JointLimits"]
+
+_ROUNDING = 1e-12  # [rad or rad/s] of sums over a thousand nodes
+_BINDING = 1e-3  # share of a limit: with less than this left it binds
+
+
+@dataclass(frozen=True)
+class JointLimits(Limit):
+    """The robot's own limits (`sms.limits`), at every instant and not only at nodes.
+
+    In a step they are bounds on the joint rates; in a whole motion they are rows on the control points, which
+    no solution breaks, so there is no residual.
+    """
+
+    name = "joints"
+    _limits: Limits | None = None
+    _joint_names: tuple[str, ...] = ()
+
+    def for_robot(self, sms: SpaceManipulator) -> JointLimits:
+        """With the robot's limits."""
+        return replace(self, _limits=sms.limits, _joint_names=tuple(sms.joint_names))
+
+    @property
+    def limits(self) -> Limits:
+        """The robot's limits."""
+        if self._limits is None:
+            raise ValueError("JointLimits.for_robot comes first")
+        return self._limits
+
+    def rows(self, step: StepState) -> Rows:
+        """Bounds on the joint rates that leave room to brake."""
+        lower, upper = rate_bounds(step.joints, step.rates, self.limits, step.dt)
+        return Rows(np.eye(len(lower)), lower, upper)
+
+    def residual(self, motions: Motions) -> Residuals:
+        """None: the control points keep the limits."""
+        return []
+
+    def control_rows(self, maps: ControlMaps) -> list[ControlRows]:
+        """Bounds on rates, accelerations and positions."""
+        limits, n = self.limits, len(self.limits.velocity)
+        # The nodes join the spline's rates by straight lines; the positions differ by less than this. The
+        # trapezoidal rule errs by dt^2 / 12 times the variation of the acceleration, a few times its limit.
+        guard = np.minimum(2.0 * maps.dt**2 * limits.acceleration, 0.1 * (limits.upper - limits.lower))
+        guard = np.where(np.isfinite(guard), guard, 0.0)
+        velocity, acceleration = np.broadcast_to(limits.velocity, n), limits.acceleration
+        # Rows of like size: rates over 1 s, accelerations over 0.8 s^2, positions over 3 s.
+        return [
+            ControlRows("rate", 1.0, maps.rates, maps.rates_fixed, -velocity, velocity),
+            ControlRows(
+                "acceleration", 0.8, maps.accelerations, maps.accelerations_fixed, -acceleration, acceleration
+            ),
+            ControlRows(
+                "position",
+                0.3,
+                maps.positions,
+                maps.positions_fixed,
+                limits.lower + guard,
+                limits.upper - guard,
+            ),
+        ]
+
+    def violation(self, motion: Motions) -> Violation:
+        """The largest excess of a joint's rate, acceleration or position, between nodes too."""
+        limits = self.limits
+        joints, rates = motion.joints[:, 0], motion.rates[:, 0]
+        accelerations = np.diff(rates, axis=1) / np.diff(motion.times)
+        # Between two instants a position has its extreme where the rate changes sign.
+        start, end = rates[:, :-1], rates[:, 1:]
+        turning = start * end < 0.0
+        extremes = joints[:, :-1] - np.where(
+            turning, start**2 / (2.0 * np.where(turning, accelerations, 1.0)), 0.0
+        )
+        extremes = np.hstack([extremes, joints[:, -1:]])
+        beyond = np.maximum(
+            np.maximum(limits.lower[:, None] - joints, joints - limits.upper[:, None]),
+            np.maximum(limits.lower[:, None] - extremes, extremes - limits.upper[:, None]),
+        )
+        fast = np.abs(rates) - limits.velocity[:, None]
+        hard = np.hstack([np.abs(accelerations), np.zeros((len(joints), 1))]) - limits.acceleration[:, None]
+        rounding = (_ROUNDING, _ROUNDING, _ROUNDING / float(np.diff(motion.times).min()))
+        kinds = zip(
+            ("position", "rate", "acceleration"),
+            (beyond, fast, hard),
+            rounding,
+            ("rad", "rad/s", "rad/s^2"),
+            strict=True,
+        )
+        amount, notes = 0.0, []
+        for kind, excess, least, unit in kinds:
+            joint, k = np.unravel_index(int(np.argmax(excess)), excess.shape)
+            worst = float(excess[joint, k])
+            if worst > least:
+                amount = max(amount, worst)
+                notes.append(
+                    f"the {kind} limit of '{self._joint_names[joint]}' is broken by {worst:.3g} {unit} "
+                    f"at {motion.times[k]:.3g} s"
+                )
+        return Violation(amount, motion.times[self._binds(joints, fast, hard)], "; ".join(notes))
+
+    def _binds(self, joints: FloatArray, fast: FloatArray, hard: FloatArray) -> FloatArray:
+        """Whether any joint is at a limit, at every instant."""
+        limits = self.limits
+        span = np.where(np.isfinite(limits.upper - limits.lower), limits.upper - limits.lower, 1.0)
+        near = (
+            np.minimum(joints - limits.lower[:, None], limits.upper[:, None] - joints)
+            < _BINDING * span[:, None]
+        )
+        near |= fast > -_BINDING * np.minimum(limits.velocity, 1e9)[:, None]
+        near |= hard > -_BINDING * np.minimum(limits.acceleration, 1e9)[:, None]
+        return np.asarray(near.any(axis=0))

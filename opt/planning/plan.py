@@ -1,0 +1,211 @@
+"""`plan`: from a start and a target to a trajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import number
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.horizon import SearchOptions, solve
+from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit
+from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.step.march import Progress, Steps, march, start_sides
+from ffsms_pin.opt.step.programme import StepWeights
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
+from ffsms_pin.opt.trajectory import Trajectory, measure
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["METHODS", "plan"]
+
+METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
+
+# [m, rad] Nearer than this to its target, an arm is there and stays.
+ALREADY_THERE = 1e-6
+
+# The references are about what they spare: ten times the step's own price of redundant motion, and still too
+# little to keep an arm from leaving a singular start.
+REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
+
+
+def plan(
+    sms: SpaceManipulator,
+    q0: ArrayLike,
+    target: Any,
+    duration: float = 12.0,
+    dt: float = 0.01,
+    kappa: float = 10.0,
+    *,
+    clearance: float = 0.01,
+    collision: str = "points",
+    method: str = "horizon",
+    base_limits: BaseLimits | None = None,
+    momentum: ArrayLike | None = None,
+    joint_rates: ArrayLike | None = None,
+    locked: Sequence[str] = (),
+    effort: float | None = None,
+    base: float = 0.0,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+) -> Trajectory:
+    """Plan a coupling-informed motion from `q0` to `target`.
+
+    It builds an `opt.Problem` and solves it; for other terms and limits build one yourself and call
+    `opt.solve`.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    q0 : array_like, shape (nq,)
+        Start, within the joint limits.
+    target : array_like, shape (3,), pinocchio.SE3, callable, or Goal
+        Wanted end-effector position [m], or pose, in inertial axes; see `Problem.goal` for more.
+    duration : float
+        Time to arrive [s]. The paper does not state its own; 12 s is ours for its cases: 1.5 to 3 times
+        what the joint limits need there.
+    dt : float
+        Step [s]; the paper states none. A whole number of steps makes up the duration, so the step used is
+        the nearest that does.
+    kappa : float
+        Sharpness of C~. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)).
+    clearance : float
+        The paper's d_safe [m], between points of the arm and from them to the base box.
+    collision : {"points", "shapes", "off"}
+        What is kept clear: the paper's points (const4 to const7), the collision shapes, or nothing.
+    method : str
+        "horizon": the whole motion at once, from several starts (see docs/horizon.md). The default: it
+        reaches what the step marches past, and its cost is that of a full nonlinear programme.
+        "step": the per-step programme, marched from the start once for each side of the cost's cone that the
+        end effector can take; of the plans that arrive, the one with the lowest cost.
+        "paper": the paper's cost minimised step by step as it stands, with a schedule for const8.
+        "resolved-rate", "least-disturbance", "minimum-effort": classical references that go straight to the
+        target (see `REFERENCES`), under the same limits.
+    base_limits : BaseLimits, optional
+        How far and how fast the base may move. A plan that breaks them has not `reached`. Not for "paper".
+    momentum : array_like, shape (6,), optional
+        Total momentum [linear; angular] of the system about its centre of mass, inertial axes
+        [kg m/s; kg m^2/s], as in `sms.velocity`. Default zero. Not for "paper".
+    joint_rates : array_like, shape (n,), optional
+        Joint rates at the start [rad/s]; default: at rest.
+    locked : sequence of str
+        Names of joints that cannot move; for "horizon".
+    effort : float, optional
+        Weight on joint travel (`opt.Effort`); for "horizon". Default: that of `opt.Effort`.
+    base : float
+        Weight on the turning of the base (`opt.BaseTurn`); for "horizon".
+    time_limit : float, optional
+        After so long [s] the best plan so far is returned; for "horizon".
+    progress : callable, optional
+        Called with the share of the work done, 0 to 1.
+
+    Returns
+    -------
+    Trajectory
+        `reached` says whether the target was reached; `note` what stood in the way.
+
+    Raises
+    ------
+    InvalidValue
+        A wrong shape, a number out of range, or a start outside the joint limits.
+    """
+    if method not in METHODS:
+        raise InvalidValue("method", method, f"must be one of {', '.join(METHODS)}")
+    if base_limits is not None and not isinstance(base_limits, BaseLimits):
+        raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")
+    terms: list[Term] = [Coupling(kappa), Smooth(), Effort() if effort is None else Effort(effort)]
+    if number("base", base) != 0.0:
+        terms.append(BaseTurn(base))
+    limits: list[Limit] = [JointLimits(), Clearance(clearance, collision)]
+    if base_limits is not None:
+        limits.append(base_limits)
+    problem = Problem(
+        sms,
+        q0,
+        target,
+        duration,
+        dt,
+        terms,
+        limits,
+        joint_rates=joint_rates,
+        momentum=momentum,
+        locked=locked,
+    )
+    if method == "paper" and (base_limits is not None or problem.momentum is not None):
+        raise InvalidValue("method", method, "knows no base limits and no momentum; take another one")
+    if method != "horizon" and (problem.goal.moves or problem.locked):
+        raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
+    still = _stand_still(problem)
+    if still is not None:
+        return still
+    if method == "horizon":
+        return solve(problem, SearchOptions(time_limit=time_limit), progress)
+    return _marched(problem, method, progress)
+
+
+def _stand_still(problem: Problem) -> Trajectory | None:
+    """The motion of an arm that is already there: none, whatever the paper's cost charges for it."""
+    if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
+        return None
+    place = problem.goal.place(0.0)
+    rests = place.velocity is None and place.spin is None
+    if not rests or np.linalg.norm(place.position - problem.tip0) >= ALREADY_THERE:
+        return None
+    still = measure(
+        problem,
+        np.zeros((problem.steps + 1, problem.sms.n)),
+        "the end effector is at its target from the start",
+    )
+    error = max(float(still.position_error[0]), float(still.orientation_error[0]))
+    return still if error < ALREADY_THERE and still.clear else None
+
+
+def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajectory:
+    """The motion of single steps; for "step" the best of the marches on the different sides of the cone."""
+    sms, place = problem.sms, problem.goal.place(problem.duration)
+    if method == "paper":
+        paper = NonlinearStepper(sms, problem.dt, problem.kappa, (*problem.limits, AlphaBox()))
+        return _march(problem, paper, progress)
+    step = method == "step"
+    stepper = Stepper(
+        sms,
+        problem.dt,
+        problem.kappa,
+        (*problem.limits, AlphaBox()),
+        weights=None if step else REFERENCE_WEIGHTS,
+        reference=method,
+        momentum=problem.momentum,
+    )
+    sides = start_sides(sms, problem.q0, place.position) if step else [np.zeros(3)]
+    plans = []
+    for i, side in enumerate(sides):
+        stepper.reset(side)
+        plans.append(_march(problem, stepper, None if progress is None else _part(progress, i, len(sides))))
+    return min(plans, key=_rank)
+
+
+def _march(problem: Problem, stepper: Steps, progress: Callable[[float], None] | None) -> Trajectory:
+    place = problem.goal.place(problem.duration)
+    rates, note = march(
+        stepper,
+        problem.q0,
+        problem.joint_rates,
+        place.position,
+        problem.duration,
+        place.rotation,
+        progress,
+    )
+    return measure(problem, rates, note)
+
+
+def _rank(plan: Trajectory) -> tuple[bool, float]:
+    """Plans that arrive by cost, before the others by how near they come."""
+    return not plan.reached, plan.cost_integral if plan.reached else float(plan.position_error[-1])
+
+
+def _part(progress: Progress, index: int, count: int) -> Progress:
+    return lambda share: progress((index + share) / count)

@@ -1,0 +1,202 @@
+"""A planning problem: one frozen object from the command line to the solver, validated once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ffsms_pin.checks import FloatArray, frozen, positive, vector
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.batch.arm import ArmStack
+from ffsms_pin.opt.goals import as_goal
+from ffsms_pin.opt.limits import Clearance, JointLimits, Limit
+from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem"]
+
+ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
+MOST_STEPS = 1_000_000  # some 400 MB for seven joints
+_LEAST_WAY = 0.02  # [m] a target this near, or nearer, is gone to as slowly as one at this distance
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What a motion should do: a robot, a start, a goal, a time; terms, limits, and what is given.
+
+    Attributes
+    ----------
+    sms : SpaceManipulator
+    q0 : array_like, shape (nq,)
+        Configuration at the start, within the joint limits.
+    goal : array_like, shape (3,), pinocchio.SE3, callable, or Goal
+        Where the end effector should be at the deadline, inertial axes: a position [m], a pose, a function of
+        time [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`.
+    duration : float
+        Time to the deadline [s]. The paper states none; 12 s is ours for its cases.
+    dt : float
+        Step of the finished motion [s]. A whole number of steps makes up the duration, so the step is the
+        nearest that does.
+    terms : sequence of Term, optional
+        What the motion should be like. Default: the paper's cost with kappa 10, small accelerations, little
+        travel.
+    limits : sequence of Limit, optional
+        What must hold. Default: the joints' limits, and a clearance of 0.01 m.
+    joint_rates : array_like, shape (n,), optional
+        At the start [rad/s]; default: at rest.
+    momentum : array_like, shape (6,), optional
+        Total momentum [linear; angular] about the system's centre of mass, inertial axes [kg m/s; kg m^2/s].
+        Default zero.
+    locked : sequence of str
+        Names of joints that cannot move.
+
+    Raises
+    ------
+    InvalidValue
+        A wrong shape, a number out of range, an unknown joint, a start outside the joint limits.
+    """
+
+    sms: SpaceManipulator
+    q0: Any
+    goal: Any
+    duration: float = 12.0
+    dt: float = 0.01
+    terms: Sequence[Term] = None  # type: ignore[assignment]  # the default is put in its place
+    limits: Sequence[Limit] = None  # type: ignore[assignment]
+    joint_rates: Any = None
+    momentum: Any = None
+    locked: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.sms, SpaceManipulator):
+            raise InvalidValue("sms", self.sms, "must be a SpaceManipulator, as ffsms_pin.load gives it")
+        q0 = frozen(self.sms.checked_configuration("q0", self.q0))
+        duration, dt = positive("duration", self.duration, "s"), positive("dt", self.dt, "s")
+        if duration < dt:
+            raise InvalidValue("duration", duration, f"must be at least one step of {dt:g} s")
+        if duration / dt > MOST_STEPS:
+            raise InvalidValue(
+                "duration", duration, f"must be at most {MOST_STEPS} steps of {dt:g} s; take a longer dt"
+            )
+        terms = (Coupling(), Smooth(), Effort()) if self.terms is None else tuple(self.terms)
+        limits = (JointLimits(), Clearance()) if self.limits is None else tuple(self.limits)
+        _check_parts("terms", terms, Term)
+        _check_parts("limits", limits, Limit)
+        n = self.sms.n
+        rates = np.zeros(n)
+        if self.joint_rates is not None:
+            rates = vector("joint_rates", self.joint_rates, n, "rad/s")
+        momentum = None if self.momentum is None else vector("momentum", self.momentum, 6)
+        if momentum is not None and not momentum.any():
+            momentum = None
+        for name in self.locked:
+            if name not in self.sms.joint_names:
+                raise InvalidValue("locked", name, f"must be a joint: {', '.join(self.sms.joint_names)}")
+        values = {
+            "q0": q0,
+            "goal": as_goal(self.goal),
+            "duration": duration,
+            "dt": duration / round(duration / dt),
+            "terms": terms,
+            "limits": tuple(limit.for_robot(self.sms) for limit in limits),
+            "joint_rates": frozen(rates),
+            "momentum": None if momentum is None else frozen(momentum),
+            "locked": tuple(self.locked),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+        _check_start(self)
+
+    def lasting(self, duration: float) -> Problem:
+        """The same problem with another duration, in the same number of steps."""
+        return replace(self, duration=duration, dt=duration / self.steps)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return round(self.duration / self.dt)
+
+    @property
+    def kappa(self) -> float:
+        """Sharpness of the paper's C~, by which motions are measured: the coupling term's, else 10."""
+        return next((term.kappa for term in self.terms if isinstance(term, Coupling)), 10.0)
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Which joints can move (n,)."""
+        return np.array([name not in self.locked for name in self.sms.joint_names])
+
+    @cached_property
+    def stack(self) -> ArmStack:
+        """The robot, prepared for stacks of configurations."""
+        return ArmStack(self.sms)
+
+    @cached_property
+    def joints0(self) -> FloatArray:
+        """Joint positions at the start (n,)."""
+        return self.sms.layout.positions(self.q0)
+
+    @cached_property
+    def rotation0(self) -> FloatArray:
+        """Base attitude at the start (3, 3)."""
+        rotation: FloatArray = pin.Quaternion(self.q0[3:7]).toRotationMatrix()
+        return rotation
+
+    @cached_property
+    def com0(self) -> FloatArray:
+        """The system's centre of mass at the start (3,) [m]."""
+        return np.asarray(self.q0[:3] + self.rotation0 @ self.stack.evaluate(self.joints0[:, None]).com[:, 0])
+
+    @cached_property
+    def base0(self) -> FloatArray:
+        """Place of the base's centre of mass at the start (3,) [m]."""
+        return np.asarray(self.q0[:3] + self.rotation0 @ self.stack.base_com)
+
+    @cached_property
+    def tip0(self) -> FloatArray:
+        """Position of the end effector at the start (3,) [m]."""
+        rho = self.stack.evaluate(self.joints0[:, None]).rho[:, 0]
+        return np.asarray(self.com0 + self.rotation0 @ rho)
+
+    @cached_property
+    def drift(self) -> FloatArray:
+        """Velocity of the system's centre of mass (3,) [m/s]."""
+        return np.zeros(3) if self.momentum is None else self.momentum[:3] / self.stack.mass
+
+    @cached_property
+    def pace(self) -> float:
+        """Mean speed of a straight way to the target [m/s]: the scale of speeds."""
+        way = self.goal.place(self.duration).position - self.tip0
+        return max(float(np.linalg.norm(way)), _LEAST_WAY) / self.duration
+
+
+def _check_parts(name: str, parts: Sequence[Any], kind: type) -> None:
+    for part in parts:
+        if not isinstance(part, kind):
+            raise InvalidValue(name, part, f"must be a sequence of opt.{kind.__name__}")
+    names = [part.name for part in parts]
+    for one in names:
+        if names.count(one) > 1:
+            raise InvalidValue(name, one, "must have one part of each name; give yours another `name`")
+
+
+def _check_start(problem: Problem) -> None:
+    """A start outside the joint limits is an error where the problem keeps them."""
+    sms = problem.sms
+    if not any(isinstance(limit, JointLimits) for limit in problem.limits):
+        return
+    positions = sms.layout.positions(problem.q0)
+    outside = sms.limits.violation(positions)
+    if outside.any():
+        i = int(np.argmax(outside))
+        raise InvalidValue(
+            f"q0: joint '{sms.joint_names[i]}'",
+            round(float(positions[i]), 6),
+            f"must start within [{sms.limits.lower[i]:.6g}, {sms.limits.upper[i]:.6g}] rad",
+        )

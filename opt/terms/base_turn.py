@@ -1,0 +1,38 @@
+"""Little turning of the base as a term."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsms_pin.checks import at_least_zero
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import Residual, Residuals
+from ffsms_pin.opt.terms.term import Term, time_scale
+
+__all__ = ["BaseTurn"]
+
+
+@dataclass(frozen=True)
+class BaseTurn(Term):
+    """Little turning of the base.
+
+    Attributes
+    ----------
+    weight : float
+        On the integral of the squared angular velocity of the base [s^2/rad^2, for a motion of 8 s].
+    """
+
+    weight: float = 0.1
+    name = "base turn"
+
+    def __post_init__(self) -> None:
+        at_least_zero("weight", self.weight)
+
+    def residual(self, motions: Motions) -> Residuals:
+        """The components of the angular velocity."""
+        root = np.sqrt(self.weight) * time_scale(motions)
+        spin, eye = motions.base_spin, np.eye(3)
+        ones = np.ones((1, *spin.shape[1:]))
+        return [Residual(root * spin[i], by_base_spin=root * eye[i][:, None, None] * ones) for i in range(3)]

@@ -1,0 +1,38 @@
+"""Small joint accelerations as a term."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsms_pin.checks import at_least_zero
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import JointResidual, Residuals
+from ffsms_pin.opt.terms.term import Term, time_scale
+
+__all__ = ["Smooth"]
+
+
+@dataclass(frozen=True)
+class Smooth(Term):
+    """Small joint accelerations.
+
+    Attributes
+    ----------
+    weight : float
+        On the integral of the squared accelerations [s^4/rad^2, for a motion of 8 s]. The default is small:
+        it decides between motions of equal cost.
+    """
+
+    weight: float = 1e-5
+    name = "smooth"
+    eases = True
+
+    def __post_init__(self) -> None:
+        at_least_zero("weight", self.weight)
+
+    def residual(self, motions: Motions) -> Residuals:
+        """The joint accelerations."""
+        root = np.sqrt(self.weight) * time_scale(motions) ** 2
+        return [JointResidual(root * motions.accelerations, by_acceleration=np.full((1, 1, 1), root))]

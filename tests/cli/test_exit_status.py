@@ -1,0 +1,126 @@
+"""How a command ends: with one line, and a status that says whose fault it was."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from scenario_files import IN_DEGREES
+
+from ffsms_pin.cli import info_command, main
+from ffsms_pin.errors import InvalidValue
+
+LONG = f"{IN_DEGREES.lstrip()}[plan]\nduration = 300.0\ndt = 0.0005\n"
+
+
+def ends_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> int:
+    """The status of a command that raises an error."""
+
+    def run(arguments: argparse.Namespace) -> int:
+        raise error
+
+    monkeypatch.setattr(info_command, "run", run)
+    return main(["info", "planar_3r"])
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "words"),
+    [
+        (InvalidValue("x", 3, "must be two"), 2, "error: x must be two, got 3"),
+        (MemoryError(), 2, "error: out of memory"),
+        (ZeroDivisionError("division\nby zero"), 70, "a defect of ffsms-pin, please report it: Zero"),
+        (AssertionError(), 70, "a defect of ffsms-pin, please report it: AssertionError"),
+        (OverflowError("too large"), 70, "too large"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+)
+def test_one_line_and_a_status(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: BaseException,
+    status: int,
+    words: str,
+) -> None:
+    monkeypatch.delenv("FFSMS_PIN_TRACEBACK", raising=False)
+    assert ends_with(monkeypatch, error) == status
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("ffsms-pin: ")
+    assert captured.err.count("\n") == 1
+    assert words in captured.err
+
+
+def test_a_defect_says_where_on_request(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("FFSMS_PIN_TRACEBACK", "1")
+    assert ends_with(monkeypatch, ZeroDivisionError("here")) == 70
+    told = capsys.readouterr().err
+    assert "Traceback" in told
+    assert told.splitlines()[-1].startswith("ffsms-pin: a defect of ffsms-pin")
+
+
+def test_the_signal_is_the_users_again_afterwards(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Any] = []
+
+    def run(arguments: argparse.Namespace) -> int:
+        seen.append(signal.getsignal(signal.SIGTERM))
+        return 0
+
+    monkeypatch.setattr(info_command, "run", run)
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    assert main(["info", "planar_3r"]) == 0
+    assert callable(seen[0])
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+    # A handler that somebody has set stays, and a thread cannot set one.
+    def mine(*_: object) -> None:
+        """Do nothing."""
+
+    signal.signal(signal.SIGTERM, mine)
+    try:
+        assert main(["info", "planar_3r"]) == 0
+        assert seen[1] is mine
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    thread = threading.Thread(target=lambda: seen.append(main(["info", "planar_3r"])))
+    thread.start()
+    thread.join()
+    assert seen[-1] == 0
+
+
+@pytest.mark.parametrize(
+    ("sent", "status", "word"), [("SIGTERM", 143, "terminated"), ("SIGINT", 130, "inter")]
+)
+def test_a_run_is_ended_by_a_signal(tmp_path: Path, sent: str, status: int, word: str) -> None:
+    (tmp_path / "long.toml").write_text(LONG)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ffsms_pin", "run", "long.toml"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: [signal.signal(one, signal.SIG_DFL) for one in (signal.SIGINT, signal.SIGTERM)],
+    )
+    try:
+        deadline = time.monotonic() + 60.0
+        while not (tmp_path / "results").exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(0.3)
+        process.send_signal(getattr(signal, sent))
+        out, err = process.communicate(timeout=60.0)
+    finally:
+        process.kill()
+    assert process.returncode == status
+    assert err.count("\n") == 1
+    assert err.startswith(f"ffsms-pin: {word}")
+    assert out == ""
+    assert os.listdir(tmp_path) == ["long.toml"]

@@ -1,0 +1,108 @@
+"""-M_b^-1 M_bm and what momentum adds: against the paper's sums, and against differences of positions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+from paper_sums import assert_near, paper, pinocchio_state, random_case, skew
+
+import ffsms_pin as ffsms
+from ffsms_pin.system import base_reaction, dynamics
+
+Array = NDArray[np.float64]
+KINDS = ("revolute", "prismatic", "continuous")
+
+
+@pytest.fixture(params=range(5))
+def setting(random_tree: Callable[..., Any], request: pytest.FixtureRequest) -> tuple[Any, ...]:
+    """A random tree, its robot, a state of it in plain numbers and in Pinocchio's."""
+    seed = int(request.param)
+    tree = random_tree(seed, seed + 2, KINDS)
+    sms = ffsms.SpaceManipulator(tree.model(), "tip")
+    case = random_case(tree, np.random.default_rng(seed))
+    return tree, sms, case, *pinocchio_state(tree, sms, case)
+
+
+def test_the_reaction_is_the_papers(setting: tuple[Any, ...]) -> None:
+    tree, sms, case, q, _ = setting
+    M = dynamics.inertia_matrix(sms, q)
+    reaction = base_reaction.root_reaction(M)
+    sums = paper(tree, case.root, case.joints, case.twist, case.rates)
+    # The same motion, seen at the base's centre of mass in inertial axes.
+    seen = base_reaction.base_to_root(q, sms.base_com).actionInverse @ reaction
+    assert_near("C_bm", seen, sums.C_bm)
+    np.testing.assert_array_equal(base_reaction.floating_motion(M), np.vstack([reaction, np.eye(sms.n)]))
+    assert_near("root velocity", base_reaction.root_velocity(M, case.rates), reaction @ case.rates)
+
+
+def test_what_the_reaction_leaves_where_it_is(setting: tuple[Any, ...]) -> None:
+    """Differences of the bodies' places, with no velocity formula: no momentum comes of it."""
+    _, sms, case, q, _ = setting
+    M, h = dynamics.inertia_matrix(sms, q), 1e-6
+    v = base_reaction.floating_motion(M) @ case.rates
+    momentum = differences(sms, q, v, h)
+    still = differences(sms, q, np.concatenate([np.zeros(6), case.rates]), h)
+    assert np.abs(still).max() > 1e-2  # with the base held there is some
+    np.testing.assert_allclose(momentum, 0.0, atol=1e-6 * np.abs(still).max())
+
+
+def test_the_drift_has_the_momentum(setting: tuple[Any, ...]) -> None:
+    _, sms, case, q, _ = setting
+    M, wanted = dynamics.inertia_matrix(sms, q), np.array([1.0, -2.0, 3.0, 0.5, -0.4, 0.3])
+    v = base_reaction.floating_motion(M) @ case.rates
+    v[:6] += base_reaction.root_drift(M, q, wanted)
+    np.testing.assert_allclose(differences(sms, q, v, 1e-6), wanted, atol=1e-5)
+
+
+def test_torques_are_those_of_the_joints_while_the_base_gives_way(setting: tuple[Any, ...]) -> None:
+    _, sms, _, q, _ = setting
+    M = dynamics.inertia_matrix(sms, q)
+    force = np.random.default_rng(3).normal(size=sms.nv)
+    torques = base_reaction.joint_torques(M, force)
+    assert_near("torques", torques, base_reaction.floating_motion(M).T @ force)
+    # Those torques alone give the joints the accelerations that the whole force gives.
+    floating = np.linalg.solve(M, np.concatenate([np.zeros(6), torques]))
+    whole = np.linalg.solve(M, force)
+    assert_near("accelerations", floating[6:], whole[6:], 1e-10)
+
+
+def test_the_system_as_one_body(setting: tuple[Any, ...]) -> None:
+    tree, sms, case, q, v = setting
+    whole = base_reaction.whole_body(dynamics.inertia_matrix(sms, q))
+    assert whole.mass == pytest.approx(sum(body.mass for body in tree.bodies), rel=1e-13)
+    com = pin.XYZQUATToSE3(q[:7]).act(whole.com)
+    assert_near("centre of mass", com, paper(tree, case.root, case.joints, case.twist, case.rates).com)
+    turning = np.zeros(sms.nv)
+    turning[3:6] = v[3:6]
+    turning[:3] = -skew(v[3:6]) @ whole.com  # about the centre of mass
+    R = pin.XYZQUATToSE3(q[:7]).rotation
+    assert_near("angular momentum", R @ whole.inertia @ v[3:6], sms.at(q, turning).momentum[3:], 1e-11)
+
+
+def differences(sms: ffsms.SpaceManipulator, q: Array, v: Array, h: float) -> Array:
+    """Momentum (6,) about the system's centre of mass, from the bodies' places at two instants 2 h apart."""
+    before, after = (places(sms, pin.integrate(sms.model, q, step * v)) for step in (-h, h))
+    here = places(sms, q)
+    masses = np.array([body.mass for body in list(sms.model.inertias)[1:]])
+    com = masses @ np.array([place.translation for place in here]) / masses.sum()
+    momentum = np.zeros(6)
+    for body, a, b, place in zip(list(sms.model.inertias)[1:], before, after, here, strict=True):
+        velocity = (b.translation - a.translation) / (2.0 * h)
+        omega = pin.log3(b.rotation @ a.rotation.T) / (2.0 * h)
+        spin = place.rotation @ body.inertia @ place.rotation.T @ omega
+        momentum[:3] += body.mass * velocity
+        momentum[3:] += spin + np.cross(place.translation - com, body.mass * velocity)
+    return momentum
+
+
+def places(sms: ffsms.SpaceManipulator, q: Array) -> list[Any]:
+    """Every body's axes at its centre of mass."""
+    data = sms.model.createData()
+    pin.forwardKinematics(sms.model, data, q)
+    bodies = list(sms.model.inertias)[1:]
+    return [data.oMi[j] * pin.SE3(np.eye(3), np.array(body.lever)) for j, body in enumerate(bodies, start=1)]

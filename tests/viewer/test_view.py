@@ -1,0 +1,323 @@
+"""The viewer's scenes, looked at from the inside: what is drawn, and where it moves."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import re
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import umsgpack
+from numpy.typing import NDArray
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.cli import main
+from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
+from ffsms_pin.viewer import LAYERS, View, view
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def plan(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
+    q0 = planar.configuration(np.radians([1.0, 1.0, 1.0]))
+    return opt.plan(planar, q0, [0.45, 0.75, 0.0], duration=12.0, dt=0.05)
+
+
+@pytest.fixture(scope="module")
+def tracking(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> ffsms.Tracking:
+    return ffsms.simulate(planar, plan, ffsms.SlidingModeController(planar), dt=0.01)
+
+
+@pytest.fixture(scope="module")
+def scene(planar: ffsms.SpaceManipulator, plan: opt.Trajectory, tracking: ffsms.Tracking) -> View:
+    return view(planar, tracking, plan, fps=10.0)
+
+
+class Opened:
+    """An exported file, taken apart."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        found = re.search(r'<script id="facts" type="application/json">(.*?)</script>', text, re.S)
+        assert found is not None
+        self.facts: dict[str, Any] = json.loads(found[1])
+        found = re.search(r'<script id="commands" type="text/plain">(.*?)</script>', text, re.S)
+        assert found is not None
+        raw = gzip.decompress(base64.b64decode(found[1]))
+        self.commands: list[dict[str, Any]] = []
+        at = 0
+        while at < len(raw):
+            (length,) = struct.unpack_from("<I", raw, at)
+            self.commands.append(umsgpack.unpackb(raw[at + 4 : at + 4 + length]))
+            at += 4 + length
+
+    def of(self, kind: str) -> list[dict[str, Any]]:
+        return [command for command in self.commands if command["type"] == kind]
+
+    def track(self, path: str, name: str) -> tuple[Array, Array]:
+        """Times and rows of a track of the film."""
+        (film,) = self.of("set_animation")
+        (clip,) = [item["clip"] for item in film["animations"] if item["path"] == f"/ffsms/{path}"]
+        (track,) = [item for item in clip["tracks"] if item["name"] == f".{name}"]
+        times = np.frombuffer(track["times"].data, dtype=np.float32).astype(np.float64)
+        values = np.frombuffer(track["values"].data, dtype=np.float32).astype(np.float64)
+        return times, values.reshape(len(times), -1)
+
+
+@pytest.fixture(scope="module")
+def opened(scene: View) -> Opened:
+    return Opened(scene.html())
+
+
+def test_the_file_asks_for_nothing_outside_of_itself(opened: Opened) -> None:
+    assert not re.search(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//""", opened.text)
+    assert not re.search(r"@import|url\(\s*[\"']?https?:", opened.text)
+    # Addresses may stand in the text of Meshcat's script (licences, XML name spaces); none is fetched.
+    start, end = opened.text.index("<script>"), opened.text.index('id="facts"')
+    assert "://" not in opened.text[:start] + opened.text[end:]
+
+
+def test_the_arm_is_where_pinocchio_puts_it(
+    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, opened: Opened
+) -> None:
+    data = planar.model.createData()
+    for shape in planar.geometry("visual").geometryObjects:
+        times, places = opened.track(f"robot/visuals/{shape.name}", "position")
+        _, turns = opened.track(f"robot/visuals/{shape.name}", "quaternion")
+        assert times[-1] == pytest.approx(12.0)
+        for k in (0, len(times) // 2, len(times) - 1):
+            row = int(np.argmin(np.abs(tracking.t - times[k])))
+            pin.forwardKinematics(planar.model, data, tracking.q[row])
+            pose = data.oMi[shape.parentJoint] * shape.placement
+            np.testing.assert_allclose(places[k], pose.translation, atol=1e-6)
+            turned = pin.Quaternion(*turns[k][[3, 0, 1, 2]]).normalized().toRotationMatrix()
+            np.testing.assert_allclose(turned, pose.rotation, atol=1e-6)
+
+
+def test_arrow_to_the_target_ends_at_it_or_points_there(
+    planar: ffsms.SpaceManipulator, plan: opt.Trajectory, opened: Opened
+) -> None:
+    _, tips = opened.track("direction d", "position")
+    _, turns = opened.track("direction d", "quaternion")
+    _, scales = opened.track("direction d", "scale")
+    longest = scales[:, 2].max()
+    for tip, turn, scale in zip(tips[:100], turns[:100], scales[:100], strict=True):
+        ahead = plan.target - tip
+        distance = float(np.linalg.norm(ahead))
+        pointing = pin.Quaternion(*turn[[3, 0, 1, 2]]).normalized().toRotationMatrix()[:, 2]
+        np.testing.assert_allclose(pointing, ahead / distance, atol=1e-5)
+        assert scale[2] == pytest.approx(min(distance, longest), rel=1e-5)
+
+
+def test_cone_opens_at_the_ideal_angle(
+    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, plan: opt.Trajectory, opened: Opened
+) -> None:
+    times, scales = opened.track("cone of the cost", "scale")
+    for k in range(0, len(times), 15):
+        row = int(np.argmin(np.abs(tracking.t - times[k])))
+        sigma = np.linalg.svd(planar.at(tracking.q[row]).C_bm, compute_uv=False)
+        share = sigma[sigma > 0.0] / sigma.sum()
+        entropy = -float((share * np.log(share)).sum()) / np.log(planar.n)
+        ideal = np.log(np.exp(plan.kappa * (1.0 - entropy)) - 1.0) / plan.kappa
+        assert np.arctan2(scales[k, 0], scales[k, 2]) == pytest.approx(np.arccos(ideal), abs=1e-4)
+
+
+def test_base_arrow_is_the_dominant_motion_and_agrees_with_the_real_one(
+    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, opened: Opened
+) -> None:
+    times, turns = opened.track("base motion u1/translation", "quaternion")
+    _, scales = opened.track("base motion u1/translation", "scale")
+    ratios = []
+    for k in range(5, len(times) - 5, 10):
+        row = int(np.argmin(np.abs(tracking.t - times[k])))
+        C = planar.at(tracking.q[row]).C_bm
+        U, sigma, Vt = np.linalg.svd(C)
+        sign = 1.0 if Vt[0] @ tracking.v[row, 6:] > 0.0 else -1.0
+        wanted = sign * sigma[0] * U[:3, 0]
+        pointing = pin.Quaternion(*turns[k][[3, 0, 1, 2]]).normalized().toRotationMatrix()[:, 2]
+        np.testing.assert_allclose(pointing, wanted / np.linalg.norm(wanted), atol=1e-4)
+        ratios.append(scales[k, 2] / np.linalg.norm(wanted))
+    np.testing.assert_allclose(ratios, ratios[0], rtol=1e-4)  # one scale for the whole film
+
+
+def test_cone_takes_the_colour_of_the_assistance(
+    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking, plan: opt.Trajectory, opened: Opened
+) -> None:
+    times, colours = opened.track("cone of the cost/<object>", "material.color")
+    grey, blue = np.array([0xB5, 0xB0, 0xA8]) / 255.0, np.array([0x00, 0x72, 0xB2]) / 255.0
+    k = len(times) // 2
+    row = int(np.argmin(np.abs(tracking.t - times[k])))
+    state = planar.at(tracking.q[row], tracking.v[row])
+    ahead = plan.target - state.end_effector_pose.translation
+    moving = state.end_effector_twist[:3]
+    cosine = float(moving @ ahead / np.linalg.norm(moving) / np.linalg.norm(ahead))
+    assert 0.5 < cosine < 1.0
+    np.testing.assert_allclose(colours[k], grey + cosine * (blue - grey), atol=1e-4)
+
+
+def test_layers_are_there_and_shown_as_asked(
+    planar: ffsms.SpaceManipulator, plan: opt.Trajectory, opened: Opened
+) -> None:
+    assert {layer["name"] for layer in opened.facts["layers"]} == set(LAYERS)
+    few = Opened(view(planar, plan, show=("robot", "limits"), fps=2.0).html())
+    shown = {layer["name"] for layer in few.facts["layers"] if layer["shown"]}
+    assert shown == {"robot", "limits"}
+    assert "tracked_path" not in {layer["name"] for layer in few.facts["layers"]}
+    visible = {c["path"]: c["value"] for c in few.of("set_property") if c["property"] == "visible"}
+    assert visible["/ffsms/robot"] is True
+    assert visible["/ffsms/target"] is False
+
+
+def test_without_a_target_nothing_points_at_one(
+    planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking
+) -> None:
+    bare = Opened(view(planar, tracking, fps=2.0).html())
+    names = {layer["name"] for layer in bare.facts["layers"]}
+    assert names.isdisjoint({"target", "direction", "cone", "planned_path"})
+    assert {"robot", "base_motion", "tracked_path"} <= names
+    assert [reading["label"] for reading in bare.facts["readings"]] == ["entropy"]
+
+
+def test_a_moving_target_moves(planar: ffsms.SpaceManipulator, tracking: ffsms.Tracking) -> None:
+    moving = Opened(view(planar, tracking, target=lambda t: [0.5, 0.1 * t, 0.0], fps=2.0).html())
+    times, places = moving.track("target", "position")
+    np.testing.assert_allclose(places[:, 1], 0.1 * times, atol=1e-6)
+
+
+def test_a_robot_without_shapes_is_drawn_all_the_same(random_tree: Callable[..., Any]) -> None:
+    tree = random_tree(3, 4, ("revolute",))
+    sms = ffsms.SpaceManipulator(tree.model(), "tip", base_size=(0.6, 0.5, 0.4))
+    q0 = sms.configuration(np.full(4, 0.3))
+    tip = sms.at(q0).end_effector_pose.translation
+    plan = opt.plan(
+        sms,
+        q0,
+        tip + np.array([0.0, 0.0, 0.1]),
+        duration=2.0,
+        dt=0.1,
+        method="minimum-effort",
+        collision="off",
+    )
+    opened = Opened(view(sms, plan, fps=2.0, show="all").html())
+    drawn = [c["path"] for c in opened.of("set_object") if c["path"].startswith("/ffsms/robot/")]
+    assert any("base_box" in path for path in drawn)
+    assert sum("link_" in path for path in drawn) >= 3
+
+
+def test_meshes_are_drawn_whole_and_their_ghosts_light() -> None:
+    sms = ffsms.load("satellite_xarm7")
+    q0 = sms.configuration(np.full(sms.n, 0.4))
+    tip = sms.at(q0).end_effector_pose.translation
+    plan = opt.plan(sms, q0, tip + np.array([0.0, 0.02, 0.0]), duration=1.0, dt=0.1, method="minimum-effort")
+    objects = Opened(view(sms, plan, fps=2.0).html()).of("set_object")
+
+    def size(name: str) -> int:
+        return sum(len(umsgpack.packb(c)) for c in objects if c["path"].startswith(f"/ffsms/{name}/"))
+
+    names = {c["path"].rsplit("/", 1)[1] for c in objects if c["path"].startswith("/ffsms/robot/")}
+    assert names == {shape.name for shape in sms.geometry("visual").geometryObjects}
+    assert size("start") < 0.5 * size("robot")
+
+
+def test_the_file_is_written_whole_or_not_at_all(scene: View, tmp_path: Path) -> None:
+    path = tmp_path / "scene.html"
+    scene.to_html(path)
+    assert path.read_text("utf-8").rstrip().endswith("</html>")
+    assert [item.name for item in tmp_path.iterdir()] == ["scene.html"]
+    with pytest.raises(ResultError):
+        scene.to_html(tmp_path / "nowhere" / "scene.html")
+
+
+def test_a_notebook_shows_the_same_page(scene: View) -> None:
+    inline = scene._repr_html_()
+    assert inline.startswith("<iframe srcdoc=")
+    assert inline.count('"') == 4  # everything inside of the attribute is escaped
+
+
+def test_a_title_cannot_break_out(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> None:
+    text = view(planar, plan, fps=1.0, title="</script><b>x").html()
+    assert "</script><b>x" not in text
+    assert "&lt;/script&gt;&lt;b&gt;x" in text
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"speed": 0.0}, "speed"),
+        ({"fps": -1.0}, "fps"),
+        ({"show": "everything"}, "show"),
+        ({"target": [1.0, 2.0]}, "target"),
+        ({"plan": 3}, "plan"),
+    ],
+)
+def test_wrong_arguments_are_refused(
+    planar: ffsms.SpaceManipulator,
+    tracking: ffsms.Tracking,
+    refused: Callable[..., FfsmsError],
+    changes: dict[str, Any],
+    word: str,
+) -> None:
+    refused(lambda: view(planar, tracking, **changes), InvalidValue, word)
+
+
+def test_results_of_another_robot_are_refused(
+    plan: opt.Trajectory, refused: Callable[..., FfsmsError]
+) -> None:
+    refused(lambda: view(ffsms.load("space_arm_7"), plan), InvalidValue, "another robot")
+    wrong: Any = "plan.npz"
+    refused(lambda: view(ffsms.load("space_arm_7"), wrong), InvalidValue, "Trajectory")
+
+
+def test_the_command_writes_a_scene(
+    planar: ffsms.SpaceManipulator,
+    plan: opt.Trajectory,
+    tracking: ffsms.Tracking,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    plan.save(tmp_path / "trajectory.npz")
+    tracking.save(tmp_path / "tracking.npz")
+    (tmp_path / "summary.json").write_text(json.dumps({"scenario": "mine", "robot": "planar_3r"}))
+    out = tmp_path / "out.html"
+    assert main(["view", str(tmp_path), "--html", str(out), "--show", "robot,limits"]) == 0
+    assert str(out) in capsys.readouterr().out
+    opened = Opened(out.read_text("utf-8"))
+    assert {x["name"] for x in opened.facts["layers"] if x["shown"]} == {"robot", "limits"}
+    assert "mine" in opened.text
+
+
+def test_the_command_says_what_is_wrong(
+    plan: opt.Trajectory, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def line(*arguments: str) -> str:
+        assert main(["view", *arguments]) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1
+        return said
+
+    assert "not a folder" in line(str(tmp_path / "nothing"))
+    assert "trajectory.npz" in line(str(tmp_path))
+    plan.save(tmp_path / "trajectory.npz")
+    assert "--robot" in line(str(tmp_path))  # no summary that says whose motion it is
+    assert "not a motion of" in line(str(tmp_path), "--robot", "space_arm_7")
+    (tmp_path / "summary.json").write_text("[")
+    assert "summary.json" in line(str(tmp_path))
+    (tmp_path / "summary.json").write_text('{"scenario": "x", "robot": "gone.urdf"}')
+    assert "gone.urdf" in line(str(tmp_path))
+
+
+def test_the_result_may_come_first(planar: ffsms.SpaceManipulator) -> None:
+    plan = ffsms.opt.plan(planar, planar.configuration([0.4, 0.7, -0.5]), [0.75, 0.5, 0.0], 2.0, 0.1)
+    one, other = ffsms.view(plan, planar).html(), ffsms.view(planar, plan).html()
+    assert abs(len(one) - len(other)) < 100  # the same but for the random names of the scene's objects
+    with pytest.raises(InvalidValue, match="must be a SpaceManipulator"):
+        ffsms.view(plan, plan)
