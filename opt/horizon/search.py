@@ -244,7 +244,7 @@ class Search:
                 np.arccos(np.clip(0.5 * (np.trace(place.rotation @ start.rotation.T) - 1.0), -1, 1))
             )
         far = float(np.linalg.norm(place.position - problem.tip0))
-        return far <= problem.goal.reach and turned <= problem.goal.orientation_reach
+        return bool(far <= problem.goal.reach) and turned <= problem.goal.orientation_reach
 
     def _go_near(self) -> bool:
         """The straight move to the nearest joint goal; whether it arrives."""
