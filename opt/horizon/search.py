@@ -113,9 +113,8 @@ class Search:
             self._follow(effort)
             if self._arrived(effort.content(self.problem.kappa) * scale) or self._out_of_time() or outside:
                 break
-        self._march(
-            (self.options.nearly_free + EFFORTS[0].soft * (math.log(2.0) / self.problem.kappa) ** 2) * scale
-        )
+        if math.log(2.0) / self.problem.kappa < self.options.widest:
+            self._march(self.options.nearly_free * scale)
         if not self._arrived() and not self._out_of_time():
             self._go_straight()
         self._report(1.0)
