@@ -1,7 +1,7 @@
-"""What motions ask of joints and base: the default plan beside the classical references and the paper's step.
+"""What motions ask of joints and base: the default plan, classical references and the paper's step.
 
-Targets 0.1 to 0.5 m away, from postures drawn from half of the joint range, that a resolved-rate move reaches:
-`python benchmarks/motions.py --targets 100`. Ratios are target by target, of the same start and duration.
+Targets 0.1 to 0.5 m away, from postures drawn from half of the joint range, that a resolved-rate move
+reaches: `python benchmarks/motions.py --targets 100`. Ratios are target by target.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def rows(name: str, count: int, seed: int) -> list[dict[str, dict[str, float]]]:
 def table(results: dict[str, list[dict[str, dict[str, float]]]]) -> str:
     """Markdown: medians, and ratios to the resolved-rate move."""
     head = (
-        "| arm | method | reached | cost [s] | joint travel, ratio (95 %) | path / straight | base turn, ratio "
+        "| arm | method | reached | cost [s] | travel, ratio (95 %) | path / straight | base turn, ratio "
         "| time [s] |"
     )
     lines = [head, "|" + "---|" * 8]
@@ -71,10 +71,12 @@ def table(results: dict[str, list[dict[str, dict[str, float]]]]) -> str:
             mine = {k: np.array([row[method][k] for row in found]) for k in ("reached", *NUMBERS)}
             other = {k: np.array([row["resolved-rate"][k] for row in found]) for k in NUMBERS}
             travel, turn = mine["travel"] / other["travel"], mine["turn"] / other["turn"]
+            middle = {k: float(np.median(values)) for k, values in mine.items()}
             lines.append(
                 f"| `{name}` | {method} | {int(mine['reached'].sum())} of {len(found)} "
-                f"| {np.median(mine['cost']):.2g} | {np.median(travel):.2f} ({np.percentile(travel, 95):.1f}) "
-                f"| {np.median(mine['path']):.2f} | {np.median(turn):.2f} | {np.median(mine['seconds']):.2f} |"
+                f"| {middle['cost']:.2g} "
+                f"| {np.median(travel):.2f} ({np.percentile(travel, 95):.1f}) | {middle['path']:.2f} "
+                f"| {np.median(turn):.2f} | {middle['seconds']:.2f} |"
             )
         both = [row for row in found if row["step"]["reached"]]
         excess = max(row["horizon"]["cost"] - row["step"]["cost"] for row in both)

@@ -79,7 +79,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _missed(row: dict[str, Any]) -> str:
     """Why a motion without a note is not reached."""
-    return f"it does not stay near the target in the last tenth (it ends {1e3 * row['final_error_m']:.3g} mm off)"
+    end = f"{1e3 * row['final_error_m']:.3g} mm off"
+    return f"it does not stay near the target in the last tenth (it ends {end})"
 
 
 def _table(name: str, numbers: dict[str, dict[str, Any]]) -> Any:

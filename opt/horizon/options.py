@@ -60,7 +60,7 @@ class SearchOptions:
     fine: Grid = _FINE
     finest: Grid = _FINEST
     nearly_free: float = 1e-3
-    last_iterations: int = 6
+    last_iterations: int = 10
     near: float = 1.0
     near_goal: float = 0.05
     there: float = 1e-3
