@@ -87,6 +87,8 @@ def all_results(
     found: Iterator[Outcome[T]], count: int, progress: Callable[[float], None] | None = None
 ) -> list[T]:
     """The results of `count` tasks; if any failed, `TasksFailed` carries the others."""
+    if progress is not None and not callable(progress):
+        raise InvalidValue("progress", progress, "must be a function or None")
     results: list[Any] = []
     failures: dict[int, Exception] = {}
     for outcome in found:

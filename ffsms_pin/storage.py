@@ -10,11 +10,23 @@ from typing import IO, Any
 
 import numpy as np
 
-from ffsms_pin.errors import ResultError
+from ffsms_pin.errors import InvalidValue, ResultError
 
-__all__ = ["load_arrays", "save_arrays", "write_atomically", "write_content"]
+__all__ = ["load_arrays", "path_like", "save_arrays", "write_atomically", "write_content"]
 
 _FORMAT_KEY = "format"
+
+
+def path_like(name: str, value: Any) -> Path:
+    """A path; `InvalidValue` says that an argument is none, or one that no system takes."""
+    try:
+        path = os.fspath(value)
+        if not isinstance(path, str) or not path or "\0" in path:
+            raise TypeError
+        os.fsencode(path)
+    except (TypeError, UnicodeEncodeError):
+        raise InvalidValue(name, value, "must be a path") from None
+    return Path(path)
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], None]) -> None:
@@ -27,7 +39,7 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], 
     write : callable
         Is given an open binary file, in the same folder, that takes the name at the end.
     """
-    path = Path(path)
+    path = path_like("path", path)
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     except OSError as error:
@@ -65,6 +77,7 @@ def load_arrays(
     path: str | os.PathLike[str], kind: str, names: Sequence[str], defaults: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """Read what `save_arrays` wrote; every one of `names` must be there, or have a default."""
+    path = path_like("path", path)
     try:
         # Opened here: numpy would leave a damaged archive open.
         with open(path, "rb") as stream:

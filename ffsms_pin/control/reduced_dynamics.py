@@ -5,7 +5,7 @@ from __future__ import annotations
 import pinocchio as pin
 from scipy.linalg import lapack
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance, sized
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["floating_torque", "reduced_coriolis", "reduced_dynamics", "reduced_torque"]
@@ -14,7 +14,8 @@ __all__ = ["floating_torque", "reduced_coriolis", "reduced_dynamics", "reduced_t
 def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
     """H_q and C_q of tau = H_q qdd + C_q (paper, "Sliding Mode Control Design").
 
-    The same values as `State.H_q` and `State.C_q`, without a state being made: nothing is checked.
+    The same values as `State.H_q` and `State.C_q`, without a state being made: of the arguments only
+    kind and shape are checked.
 
     Parameters
     ----------
@@ -31,6 +32,8 @@ def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tup
     C_q : ndarray, shape (n,)
         Reduced Coriolis and centrifugal torque [N m].
     """
+    instance("sms", sms, SpaceManipulator)
+    q, v = sized("q", q, sms.nq), sized("v", v, sms.nv)
     model, data = sms.model, sms._data
     M = pin.crba(model, data, q)
     effects = pin.nonLinearEffects(model, data, q, v)
@@ -81,6 +84,8 @@ def reduced_coriolis(
     C : ndarray, shape (n, n)
         At the joint rates and zero momentum: dH_q/dt - 2 C is skew, and C qd = C_q where there is none.
     """
+    instance("sms", sms, SpaceManipulator)
+    q, v = sized("q", q, sms.nq), sized("v", v, sms.nv)
     model, data = sms.model, sms._data
     M = pin.crba(model, data, q).copy()
     effects = pin.nonLinearEffects(model, data, q, v)

@@ -77,6 +77,7 @@ class SuperTwisting(JointLaw):
         """Forget the disturbance; with `dt`, for a loop with that control step [s]."""
         self.w = np.zeros(self.sms.n)
         if dt is not None:
+            dt = positive("dt", dt, "s")
             if not 0.99 < dt / self.dt < 1.01:
                 raise InvalidValue("controller.dt", self.dt, f"must be the loop's control step of {dt:g} s")
             self.dt = dt
@@ -95,7 +96,8 @@ class SuperTwisting(JointLaw):
         """Joint torques (n,) [N m], once a control step; arguments as for `JointLaw.torque`."""
         before = self.w
         motion = self._motion(q, v, q_d, qd_d, qdd_d)
-        tau = self._law(motion)
+        with np.errstate(over="ignore", invalid="ignore"):
+            tau = self._law(motion)
         result = self._cut_off(tau)
         self.w = np.where(result == tau, self.w, before)
         return result

@@ -48,6 +48,7 @@ def examine(settings: Settings) -> Examination:
     """Find the faults of a file and mend those that can be, in memory."""
     robot = read_robot(settings.path)
     faults: list[Fault] = []
+    lasting: set[tuple[str, str]] = set()
     # Mending a joint may uncover another: a body without mass beyond which nothing moves any more.
     for _ in range(len(robot.findall("joint")) + 2):
         mends = 0
@@ -56,8 +57,10 @@ def examine(settings: Settings) -> Examination:
                 if fault.mend is not None:
                     fault.mend()
                     mends += 1
-                elif fault in faults:  # what cannot be mended is found again on every pass
+                elif (fault.where, fault.problem) in lasting:  # what cannot be mended is found on every pass
                     continue
+                else:
+                    lasting.add((fault.where, fault.problem))
                 faults.append(fault)
         if not mends:
             break

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.simulation.conservation import momentum_lost
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.system import SpaceManipulator
@@ -45,6 +46,7 @@ class Record:
         self._targets: list[FloatArray] = []  # of the rows that are not complete
         self._complete = 0
         self._notes: list[str] = []
+        self._since = 0  # the first row after the last event
 
         def made(name: str, *shape: int) -> FloatArray:
             return np.empty(shape) if rows is None else rows.empty(name, shape)
@@ -59,6 +61,7 @@ class Record:
     def happened(self, t: float, event: object, plant: SpaceManipulator) -> None:
         """Note an event, and record from the plant as it is after it."""
         self._finish_rows()
+        self._since = self._complete
         self._notes.append(f"t = {t:.6g} s: {event}")
         self._plant, self._data = plant, plant.model.createData()
 
@@ -92,6 +95,15 @@ class Record:
             x, y, z = (target - pin.updateFramePlacement(model, data, frame).translation).tolist()
             self.position_error[k] = math.hypot(x, y, z)
         self._targets.clear()
+
+    def check_momentum(self, rows: int) -> None:
+        """Note where the total momentum was not kept since the last event; nothing acts from outside."""
+        self._finish_rows()
+        first, last = self._since, rows - 1
+        energy = float(self.kinetic_energy[first:rows].max())
+        lost = momentum_lost(self._plant, self.q[first], self.momentum[first], self.momentum[last], energy)
+        if lost:
+            self._notes.append(lost)
 
     def tracking(self, rows: int) -> Tracking:
         """The first rows, and the steps between them; on disk they become the result's file."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import ResultError
-from ffsms_pin.storage import write_atomically
+from ffsms_pin.storage import path_like, write_atomically
 
 __all__ = ["RowStream", "part_folder", "recorded", "save_mapped"]
 
@@ -49,7 +49,7 @@ class RowStream:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
+        self.path = path_like("stream", path)
         self.folder = part_folder(path)
         shutil.rmtree(self.folder, ignore_errors=True)
         self._arrays: dict[str, np.memmap[Any, Any]] = {}

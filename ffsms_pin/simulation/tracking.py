@@ -11,7 +11,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.errors import ResultError
 from ffsms_pin.simulation.streaming import recorded, save_mapped
-from ffsms_pin.storage import load_arrays, save_arrays
+from ffsms_pin.storage import load_arrays, path_like, save_arrays
 
 __all__ = ["Tracking"]
 
@@ -99,6 +99,7 @@ class Tracking:
 
         Of a streamed run that was interrupted, the rows that it left; its `note` says so.
         """
+        path = path_like("path", path)
         partial = recorded(path)
         if partial is not None:
             missing = [field.name for field in _arrays() if field.name not in partial]

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from math import isfinite
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, frozen, vector
+from ffsms_pin.checks import LARGEST, FloatArray, frozen, one_of, per_joint, vector
 from ffsms_pin.errors import FrameNotFound, GeometryError, InvalidInertia, InvalidValue
 from ffsms_pin.system.joints import JointLayout
 from ffsms_pin.system.kinetics import Workspace
@@ -93,6 +92,8 @@ class SpaceManipulator:
             self.base_size = (float(size[0]), float(size[1]), float(size[2]))
         if base_box_placement is None:
             base_box_placement = pin.SE3(np.eye(3), np.array(base.lever))
+        elif not isinstance(base_box_placement, pin.SE3):
+            raise InvalidValue("base_box_placement", base_box_placement, "must be a pinocchio.SE3")
         self.base_box_placement = base_box_placement
         self.description: Description | None = None
         self._geometry: dict[str, Any] = {}
@@ -135,16 +136,16 @@ class SpaceManipulator:
         """
         if v is None:
             v = self._still
-        # The checks at little cost where all is in order (a sum is finite only if all are), else in words.
+        # The checks at little cost where all is in order, else in words.
         if (
             type(q) is type(v) is np.ndarray
             and q.dtype is v.dtype is _FLOAT64
             and q.shape == self._q_shape
             and v.shape == self._v_shape
         ):
-            numbers = q.tolist()
+            numbers = [*q.tolist(), *v.tolist()]
             x, y, z, w = numbers[3:7]
-            if abs(x * x + y * y + z * z + w * w - 1.0) < 1e-6 and isfinite(sum(numbers, sum(v.tolist()))):
+            if abs(x * x + y * y + z * z + w * w - 1.0) < 1e-6 and _sane(numbers):
                 if not self._plain:
                     self.layout.check_circles("q", q)
                 return State(self, q.copy(), v.copy())
@@ -155,7 +156,7 @@ class SpaceManipulator:
         if type(q) is np.ndarray and q.dtype is _FLOAT64 and q.shape == self._q_shape:
             numbers = q.tolist()
             x, y, z, w = numbers[3:7]
-            if abs(x * x + y * y + z * z + w * w - 1.0) < 1e-6 and isfinite(sum(numbers)):
+            if abs(x * x + y * y + z * z + w * w - 1.0) < 1e-6 and _sane(numbers):
                 if not self._plain:
                     self.layout.check_circles(name, q)
                 return q.copy()
@@ -238,8 +239,7 @@ class SpaceManipulator:
         GeometryError
             A mesh is not there or cannot be read, or the model was not made from a URDF.
         """
-        if kind not in ("visual", "collision"):
-            raise InvalidValue("kind", kind, "must be 'visual' or 'collision'")
+        one_of("kind", kind, ("visual", "collision"))
         if self.description is None:
             raise GeometryError("the model was not made from a URDF, so nothing is known of its shapes")
         if kind not in self._geometry:
@@ -276,10 +276,15 @@ class SpaceManipulator:
         return f"SpaceManipulator('{self.model.name}', n={self.n}, end_effector='{self.end_effector}')"
 
 
+def _sane(numbers: list[float]) -> bool:
+    """Whether all are finite (else their sum is not) and none is too large."""
+    return math.isfinite(sum(numbers)) and -LARGEST <= min(numbers) and max(numbers) <= LARGEST
+
+
 def _frame_id(model: Any, name: str) -> int:
     """Index of a frame; a link and a joint may share a name, and then the link is meant."""
     frames = [(i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0]
-    found = [(i, frame) for i, frame in frames if frame.name == name]
+    found = [(i, frame) for i, frame in frames if isinstance(name, str) and frame.name == name]
     if not found:
         raise FrameNotFound(str(name), list(dict.fromkeys(frame.name for _, frame in frames)))
     return next((i for i, frame in found if frame.type == pin.FrameType.BODY), found[0][0])
@@ -296,9 +301,5 @@ def _limits(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -> 
     if acceleration is None:
         limit = ACCELERATION_PER_VELOCITY * velocity
     else:
-        limit = vector(
-            "acceleration",
-            np.full(layout.n, acceleration) if np.ndim(acceleration) == 0 else acceleration,
-            layout.n,
-        )
+        limit = per_joint("acceleration", acceleration, layout.n, "rad/s^2")
     return JointLimits(lower, upper, velocity, limit, torque)

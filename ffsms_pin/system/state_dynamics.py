@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, writeable
+from ffsms_pin.checks import FloatArray, vector, writeable
 from ffsms_pin.system.kinetics import cross_matrix
 from ffsms_pin.system.once import once
 from ffsms_pin.system.snapshot import Snapshot
@@ -153,6 +153,7 @@ class Dynamics(Snapshot):
             [linear; angular], inertial axes, about the system's centre of mass.
         """
         sms: SpaceManipulator = self.__dict__["_sms"]
+        momentum = vector("momentum", momentum, 6)
         com = pin.centerOfMass(sms.model, sms._data, self.q * sms._all_but_position)
         to_root = self._A.rotation
         about_root = momentum[3:] + cross_matrix(com) @ momentum[:3]

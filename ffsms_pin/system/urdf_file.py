@@ -11,15 +11,17 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
+from ffsms_pin.system.robot_element import read_robot
 
 __all__ = ["Box", "Inertial", "Joint", "Link", "UrdfFile", "is_number", "read_robot"]
 
 # The C locale's decimal numbers, which is what URDF readers accept.
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-# Above anything that is built, and small enough for products of it to stay finite. Limits may be larger.
-_LARGEST = 1e30
+# Above anything that is built, and small enough for products of it to stay finite. Limits may be larger: one
+# beyond this is none.
+_LARGEST = LARGEST_POSITIVE
 _MOVING = {"revolute", "continuous", "prismatic"}
 _LIMITED = {"revolute", "prismatic"}
 # What the dynamics are made of; the rest (shapes, colours, transmissions) stays out.
@@ -74,20 +76,6 @@ _Named = TypeVar("_Named", Link, Joint)
 def is_number(text: str) -> bool:
     """Whether `text` is a finite decimal number as every URDF reader takes it: no blanks, no formula."""
     return _NUMBER.fullmatch(text) is not None and math.isfinite(float(text))
-
-
-def read_robot(path: Path, content: bytes | None = None) -> ElementTree.Element:
-    """The <robot> element of a file, or of `content` that stands for it; comments are kept."""
-    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
-    try:
-        robot = ElementTree.fromstring(path.read_bytes() if content is None else content, parser)
-    except OSError as error:
-        raise InvalidUrdf(path, f"cannot be read ({error.strerror})") from None
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InvalidUrdf(path, f"is not an XML file ({error})") from None
-    if robot.tag != "robot":
-        raise InvalidUrdf(path, f"is not a URDF: its root element is <{robot.tag}>, not <robot>")
-    return robot
 
 
 class UrdfFile:

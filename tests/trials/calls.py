@@ -81,8 +81,11 @@ def _callables() -> list[tuple[str, inspect.Signature, Callable[..., Any]]]:
 
 
 def _methods(thing: Any) -> list[str]:
+    """Names of the public methods, class methods among them."""
     kind = type(thing)
-    return [name for name in dir(kind) if not name.startswith("_") and inspect.isfunction(getattr(kind, name))]
+    public = [name for name in dir(kind) if not name.startswith("_")]
+    found = [(name, getattr(kind, name)) for name in public]
+    return [name for name, value in found if inspect.isfunction(value) or inspect.ismethod(value)]
 
 
 def _method(name: str, method: str) -> Callable[..., Any]:

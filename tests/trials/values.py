@@ -14,7 +14,7 @@ __all__ = ["NUMBERS", "bad_value"]
 
 # Nothing between 1e-6 and 1e9 but small whole numbers: a duration of 1e5 s is no fault, it only takes long.
 NUMBERS: tuple[Any, ...] = (
-    0.0, -0.0, -1.0, 1.0, 5e-324, 1e-300, 1e-160, 1e-30, 1e-13, 1e-9, 1e10, 1e13, 1e30, 3e71, 1e154, 1e300,
+    0.0, -0.0, -1.0, 1.0, 5e-324, 1e-300, 1e-160, 1e-30, 1e-13, 1e10, 1e13, 1e30, 3e71, 1e154, 1e300,
     -1e300, -1e30, -1e-30, math.nan, math.inf, -math.inf,
 )  # fmt: skip
 WHOLE: tuple[Any, ...] = (0, 1, -1, 2, 2**31, 2**63, -(2**63), 10**30, 10**400, True, False)
