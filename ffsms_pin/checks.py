@@ -31,6 +31,7 @@ __all__ = [
     "optional_callable",
     "per_joint",
     "positive",
+    "rotation",
     "sized",
     "step_count",
     "vector",
@@ -60,20 +61,20 @@ def _floats(name: str, value: Any) -> FloatArray:
     return array
 
 
-def _within(name: str, value: Any, array: FloatArray) -> FloatArray:
-    """The same array, whose numbers are no larger than `LARGEST`."""
-    if array.size and max(array.max(), -array.min()) > LARGEST:
-        raise InvalidValue(name, value, f"must lie within {-LARGEST:g} and {LARGEST:g}")
+def _within(name: str, value: Any, array: FloatArray, largest: float = LARGEST) -> FloatArray:
+    """The same array, whose numbers are no larger than `largest`."""
+    if array.size and max(array.max(), -array.min()) > largest:
+        raise InvalidValue(name, value, f"must lie within {-largest:g} and {largest:g}")
     return array
 
 
-def vector(name: str, value: ArrayLike, size: int, unit: str = "") -> FloatArray:
-    """Copy of `value` as a finite vector of `size` numbers, none beyond 1e9."""
+def vector(name: str, value: ArrayLike, size: int, unit: str = "", largest: float = LARGEST) -> FloatArray:
+    """Copy of `value` as a finite vector of `size` numbers, none beyond `largest`."""
     array = _floats(name, value)
     if array.shape != (size,):
         wanted = f"must have shape ({size},)" + (f" [{unit}]" if unit else "")
         raise InvalidValue(name, value, f"{wanted} but has shape {array.shape}")
-    return _within(name, value, array)
+    return _within(name, value, array, largest)
 
 
 def matrix(name: str, value: ArrayLike, rows: int, columns: int) -> FloatArray:
@@ -162,6 +163,14 @@ def per_joint(name: str, value: Any, n: int, unit: str = "") -> FloatArray:
     if dimensions(name, value) == 0:
         return np.full(n, number(name, value))
     return vector(name, value, n, unit)
+
+
+def rotation(name: str, value: Any) -> FloatArray:
+    """Copy of `value` as a rotation matrix (3, 3): mirrors and stretched ones are refused."""
+    turn = matrix(name, value, 3, 3)
+    if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
+        raise InvalidValue(name, value, "must hold a rotation matrix")
+    return turn
 
 
 def sized(name: str, value: Any, size: int) -> FloatArray:

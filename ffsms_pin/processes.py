@@ -31,6 +31,7 @@ ONE_THREAD = {
 }
 # Chunks handed out before the first of them is asked for, a process: enough to ride out one slow task.
 AHEAD = 4
+_MOST_JOBS = 1024  # processes
 # A chunk is at most this share of what is done already, so that the last ones end together.
 SHARE = 1.0 / 64.0
 
@@ -227,4 +228,6 @@ def _portable(error: Exception) -> Exception:
 def _checked(jobs: Any) -> int:
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
         raise InvalidValue("jobs", jobs, "must be a whole number above zero, or None for one a core")
+    if jobs > _MOST_JOBS:
+        raise InvalidValue("jobs", jobs, f"must not exceed {_MOST_JOBS}")
     return jobs

@@ -15,6 +15,7 @@ from ffsms_pin.errors import InvalidValue, ResultError
 __all__ = ["load_arrays", "path_like", "save_arrays", "write_atomically", "write_content"]
 
 _FORMAT_KEY = "format"
+_LONGEST_NAME = 255  # [bytes] of one part of a path, what file systems take
 
 
 def path_like(name: str, value: Any) -> Path:
@@ -23,7 +24,8 @@ def path_like(name: str, value: Any) -> Path:
         path = os.fspath(value)
         if not isinstance(path, str) or not path or "\0" in path:
             raise TypeError
-        os.fsencode(path)
+        if any(len(part) > _LONGEST_NAME for part in os.fsencode(path).split(b"/")):
+            raise TypeError
     except (TypeError, UnicodeEncodeError):
         raise InvalidValue(name, value, "must be a path") from None
     return Path(path)

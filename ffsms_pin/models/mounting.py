@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from ffsms_pin.checks import rotation, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.models.arms import ARMS, find_arm
 from ffsms_pin.models.base import SatelliteBase
@@ -108,8 +109,7 @@ def face_placement(base: SatelliteBase) -> Any:
 
 
 def _check_placement(placement: Any) -> None:
-    if not isinstance(placement, pin.SE3) or not np.isfinite(placement.homogeneous).all():
-        raise InvalidValue("placement", placement, "must be a pinocchio.SE3 with finite entries")
-    turn = placement.rotation
-    if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
-        raise InvalidValue("placement", turn, "must hold a rotation matrix")
+    if not isinstance(placement, pin.SE3):
+        raise InvalidValue("placement", placement, "must be a pinocchio.SE3")
+    rotation("placement", placement.rotation)
+    vector("placement", placement.translation, 3, "m")

@@ -158,6 +158,8 @@ def simulate(
             now = float(t[k])
             while coming and coming[0].time <= now + 1e-9:
                 event = coming.pop(0)
+                if not world.pushed:
+                    record.check_momentum(k)
                 before = world.energy(q, v)
                 v = world.apply(event, q, v)
                 record.happened(now, event, world.plant)

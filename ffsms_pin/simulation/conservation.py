@@ -12,8 +12,8 @@ from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["momentum_lost"]
 
-# Share of what moves within the plant. Steps that are small enough keep far more: 1e-9 is a coarse one.
-TOLERANCE = 1e-4
+TOLERANCE = 1e-4  # share of what moves within the plant
+ROUNDING = 1e-12  # [kg m/s; kg m^2/s] of a plant that hardly moves
 
 
 def momentum_lost(
@@ -41,10 +41,13 @@ def momentum_lost(
     changes = np.linalg.norm(after[:3] - before[:3]), np.linalg.norm(after[3:] - before[3:])
     kinds = ("linear", "kg m/s"), ("angular", "kg m^2/s")
     lost = [
-        f"{kind} momentum changed by {change:.3g} {unit}"
+        f"{kind} by {change:.3g} {unit}"
         for (kind, unit), change, size in zip(kinds, changes, sizes, strict=True)
-        if not change <= TOLERANCE * size
+        if not change <= TOLERANCE * size + ROUNDING
     ]
     if not lost:
         return ""
-    return f"the total {' and the '.join(lost)}, though nothing acts from outside: use a smaller dt or less steep friction"
+    return (
+        f"the total momentum changed though nothing acts from outside ({', '.join(lost)}): "
+        "use a smaller dt, or the stiff integrator where friction is steep"
+    )

@@ -97,9 +97,14 @@ class Record:
         self._targets.clear()
 
     def check_momentum(self, rows: int) -> None:
-        """Note where the total momentum was not kept since the last event; nothing acts from outside."""
+        """Note where the total momentum was not kept since the last event, up to the row before `rows`.
+
+        For plants on which nothing acts from outside.
+        """
         self._finish_rows()
         first, last = self._since, rows - 1
+        if last <= first:
+            return
         energy = float(self.kinetic_energy[first:rows].max())
         lost = momentum_lost(self._plant, self.q[first], self.momentum[first], self.momentum[last], energy)
         if lost:

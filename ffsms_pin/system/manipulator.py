@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import LARGEST, FloatArray, frozen, one_of, per_joint, vector
+from ffsms_pin.checks import LARGEST, FloatArray, frozen, one_of, per_joint, rotation, vector
 from ffsms_pin.errors import FrameNotFound, GeometryError, InvalidInertia, InvalidValue
 from ffsms_pin.system.joints import JointLayout
 from ffsms_pin.system.kinetics import Workspace
@@ -94,6 +94,9 @@ class SpaceManipulator:
             base_box_placement = pin.SE3(np.eye(3), np.array(base.lever))
         elif not isinstance(base_box_placement, pin.SE3):
             raise InvalidValue("base_box_placement", base_box_placement, "must be a pinocchio.SE3")
+        else:
+            rotation("base_box_placement", base_box_placement.rotation)
+            vector("base_box_placement", base_box_placement.translation, 3, "m")
         self.base_box_placement = base_box_placement
         self.description: Description | None = None
         self._geometry: dict[str, Any] = {}
@@ -132,7 +135,8 @@ class SpaceManipulator:
         q : array_like, shape (nq,)
             Configuration; the quaternion (x, y, z, w) must be of unit length to 1e-6.
         v : array_like, shape (6 + n,), optional
-            Velocity, Pinocchio's; default: at rest.
+            Velocity, Pinocchio's; default: at rest. Any finite numbers, so that a run that diverges can be looked
+            at to its end; what is made of them may overflow.
         """
         if v is None:
             v = self._still
@@ -143,13 +147,14 @@ class SpaceManipulator:
             and q.shape == self._q_shape
             and v.shape == self._v_shape
         ):
-            numbers = [*q.tolist(), *v.tolist()]
+            numbers = q.tolist()
             x, y, z, w = numbers[3:7]
-            if abs(x * x + y * y + z * z + w * w - 1.0) < 1e-6 and _sane(numbers):
+            unit = abs(x * x + y * y + z * z + w * w - 1.0) < 1e-6
+            if unit and _sane(numbers) and math.isfinite(sum(v.tolist())):
                 if not self._plain:
                     self.layout.check_circles("q", q)
                 return State(self, q.copy(), v.copy())
-        return State(self, self.checked_configuration("q", q), vector("v", v, self._nv))
+        return State(self, self.checked_configuration("q", q), vector("v", v, self._nv, largest=math.inf))
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
         """Copy of `q`, checked for shape, finite values and a unit quaternion."""
@@ -187,13 +192,10 @@ class SpaceManipulator:
         q[6] = 1.0
         self.layout.set_positions(q, vector("joints", joints, self.n, "rad"))
         if base is not None:
-            if not isinstance(base, pin.SE3) or not np.isfinite(base.homogeneous).all():
-                raise InvalidValue("base", base, "must be a pinocchio.SE3 with finite entries")
-            if (
-                np.abs(base.rotation.T @ base.rotation - np.eye(3)).max() > 1e-6
-                or np.linalg.det(base.rotation) < 0.0
-            ):
-                raise InvalidValue("base", base.rotation, "must hold a rotation matrix")
+            if not isinstance(base, pin.SE3):
+                raise InvalidValue("base", base, "must be a pinocchio.SE3")
+            rotation("base", base.rotation)
+            vector("base", base.translation, 3, "m")
             q[:7] = pin.SE3ToXYZQUAT(base)
         else:
             q[:3] = -pin.centerOfMass(self.model, self._data, q)

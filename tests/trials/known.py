@@ -33,25 +33,26 @@ class Known(NamedTuple):
 
 KNOWN: tuple[Known, ...] = (
     Known(
-        r"ffsms_pin\.opt\.(soft_assistance|step_cost|ideal_cosine)\(",
-        r"(TypeError|OverflowError|ValueError|ZeroDivisionError|UFuncTypeError|AttributeError).*opt/cost\.py",
-        "the three formulas of the cost check no argument",
+        r"opt\.(soft_assistance|step_cost|ideal_cosine)\(",
+        r"\[opt/cost\.py",
+        "the three formulas of the cost check no argument, and overflow",
     ),
     Known(
-        r"ffsms_pin\.opt\.(plan|plan_many|plan_each|StepPlanner|Replanning)\(|planner\.(like|track)\(",
-        r"(AttributeError|TypeError|ValueError).*\[(opt|ffsms_pin/processes)",
-        "a wrong kind of object for sms, planner, weights, base_limits, tasks or progress is found by accident",
+        r"opt\.(plan|plan_many|plan_each|StepPlanner|Replanning)\(|planner\.(like|track)\(",
+        r"(AttributeError|TypeError|ValueError).*(\[opt/|\[ffsms_pin/processes)|^in another process: AttributeError",
+        "a wrong kind of object for sms, planner, weights, aim, base_limits, tasks or progress is met by accident",
     ),
     Known(
-        r"(planner\.(advance|step|reset)|reference\.(observe|joint_failed|sample))\(",
-        r"(TypeError|ValueError|ArgumentError|AttributeError|IndexError|UFuncTypeError|RuntimeWarning).*\[opt/",
+        r"(planner\.(advance|build|step|reset)|reference\.(observe|joint_failed|sample))\(",
+        r"\[opt/",
         "what a control loop calls in each step checks nothing, or only some of its arguments",
     ),
     Known(
-        r".",
-        r"(OverflowError|RuntimeWarning).*opt/(cost|approach|cone)\.py",
-        "kappa above 700 overflows in ideal_cosine, whatever the method",
+        r"opt\.(plan|plan_many|plan_each|Replanning)\(",
+        r"MemoryError",
+        "duration / dt is not reckoned before the arrays of a plan are made",
     ),
+    Known(r".", r"OverflowError.*opt/(cost|approach|cone)\.py", "kappa above 700 overflows, whatever the method"),
 )
 
 

@@ -12,27 +12,29 @@ from pathlib import Path
 
 from trials.judge import Verdict
 
-__all__ = ["run"]
+__all__ = ["TIME", "run"]
+
+TIME = 30.0  # [s] a trial; the longest that is right takes some 2 s on a quiet machine
 
 _TESTS = Path(__file__).resolve().parents[1]
 _CHUNK = 500  # trials a process: what one trial leaves behind does not burden all that follow
 
 
-def run(kind: str, count: int, first: int = 0) -> Iterator[Verdict]:
-    """The verdicts on `count` trials of a kind, with seeds from `first` on."""
+def run(kind: str, count: int, first: int = 0, limit: float = TIME) -> Iterator[Verdict]:
+    """The verdicts on `count` trials of a kind, with seeds from `first` on; `limit` [s] each."""
     seed, end = first, first + count
     while seed < end:
-        for verdict in _one_process(kind, seed, min(seed + _CHUNK, end)):
+        for verdict in _one_process(kind, seed, min(seed + _CHUNK, end), limit):
             seed = verdict.seed + 1
             yield verdict
 
 
-def _one_process(kind: str, first: int, last: int) -> Iterator[Verdict]:
+def _one_process(kind: str, first: int, last: int, limit: float) -> Iterator[Verdict]:
     """Verdicts until all are done, or until the process ends within a trial."""
     threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
     path = os.pathsep.join([str(_TESTS), str(_TESTS.parent)])
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile("w+") as said:
-        command = [sys.executable, "-m", "trials.child", kind, str(first), str(last)]
+        command = [sys.executable, "-m", "trials.child", kind, str(first), str(last), str(limit)]
         environment = os.environ | threads | {"PYTHONPATH": path}
         with subprocess.Popen(
             command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=said, text=True
