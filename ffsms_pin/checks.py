@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias, cast
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from ffsms_pin.errors import InvalidValue
@@ -30,6 +31,7 @@ __all__ = [
     "one_of",
     "optional_callable",
     "per_joint",
+    "pose",
     "positive",
     "rotation",
     "sized",
@@ -50,7 +52,12 @@ MOST_STEPS = 10_000_000  # of a run that is kept in memory: some 3 GB for an arm
 def _floats(name: str, value: Any) -> FloatArray:
     try:
         given = np.asarray(value)
-    except (TypeError, ValueError, OverflowError, RuntimeError):  # rows of different lengths, or no array at all
+    except (
+        TypeError,
+        ValueError,
+        OverflowError,
+        RuntimeError,
+    ):  # rows of different lengths, or no array at all
         given = np.empty(0, dtype=object)
     # Asked for floats at once, numpy would read text as numbers and drop an imaginary part.
     if given.dtype.kind not in "fiu":
@@ -87,7 +94,9 @@ def matrix(name: str, value: ArrayLike, rows: int, columns: int) -> FloatArray:
 
 def number(name: str, value: Any) -> float:
     """One finite number, no larger than 1e9."""
-    if type(value) is float and -LARGEST <= value <= LARGEST:  # the most common case, asked in every control step
+    if (
+        type(value) is float and -LARGEST <= value <= LARGEST
+    ):  # the most common case, asked in every control step
         return value
     return float(_within(name, value, _scalar(name, value)))
 
@@ -99,7 +108,9 @@ def positive(name: str, value: Any, unit: str = "") -> float:
     if result <= 0.0:
         raise InvalidValue(name, value, f"must be above zero{of}")
     if not SMALLEST_POSITIVE <= result <= LARGEST_POSITIVE:
-        raise InvalidValue(name, value, f"must lie between {SMALLEST_POSITIVE:g} and {LARGEST_POSITIVE:g}{of}")
+        raise InvalidValue(
+            name, value, f"must lie between {SMALLEST_POSITIVE:g} and {LARGEST_POSITIVE:g}{of}"
+        )
     return result
 
 
@@ -116,7 +127,9 @@ def step_count(name: str, duration: float, dt: float, most: int = MOST_STEPS) ->
     """How many steps of dt make up a duration [s]: at least one, and no more than `most`."""
     if duration / dt > most:
         raise InvalidValue(
-            name, dt, f"makes {duration / dt:.3g} steps of {duration:g} s, more than {most:g}; take a longer one"
+            name,
+            dt,
+            f"makes {duration / dt:.3g} steps of {duration:g} s, more than {most:g}; take a longer one",
         )
     return max(1, round(duration / dt))
 
@@ -173,8 +186,16 @@ def rotation(name: str, value: Any) -> FloatArray:
     return turn
 
 
+def pose(name: str, value: Any) -> None:
+    """Raise `InvalidValue` unless `value` is a pinocchio.SE3 with a rotation, and not too far away."""
+    if not isinstance(value, pin.SE3):
+        raise InvalidValue(name, value, "must be a pinocchio.SE3")
+    rotation(name, value.rotation)
+    vector(name, value.translation, 3, "m")
+
+
 def sized(name: str, value: Any, size: int) -> FloatArray:
-    """`value` as a vector; what is one already passes at little cost, also with NaN in it: for control loops."""
+    """`value` as a vector; what is one already passes as it is, also with NaN in it: for control loops."""
     if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == (size,):
         return value
     return vector(name, value, size)

@@ -182,7 +182,11 @@ class SimulationDiverged(FfsmsError, ArithmeticError):
     """
 
     def __init__(
-        self, time: float, tracking: Any = None, path: str = "", what: str = "the simulated state is not finite after"
+        self,
+        time: float,
+        tracking: Any = None,
+        path: str = "",
+        what: str = "the simulated state is not finite after",
     ) -> None:
         saved = f"; recorded until then: {path}" if path else ""
         super().__init__(f"{what} t = {time:.6g} s; use a smaller dt or softer gains{saved}")

@@ -20,7 +20,9 @@ def test_a_sane_number_passes(value: Any) -> None:
     assert type(checks.number("x", value)) is float
 
 
-@pytest.mark.parametrize("value", [1.01e9, -1e10, 1e300, np.inf, np.nan, 10**400, True, np.True_, "1", None, 1j, [1.0]])
+@pytest.mark.parametrize(
+    "value", [1.01e9, -1e10, 1e300, np.inf, np.nan, 10**400, True, np.True_, "1", None, 1j, [1.0]]
+)
 def test_any_other_is_refused(refused: Refused, value: Any) -> None:
     refused(lambda: checks.number("x", value), InvalidValue, "x must")
     refused(lambda: checks.per_joint("x", value, 2), InvalidValue, "x must")
@@ -52,11 +54,13 @@ def test_kinds_words_and_whole_numbers(refused: Refused) -> None:
     refused(lambda: checks.optional_callable("x", 1), InvalidValue, "a function or None")
     for value in ("c", np.array(["a", "b"]), None, ["a"]):
         refused(lambda value=value: checks.one_of("x", value, ("a", "b")), InvalidValue, '"a" or "b"')
-    for value in (True, 1.0, -1, "1"):
-        refused(lambda value=value: checks.whole("x", value, 0), InvalidValue, "at least 0")
+    for count in (True, 1.0, -1, "1"):
+        refused(lambda count=count: checks.whole("x", count, 0), InvalidValue, "at least 0")
 
 
-@pytest.mark.parametrize("matrix", [np.diag([1, 1, -1]), 2 * np.eye(3), np.zeros((3, 3)), 1e300 * np.eye(3), np.eye(2)])
+@pytest.mark.parametrize(
+    "matrix", [np.diag([1, 1, -1]), 2 * np.eye(3), np.zeros((3, 3)), 1e300 * np.eye(3), np.eye(2)]
+)
 def test_only_rotations_are_rotations(refused: Refused, matrix: Any) -> None:
     assert (checks.rotation("x", np.eye(3)) == np.eye(3)).all()
     refused(lambda: checks.rotation("x", matrix), InvalidValue, "x must")

@@ -110,4 +110,3 @@ def torque_limits(value: ArrayLike, n: int, name: str = "torque_limit") -> Float
     if given.dtype.kind not in "fiu" or given.shape not in ((), (n,)) or not (given > 0).all():  # also NaN
         raise InvalidValue(name, value, f"must be one number or ({n},), above zero [N m]")
     return frozen(np.full(n, given, dtype=np.float64))
-

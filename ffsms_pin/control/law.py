@@ -101,7 +101,7 @@ class JointLaw(ABC):
         Returns
         -------
         ndarray, shape (n,)
-            [N m], within `torque_limit`. NaN in the state gives NaN, and so may numbers that are far too large:
+            [N m], within `torque_limit`. NaN in the state gives NaN, and so may numbers far too large:
             `simulate` ends the run there.
         """
         with np.errstate(over="ignore", invalid="ignore"):
@@ -154,4 +154,3 @@ class JointLaw(ABC):
 
 
 _FLOAT64 = np.dtype(np.float64)
-

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -112,8 +111,8 @@ def simulate(
     Returns
     -------
     Tracking
-        Its `note` says what happened, and where nothing acts from outside but the total momentum was not kept,
-        for which a step too large or friction too steep is to blame, it says that.
+        Its `note` says what happened: also that the total momentum changed though nothing acts from outside,
+        for which too large a step or too steep a friction is to blame.
 
     Raises
     ------
@@ -148,7 +147,9 @@ def simulate(
         t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
         record = Record(plant, t, target, rows)
     except MemoryError:
-        raise InvalidValue("dt", dt, f"makes {steps} steps, too many for this memory: use stream=...") from None
+        raise InvalidValue(
+            "dt", dt, f"makes {steps} steps, too many for this memory: use stream=..."
+        ) from None
     work = 0.0
     stride = max(1, steps // 200)  # a progress bar needs no more
 

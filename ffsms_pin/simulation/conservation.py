@@ -21,8 +21,8 @@ def momentum_lost(
 ) -> str:
     """What to say of a change of total momentum, in words; empty where it was kept.
 
-    The change is compared with what a body of the plant's mass m and largest inertia I can have at the largest
-    kinetic energy E of the run: sqrt(2 m E) and sqrt(2 I E). No part of the plant has more at that energy.
+    The change is compared with what a body of the plant's mass m and largest inertia I has at the largest
+    kinetic energy E of the run: sqrt(2 m E) and sqrt(2 I E). No part of the plant has more.
 
     Parameters
     ----------
@@ -37,7 +37,10 @@ def momentum_lost(
     data = plant.model.createData()
     pin.ccrba(plant.model, data, q, np.zeros(plant.nv))
     whole = data.Ig  # about the centre of mass
-    sizes = math.sqrt(2.0 * whole.mass * energy), math.sqrt(2.0 * np.linalg.eigvalsh(whole.inertia)[-1] * energy)
+    sizes = (
+        math.sqrt(2.0 * whole.mass * energy),
+        math.sqrt(2.0 * np.linalg.eigvalsh(whole.inertia)[-1] * energy),
+    )
     changes = np.linalg.norm(after[:3] - before[:3]), np.linalg.norm(after[3:] - before[3:])
     kinds = ("linear", "kg m/s"), ("angular", "kg m^2/s")
     lost = [

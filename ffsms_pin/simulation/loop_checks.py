@@ -33,7 +33,9 @@ def check_kinds(
     instance("sms", sms, SpaceManipulator)
     missing = [name for name in ("duration", "target", "sample") if not hasattr(reference, name)]
     if missing or not callable(reference.sample):
-        raise InvalidValue("reference", reference, "must be a Trajectory, or have duration, target and sample(t)")
+        raise InvalidValue(
+            "reference", reference, "must be a Trajectory, or have duration, target and sample(t)"
+        )
     if not callable(getattr(controller, "torque", None)):
         raise InvalidValue("controller", controller, "must have a method torque(q, v, q_d, qd_d, qdd_d)")
     optional_callable("progress", progress)
@@ -87,7 +89,9 @@ def first_sample(reference: Reference, n: int) -> tuple[FloatArray, FloatArray, 
     try:
         positions, rates, accelerations = sample
     except (TypeError, ValueError):
-        raise InvalidValue("reference", reference, "must give positions, rates and accelerations: sample(0)") from None
+        raise InvalidValue(
+            "reference", reference, "must give positions, rates and accelerations: sample(0)"
+        ) from None
     return (
         vector("joint positions of reference.sample(0)", positions, n),
         vector("joint rates of reference.sample(0)", rates, n, "rad/s"),

@@ -48,14 +48,18 @@ class JointLimits:
             array = _entries(field.name, getattr(self, field.name))
             if array.shape != self.lower.shape:
                 raise InvalidValue(
-                    f"limits.{field.name}", array, f"must have one entry a joint, as lower has {self.lower.size}"
+                    f"limits.{field.name}",
+                    array,
+                    f"must have one entry a joint, as lower has {self.lower.size}",
                 )
             object.__setattr__(self, field.name, frozen(array))
         for name in ("velocity", "acceleration", "torque"):
             if not (getattr(self, name) > 0.0).all():
                 raise InvalidValue(f"limits.{name}", getattr(self, name), "must be above zero")
             if not (getattr(self, name) >= SMALLEST_POSITIVE).all():
-                raise InvalidValue(f"limits.{name}", getattr(self, name), f"must be at least {SMALLEST_POSITIVE:g}")
+                raise InvalidValue(
+                    f"limits.{name}", getattr(self, name), f"must be at least {SMALLEST_POSITIVE:g}"
+                )
         wrong = np.flatnonzero(self.lower >= self.upper)
         if wrong.size:
             i = int(wrong[0])
@@ -70,10 +74,14 @@ class JointLimits:
         return JointLimits, tuple(getattr(self, field.name) for field in fields(self))
 
     def violation(self, positions: ArrayLike) -> FloatArray:
-        """How far each joint is outside its position limits, zero inside; shape (n,), or (k, n) for rows of positions."""
+        """How far each joint is outside its position limits (n,), zero inside; (k, n) for rows of them."""
         n = self.lower.size
-        rows = isinstance(positions, np.ndarray) and positions.dtype == np.float64 and positions.shape[-1:] == (n,)
-        q = positions if rows else vector("positions", positions, n)
+        rows = (
+            isinstance(positions, np.ndarray)
+            and positions.dtype == np.float64
+            and positions.shape[-1:] == (n,)
+        )
+        q: FloatArray = np.asarray(positions) if rows else vector("positions", positions, n)
         return np.maximum(0.0, np.maximum(self.lower - q, q - self.upper))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import LARGEST, FloatArray, frozen, one_of, per_joint, rotation, vector
+from ffsms_pin.checks import LARGEST, FloatArray, frozen, one_of, per_joint, pose, vector
 from ffsms_pin.errors import FrameNotFound, GeometryError, InvalidInertia, InvalidValue
 from ffsms_pin.system.joints import JointLayout
 from ffsms_pin.system.kinetics import Workspace
@@ -92,11 +92,8 @@ class SpaceManipulator:
             self.base_size = (float(size[0]), float(size[1]), float(size[2]))
         if base_box_placement is None:
             base_box_placement = pin.SE3(np.eye(3), np.array(base.lever))
-        elif not isinstance(base_box_placement, pin.SE3):
-            raise InvalidValue("base_box_placement", base_box_placement, "must be a pinocchio.SE3")
         else:
-            rotation("base_box_placement", base_box_placement.rotation)
-            vector("base_box_placement", base_box_placement.translation, 3, "m")
+            pose("base_box_placement", base_box_placement)
         self.base_box_placement = base_box_placement
         self.description: Description | None = None
         self._geometry: dict[str, Any] = {}
@@ -135,8 +132,8 @@ class SpaceManipulator:
         q : array_like, shape (nq,)
             Configuration; the quaternion (x, y, z, w) must be of unit length to 1e-6.
         v : array_like, shape (6 + n,), optional
-            Velocity, Pinocchio's; default: at rest. Any finite numbers, so that a run that diverges can be looked
-            at to its end; what is made of them may overflow.
+            Velocity, Pinocchio's; default: at rest. Any finite numbers, so that a run that diverges can be
+            looked at to its end; what is made of them may overflow.
         """
         if v is None:
             v = self._still
@@ -192,10 +189,7 @@ class SpaceManipulator:
         q[6] = 1.0
         self.layout.set_positions(q, vector("joints", joints, self.n, "rad"))
         if base is not None:
-            if not isinstance(base, pin.SE3):
-                raise InvalidValue("base", base, "must be a pinocchio.SE3")
-            rotation("base", base.rotation)
-            vector("base", base.translation, 3, "m")
+            pose("base", base)
             q[:7] = pin.SE3ToXYZQUAT(base)
         else:
             q[:3] = -pin.centerOfMass(self.model, self._data, q)
@@ -280,7 +274,7 @@ class SpaceManipulator:
 
 def _sane(numbers: list[float]) -> bool:
     """Whether all are finite (else their sum is not) and none is too large."""
-    return math.isfinite(sum(numbers)) and -LARGEST <= min(numbers) and max(numbers) <= LARGEST
+    return math.isfinite(sum(numbers)) and min(numbers) >= -LARGEST and max(numbers) <= LARGEST
 
 
 def _frame_id(model: Any, name: str) -> int:

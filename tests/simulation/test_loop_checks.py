@@ -88,13 +88,15 @@ def test_a_reference_that_does_not_fit_is_refused(refused: Refused, planar: ffsm
         def sample(self, t: float) -> Any:
             return self.given
 
-    for given in (None, 1.0, (np.zeros(3), np.zeros(3)), (np.zeros(2), np.zeros(3), np.zeros(3)), ("a", "b", "c"),
-                  (np.zeros(3), np.zeros(3), np.full(3, np.nan))):  # fmt: skip
+    zeros, still = np.zeros(3), np.zeros(planar.nv)
+    short, unknown = (zeros[:2], zeros, zeros), (zeros, zeros, np.full(3, np.nan))
+    for given in (None, 1.0, (zeros, zeros), short, unknown, ("a", "b", "c")):
         odd = Odd(planar)
         odd.given = given
-        refused(lambda odd=odd: simulate(planar, odd, PD(planar)), InvalidValue, "reference")
-        still = np.zeros(planar.nv)
-        refused(lambda odd=odd: simulate(planar, odd, PD(planar), v0=still), InvalidValue, "reference")
+        for v0 in (None, still):
+            refused(
+                lambda odd=odd, v0=v0: simulate(planar, odd, PD(planar), v0=v0), InvalidValue, "reference"
+            )
 
 
 @pytest.mark.parametrize(
@@ -123,7 +125,9 @@ def test_a_run_too_long_for_its_memory_is_refused(refused: Refused, planar: ffsm
     refused(lambda: simulate(planar, long, PD(planar)), InvalidValue, "dt", "1e+12 steps")
 
 
-def test_noise_of_a_thousand_turns_ends_in_words_with_every_integrator(planar: ffsms.SpaceManipulator) -> None:
+def test_noise_of_a_thousand_turns_ends_in_words_with_every_integrator(
+    planar: ffsms.SpaceManipulator,
+) -> None:
     for integrator in ("rk4", "variational", "adaptive", "stiff"):
         with pytest.raises(SimulationDiverged):
             simulate(
@@ -165,5 +169,6 @@ def test_a_watchdog_is_given_a_path(refused: Refused) -> None:
 
 
 def test_the_control_step_of_a_law_is_a_time(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
-    for dt in ({}, np.nan, 0.0, "1"):
+    wrong: list[Any] = [{}, np.nan, 0.0, "1"]
+    for dt in wrong:
         refused(lambda dt=dt: SuperTwisting(planar).reset(dt), InvalidValue, "dt must")

@@ -1,4 +1,4 @@
-"""All trials, and a table of how they ended: ``python -m trials [--share 0.25] [--first SEED] [KIND ...]``."""
+"""All trials, and a table of how they ended: ``python -m trials --help``."""
 
 from __future__ import annotations
 
@@ -19,10 +19,14 @@ _COLUMNS = (*GOOD, "known planner fault", "other error", "warning", "memory", "h
 
 def main() -> int:
     """Run the trials; 1 where one of them failed."""
-    parser = argparse.ArgumentParser(prog="python -m trials", description="Try the library with what is wrong.")
+    parser = argparse.ArgumentParser(
+        prog="python -m trials", description="Try the library with what is wrong."
+    )
     parser.add_argument("kinds", nargs="*", help=f"of {', '.join(WHOLE)}; default: all")
     parser.add_argument("--share", type=float, default=1.0, help="of the whole number of trials")
-    parser.add_argument("--first", type=int, default=0, help="seed of the first trial; the test suite begins with 0")
+    parser.add_argument(
+        "--first", type=int, default=0, help="seed of the first trial; the test suite begins with 0"
+    )
     given = parser.parse_args()
     bad = 0
     print("| trials | number | " + " | ".join(_COLUMNS) + " | time [s] |")
@@ -35,7 +39,10 @@ def main() -> int:
             ended["known planner fault" if fault else verdict.outcome] += 1
             if verdict.outcome not in GOOD and not fault:
                 bad += 1
-                print(f"{kind} {verdict.seed}: {verdict.outcome}: {verdict.what}: {verdict.detail}", file=sys.stderr)
+                print(
+                    f"{kind} {verdict.seed}: {verdict.outcome}: {verdict.what}: {verdict.detail}",
+                    file=sys.stderr,
+                )
         cells = " | ".join(str(ended[column]) for column in _COLUMNS)
         print(f"| {kind} | {count} | {cells} | {time.monotonic() - began:.0f} |", flush=True)
     return 1 if bad else 0

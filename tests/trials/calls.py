@@ -24,8 +24,8 @@ __all__ = ["trial"]
 PACKAGES = (ffsms, opt, control, simulation, inspection)
 # What the library makes and hands out, not what a user calls; and `view`, which serves a page to a browser.
 NOT_CALLED = {
-    "State", "Tracking", "Trajectory", "Scenario", "Step", "StepProblem", "JointLaw", "Controller", "Reference",
-    "Change", "Fault", "JointReport", "LinkReport", "Report", "view",
+    "State", "Tracking", "Trajectory", "Scenario", "Step", "StepProblem", "JointLaw", "Controller",
+    "Reference", "Change", "Fault", "JointReport", "LinkReport", "Report", "view",
 }  # fmt: skip
 CONDITIONS = {
     "friction": simulation.JointFriction, "actuator": simulation.Actuator, "sensors": simulation.Sensors,

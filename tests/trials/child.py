@@ -1,7 +1,7 @@
 """A process that runs trials one after the other: ``python -m trials.child KIND FIRST LAST SECONDS``.
 
-It writes two lines a trial, one before and one after, so that its parent knows which one it died of. A watchdog
-in C ends the process when a trial takes too long, even one that never comes back to Python.
+It writes two lines a trial, one before and one after, so that its parent knows which one it died of. A
+watchdog in C ends the process when a trial takes too long, even one that never comes back to Python.
 """
 
 from __future__ import annotations

@@ -76,6 +76,7 @@ def _told(error: BaseException) -> str:
     own = [
         f"{Path(frame.filename).resolve().relative_to(_ROOT)}:{frame.lineno}"
         for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename).resolve().is_relative_to(_ROOT) and "/trials/" not in frame.filename.replace(str(_ROOT), "")
+        if Path(frame.filename).resolve().is_relative_to(_ROOT)
+        and "/trials/" not in frame.filename.replace(str(_ROOT), "")
     ]
     return f"{type(error).__name__}: {error} [{' < '.join(own[:-3:-1])}]".replace("\n", " ")

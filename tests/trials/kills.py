@@ -1,4 +1,4 @@
-"""Processes that write results, killed at any moment: what is there afterwards is whole, or says that it is not."""
+"""Processes that write results, killed at any moment: what they leave is whole, or says that it is not."""
 
 from __future__ import annotations
 

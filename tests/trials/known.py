@@ -1,7 +1,7 @@
 """Faults of the planner that are known and not mended yet: the trials count them apart.
 
-The planner is being rewritten. Whoever does it empties this list: every entry is a call, the error that it ends
-in today, and what is wrong with that.
+The planner is being rewritten. Whoever does it empties this list: every entry is a call, the error that it
+ends in today, and what is wrong with that.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ KNOWN: tuple[Known, ...] = (
     ),
     Known(
         r"opt\.(plan|plan_many|plan_each|StepPlanner|Replanning)\(|planner\.(like|track)\(",
-        r"(AttributeError|TypeError|ValueError).*(\[opt/|\[ffsms_pin/processes)|^in another process: AttributeError",
-        "a wrong kind of object for sms, planner, weights, aim, base_limits, tasks or progress is met by accident",
+        r"(AttributeError|TypeError|ValueError).*\[(opt/|ffsms_pin/proc)|^in another process: AttributeError",
+        "a wrong kind of object for sms, planner, weights, aim, base_limits or tasks is met by accident",
     ),
     Known(
         r"(planner\.(advance|build|step|reset)|reference\.(observe|joint_failed|sample))\(",
@@ -52,7 +52,9 @@ KNOWN: tuple[Known, ...] = (
         r"MemoryError",
         "duration / dt is not reckoned before the arrays of a plan are made",
     ),
-    Known(r".", r"OverflowError.*opt/(cost|approach|cone)\.py", "kappa above 700 overflows, whatever the method"),
+    Known(
+        r".", r"OverflowError.*opt/(cost|approach|cone)\.py", "kappa above 700 overflows, whatever the method"
+    ),
 )
 
 

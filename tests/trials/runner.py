@@ -31,7 +31,7 @@ def run(kind: str, count: int, first: int = 0, limit: float = TIME) -> Iterator[
 
 def _one_process(kind: str, first: int, last: int, limit: float) -> Iterator[Verdict]:
     """Verdicts until all are done, or until the process ends within a trial."""
-    threads = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     path = os.pathsep.join([str(_TESTS), str(_TESTS.parent)])
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile("w+") as said:
         command = [sys.executable, "-m", "trials.child", kind, str(first), str(last), str(limit)]
@@ -40,11 +40,11 @@ def _one_process(kind: str, first: int, last: int, limit: float) -> Iterator[Ver
             command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=said, text=True
         ) as child:
             assert child.stdout is not None
-            begun, done = [first - 1, "the first lines of a child"], first - 1
+            begun, what, done = first - 1, "the start of a child", first - 1
             for line in child.stdout:
                 found = json.loads(line)
                 if len(found) == 2:
-                    begun = found
+                    begun, what = found
                     continue
                 done = found[0]
                 yield Verdict(kind, *found)
@@ -53,7 +53,8 @@ def _one_process(kind: str, first: int, last: int, limit: float) -> Iterator[Ver
         said.seek(0)
         words = said.read()
     hung = "Timeout (" in words
-    if begun[0] <= done and not hung:
+    if begun <= done and not hung:
         raise RuntimeError(f"the trials of {kind} cannot run after seed {done}: {words[-2000:]}")
-    tail = " | ".join(words.strip().splitlines()[-12:] if not hung else words.split("Timeout", 1)[1].splitlines()[:8])
-    yield Verdict(kind, max(begun[0], first), begun[1], "hang" if hung else "crash", f"exit {child.returncode}: {tail}")
+    told = words.partition("Timeout (")[2].splitlines()[:8] if hung else words.strip().splitlines()[-12:]
+    outcome, detail = "hang" if hung else "crash", f"exit {child.returncode}: {' | '.join(told)}"
+    yield Verdict(kind, max(begun, first), what, outcome, detail)

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+
+from ffsms_pin.errors import FfsmsError, InvalidValue, TasksFailed
 from trials.judge import judged
 from trials.rogue import ENDS
 from trials.runner import run
-
-from ffsms_pin.errors import FfsmsError, InvalidValue, TasksFailed
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")

@@ -1,10 +1,11 @@
-"""A sample of the trials, the same in every run: each ends in a result or in an error of the library's own."""
+"""A sample of the trials, the same in every run."""
 
 from __future__ import annotations
 
 import sys
 
 import pytest
+
 from trials.judge import GOOD
 from trials.known import known_fault
 from trials.runner import run

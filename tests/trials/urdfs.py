@@ -20,10 +20,25 @@ from trials.judge import Trial
 __all__ = ["trial"]
 
 NUMBERS = (
-    "0", "-0.0", "-1", "nan", "inf", "-inf", "1e400", "1e300", "1e31", "1e30", "1e15", "1e12", "1e-12", "1e-30",
-    "1e-160", "1e-320", "0x10", "1,5", "", "9" * 400, "\u0663",
+    "0", "-0.0", "-1", "nan", "inf", "-inf", "1e400", "1e300", "1e31", "1e30", "1e15", "1e12", "1e-12",
+    "1e-30", "1e-160", "1e-320", "0x10", "1,5", "", "9" * 400, "\u0663",
 )  # fmt: skip
-TOKENS = ("<", ">", "/>", "</robot>", "&", "&amp;", '"', "\0", "<!--", "]]>", "<link/>", "&x;", "\ufeff", "\ud800")
+TOKENS = (
+    "<",
+    ">",
+    "/>",
+    "</robot>",
+    "&",
+    "&amp;",
+    '"',
+    "\0",
+    "<!--",
+    "]]>",
+    "<link/>",
+    "&x;",
+    "\ufeff",
+    "\ud800",
+)
 _NUMBER = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:[eE][+-]?\d+)?(?![\w.])")
 
 
@@ -128,7 +143,9 @@ def _structure(rng: random.Random, text: str) -> str:
         elif choice == 2:
             element.attrib, other.attrib = other.attrib, element.attrib
         elif choice == 3 and element.attrib:
-            element.set(rng.choice(sorted(element.attrib)), rng.choice((*NUMBERS, "base", "floating", "continuous")))
+            element.set(
+                rng.choice(sorted(element.attrib)), rng.choice((*NUMBERS, "base", "floating", "continuous"))
+            )
         elif choice == 4:
             element.tag = other.tag
         elif choice == 5 and element not in other.iter() and other not in element.iter():
@@ -146,7 +163,8 @@ def _hostile(rng: random.Random, text: str) -> str:
     body = text.split("?>", 1)[-1]
     wide = "".join(f'<link name="w{i}"/>' for i in range(depth))
     chain = "".join(
-        f'<link name="c{i + 1}"/><joint name="c{i}" type="fixed"><parent link="c{i}"/><child link="c{i + 1}"/></joint>'
+        f'<link name="c{i + 1}"/><joint name="c{i}" type="fixed">'
+        f'<parent link="c{i}"/><child link="c{i + 1}"/></joint>'
         for i in range(depth // 10)
     )
     tree = f'<robot name="chain"><link name="c0"/>{chain}</robot>'
@@ -156,7 +174,8 @@ def _hostile(rng: random.Random, text: str) -> str:
             text.replace("<inertial>", f"<inertial>{nested}", 1),
             nested,
             f'<!DOCTYPE robot [<!ENTITY a0 "lol">{lol}]>{body.replace("<inertial>", "&a9;<inertial>", 1)}',
-            f'<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/hostname">]>{body.replace("<inertial>", "&x;<inertial>", 1)}',
+            '<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/hostname">]>'
+            + body.replace("<inertial>", "&x;<inertial>", 1),
             text.replace("</robot>", wide + "</robot>"),
             tree,
             text.replace('name="', f'name="{"n" * 100_000}', 1),

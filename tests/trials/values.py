@@ -34,7 +34,8 @@ def bad_value(rng: random.Random, good: Any) -> Any:
         damaged = [lambda: _pose(rng, good)] * 2
     elif isinstance(good, str):
         damaged = [lambda: rng.choice(TEXTS)] * 2
-    return rng.choice([*damaged, lambda: _thing(rng)])()
+    chosen: Callable[[], Any] = rng.choice([*damaged, lambda: _thing(rng)])
+    return chosen()
 
 
 def _spoiled(rng: random.Random, good: Any) -> Any:
@@ -85,9 +86,9 @@ def _thing(rng: random.Random) -> Any:
         lambda: rng.choice(TEXTS),
         lambda: np.full(rng.choice(SHAPES), rng.choice(NUMBERS)),
         lambda: np.zeros(rng.choice(SHAPES), dtype=rng.choice(DTYPES)),
-        lambda: [],
+        list,
         lambda: [[1.0], [1.0, 2.0]],
-        lambda: {},
+        dict,
         lambda: {"mass": 1.0},
         lambda: {1.0, 2.0},
         lambda: b"bytes",
