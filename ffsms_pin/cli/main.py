@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import traceback
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
@@ -22,7 +23,7 @@ from ffsms_pin.errors import FfsmsError
 __all__ = ["main"]
 
 # Exit codes; 0 and 1 are the commands' own.
-BAD_INPUT, INTERRUPTED = 2, 130
+BAD_INPUT, DEFECT, INTERRUPTED = 2, 70, 130
 
 # Each imports what it needs only when it runs: --help should not wait for it.
 _COMMANDS: dict[str, Any] = {
@@ -51,7 +52,7 @@ examples:
 """
 _EPILOG = """\
 exit codes: 0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped;
-130 interrupted
+70 a defect of this program; 130 interrupted
 """
 
 
@@ -80,6 +81,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("ffsms-pin: interrupted", file=sys.stderr)  # noqa: T201
         return INTERRUPTED
+    except Exception as error:  # none that the library raises on purpose
+        traceback.print_exc()
+        kind = type(error).__name__
+        told = f"ffsms-pin: a defect of this program, not of your input: {kind}; please report it"
+        print(told, file=sys.stderr)  # noqa: T201
+        return DEFECT
 
 
 def _parser() -> argparse.ArgumentParser:
