@@ -15,7 +15,7 @@ from ffsms_pin.simulation.disturbances import GeneralisedForce
 __all__ = ["adaptive_step", "stiff_step"]
 
 _TOLERANCE = 1e-12
-_MOST_PARTS = 1_000  # of a step; a state that asks for more is on its way to infinity
+_MOST_PARTS = 10_000  # of a step; a state that asks for more is on its way to infinity
 _MOST_SLOPES = 100_000  # of a part, likewise
 _REACH = 0.3  # [rad or m] farther than this the chart is moved, for the series below
 

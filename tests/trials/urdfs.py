@@ -12,16 +12,17 @@ from xml.etree import ElementTree
 import numpy as np
 
 import ffsms_pin as ffsms
-from ffsms_pin import control, inspection
+from ffsms_pin import control, inspection, opt
 from ffsms_pin.models import satellite_names
-from ffsms_pin.urdf import model_names, model_path
+from ffsms_pin.urdf import model_path
 from trials.judge import Trial
 
 __all__ = ["trial"]
 
 NUMBERS = (
     "0", "-0.0", "-1", "nan", "inf", "-inf", "1e400", "1e300", "1e31", "1e30", "1e15", "1e12", "1e-12",
-    "1e-30", "1e-160", "1e-320", "0x10", "1,5", "", "9" * 400, "\u0663",
+    "0.5", "3.7", "100", "1e-3", "1e-6", "1e-9", "1e6", "1e9", "1e-30", "1e-160", "1e-320", "0x10",
+    "1,5", "", "9" * 400, "\u0663",
 )  # fmt: skip
 TOKENS = (
     "<",
@@ -39,26 +40,28 @@ TOKENS = (
     "\ufeff",
     "\ud800",
 )
+_SCALE = re.compile(r'(?:mass value|velocity|effort|lower|upper)="([-+.\deE]+)"')
 _NUMBER = re.compile(r"(?<![\w.])-?\d+\.?\d*(?:[eE][+-]?\d+)?(?![\w.])")
 
 
 def trial(seed: int) -> Trial:
     """One file: written, read and used."""
     rng = random.Random(f"urdf {seed}")
-    damage = rng.choice((_numbers, _numbers, _numbers, _text, _structure, _structure, _hostile))
-    name, text = rng.choice(_sources())
+    damage = rng.choice((_numbers, _numbers, _scales, _scales, _text, _structure, _structure, _hostile))
+    name, text, tool = rng.choice(_sources())
     content = damage(rng, text).encode("utf-8", "surrogatepass")
     mounted = rng.random() < 0.2
     what = f"{damage.__name__.strip('_')} of {name}{', mounted' if mounted else ''}"
-    return Trial(what, lambda: _use(content, mounted))
+    named = tool if rng.random() < 0.9 else None
+    return Trial(what, lambda: _use(content, mounted, named))
 
 
-def _use(content: bytes, mounted: bool) -> None:
+def _use(content: bytes, mounted: bool, tool: str | None) -> None:
     """Read the file, and do a little of everything with the robot."""
     path = Path("damaged.urdf")
     path.write_bytes(content)
     inspection.inspect(path)
-    sms = ffsms.mount(path) if mounted else ffsms.load(path)
+    sms = (ffsms.mount if mounted else ffsms.load)(path, end_effector=tool)
     start = np.clip(np.full(sms.n, 0.1), sms.limits.lower, sms.limits.upper)
     q = sms.configuration(start)
     state = sms.at(q, sms.velocity(q, np.full(sms.n, 1e-3)))
@@ -67,6 +70,9 @@ def _use(content: bytes, mounted: bool) -> None:
             getattr(state, name)
     ffsms.simulate(sms, _Standing(sms, start), control.PD(sms), dt=1e-3)
     sms.geometry("collision")
+    near = state.end_effector_pose.translation + 1e-3
+    if np.isfinite(sms.limits.velocity).all() and not sms.limits.violation(start).any():
+        opt.plan(sms, q, near, duration=0.2, dt=0.1, method="step")
 
 
 class _Standing:
@@ -85,16 +91,16 @@ class _Standing:
 
 
 @cache
-def _sources() -> list[tuple[str, str]]:
-    """The packaged robots, the smallest of them several times, and the arms on the default satellite."""
-    packaged = [(name, model_path(name).read_text()) for name in model_names()]
-    small = [one for one in packaged if one[0] == "planar_3r"]
+def _sources() -> list[tuple[str, str, str]]:
+    """Name, text and end effector: packaged robots, some several times, and arms on the default satellite."""
+    small = [(name, model_path(name).read_text(), "end_effector") for name in ("planar_3r", "space_arm_7")]
+    double = [("two_arms", model_path("two_arms").read_text(), "left_tool")]
     mounted = []
     for name in satellite_names():
-        description = ffsms.load(name).description
-        assert description is not None
-        mounted.append((name, description.text))
-    return [*packaged, *(3 * small), *mounted]
+        sms = ffsms.load(name)
+        assert sms.description is not None
+        mounted.append((name, sms.description.text, sms.end_effector))
+    return [*(3 * small), *double, *mounted]
 
 
 def _numbers(rng: random.Random, text: str) -> str:
@@ -105,6 +111,16 @@ def _numbers(rng: random.Random, text: str) -> str:
             break
         place = rng.choice(places)
         text = text[: place.start()] + rng.choice(NUMBERS) + text[place.end() :]
+    return text
+
+
+def _scales(rng: random.Random, text: str) -> str:
+    """Masses and limits of other orders of magnitude: most of these files can be read."""
+    for _ in range(rng.randint(1, 4)):
+        places = list(_SCALE.finditer(text))
+        place = rng.choice(places)
+        factor = 10.0 ** rng.choice((-30, -15, -12, -9, -6, -3, -1, 1, 3, 6, 9, 12, 15, 30))
+        text = text[: place.start(1)] + repr(float(place[1]) * factor) + text[place.end(1) :]
     return text
 
 
