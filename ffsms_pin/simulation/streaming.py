@@ -116,7 +116,7 @@ def recorded(path: str | os.PathLike[str]) -> dict[str, Any] | None:
         # The torque of a step belongs to its end as well: the last row has none yet.
         if rows > 0:
             return {name: array[: rows - (name == "tau")] for name, array in arrays.items()}
-    except (OSError, ValueError, KeyError, IndexError):
+    except (OSError, EOFError, ValueError, KeyError, IndexError):
         raise ResultError(path, "was left unfinished, and its rows cannot be read") from None
     raise ResultError(path, "was left unfinished before its first row")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,17 @@ from motions import Constant, Swing
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import PD, SuperTwisting
-from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged
-from ffsms_pin.simulation import Actuator, Capture, JointFriction, Sensors, Watchdog, Wrench, simulate
+from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError, SimulationDiverged
+from ffsms_pin.simulation import (
+    Actuator,
+    Capture,
+    JointFriction,
+    Sensors,
+    Tracking,
+    Watchdog,
+    Wrench,
+    simulate,
+)
 
 Refused = Callable[..., FfsmsError]
 
@@ -174,3 +184,11 @@ def test_the_control_step_of_a_law_is_a_time(refused: Refused, planar: ffsms.Spa
     wrong: list[Any] = [{}, np.nan, 0.0, "1"]
     for dt in wrong:
         refused(lambda dt=dt: SuperTwisting(planar).reset(dt), InvalidValue, "dt must")
+
+
+def test_a_part_killed_before_its_first_array_was_whole_is_refused(refused: Refused, tmp_path: Path) -> None:
+    folder = tmp_path / "run.npz.part"
+    folder.mkdir()
+    for content in (b"", b"\x93NUMPY"):
+        (folder / "q.npy").write_bytes(content)
+        refused(lambda: Tracking.load(tmp_path / "run.npz"), ResultError, "left unfinished")
