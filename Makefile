@@ -19,7 +19,7 @@ test: $(READY)  ## lint, types, and every test
 	$(MAKE) lint
 	$(BIN)/python -m pytest -n auto
 
-trials: $(READY)  ## damaged files, wrong arguments, kills: all of them (half an hour); make trials TRIALS="--share 0.1"
+trials: $(READY)  ## damaged files, wrong arguments, kills: all of them (some 15 minutes); make trials TRIALS="--share 0.1"
 	PYTHONPATH=tests $(BIN)/python -m trials $(TRIALS)
 
 lint: $(READY)  ## ruff, import contracts, mypy
