@@ -24,10 +24,12 @@ from trials.values import bad_value
 __all__ = ["trial"]
 
 PACKAGES = (ffsms, opt, control, simulation, inspection)
-# What the library makes and hands out, not what a user calls; and `view`, which serves a page to a browser.
+# What the library makes and hands out or only derives from, not what a user calls; and `view`, which serves a
+# page to a browser.
 NOT_CALLED = {
     "State", "Tracking", "Trajectory", "Scenario", "Step", "StepProblem", "JointLaw", "Controller",
     "Reference", "Change", "Fault", "JointReport", "LinkReport", "Report", "view",
+    "Goal", "Limit", "Rows", "Term", "Violation",
 }  # fmt: skip
 CONDITIONS = {
     "friction": simulation.JointFriction, "actuator": simulation.Actuator, "sensors": simulation.Sensors,

@@ -15,6 +15,13 @@ from ffsms_pin import control, opt, simulation
 __all__ = ["good_arguments", "planar", "things"]
 
 STEPS = 5  # of a closed loop
+
+
+def passing(t: float) -> list[float]:
+    """The place of a target that moves."""
+    return [0.9, 0.2 + 0.01 * t, 0.0]
+
+
 # Parameters whose good value depends on what they belong to.
 OF_ONE: dict[str, dict[str, Any]] = {
     "simulate": {"dt": 0.05 / STEPS},
@@ -30,6 +37,14 @@ OF_ONE: dict[str, dict[str, Any]] = {
     "JointLimits": {"lower": [-1.0] * 3, "upper": [1.0] * 3, "velocity": [0.4] * 3, "torque": [1.0] * 3},
     "InertialError": {"base_inertia": 1.1, "arm_inertia": 1.1},
     "Wrench": {"end": 0.04},
+    "Problem": {"limits": (opt.JointLimits(), opt.Clearance())},
+    "Moving": {"path": passing},
+    "Position": {"velocity": [0.01, 0.0, 0.0]},
+    "BaseTurn": {"weight": 0.1},
+    "Coupling": {"weight": 1.0},
+    "Effort": {"weight": 1e-4},
+    "Smooth": {"weight": 1e-5},
+    "StepWeights": {"effort": 1e-6},
 }
 
 
@@ -57,6 +72,11 @@ def short_run() -> simulation.Tracking:
     return ffsms.simulate(planar(), motion(), control.PD(planar()), dt=0.05 / STEPS)
 
 
+def problem() -> opt.Problem:
+    """What a plan of a few steps should do."""
+    return opt.Problem(planar(), q0(), [0.9, 0.2, 0.0], 0.3, 0.1)
+
+
 def q0() -> Any:
     """A configuration within the limits."""
     return planar().configuration([0.3, 0.5, -0.4])
@@ -66,11 +86,15 @@ def things() -> dict[str, Any]:
     """Objects of the library whose methods are called: some remember, so each trial gets new ones."""
     sms = planar()
     state = sms.at(q0(), np.full(sms.nv, 0.1))
-    planner = opt.StepPlanner(sms, dt=0.05)
     laws = {name: law(sms) for name, law in control.LAWS.items()}
-    made = {"sms": sms, "state": state, "coupling": state.coupling, "limits": sms.limits, "planner": planner}
-    track = {"reference": planner.track([0.9, 0.2, 0.0], 0.3), "plan": short_plan(), "tracking": short_run()}
-    return {**made, **laws, **track}
+    made = {"sms": sms, "state": state, "coupling": state.coupling, "limits": sms.limits}
+    goals = {
+        "position": opt.Position([0.9, 0.2, 0.0]),
+        "pose": opt.Pose(pin.SE3(np.eye(3), np.array([0.9, 0.2, 0.0]))),
+        "moving": opt.Moving(passing),
+    }
+    planned = {"problem": problem(), "plan": short_plan(), "tracking": short_run()}
+    return {**made, **goals, **laws, **planned}
 
 
 def good_arguments(owner: str) -> dict[str, Any]:
@@ -92,8 +116,12 @@ def good_arguments(owner: str) -> dict[str, Any]:
         "events": simulation.JointFault(0.02, 1), "watchdog": simulation.Watchdog(), "stream": "run.npz",
         "path": "result.npz", "target": [0.9, 0.2, 0.0], "duration": 0.3, "dt": 0.1, "kappa": 10.0,
         "clearance": 0.01, "collision": "points", "method": "step",
-        "base_limits": opt.BaseLimits(attitude=0.5), "weights": opt.StepWeights(), "aim": "step",
-        "time_left": 1.0, "t": 0.05, "planner": opt.StepPlanner(sms, dt=0.1), "hold": 0.1, "tasks": [],
+        "base_limits": opt.BaseLimits(attitude=0.5), "t": 0.05, "tasks": [],
+        "goal": opt.Position([0.9, 0.2, 0.0]), "terms": (opt.Coupling(), opt.Smooth(), opt.Effort()),
+        "problem": problem(), "options": opt.SearchOptions(time_limit=0.5), "time_limit": 0.5,
+        "position": [0.9, 0.2, 0.0], "pose": pin.SE3(np.eye(3), np.array([0.9, 0.2, 0.0])),
+        "reach": 0.02, "orientation_reach": 0.02, "attitude": 0.5, "attitude_rate": 0.5,
+        "translation": 0.5, "final_attitude": 0.5, "effort": 1e-4, "cost_tolerance": 1e-3,
         "jobs": 1, "cos_theta": 0.3, "viscous": 0.01, "coulomb": 0.01, "transition": 0.01,
         "torque_limit": 1.0, "rate_limit": 10.0, "delay": 0.02, "time": 0.02, "twist": [0.0] * 6,
         "joint": 1, "told": True, "wrench": [0.1] * 6, "on": "base", "start": 0.0,
