@@ -27,7 +27,7 @@ _MARK, _WORDS = "ffsms-pin-recording", "ffsms-pin: rows of a recording that is n
 def part_folder(path: str | os.PathLike[str]) -> Path:
     """Where the rows of the result `path` are until it is complete; a link is followed."""
     path = Path(os.path.realpath(path))
-    return path.with_name(path.name + ".part")
+    return path.parent / f"{path.name}.part"  # "/" has no name to be changed
 
 
 def check_stream(path: str | os.PathLike[str]) -> Path:

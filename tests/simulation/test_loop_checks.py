@@ -190,10 +190,12 @@ def test_the_control_step_of_a_law_is_a_time(refused: Refused, planar: ffsms.Spa
         refused(lambda dt=dt: SuperTwisting(planar).reset(dt), InvalidValue, "dt must")
 
 
-def test_a_part_killed_before_its_first_array_was_whole_is_refused(refused: Refused, tmp_path: Path) -> None:
+def test_a_recording_that_cannot_be_read_is_refused(refused: Refused, tmp_path: Path) -> None:
     folder, handle, _ = begun(tmp_path / "run.npz")
     os.close(handle)
     refused(lambda: Tracking.load(tmp_path / "run.npz"), ResultError, "left unfinished before its first row")
+    refused(lambda: Tracking.load("/"), ResultError, "cannot be read")
+    refused(lambda: Tracking.load(tmp_path, complete=1), InvalidValue, "complete")  # type: ignore[arg-type]
     np.save(folder / "rows.npy", np.ones(1, dtype=np.int64))
     for content in (b"", b"\x93NUMPY"):
         for name in ARRAYS:

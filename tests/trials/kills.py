@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -34,6 +35,8 @@ def trial(seed: int) -> Trial:
 def _kill(delay: float) -> None:
     for name in ("plan.npz", "run.npz", "stream.npz"):
         Path(name).unlink(missing_ok=True)
+    for folder in Path().glob("stream.npz.part*"):
+        shutil.rmtree(folder)
     with subprocess.Popen([sys.executable, "-m", "trials.kills"], stdout=subprocess.PIPE) as writer:
         assert writer.stdout is not None
         ready = time.monotonic() + _PATIENCE
@@ -44,8 +47,11 @@ def _kill(delay: float) -> None:
         os.kill(writer.pid, signal.SIGKILL)
     _check_plan(Trajectory.load("plan.npz"))
     _check_run(Tracking.load("run.npz"), short_run())
+    if Path("stream.npz").exists():  # of an earlier round; what is beside it is of the one that was killed
+        _check_run(Tracking.load("stream.npz", complete=True), short_run())
+    part = Path("stream.npz.part")
     try:
-        streamed = Tracking.load("stream.npz")
+        streamed = Tracking.load(part if part.exists() else "stream.npz")
     except ResultError:  # killed before its first row, or while the folder was made: it says so
         return
     _check_run(streamed, short_run())

@@ -34,26 +34,28 @@ class Known(NamedTuple):
 KNOWN: tuple[Known, ...] = (
     Known(
         r"opt\.(soft_assistance|step_cost|ideal_cosine)\(",
-        r"\[opt/cost\.py",
+        r"\[opt/terms/cost\.py",
         "the three formulas of the cost check no argument, and overflow",
     ),
     Known(
-        r"opt\.(plan|plan_many|plan_each|StepPlanner|Replanning)\(|planner\.(like|track)\(",
-        r"(AttributeError|TypeError|ValueError).*\[(opt/|ffsms_pin/proc)|^in another process: AttributeError",
-        "a wrong kind of object for sms, planner, weights, aim, base_limits or tasks is met by accident",
+        r"opt\.solve\(",
+        r"(AttributeError|TypeError|ValueError).*\[opt/horizon/",
+        "a wrong kind of object for problem, options or progress is met by accident",
     ),
     Known(
-        r"(planner\.(advance|build|step|reset)|reference\.(observe|joint_failed|sample))\(",
-        r"\[opt/",
-        "what a control loop calls in each step checks nothing, or only some of its arguments",
+        r"opt\.(Problem|plan|plan_many|plan_each)\(",
+        r"TypeError.*\[opt/problem\.py",
+        "terms, limits or locked that are no sequence are met by accident",
     ),
     Known(
-        r"opt\.(plan|plan_many|plan_each|Replanning)\(",
-        r"MemoryError",
-        "duration / dt is not reckoned before the arrays of a plan are made",
+        r"opt\.Moving\(",
+        r"TypeError.*\[opt/goals\.py",
+        "a path that cannot be called is met by accident",
     ),
     Known(
-        r".", r"OverflowError.*opt/(cost|approach|cone)\.py", "kappa above 700 overflows, whatever the method"
+        r"problem\.lasting\(|(moving|position|pose)\.place\(",
+        r"(OverflowError|TypeError|ValueError).*\[opt/(problem|goals)\.py",
+        "a time is reckoned with before it is checked",
     ),
 )
 

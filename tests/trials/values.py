@@ -28,6 +28,8 @@ def bad_value(rng: random.Random, good: Any) -> Any:
     damaged: list[Callable[[], Any]] = []
     if isinstance(good, (int, float)) and not isinstance(good, bool):
         damaged = [lambda: rng.choice(NUMBERS), lambda: rng.choice(NUMBERS), lambda: rng.choice(WHOLE)]
+    elif isinstance(good, tuple) and good and np.array(good).dtype == object:
+        damaged = [lambda: _other_parts(rng, good)] * 2
     elif isinstance(good, (list, tuple, np.ndarray)):
         damaged = [lambda: _spoiled(rng, good), lambda: _spoiled(rng, good), lambda: _resized(rng, good)]
     elif isinstance(good, pin.SE3):
@@ -60,6 +62,12 @@ def _resized(rng: random.Random, good: Any) -> Any:
     if choice == 3:
         return array.astype(rng.choice(DTYPES))
     return [array.tolist(), 1.0]  # ragged
+
+
+def _other_parts(rng: random.Random, good: tuple[Any, ...]) -> Any:
+    """Some of the objects, one of them twice, or one among them that is no such thing."""
+    choices = [(), good[1:], (*good, good[0]), (*good, _thing(rng)), good[0], iter(good), list(good)]
+    return rng.choice(choices)
 
 
 def _pose(rng: random.Random, good: Any) -> Any:
