@@ -23,6 +23,9 @@ class ReplanOptions:
         The period is never more than this share of the time left: near the deadline errors matter at once.
     long, middle, short : Grid
         Splines of the rest of the motion: while more than half of the whole time is left, more than a tenth, less.
+    no_cost : float
+        From this share of the whole time on the paper's cost is left out: so near to its end a motion has no room
+        for ways round, and a cost that does not see speed only stirs an arm that comes to rest.
     iterations, landing : int
         Of the descent: with the problem's own weights, and with a stiffer goal and stiffer limits where these are
         not met. An iteration costs two to three milliseconds.
@@ -57,11 +60,12 @@ class ReplanOptions:
     long: Grid = Grid(12, 5, 3)
     middle: Grid = Grid(8, 4, 2)
     short: Grid = Grid(4, 3, 2)
+    no_cost: float = 0.1
     iterations: int = 3
     landing: int = 4
     weights: Weights = Weights(1e5, 1e4)
     damping: float = 0.03
-    handover: float = 0.3
+    handover: float = 0.1
     least_steps: int = 10
     changed: float = 2e-3
     gain: float = 2.0

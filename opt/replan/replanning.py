@@ -19,6 +19,7 @@ from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.reaction import ReactionEstimate
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.replan.warm import JointPlan, replanned
+from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
@@ -28,6 +29,8 @@ from ffsms_pin.system.variants import with_limits
 __all__ = ["Replanning"]
 
 _STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
+# Ten times a step's own price of redundant motion: a goal at the edge of the workspace is not worth fast joints.
+_GENTLE = StepWeights(effort=1e-5)
 _DEADLINE = 0.5  # steps before the deadline that count as the deadline
 
 
@@ -49,8 +52,8 @@ class Replanning:
     plan : Trajectory, optional
         The first plan; default: that of `opt.solve`.
     options : ReplanOptions, optional
-    stepper : Stepper, optional
-        Takes the steps; default: one with the problem's limits.
+    weights : StepWeights, optional
+        Of single steps.
 
     Attributes
     ----------
@@ -70,21 +73,22 @@ class Replanning:
         hold: float = 0.0,
         plan: Trajectory | None = None,
         options: ReplanOptions | None = None,
-        stepper: Stepper | None = None,
+        weights: StepWeights | None = None,
     ) -> None:
         if number("hold", hold) < 0.0:
             raise InvalidValue("hold", hold, "must be at least zero [s]")
         sms, n = problem.sms, problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + hold
-        self._stepper = stepper or Stepper(
+        self._stepper = Stepper(
             sms,
             problem.dt,
             problem.kappa,
             problem.limits,
             problem.terms,
-            reference="resolved-rate",
-            momentum=problem.momentum,
+            weights or _GENTLE,
+            "resolved-rate",
+            problem.momentum,
         )
         self._estimate, self._robot = ReactionEstimate(sms), sms
         self._known: FloatArray = np.ones(n + 1)

@@ -80,6 +80,7 @@ class StepPlanner:
             limits = kept if base_limits is None else [*kept, base_limits]
         self.clearance, self.base_limits = clearance, base_limits
         self.limits, self.terms = tuple(limits), tuple(terms)
+        self._weights = weights
         self.stepper = Stepper(sms, dt, kappa, self.limits, self.terms, weights, aim, momentum)
 
     @property
@@ -157,14 +158,4 @@ class StepPlanner:
             self.limits,
             momentum=self.momentum,
         )
-        stepper = Stepper(
-            sms,
-            problem.dt,
-            self.kappa,
-            self.limits,
-            self.terms,
-            self.stepper.weights,
-            "resolved-rate",
-            self.momentum,
-        )
-        return Replanning(problem, hold, stepper=stepper)
+        return Replanning(problem, hold, weights=self._weights)

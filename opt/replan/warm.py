@@ -6,7 +6,7 @@ changed since, the base's place or an estimated mass, has changed by little.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = ["JointPlan", "replanned"]
@@ -100,6 +101,8 @@ def replanned(
     share : float
         Of the whole time that is left.
     """
+    if share <= options.no_cost:
+        problem = replace(problem, terms=[term for term in problem.terms if not isinstance(term, Coupling)])
     model = Model.make(problem, options.grid(share))
     motion = Candidates.start(model, _first(model, start, last)[None], options.weights, options.damping)
     motion = descend(model, motion, options.weights, options.iterations)
