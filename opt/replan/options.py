@@ -26,9 +26,9 @@ class ReplanOptions:
     no_cost : float
         From this share of the whole time on the paper's cost is left out: so near to its end a motion has no room
         for ways round, and a cost that does not see speed only stirs an arm that comes to rest.
-    iterations, landing : int
-        Of the descent: with the problem's own weights, and with a stiffer goal and stiffer limits where these are
-        not met. An iteration costs two to three milliseconds.
+    iterations, landings : int
+        Iterations of the descent, and how many times these are made again, with a stiffer goal and stiffer limits,
+        where these are not met. An iteration costs two to three milliseconds.
     weights : Weights
         Of the goal and of the limits: those with which a search ends. No smoothing: the rest of a plan is near its
         minimum.
@@ -62,7 +62,7 @@ class ReplanOptions:
     short: Grid = Grid(4, 3, 2)
     no_cost: float = 0.1
     iterations: int = 3
-    landing: int = 4
+    landings: int = 2
     weights: Weights = Weights(1e5, 1e4)
     damping: float = 0.03
     handover: float = 0.1

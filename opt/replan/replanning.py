@@ -15,10 +15,11 @@ from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import HASTE, Search
 from ffsms_pin.opt.horizon.solve import solve
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.reaction import ReactionEstimate
 from ffsms_pin.opt.replan.rest import rest_of
-from ffsms_pin.opt.replan.warm import JointPlan, replanned
+from ffsms_pin.opt.replan.warm import replanned
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step.stepper import Stepper
@@ -209,9 +210,7 @@ class Replanning:
         self._learn()
         names = self.problem.sms.joint_names
         locked = [names[i] for i in np.flatnonzero(self._failed)]
-        rest = rest_of(
-            self.problem, self._robot, now, q, self._start, self._rates, self._base_start, locked
-        )
+        rest = rest_of(self.problem, self._robot, now, q, self._start, self._rates, self._base_start, locked)
         if self._plan is not None:
             plan = replanned(
                 rest, now, self._start, self._plan, options, rest.duration / self.problem.duration
@@ -236,8 +235,8 @@ class Replanning:
         other = JointPlan.of_trajectory(found, now)
         if found.broken or other.miss >= plan.miss:
             return plan
-        other = replace(other, positions=other.positions + self._start - other.positions[0])
-        return replanned(rest, now, self._start, other, options, rest.duration / self.problem.duration)
+        # Joints that turn without end are counted from where they are.
+        return replace(other, positions=other.positions + self._start - other.positions[0])
 
     def _learn(self) -> None:
         """Take over the estimated masses, where they have changed."""
