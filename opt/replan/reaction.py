@@ -52,10 +52,11 @@ class ReactionEstimate:
         self._first: FloatArray | None = None
         self._last: FloatArray | None = None
 
-    def observe(self, q: FloatArray, v: FloatArray) -> None:
-        """Take in a measured state, Pinocchio's."""
+    def observe(self, q: FloatArray, v: FloatArray) -> bool:
+        """Take in a measured state, Pinocchio's; whether it is that of another robot than before."""
         parts = self._momenta(q, v)
-        if self._first is None or self._jumped(parts):
+        jumped = self._jumped(parts)
+        if self._first is None or jumped:
             # The first sample; or a body was captured, and what was learnt is of another robot.
             self._G, self._g = np.eye(self._count) / _PRIOR**2, np.zeros(self._count)
             self._first = parts
@@ -65,6 +66,7 @@ class ReactionEstimate:
         # sum of factor times part is constant; with factor = 1 + x: A x = -(sum of all changes).
         self._G += A.T @ A
         self._g -= A.T @ change.sum(axis=1)
+        return jumped
 
     def _jumped(self, parts: FloatArray) -> bool:
         """Whether the momentum, as estimated so far, changes more in one sample than noise explains."""
@@ -91,8 +93,8 @@ class ReactionEstimate:
         believable = bool((factors >= _LEAST).all() and (factors <= _MOST).all())
         return factors if believable else np.ones_like(factors)
 
-    def model(self) -> SpaceManipulator:
-        """The robot with the estimated factors."""
+    def robot(self) -> SpaceManipulator:
+        """The robot with the estimated factors, which `factors` then holds."""
         self.factors = self.solve()
         model = self._sms.model.copy()
         for i, factor in enumerate(self.factors[:-1]):
