@@ -14,7 +14,7 @@ from ffsms_pin.opt.horizon.jacobian import Jacobian
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.spline import RateSpline
 
-__all__ = ["by_differences", "by_slopes", "values_of"]
+__all__ = ["by_differences", "by_slopes", "motions", "values_of"]
 
 
 def motions(problem: Problem, spline: RateSpline, p: FloatArray, smoothing: Smoothing = EXACT) -> Motions:
