@@ -93,6 +93,8 @@ def _cannot(scenario: Scenario, method: str) -> str:
 def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
     """One row a method, every key of a quantity ending in its unit.
 
+    `path_over_straight` is the length of the end effector's path over the straight line between its ends.
+
     Joint effort is the integral of the squared joint rates; torque effort that of the squared joint torques
     H_q qdd + C_q which the plan needs.
     """
@@ -101,11 +103,14 @@ def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
             "reached": made.reached,
             "final_error_m": float(made.position_error[-1]),
             "cost_integral_s": made.cost_integral,
+            "joint_travel_rad": made.joint_travel,
+            "path_over_straight": made.path_ratio,
             "joint_effort_rad2_per_s": _joint_effort(made),
             "torque_effort_N2m2s": _torque_effort(comparison.sms, made),
             **base_numbers(comparison.sms, made.q),
             "peak_rate_rad_per_s": float(np.abs(made.joint_rates).max()),
             "planning_s": comparison.times[method],
+            "note": made.note,
         }
         for method, made in comparison.plans.items()
     }

@@ -18,14 +18,14 @@ from ffsms_pin.opt.trajectory import Trajectory
 __all__ = ["aimed", "arrival_error"]
 
 
-def arrival_error(problem: Problem, plan: Trajectory) -> float:
+def arrival_error(plan: Trajectory) -> float:
     """The largest error at the deadline [m, rad]."""
     return max(float(plan.position_error[-1]), float(plan.orientation_error[-1]))
 
 
 def aimed(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
     """The next goal, after a landing at `goal` gave this plan; None where the plan arrives."""
-    if plan.reached and arrival_error(problem, plan) <= problem.goal.tolerance:
+    if plan.reached and arrival_error(plan) <= problem.goal.tolerance:
         return None
     offset: FloatArray = np.zeros(3)
     turn: FloatArray = np.eye(3)

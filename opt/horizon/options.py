@@ -47,6 +47,9 @@ class SearchOptions:
     turns, still : float
         A motion with more changes of sign a joint than `turns` chatters; smaller products of rates than
         `still` [(rad/s)^2] do not count.
+    widest : float
+        By how much C~ may exceed max(0, cos(theta_a)), log 2 / kappa, for marches to be tried as plans: with a
+        smaller kappa the cone is so wide that a march spirals and misses the deadline.
     march_steps : int
         Steps of the marches that are starts.
     """
@@ -57,7 +60,7 @@ class SearchOptions:
     fine: Grid = _FINE
     finest: Grid = _FINEST
     nearly_free: float = 1e-3
-    last_iterations: int = 6
+    last_iterations: int = 10
     near: float = 1.0
     near_goal: float = 0.05
     there: float = 1e-3
@@ -67,4 +70,5 @@ class SearchOptions:
     moving: float = 1e-3
     turns: int = 8
     still: float = 1e-8
+    widest: float = 0.2
     march_steps: int = 30

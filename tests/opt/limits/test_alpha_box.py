@@ -21,10 +21,9 @@ TARGET = np.array([0.45, 0.75, 0.0])
 def fast() -> ffsms.SpaceManipulator:
     """With generous joint limits only the box is left to hold the rates."""
     sms = ffsms.load("planar_3r")
-    fast = sms.with_limits(
+    return sms.with_limits(
         dataclasses.replace(sms.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0))
     )
-    return fast
 
 
 def largest_alpha(stepper: Stepper, duration: float) -> float:

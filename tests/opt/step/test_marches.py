@@ -62,8 +62,7 @@ def test_marches_arrive_within_all_limits(name: str) -> None:
 
 
 def loosened(sms: ffsms.SpaceManipulator, **changes: FloatArray) -> ffsms.SpaceManipulator:
-    free = sms.with_limits(dataclasses.replace(sms.limits, **changes))
-    return free
+    return sms.with_limits(dataclasses.replace(sms.limits, **changes))
 
 
 @pytest.mark.parametrize("limit", ["velocity", "acceleration", "position"])
