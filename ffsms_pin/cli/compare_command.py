@@ -7,6 +7,8 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+from ffsms_pin.cli.allow_import import add_allow_import
+
 __all__ = ["add_parser", "run"]
 
 _DESCRIPTION = """\
@@ -37,6 +39,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--out", metavar="DIR", help="folder for the results (default: results/SCENARIO-comparison)"
     )
+    add_allow_import(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -53,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.scenarios.compare import compare, comparison_numbers
     from ffsms_pin.storage import write_content
 
-    chosen = scenario(arguments.scenario)
+    chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)
     methods = tuple(arguments.methods) if arguments.methods else None
     folder = chosen_folder(arguments.out, f"{chosen.name}-comparison")
     with results_folder(folder) as staging, shown_progress(Console(stderr=True)) as progress:

@@ -20,8 +20,9 @@ from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Comparison", "compare", "comparison_numbers"]
 
-# Keys of [plan] that the paper's method has no place for.
+# Keys of [plan] that the paper's method has no place for, and those that only "horizon" knows.
 _NOT_FOR_PAPER = ("base_limits", "momentum")
+_FOR_HORIZON = ("locked",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +68,8 @@ def compare(
     times: dict[str, float] = {}
     left_out: dict[str, str] = {}
     if methods is None:
-        methods = METHODS
-        if asked := [key for key in _NOT_FOR_PAPER if key in scenario.plan]:
-            methods = tuple(method for method in METHODS if method != "paper")
-            left_out["paper"] = f"knows no {' and no '.join(asked)}"
+        left_out = {name: why for name in METHODS if (why := _cannot(scenario, name))}
+        methods = tuple(name for name in METHODS if name not in left_out)
     for method in methods:
         with named(scenario):
             q0 = scenario.start_configuration(sms)
@@ -78,6 +77,17 @@ def compare(
             plans[method] = planned(scenario, sms, q0, stage(progress, method), method)
         times[method] = time.perf_counter() - started
     return Comparison(scenario, sms, plans, times, left_out)
+
+
+def _cannot(scenario: Scenario, method: str) -> str:
+    """What a method does not know of what the scenario asks for; empty where it knows everything."""
+    keys = () if method == "horizon" else _FOR_HORIZON
+    if method == "paper":
+        keys = (*_NOT_FOR_PAPER, *keys)
+    asked = [key for key in keys if scenario.plan.get(key)]
+    if method == "paper" and any(part["use"] == "base" for part in scenario.limit):
+        asked.insert(0, "base_limits")
+    return f"knows no {' and no '.join(asked)}" if asked else ""
 
 
 def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:

@@ -13,6 +13,7 @@ __all__ = [
     "Unusable",
     "either",
     "flag",
+    "frozen",
     "gain",
     "matrix",
     "not_negative",
@@ -23,6 +24,7 @@ __all__ = [
     "per_joint",
     "positive",
     "text",
+    "texts",
     "whole",
 ]
 
@@ -94,6 +96,20 @@ def text(value: Any) -> str:
     if not isinstance(value, str) or not value.strip() or "\0" in value:
         raise Unusable("must be a text that is not empty")
     return value
+
+
+def texts(value: Any) -> tuple[str, ...]:
+    """A list of texts, each of them not empty."""
+    if not isinstance(value, list):
+        raise Unusable("must be a list of texts")
+    return tuple(text(item) for item in value)
+
+
+def frozen(value: Any) -> Any:
+    """Any value, its lists as tuples."""
+    if isinstance(value, list):
+        return tuple(frozen(item) for item in value)
+    return {key: frozen(item) for key, item in value.items()} if isinstance(value, dict) else value
 
 
 def one_of(*choices: str) -> Parser:
