@@ -25,7 +25,6 @@ from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.variants import with_limits
 
 __all__ = ["Replanning"]
 
@@ -285,7 +284,7 @@ def _without(sms: SpaceManipulator, failed: NDArray[np.bool_]) -> SpaceManipulat
     limits = sms.limits
     velocity, acceleration = limits.velocity.copy(), limits.acceleration.copy()
     velocity[failed] = acceleration[failed] = _STILL
-    return with_limits(sms, replace(limits, velocity=velocity, acceleration=acceleration))
+    return sms.with_limits(replace(limits, velocity=velocity, acceleration=acceleration))
 
 
 def _lead(velocity: FloatArray, left: float, dt: float) -> FloatArray:
