@@ -59,8 +59,8 @@ class Goal(ABC):
         At the deadline: of the position [m], and of the attitude and the velocities where they are asked for
         [rad, m/s, rad/s].
     reach, orientation_reach : float
-        How far the end effector may be from its place in the last tenth of the time, the paper's r_th [m], and
-        how far its attitude from the wanted one [rad].
+        How far the end effector may be from its place in the last tenth of the time, the paper's r_th [m],
+        and how far its attitude from the wanted one [rad].
     """
 
     tolerance: float = TOLERANCE
@@ -217,7 +217,7 @@ class Shifted(Goal):
 
 
 def as_goal(target: Any) -> Goal:
-    """The goal that a plain value means: a position (3,), a pinocchio.SE3, or a function of time that gives one.
+    """The goal that a plain value means: a position (3,), a pose, or a function of time that gives one.
 
     Raises
     ------

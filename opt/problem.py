@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray, frozen, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.arm import ArmStack
-from ffsms_pin.opt.goals import Goal, as_goal
+from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits import Clearance, JointLimits, Limit
 from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator
@@ -36,15 +36,16 @@ class Problem:
     q0 : array_like, shape (nq,)
         Configuration at the start, within the joint limits.
     goal : array_like, shape (3,), pinocchio.SE3, callable, or Goal
-        Where the end effector should be at the deadline, inertial axes: a position [m], a pose, a function of time
-        [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`.
+        Where the end effector should be at the deadline, inertial axes: a position [m], a pose, a function of
+        time [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`.
     duration : float
         Time to the deadline [s]. The paper states none; 12 s is ours for its cases.
     dt : float
-        Step of the finished motion [s]. A whole number of steps makes up the duration, so the step is the nearest
-        that does.
+        Step of the finished motion [s]. A whole number of steps makes up the duration, so the step is the
+        nearest that does.
     terms : sequence of Term, optional
-        What the motion should be like. Default: the paper's cost with kappa 10, small accelerations, little travel.
+        What the motion should be like. Default: the paper's cost with kappa 10, small accelerations, little
+        travel.
     limits : sequence of Limit, optional
         What must hold. Default: the joints' limits, and a clearance of 0.01 m.
     joint_rates : array_like, shape (n,), optional
@@ -123,7 +124,7 @@ class Problem:
 
     @property
     def kappa(self) -> float:
-        """Sharpness of the paper's C~, by which the motion is measured: that of the coupling term, else 10."""
+        """Sharpness of the paper's C~, by which motions are measured: the coupling term's, else 10."""
         return next((term.kappa for term in self.terms if isinstance(term, Coupling)), 10.0)
 
     @cached_property

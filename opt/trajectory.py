@@ -169,6 +169,24 @@ class Trajectory:
         """The largest |alpha_i| of the motion [rad/s]; the paper's box asks for at most 1."""
         return float(np.abs(self.alpha).max())
 
+    @property
+    def joint_travel(self) -> float:
+        """How far all joints turn, there and back, summed [rad]."""
+        return float(np.abs(np.diff(self.joint_positions, axis=0)).sum())
+
+    @property
+    def path_ratio(self) -> float:
+        """Length of the end effector's path over the straight line between its ends; 1 where it stays."""
+        length = float(np.linalg.norm(np.diff(self.end_effector, axis=0), axis=1).sum())
+        straight = float(np.linalg.norm(self.end_effector[-1] - self.end_effector[0]))
+        return length / straight if straight > 0.0 else 1.0
+
+    @property
+    def base_rotation(self) -> FloatArray:
+        """Angle of the base from its attitude at the start, at the nodes (N + 1,) [rad]."""
+        apart = np.abs(self.q[:, 3:7] @ self.q[0, 3:7])
+        return np.asarray(2.0 * np.arccos(np.minimum(apart, 1.0)))
+
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at time t [s].
 
@@ -244,8 +262,10 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     notes = [note, *(violation.note for _, violation in found)]
     shares = {}
     for term in problem.terms:
-        paper = isinstance(term, Coupling)
-        shares[term.name] = term.weight * float(cost.sum()) * problem.dt if paper else term.share(motion)
+        if isinstance(term, Coupling):  # the paper's own sum
+            shares[term.name] = term.weight * float(cost.sum()) * problem.dt
+        else:
+            shares[term.name] = term.share(motion)
     return Trajectory(
         t=motion.times[nodes],
         q=configurations(sms, q0, motion),

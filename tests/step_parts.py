@@ -11,7 +11,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.base_rows import base_rows, settled
-from ffsms_pin.opt.limits.clearance_rows import clearance_model, clearance_rows
+from ffsms_pin.opt.limits.clearance_rows import ClearanceModel, clearance_model, clearance_rows
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
@@ -42,7 +42,8 @@ class StepClearance(StepLimit):
     """Clearances of points or shapes."""
 
     def __init__(self, kept: float = 0.01, collision: str = "points") -> None:
-        self._kept, self._collision, self._model = kept, collision, None
+        self._kept, self._collision = kept, collision
+        self._model: ClearanceModel | None = None
 
     def for_robot(self, sms: ffsms.SpaceManipulator) -> StepClearance:
         made = StepClearance(self._kept, self._collision)

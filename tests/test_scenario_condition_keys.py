@@ -14,7 +14,7 @@ from condition_files import QUICK
 from ffsms_pin import opt
 from ffsms_pin import simulation as sim
 from ffsms_pin.errors import FfsmsError, InvalidScenario
-from ffsms_pin.scenarios import run, scenario
+from ffsms_pin.scenarios import references, run, scenario
 from ffsms_pin.scenarios.tables import TABLES
 
 
@@ -37,7 +37,8 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
     random = set(signature(sim.random_plants).parameters) - {"sms", "rng", "count"}
     assert set(TABLES["plant"].tables["random"].keys) == random | {"seed"}
     options = set(signature(opt.plan).parameters) - {"sms", "q0", "target", "progress"}
-    assert set(TABLES["plan"].keys) | {"base_limits"} == options | {"reach"}
+    assert set(TABLES["plan"].keys) | {"base_limits", "joint_rates"} == options | {"reach"}
+    assert "joint_rates" in TABLES["start"].keys
     said = {"reference", "controller", "plant", "friction", "actuator", "sensors", "watchdog"}  # tables
     said |= {"disturbances", "events", "dt"}
     said |= TABLES["simulation"].keys.keys()
@@ -107,7 +108,7 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
 def test_a_condition_that_cannot_be_used_is_named_before_anything_is_planned(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, words: list[str]
 ) -> None:
-    monkeypatch.setattr(opt, "plan", lambda *_, **__: pytest.fail("planned"))
+    monkeypatch.setattr(references, "plan_problem", lambda *_, **__: pytest.fail("planned"))
     path = tmp_path / "mine.toml"
     base = QUICK.replace('[control]\nlaw = "computed-torque"\ndt = 0.01\n', "")
     if content.startswith("[plan]"):
@@ -138,4 +139,7 @@ def test_every_key_is_documented() -> None:
             continue
         for title, inner in ((name, table), *((f"{name}.{key}", one) for key, one in table.tables.items())):
             keys = set(re.findall(r"^\| `(\w+)`", sections[title], re.M))
-            assert keys == set(inner.keys), title
+            among = {"use"}.union(*(one.keys for one in inner.by_use.values())) if inner.by_use else set()
+            assert keys == set(inner.keys) | among, title
+            for use in inner.by_use or ():
+                assert f'"{use}"' in sections[title]

@@ -7,6 +7,8 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+from ffsms_pin.cli.allow_import import add_allow_import
+
 __all__ = ["add_parser", "run"]
 
 _DESCRIPTION = """\
@@ -37,6 +39,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--out", metavar="DIR", help="folder for the results (default: results/SCENARIO-comparison)"
     )
+    add_allow_import(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -53,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.scenarios.compare import compare, comparison_numbers
     from ffsms_pin.storage import write_content
 
-    chosen = scenario(arguments.scenario)
+    chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)
     methods = tuple(arguments.methods) if arguments.methods else None
     folder = chosen_folder(arguments.out, f"{chosen.name}-comparison")
     with results_folder(folder) as staging, shown_progress(Console(stderr=True)) as progress:
@@ -66,10 +69,21 @@ def run(arguments: argparse.Namespace) -> int:
             save_figure(figure, staging / f"comparison.{ending}", ending)
     output = output_console()
     output.print(_table(chosen.name, numbers))
+    for method, row in numbers.items():
+        if not row["reached"]:
+            output.print(
+                f"{method} is not reached: {row['note'] or _missed(row)}", markup=False, highlight=False
+            )
     for method, why in comparison.left_out.items():
         output.print(f"left out: {method}, which {why}", markup=False, highlight=False)
     output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
     return 0
+
+
+def _missed(row: dict[str, Any]) -> str:
+    """Why a motion without a note is not reached."""
+    end = f"{1e3 * row['final_error_m']:.3g} mm off"
+    return f"it does not stay near the target in the last tenth (it ends {end})"
 
 
 def _table(name: str, numbers: dict[str, dict[str, Any]]) -> Any:
@@ -84,6 +98,8 @@ def _table(name: str, numbers: dict[str, dict[str, Any]]) -> Any:
         "reached": lambda row: "yes" if row["reached"] else "no",
         "final error [mm]": lambda row: f"{1e3 * row['final_error_m']:.3g}",
         "cost integral [s]": lambda row: f"{row['cost_integral_s']:.3g}",
+        "joint travel [rad]": lambda row: f"{row['joint_travel_rad']:.3g}",
+        "path over straight line": lambda row: f"{row['path_over_straight']:.3g}",
         "joint effort [rad²/s]": lambda row: f"{row['joint_effort_rad2_per_s']:.3g}",
         "torque effort [N²m²s]": lambda row: f"{row['torque_effort_N2m2s']:.3g}",
         "base rotation, max [deg]": lambda row: f"{row['rotation_max_deg']:.3g}",

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.table import Table
 
+from ffsms_pin.cli.allow_import import add_allow_import
+
 __all__ = ["add_parser", "run"]
 
 _DESCRIPTION = """\
@@ -43,6 +45,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--out", metavar="DIR", help="folder for the results (default: results/SCENARIO-laws)"
     )
+    add_allow_import(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -60,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.scenarios.laws import law_numbers
     from ffsms_pin.storage import write_content
 
-    chosen = scenario(arguments.scenario)
+    chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)
     laws = tuple(dict.fromkeys(arguments.laws)) if arguments.laws else tuple(LAWS)
     folder = chosen_folder(arguments.out, f"{chosen.name}-laws")
     with results_folder(folder) as staging, shown_progress(Console(stderr=True)) as progress:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.table import Table
 
+from ffsms_pin.cli.allow_import import add_allow_import
+
 __all__ = ["add_parser", "run"]
 
 _DESCRIPTION = """\
@@ -52,6 +54,7 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--out", metavar="DIR", help="folder for the results (default: results/SCENARIO-robustness)"
     )
+    add_allow_import(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -68,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.scenarios.robustness import robustness_numbers
     from ffsms_pin.storage import write_content
 
-    chosen = scenario(arguments.scenario)
+    chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)
     folder = chosen_folder(arguments.out, f"{chosen.name}-robustness")
     with results_folder(folder) as staging, shown_progress(Console(stderr=True)) as progress:
         found = robustness(

@@ -27,6 +27,7 @@ def run_scenario(
     figures: bool = True,
     show: bool = False,
     allow_outside: bool = False,
+    allow_import: bool = False,
 ) -> bool:
     """Run a scenario and write its results.
 
@@ -42,13 +43,15 @@ def run_scenario(
         Whether to open the drawing of the motion, where there is a display.
     allow_outside : bool
         Whether files that the scenario names may lie elsewhere than below the results folder.
+    allow_import : bool
+        Whether terms and limits of the scenario may be imported from Python modules, which runs their code.
 
     Returns
     -------
     bool
         Whether the plan reaches its target, and the closed loop ends there.
     """
-    chosen = scenario(name)
+    chosen = scenario(name, allow_import=allow_import)
     folder = chosen_folder(out, chosen.name)
     errors, output = Console(stderr=True), output_console()
     at_once = writes_files(chosen)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ffsms_pin.cli.allow_import import add_allow_import
+
 __all__ = ["add_parser", "run"]
 
 REACHED, NOT_REACHED = 0, 1
@@ -45,6 +47,7 @@ def add_parser(subparsers: Any) -> None:
         action="store_true",
         help="let files that the scenario names (stream, watchdog path) lie outside the results folder",
     )
+    add_allow_import(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -52,6 +55,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.cli.run import run_scenario
 
     reached = run_scenario(
-        arguments.scenario, arguments.out, arguments.figures, arguments.show, arguments.allow_outside
+        arguments.scenario,
+        arguments.out,
+        arguments.figures,
+        arguments.show,
+        arguments.allow_outside,
+        arguments.allow_import,
     )
     return REACHED if reached else NOT_REACHED

@@ -20,8 +20,9 @@ from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Comparison", "compare", "comparison_numbers"]
 
-# Keys of [plan] that the paper's method has no place for.
+# Keys of [plan] that the paper's method has no place for, and those that only "horizon" knows.
 _NOT_FOR_PAPER = ("base_limits", "momentum")
+_FOR_HORIZON = ("locked",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +68,8 @@ def compare(
     times: dict[str, float] = {}
     left_out: dict[str, str] = {}
     if methods is None:
-        methods = METHODS
-        if asked := [key for key in _NOT_FOR_PAPER if key in scenario.plan]:
-            methods = tuple(method for method in METHODS if method != "paper")
-            left_out["paper"] = f"knows no {' and no '.join(asked)}"
+        left_out = {name: why for name in METHODS if (why := _cannot(scenario, name))}
+        methods = tuple(name for name in METHODS if name not in left_out)
     for method in methods:
         with named(scenario):
             q0 = scenario.start_configuration(sms)
@@ -80,8 +79,21 @@ def compare(
     return Comparison(scenario, sms, plans, times, left_out)
 
 
+def _cannot(scenario: Scenario, method: str) -> str:
+    """What a method does not know of what the scenario asks for; empty where it knows everything."""
+    keys = () if method == "horizon" else _FOR_HORIZON
+    if method == "paper":
+        keys = (*_NOT_FOR_PAPER, *keys)
+    asked = [key for key in keys if scenario.plan.get(key)]
+    if method == "paper" and any(part["use"] == "base" for part in scenario.limit):
+        asked.insert(0, "base_limits")
+    return f"knows no {' and no '.join(asked)}" if asked else ""
+
+
 def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
     """One row a method, every key of a quantity ending in its unit.
+
+    `path_over_straight` is the length of the end effector's path over the straight line between its ends.
 
     Joint effort is the integral of the squared joint rates; torque effort that of the squared joint torques
     H_q qdd + C_q which the plan needs.
@@ -91,11 +103,14 @@ def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
             "reached": made.reached,
             "final_error_m": float(made.position_error[-1]),
             "cost_integral_s": made.cost_integral,
+            "joint_travel_rad": made.joint_travel,
+            "path_over_straight": made.path_ratio,
             "joint_effort_rad2_per_s": _joint_effort(made),
             "torque_effort_N2m2s": _torque_effort(comparison.sms, made),
             **base_numbers(comparison.sms, made.q),
             "peak_rate_rad_per_s": float(np.abs(made.joint_rates).max()),
             "planning_s": comparison.times[method],
+            "note": made.note,
         }
         for method, made in comparison.plans.items()
     }

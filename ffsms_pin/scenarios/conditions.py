@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +10,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import LAWS, JointLaw
 from ffsms_pin.models import load
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.tables import DEGREES
+from ffsms_pin.scenarios.tables import DEGREES, radians
 from ffsms_pin.simulation import (
     Actuator,
     Capture,
@@ -26,7 +24,7 @@ from ffsms_pin.simulation import (
 )
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["control_steps", "controller", "loop_options", "plant", "radians"]
+__all__ = ["control_steps", "controller", "loop_options", "plant"]
 
 _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
 
@@ -113,11 +111,3 @@ def controller(scenario: Scenario, sms: SpaceManipulator, law: str | None = None
 def control_steps(scenario: Scenario) -> int:
     """How many control steps `simulate` makes: a whole number of them fills the run."""
     return max(1, round(scenario.duration / float(scenario.control.get("dt", _CONTROL_STEP))))
-
-
-def radians(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The same values with those in degrees in radians, under their names without `_deg`."""
-    return {
-        key.removesuffix(DEGREES): math.radians(value) if key.endswith(DEGREES) else value
-        for key, value in values.items()
-    }

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +13,25 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidScenario, InvalidValue
 from ffsms_pin.models import load, satellite_names
+from ffsms_pin.opt import (
+    BaseLimits,
+    BaseTurn,
+    Clearance,
+    Coupling,
+    Effort,
+    JointLimits,
+    Limit,
+    Problem,
+    Smooth,
+    Term,
+)
 from ffsms_pin.scenarios.joint_units import joint_units, slides
+from ffsms_pin.scenarios.parts import made_part, with_parts
+from ffsms_pin.scenarios.reading import packaged_path, read, scenario_names
 from ffsms_pin.scenarios.schema import checked_tables
-from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES
+from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, radians
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 __all__ = ["Scenario", "scenario", "scenario_names"]
 
@@ -52,6 +59,10 @@ class Scenario:
         What happens on the way.
     watchdog : mapping of str to values, or None
         None: no watchdog.
+    term, limit : tuple of mappings
+        Terms and limits of the plan beside, or in place of, those that `plan` describes.
+    allow_import : bool
+        Whether terms and limits may be a user's own, imported from Python modules.
     """
 
     name: str
@@ -73,6 +84,9 @@ class Scenario:
     capture: tuple[Mapping[str, Any], ...] = ()
     fault: tuple[Mapping[str, Any], ...] = ()
     watchdog: Mapping[str, Any] | None = None
+    term: tuple[Mapping[str, Any], ...] = ()
+    limit: tuple[Mapping[str, Any], ...] = ()
+    allow_import: bool = False
 
     @property
     def law(self) -> str:
@@ -93,6 +107,12 @@ class Scenario:
     def duration(self) -> float:
         """Time to simulate [s]: to arrive, and to hold the target."""
         return self.arrival + float(self.reference.get("hold", 0.0))
+
+    @property
+    def clearance(self) -> tuple[float, str]:
+        """The clearance that the plan keeps [m], and between what."""
+        (said,) = [part for part in self.limit if part["use"] == "clearance"][:1] or [self.plan]
+        return float(said.get("clearance", 0.01)), str(said.get("collision", "points"))
 
     def load(self) -> SpaceManipulator:
         """The robot, with the limits that the scenario sets.
@@ -125,6 +145,53 @@ class Scenario:
         joints = self.per_joint(sms, "start", "joints")
         assert joints is not None  # the schema asks for it
         return sms.configuration(self._within_limits(sms, "start", "joints", joints))
+
+    def problem(
+        self, sms: SpaceManipulator, q0: FloatArray | None = None, dt: float | None = None
+    ) -> Problem:
+        """The planning problem: start, target, time, and every term and limit, made anew.
+
+        Parameters
+        ----------
+        sms : SpaceManipulator
+            As `load` gives it.
+        q0 : ndarray, shape (nq,), optional
+            Start; default: `start_configuration`.
+        dt : float, optional
+            Step [s]; default: that of [plan].
+
+        Raises
+        ------
+        InvalidScenario
+            A value does not fit the robot, or a term or limit cannot be made; one of the user's own is
+            imported only with `allow_import`.
+        """
+        plan = self.plan
+        terms: list[Term] = [Coupling(plan.get("kappa", 10.0)), Smooth()]
+        terms.append(Effort(plan["effort"]) if "effort" in plan else Effort())
+        if plan.get("base", 0.0) > 0.0:
+            terms.append(BaseTurn(plan["base"]))
+        limits: list[Limit] = [JointLimits(), Clearance(*self.clearance)]
+        if "base_limits" in plan:
+            limits.append(BaseLimits(**radians(plan["base_limits"])))
+        rows = enumerate(self.term, start=1), enumerate(self.limit, start=1)
+        own_terms = [made_part(self.source, "term", i, row, self.allow_import) for i, row in rows[0]]
+        own_limits = [made_part(self.source, "limit", i, row, self.allow_import) for i, row in rows[1]]
+        try:
+            return Problem(
+                sms,
+                self.start_configuration(sms) if q0 is None else q0,
+                self.target["position"],
+                self.arrival,
+                plan.get("dt", 0.01) if dt is None else dt,
+                with_parts(terms, own_terms),
+                with_parts(limits, own_limits),
+                self.per_joint(sms, "start", "joint_rates"),
+                plan.get("momentum"),
+                plan.get("locked", ()),
+            )
+        except InvalidValue as error:
+            raise InvalidScenario(self.source, str(error)) from None
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
         """Start (nq,) of the simulated arm where it is not the plan's `q0`; None where it is."""
@@ -177,19 +244,18 @@ class Scenario:
         return positions
 
 
-def scenario_names() -> list[str]:
-    """Names of the scenarios that ship with the library."""
-    folder = files("ffsms_pin.scenarios")
-    return sorted(item.name[: -len(".toml")] for item in folder.iterdir() if item.name.endswith(".toml"))
-
-
-def scenario(name_or_path: str | os.PathLike[str]) -> Scenario:
+def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False) -> Scenario:
     """Read a scenario.
+
+    Reading runs no code of the file's. With `allow_import`, planning imports the Python modules that the file
+    names as terms and limits: only for files that you trust as you trust a program.
 
     Parameters
     ----------
     name_or_path : str or path
         A packaged scenario ("case-1", "case-2": the paper's; "wrong-model": ours), or a TOML file.
+    allow_import : bool
+        Whether its terms and limits may be a user's own, as `use = "package.module:Class"`.
 
     Returns
     -------
@@ -202,27 +268,11 @@ def scenario(name_or_path: str | os.PathLike[str]) -> Scenario:
         The file is missing or not TOML, or holds a key or a value that cannot be used.
     """
     if str(name_or_path) in scenario_names():
-        source = Path(str(files("ffsms_pin.scenarios") / f"{name_or_path}.toml"))
+        source = packaged_path(str(name_or_path))
     else:
         try:
             source = Path(name_or_path)
         except TypeError:
             raise InvalidValue("scenario", name_or_path, "must be a name or a path") from None
-    tables = checked_tables(source, _read(source))
-    return Scenario(source.stem, source, **tables)
-
-
-def _read(source: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(source.read_bytes().decode("utf-8-sig"))
-    except (FileNotFoundError, NotADirectoryError):
-        packaged = ", ".join(scenario_names())
-        raise InvalidScenario(
-            source, f"there is no such file, nor a packaged scenario of that name ({packaged})"
-        ) from None
-    except OSError as error:
-        raise InvalidScenario(source, f"cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise InvalidScenario(source, "is not a TOML file (not UTF-8 text)") from None
-    except (ValueError, RecursionError) as error:  # also a path with a null character
-        raise InvalidScenario(source, f"is not a TOML file ({error})") from None
+    tables = checked_tables(source, read(source))
+    return Scenario(source.stem, source, **tables, allow_import=allow_import)

@@ -30,13 +30,13 @@ def described(scenario: Scenario) -> dict[str, str]:
     for name in ("simulation", "plant", "friction", "actuator", "sensors"):
         if values := getattr(scenario, name):
             words[name] = _words(values)
-    for name in ("disturbance", "capture", "fault"):
+    for name in ("disturbance", "capture", "fault", "term", "limit"):
         several = getattr(scenario, name)
         for i, values in enumerate(several, start=1):
             words[name if len(several) == 1 else f"{name} {i}"] = _words(values)
     if scenario.watchdog is not None:
         words["watchdog"] = _words(scenario.watchdog) or "as by default"
-    for name in ("base_limits", "momentum"):
+    for name in ("base_limits", "momentum", "locked", "effort", "base", "time_limit"):
         if name in scenario.plan:
             words[f"plan.{name}"] = _value(scenario.plan[name])
     return words

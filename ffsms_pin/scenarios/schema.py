@@ -10,9 +10,18 @@ from typing import Any
 from ffsms_pin.control import LAWS
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, TABLES, Table, gains_of
-from ffsms_pin.scenarios.values import Unusable
+from ffsms_pin.scenarios.values import Unusable, frozen, text
 
 __all__ = ["checked_tables"]
+
+# Terms and limits that keys of [plan] describe as well.
+_SAID_TWICE = (
+    ("term", "coupling", ("kappa",)),
+    ("term", "effort", ("effort",)),
+    ("term", "base-turn", ("base",)),
+    ("limit", "clearance", ("clearance", "collision")),
+    ("limit", "base", ("base_limits",)),
+)
 
 
 def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -58,7 +67,29 @@ def _table(source: Path, name: str, table: Table, given: Any) -> Any:
         raise InvalidScenario(
             source, f"'{name}' may be there several times: write [[{name}]] and its keys below"
         )
-    return tuple(_checked(source, f"[[{name}]] {i}", name, table, row) for i, row in enumerate(rows, start=1))
+    check = _checked if table.by_use is None else _part
+    return tuple(check(source, f"[[{name}]] {i}", name, table, row) for i, row in enumerate(rows, start=1))
+
+
+def _part(source: Path, title: str, name: str, table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
+    """A table whose keys depend on what it uses; those of a user's own class only the class knows."""
+    if "use" not in given:
+        raise InvalidScenario(source, f"{title} use is missing; it has no default")
+    try:
+        use = text(given["use"])
+    except Unusable as problem:
+        raise InvalidScenario(source, f"{title} use {problem}, got {_short(given['use'])}") from None
+    rest = {key: value for key, value in given.items() if key != "use"}
+    if ":" in use:
+        return {"use": use, **{key: frozen(value) for key, value in rest.items()}}
+    known = table.by_use or {}
+    if use not in known:
+        raise InvalidScenario(
+            source,
+            f"{title} use = '{use}' is no {name} of ours; {_suggestion(use, known)}; "
+            "one of your own is written package.module:Class",
+        )
+    return {"use": use, **_checked(source, title, name, known[use], rest)}
 
 
 def _checked(source: Path, title: str, name: str, table: Table, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -103,6 +134,13 @@ def _check_gains(source: Path, tables: Mapping[str, Any]) -> None:
 def _check_alternatives(source: Path, tables: Mapping[str, Any]) -> None:
     """Raise `InvalidScenario` where two keys say the same thing in different ways, or one has no effect."""
     simulation, reference = tables["simulation"], tables["reference"]
+    for kind, use, keys in _SAID_TWICE:
+        for i, part in enumerate(tables[kind], start=1):
+            twice = [key for key in keys if key in tables["plan"]]
+            if part["use"] == use and twice:
+                raise InvalidScenario(
+                    source, f"[plan] {twice[0]} and [[{kind}]] {i} use = '{use}' say the same; keep one"
+                )
     if "v0" in simulation and "momentum" in simulation:
         raise InvalidScenario(source, "[simulation] has both v0 and momentum; keep one")
     if "q0" in simulation and {"offset", "offset" + DEGREES} & tables["control"].keys():
@@ -122,5 +160,8 @@ def _suggestion(word: str, allowed: Collection[str]) -> str:
 
 
 def _short(value: Any) -> str:
-    words = " ".join(repr(value).split())
+    try:
+        words = " ".join(repr(value).split())
+    except ValueError:  # a whole number of more digits than Python writes
+        words = "a very long number"
     return words if len(words) <= 80 else words[:77] + "..."

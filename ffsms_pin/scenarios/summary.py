@@ -130,8 +130,7 @@ def _joints(outcome: Outcome) -> list[dict[str, Any]]:
 
 def _clearance(outcome: Outcome) -> dict[str, Any]:
     """Least clearances, of what the planner kept clear; nothing where that was switched off."""
-    options = outcome.scenario.plan
-    mode = options.get("collision", "points")
+    wanted, mode = outcome.scenario.clearance
     model = clearance_model(outcome.sms, mode)
     if model is None or model.count == 0:
         return {"checked": mode, "wanted_m": None, "least_m": None, "pairs_m": {}}
@@ -139,7 +138,7 @@ def _clearance(outcome: Outcome) -> dict[str, Any]:
     pairs = dict(zip(model.names(), least.tolist(), strict=True))
     return {
         "checked": mode,
-        "wanted_m": options.get("clearance", 0.01),
+        "wanted_m": wanted,
         "least_m": float(least.min()),
         "pairs_m": pairs,
     }
@@ -147,7 +146,7 @@ def _clearance(outcome: Outcome) -> dict[str, Any]:
 
 def _tracked_clearance(outcome: Outcome) -> float | None:
     """Least clearance of the simulated motion, at every planning step: the loop does not follow the plan."""
-    model = clearance_model(outcome.plant, outcome.scenario.plan.get("collision", "points"))
+    model = clearance_model(outcome.plant, outcome.scenario.clearance[1])
     if model is None or model.count == 0:
         return None
     tracking = outcome.tracking

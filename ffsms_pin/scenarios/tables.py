@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from ffsms_pin.control import LAWS
 from ffsms_pin.opt import METHODS
@@ -22,11 +24,12 @@ from ffsms_pin.scenarios.values import (
     per_joint,
     positive,
     text,
+    texts,
     whole,
 )
 from ffsms_pin.simulation import INTEGRATORS
 
-__all__ = ["DEFAULT_LAW", "DEGREES", "TABLES", "Table", "gains_of"]
+__all__ = ["DEFAULT_LAW", "DEGREES", "TABLES", "Table", "gains_of", "radians"]
 
 DEGREES = "_deg"  # ending of the keys that give an angle in degrees
 DEFAULT_LAW = "sliding-mode"
@@ -49,6 +52,8 @@ class Table:
         Whether it is an array of tables, [[name]].
     none_if_absent : bool
         Whether a table without keys is another thing than no table.
+    by_use : mapping of str to Table, or None
+        What may stand beside the key `use`, by its value; beside an import path anything may.
     """
 
     keys: Mapping[str, Parser]
@@ -57,6 +62,15 @@ class Table:
     tables: Mapping[str, Table] = field(default_factory=dict)
     several: bool = False
     none_if_absent: bool = False
+    by_use: Mapping[str, Table] | None = None
+
+
+def radians(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The same values with those in degrees in radians, under their names without `_deg`."""
+    return {
+        key.removesuffix(DEGREES): math.radians(value) if key.endswith(DEGREES) else value
+        for key, value in values.items()
+    }
 
 
 def gains_of(law: str) -> tuple[str, ...]:
@@ -78,29 +92,60 @@ _GAINS: Mapping[str, Parser] = {
 _SIZE = or_infinite(positive)
 _MARGIN = or_infinite(not_negative)
 _SHIFTS = either(numbers(3), matrix(None, 3))
+_WEIGHT = {"weight": not_negative}
+_CLEARANCE: Mapping[str, Parser] = {
+    "clearance": not_negative,
+    "collision": one_of("points", "shapes", "off"),
+}
+_BASE_LIMITS = Table(
+    {"attitude": _SIZE, "attitude_rate": _SIZE, "translation": _SIZE, "final_attitude": _SIZE},
+    frozenset({"attitude", "attitude_rate", "final_attitude"}),
+)
 
 TABLES: Mapping[str, Table] = {
     "robot": Table(
         {"model": text, "end_effector": text, "base_size": numbers(3, positive)}, required=("model",)
     ),
-    "start": Table({"joints": numbers()}, frozenset({"joints"}), required=("joints",)),
+    "start": Table(
+        {"joints": numbers(), "joint_rates": per_joint()},
+        frozenset({"joints", "joint_rates"}),
+        required=("joints",),
+    ),
     "target": Table({"position": numbers(3)}, required=("position",)),
     "plan": Table(
         {
             "duration": positive,
             "dt": positive,
             "kappa": positive,
-            "clearance": not_negative,
-            "collision": one_of("points", "shapes", "off"),
+            **_CLEARANCE,
             "method": one_of(*METHODS),
             "reach": positive,
             "momentum": numbers(6),
+            "effort": not_negative,
+            "base": not_negative,
+            "time_limit": positive,
+            "locked": texts,
         },
-        tables={
-            "base_limits": Table(
-                {"attitude": _SIZE, "attitude_rate": _SIZE, "translation": _SIZE, "final_attitude": _SIZE},
-                frozenset({"attitude", "attitude_rate", "final_attitude"}),
-            )
+        tables={"base_limits": _BASE_LIMITS},
+    ),
+    "term": Table(
+        {},
+        several=True,
+        by_use={
+            "coupling": Table({"kappa": positive, "weight": positive}),
+            "smooth": Table(_WEIGHT),
+            "effort": Table(_WEIGHT),
+            "base-turn": Table(_WEIGHT),
+        },
+    ),
+    "limit": Table(
+        {},
+        several=True,
+        by_use={
+            "joints": Table({}),
+            "clearance": Table(_CLEARANCE),
+            "base": _BASE_LIMITS,
+            "alpha-box": Table({}),
         },
     ),
     "limits": Table(

@@ -6,11 +6,14 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
+from ffsms_pin.checks import LARGEST, SMALLEST_POSITIVE
+
 __all__ = [
     "Parser",
     "Unusable",
     "either",
     "flag",
+    "frozen",
     "gain",
     "matrix",
     "not_negative",
@@ -21,6 +24,7 @@ __all__ = [
     "per_joint",
     "positive",
     "text",
+    "texts",
     "whole",
 ]
 
@@ -32,7 +36,7 @@ class Unusable(Exception):
 
 
 def number(value: Any) -> float:
-    """A finite number."""
+    """A finite number, no larger than 1e9."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise Unusable("must be a number")
     try:
@@ -41,14 +45,18 @@ def number(value: Any) -> float:
         raise Unusable("is too large") from None
     if not math.isfinite(result):
         raise Unusable("must be finite")
+    if abs(result) > LARGEST:
+        raise Unusable(f"must lie within {-LARGEST:g} and {LARGEST:g}")
     return result
 
 
 def positive(value: Any) -> float:
-    """A finite number above zero."""
+    """A finite number above zero, from 1e-12 to 1e9."""
     result = number(value)
     if result <= 0.0:
         raise Unusable("must be above zero")
+    if result < SMALLEST_POSITIVE:
+        raise Unusable(f"must be at least {SMALLEST_POSITIVE:g}")
     return result
 
 
@@ -88,6 +96,20 @@ def text(value: Any) -> str:
     if not isinstance(value, str) or not value.strip() or "\0" in value:
         raise Unusable("must be a text that is not empty")
     return value
+
+
+def texts(value: Any) -> tuple[str, ...]:
+    """A list of texts, each of them not empty."""
+    if not isinstance(value, list):
+        raise Unusable("must be a list of texts")
+    return tuple(text(item) for item in value)
+
+
+def frozen(value: Any) -> Any:
+    """Any value, its lists as tuples."""
+    if isinstance(value, list):
+        return tuple(frozen(item) for item in value)
+    return {key: frozen(item) for key, item in value.items()} if isinstance(value, dict) else value
 
 
 def one_of(*choices: str) -> Parser:

@@ -17,10 +17,10 @@ Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """A number at instants of motions, and its slopes, all in inertial axes; what is left out does not matter.
+    """A number at instants of motions, and its slopes, in inertial axes; what is left out does not matter.
 
-    Dense, with values at K instants of each of S motions; or, where most are zero, only V entries of them: then
-    `motion` says of which motions they are, `instants` at which instants, and (S, K) below reads (V,).
+    Dense, with values at K instants of each of S motions; or, where most are zero, only V entries of them:
+    then `motion` says of which motions they are, `instants` at which instants, and (S, K) below reads (V,).
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Residual:
 
     def scaled(self, factor: float | FloatArray) -> Residual:
         """The residual times a factor, a number or one an instant (K,)."""
-        changed = {name: factor * slope for name, slope in self.slopes().items()}
+        changed: dict[str, Any] = {name: factor * slope for name, slope in self.slopes().items()}
         return replace(self, value=factor * self.value, **changed)
 
     def slopes(self) -> dict[str, FloatArray]:
@@ -73,7 +73,7 @@ class Residual:
     def take(self, index: Indices) -> Residual:
         """That of the motions at an ascending index (T,), numbered anew."""
         if self.motion is None:
-            taken = {name: slope[..., index, :] for name, slope in self.slopes().items()}
+            taken: dict[str, Any] = {name: slope[..., index, :] for name, slope in self.slopes().items()}
             return replace(self, value=self.value[index], **taken)
         kept = np.isin(self.motion, index)
         taken = {name: slope[..., kept] for name, slope in self.slopes().items()}
@@ -88,7 +88,8 @@ class Residual:
             square = square * weights[self.instants]
         if self.motion is None:
             return np.asarray(square.sum(axis=1))
-        return np.bincount(self.motion, square, minlength=motions)
+        sums: FloatArray = np.bincount(self.motion, square, minlength=motions).astype(np.float64)
+        return sums
 
 
 @dataclass(frozen=True, eq=False)

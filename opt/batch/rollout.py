@@ -1,4 +1,4 @@
-"""Rolling out joint rates: where joints, base and end effector go, at the nodes and in the middles between them."""
+"""Rolling out joint rates: joints, base and end effector at the nodes and in the middles between."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def configurations(sms: SpaceManipulator, q0: FloatArray, motion: Motions) -> Fl
 
 
 def velocities(motion: Motions) -> FloatArray:
-    """Pinocchio's v (N + 1, 6 + n) at the nodes: the root's velocity in its own axes, then the joint rates."""
+    """Pinocchio's v (N + 1, 6 + n) at the nodes: root velocity in root axes, then joint rates."""
     R, arm, u = motion.base_attitude[:, :, 0, ::2], motion.arm, motion.rates[:, 0, ::2]
     own = motion.own_spin[:, 0, ::2]
     v = np.empty((u.shape[1], 6 + len(u)))
@@ -129,8 +129,8 @@ def velocities(motion: Motions) -> FloatArray:
 def _attitudes(rotation0: FloatArray, omega: FloatArray, dt: float) -> FloatArray:
     """Base attitudes (3, 3, 2 N + 1) of angular velocities (3, 2 N + 1) in base axes, to order 4.
 
-    Over a step the turn is that of Simpson's rule and one bracket; over its first half that of the parabola through
-    the same three points.
+    Over a step the turn is that of Simpson's rule and one bracket; over its first half that of the parabola
+    through the same three points.
     """
     first, middle, last = omega[:, :-1:2], omega[:, 1::2], omega[:, 2::2]
     turns = exp3((dt / 6.0) * (first + 4.0 * middle + last) + (dt * dt / 12.0) * cross(first, last))

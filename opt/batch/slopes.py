@@ -76,7 +76,8 @@ def spin_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray, spin_q: Floa
     moves = stack.moves_tip.reshape(-1, *(1,) * (rates.ndim - 1))
     before = _summed(stack.before, arm.axes * rates)
     tip = np.einsum("xj...,j...->x...", arm.axes * moves, rates)[:, None]
-    # Joint k turns the axes of all joints beyond it; its own stays, and its own rate drops out of the product.
+    # Joint k turns the axes of all joints beyond it; its own stays, and its own rate drops out of the
+    # product.
     return spin_q + moves * cross(arm.axes, tip - before)
 
 

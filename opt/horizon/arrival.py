@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,8 @@ from ffsms_pin.opt.goals import Goal
 
 __all__ = ["Arrival", "arrival"]
 
-# Shares of the goal's tolerance and reach: nearer than that there is nothing to gain. What is kept in hand is for
-# the difference between the spline and the finished motion, and for what the penalty gives way.
+# Shares of the goal's tolerance and reach: nearer than that there is nothing to gain. What is kept in hand is
+# for the difference between the spline and the finished motion, and for what the penalty gives way.
 _END, _TAIL = 0.4, 0.9
 
 
@@ -28,7 +28,8 @@ class Arrival(NamedTuple):
     end, tail : list of Residual
         At the deadline, and in the last tenth.
     error, worst : ndarray, shape (S,)
-        The largest error at the deadline as a share of the tolerance, and in the last tenth as a share of the reach.
+        The largest error at the deadline as a share of the tolerance, and in the last tenth as a share of the
+        reach.
     """
 
     end: list[Residual]
@@ -89,11 +90,7 @@ def _attitude(goal: Goal, motions: Motions, at: Indices, near: float) -> tuple[l
 
 
 def _components(value: FloatArray, at: Indices, by: str, slope: FloatArray) -> Residual:
-    """The three components of vectors (3, S, K), with slopes (3, 3, S, K), value first: one residual for all."""
+    """The components of vectors (3, S, K), with slopes (3, 3, S, K), value first, in one residual."""
     count = value.shape[1]
-    return Residual(
-        value.transpose(1, 0, 2).reshape(count, -1),
-        np.tile(at, 3),
-        over_time=False,
-        **{by: slope.transpose(1, 2, 0, 3).reshape(3, count, -1)},
-    )
+    slopes: dict[str, Any] = {by: slope.transpose(1, 2, 0, 3).reshape(3, count, -1)}
+    return Residual(value.transpose(1, 0, 2).reshape(count, -1), np.tile(at, 3), over_time=False, **slopes)

@@ -40,7 +40,8 @@ class ControlQP:
     problem : Problem
     spline : RateSpline
     start : ndarray, shape (M, n), optional
-        Control points that must stay allowed, such as the rest of a plan; default: those of an arm that brakes.
+        Control points that must stay allowed, such as the rest of a plan; default: those of an arm that
+        brakes.
 
     Attributes
     ----------
@@ -83,7 +84,7 @@ class ControlQP:
         return p * min(1.0, self.share(at, self.lower[: self.moving], self.upper[: self.moving]))
 
     def solve(self, hessian: FloatArray, gradient: FloatArray, p: FloatArray) -> FloatArray:
-        """Minimise 1/2 x^T hessian x + gradient^T x over steps x, shaped like p (M, n); locked joints stay."""
+        """Minimise 1/2 x^T hessian x + gradient^T x over x, shaped like p (M, n); locked joints stay."""
         free = self._free
         step = np.zeros(p.size)
         if not free.size:

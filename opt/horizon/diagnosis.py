@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.horizon.starts import JointGoals, joint_range, spread, straight_time
 from ffsms_pin.opt.limits import Clearance
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
@@ -19,17 +20,19 @@ __all__ = ["explain", "reach_range", "start_in_collision", "within_workspace"]
 _SAMPLES, _ASCENT = 64, 40
 # Durations that are tried: a failed one and one that does come this near to each other, as a ratio.
 _CLOSE = 1.08
-_MORE_THAN_STRAIGHT = 1.1  # than the straight move to the nearest goal found, the first duration that is tried
+_MORE_THAN_STRAIGHT = (
+    1.1  # than the straight move to the nearest goal found, the first duration that is tried
+)
 _LONGEST = 64.0  # times the failed duration
 
 
 def start_in_collision(problem: Problem) -> Trajectory | None:
     """A plan that stays where it is, where the start already breaks a clearance; else None."""
-    if not any(isinstance(limit, Clearance) for limit in problem.limits):
-        return None
-    begin = replace(problem, duration=problem.dt, goal=problem.tip0, joint_rates=None)
-    broken = measure(begin, np.zeros((2, problem.sms.n))).broken
-    if not any(isinstance(limit, Clearance) and limit.name in broken for limit in problem.limits):
+    begin = rolled_out(
+        problem.sms, problem.stack, problem.q0, np.zeros((2, problem.sms.n)), problem.dt, None, ARRIVAL_SHARE
+    )
+    clearances = [limit for limit in problem.limits if isinstance(limit, Clearance)]
+    if all(limit.violation(begin).amount == 0.0 for limit in clearances):
         return None
     still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
     note = f"the start breaks the clearance: {still.note}; move the start, or ask for less"
@@ -91,7 +94,7 @@ def explain(
 def within_workspace(problem: Problem) -> bool:
     """Whether the target is as far from the system's centre of mass as the end effector can be."""
     distance, least, most = distances(problem)
-    return least - problem.goal.tolerance <= distance <= most + problem.goal.tolerance
+    return bool(least - problem.goal.tolerance <= distance <= most + problem.goal.tolerance)
 
 
 def distances(problem: Problem) -> tuple[float, float, float]:
@@ -144,5 +147,3 @@ def _sufficient(problem: Problem, goals: JointGoals, attempt: Callable[[Problem]
         else:
             shorter = between
     return longer
-
-

@@ -1,8 +1,8 @@
 """Slopes of residuals by the control points of whole motions.
 
-A base that floats follows the joints by the momentum equation. Its change under a change of p, as a rotation of
-everything about the centre of mass, is the integral of the change of its angular velocity: so the same quadrature
-that gives the attitude gives its derivative.
+A base that floats follows the joints by the momentum equation. Its change under a change of p, as a rotation
+of everything about the centre of mass, is the integral of the change of its angular velocity: so the same
+quadrature that gives the attitude gives its derivative.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Jacobian:
         self._stack, self._rates, self._travel = at.stack, spline.rates.free.T, spline.travel.free.T
         spin_q, self._jstar_q = velocity_slopes(at.stack, at.arm, at.rates)
         self._spin_q = spin_q
-        # How the base's angular velocity changes with p, inertial axes: its integral is the turn of everything
-        # about the centre of mass, (S, 3, n, M, Q + 2).
+        # How the base's angular velocity changes with p, inertial axes: its integral is the turn of
+        # everything about the centre of mass, (S, 3, n, M, Q + 2).
         count = spline.points
         by_rates, by_travel = (
             apply(at.base_attitude[..., :count], x[..., :count]).transpose(2, 0, 1, 3)[:, :, :, None]
@@ -86,9 +86,7 @@ class Jacobian:
             made += np.einsum("vxjm,xv->jmv", self._turned[residual.motion, :, :, :, instants], turn)
         return np.asarray(made.reshape(len(made) * made.shape[1], -1))
 
-    def _own_slopes(
-        self, r: Residual, where: Any
-    ) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+    def _own_slopes(self, r: Residual, where: Any) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
         """Slopes by the joint positions and rates where the base stays, and by a turn of everything."""
         at, arm, stack = self._motions, self._motions.arm, self._stack
 
@@ -154,5 +152,3 @@ class Jacobian:
 def _along(values: FloatArray, dimensions: int) -> FloatArray:
     """A value a joint (n,), to be multiplied with (n, ...) of so many dimensions."""
     return values.reshape(-1, *(1,) * (dimensions - 1))
-
-

@@ -1,9 +1,9 @@
 """What a landing must aim at so that the finished motion does what the problem asks.
 
-The descent sees the motion at the instants of a quadrature; the finished one is rolled out at its nodes. Where the
-two differ, by a millimetre at a long arm's end or by a corner of the base between two instants, the descent is
-given another goal: beside the true one by as much as the finished motion missed it; and limits with more in hand
-where that motion broke one.
+The descent sees the motion at the instants of a quadrature; the finished one is rolled out at its nodes.
+Where the two differ, by a millimetre at a long arm's end or by a corner of the base between two instants, the
+descent is given another goal: beside the true one by as much as the finished motion missed it; and limits
+with more in hand where that motion broke one.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from ffsms_pin.opt.trajectory import Trajectory
 __all__ = ["aimed", "arrival_error"]
 
 
-def arrival_error(problem: Problem, plan: Trajectory) -> float:
+def arrival_error(plan: Trajectory) -> float:
     """The largest error at the deadline [m, rad]."""
     return max(float(plan.position_error[-1]), float(plan.orientation_error[-1]))
 
 
 def aimed(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
     """The next goal, after a landing at `goal` gave this plan; None where the plan arrives."""
-    if plan.reached and arrival_error(problem, plan) <= problem.goal.tolerance:
+    if plan.reached and arrival_error(plan) <= problem.goal.tolerance:
         return None
     offset: FloatArray = np.zeros(3)
     turn: FloatArray = np.eye(3)

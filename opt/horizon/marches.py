@@ -42,7 +42,7 @@ def march_starts(problem: Problem, spline: RateSpline, options: SearchOptions) -
 
 
 def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
-    """Joint rates (N + 1, n) of marches of the paper's step that cost less than a budget [s], one for each side.
+    """Joint rates (N + 1, n) of marches that cost less than a budget [s], one for each side.
 
     A march is given up where it has cost more, or where a step's programme was not solved.
     """
@@ -65,7 +65,7 @@ def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
 
 
 def cone_marches(problem: Problem, steps: int) -> FloatArray:
-    """Joint rates (S, steps, n) in the middles of steps, one march for each side of the cone, and one straight."""
+    """Joint rates (S, steps, n) in the middles of steps: a march for each side of the cone, one straight."""
     stack, dt, kappa = problem.stack, problem.duration / steps, problem.kappa
     place = problem.goal.place(problem.duration)
     low, high = joint_range(problem)
@@ -89,7 +89,9 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
         e = cosine * d + np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * lateral
         left = problem.duration - k * dt
         share = _POWER / (left + 0.5 * _POWER * dt)
-        speed = np.minimum(share * distance / np.maximum(cosine, _LEAST_COSINE), speed + _gain(problem, steps, distance))
+        speed = np.minimum(
+            share * distance / np.maximum(cosine, _LEAST_COSINE), speed + _gain(problem, steps, distance)
+        )
         J, wanted = apply(R, arm.jstar), speed * e - problem.drift[:, None]
         if place.rotation is not None:
             turn = log3(np.einsum("xy,zyk->xzk", place.rotation, apply(R, arm.tip_rotation)))
@@ -110,7 +112,7 @@ def _gain(problem: Problem, steps: int, distance: FloatArray) -> FloatArray:
 
 
 def _ideal_cosine(arm: ArmValues, kappa: float) -> FloatArray:
-    """The cosine c* at which the paper's cost vanishes, log(exp(kappa (1 - H)) - 1) / kappa, within [-1, 1]."""
+    """The cosine c* of no cost, log(exp(kappa (1 - H)) - 1) / kappa, within [-1, 1]."""
     sigma, _ = singular(arm.coupling)
     x = np.maximum(kappa * (1.0 - entropy(sigma, arm.jstar.shape[1])), 1e-9)
     return np.asarray(np.clip((x + np.log(-np.expm1(-x))) / kappa, -1.0, 1.0))

@@ -1,6 +1,7 @@
 """The merit of whole motions: the squares of all residuals, weighted, and their slopes by the control points.
 
-Terms, goal and limits contribute residuals; this file only stacks them. To add one, write a `Term` or a `Limit`.
+Terms, goal and limits contribute residuals; this file only stacks them. To add one, write a `Term` or a
+`Limit`.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ _TIME = 8.0  # [s] The weights are those of a motion this long
 class Weights(NamedTuple):
     """Weights of the squares beside the terms' own, and the smoothing of the paper's cost.
 
-    Given for a motion of 8 s of an arm one metre long, and fitted to the problem by its duration and the arm's
-    length, so that everything keeps its proportion to the cost integral.
+    Given for a motion of 8 s of an arm one metre long, and fitted to the problem by its duration and the
+    arm's length, so that everything keeps its proportion to the cost integral.
 
     Attributes
     ----------
@@ -113,8 +114,8 @@ def linearise(
 ) -> Linearisation:
     """Residuals of motions with control points p (S, M, n), squared and linearised.
 
-    `goal` is the problem's, or that goal shifted. Motions whose merit is not less than `below`, a number or (S,),
-    get no derivatives; minus infinity asks for none at all.
+    `goal` is the problem's, or that goal shifted. Motions whose merit is not less than `below`, a number or
+    (S,), get no derivatives; minus infinity asks for none at all.
     """
     length = problem.stack.length
     smoothing = Smoothing(weights.slow, weights.close * length)
@@ -151,8 +152,8 @@ def _measured(
             objective += term.weight * cost
     at_goal = arrival(goal, motions)
     end = weights.end * motions.duration / _TIME / problem.stack.length**2
-    for residual, share in ((at_goal.end, 1.0), (at_goal.tail, 0.1)):
-        for one in residual:
+    for ones, share in ((at_goal.end, 1.0), (at_goal.tail, 0.1)):
+        for one in ones:
             scaled = one.scaled(float(np.sqrt(share * end)))
             merit += scaled.squares(over_time, count)
             residuals.append(scaled)
@@ -197,7 +198,7 @@ def _largest(residual: Residual | JointResidual, margin: float) -> tuple[Indices
 def _summed(
     spline: RateSpline, motions: Motions, chosen: Indices, residuals: Residuals
 ) -> tuple[FloatArray, FloatArray]:
-    """Gradient (S, Mn) and Hessian (S, Mn, Mn) of half the sum of squares; control points first, then joints."""
+    """Gradient (S, Mn) and Hessian (S, Mn, Mn) of half the sum of squares; control points first."""
     n, size, count = motions.stack.n, spline.size, len(chosen)
     jacobian = Jacobian(spline, motions, chosen)
     gradient, hessian = np.zeros((count, n * size)), np.zeros((count, n * size, n * size))

@@ -13,7 +13,8 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
-from ffsms_pin.opt.horizon.landing import aimed, arrival_error
+from ffsms_pin.opt.horizon.judge import Found, Judge, cost_of
+from ffsms_pin.opt.horizon.landing import aimed
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.rounds import EARLY, LATE, STIFF, follow, keep_limits, land, run
@@ -23,24 +24,7 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = ["Found", "Search"]
-
-
-class Found(NamedTuple):
-    """A finished motion and where it comes from.
-
-    Attributes
-    ----------
-    plan : Trajectory
-    p : ndarray, shape (M, n)
-        Its control points.
-    model : Model
-        Whose spline they belong to.
-    """
-
-    plan: Trajectory
-    p: FloatArray
-    model: Model
+__all__ = ["EFFORTS", "HASTE", "Search"]
 
 
 class Effort(NamedTuple):
@@ -57,8 +41,9 @@ class Effort(NamedTuple):
     patience : int
         How many times the usual iterations these make: those whose end is hard to meet need more.
     enough, soft : float
-        A plan as cheap as enough + soft (log 2 / kappa)^2 ends the search [s, for a motion of 8 s]. C~ exceeds
-        max(0, cos(theta_a)) by up to log 2 / kappa, so that for a small kappa no motion that arrives is nearly free.
+        A plan as cheap as enough + soft (log 2 / kappa)^2 ends the search [s, for a motion of 8 s]. C~
+        exceeds max(0, cos(theta_a)) by up to log 2 / kappa, so that for a small kappa no motion that arrives
+        is nearly free.
     """
 
     near: int
@@ -104,7 +89,10 @@ class Search:
     ) -> None:
         self.problem, self.options = problem, options or SearchOptions()
         self._report = progress or (lambda share: None)
-        self._coarse, self._fine = (Model.make(problem, one) for one in (self.options.coarse, self.options.fine))
+        self._coarse, self._fine = (
+            Model.make(problem, one) for one in (self.options.coarse, self.options.fine)
+        )
+        self._judge = Judge(problem, self.options)
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
         self.found: list[Found] = []
         self._pool: Candidates | None = None
@@ -113,7 +101,7 @@ class Search:
 
     def run(self, efforts: tuple[Effort, ...] = EFFORTS) -> Trajectory:
         """The best plan that arrives, or the one that comes nearest."""
-        scale = max(1.0, self._coarse.time)
+        scale = self._judge.scale
         if self._is_near() and self._go_near():
             efforts = ()
         for turn, effort in enumerate(efforts):
@@ -125,21 +113,16 @@ class Search:
             self._follow(effort)
             if self._arrived(effort.content(self.problem.kappa) * scale) or self._out_of_time() or outside:
                 break
-        self._march((self.options.nearly_free + EFFORTS[0].soft * (math.log(2.0) / self.problem.kappa) ** 2) * scale)
+        if math.log(2.0) / self.problem.kappa < self.options.widest:
+            self._march(self.options.nearly_free * scale)
         if not self._arrived() and not self._out_of_time():
             self._go_straight()
         self._report(1.0)
         return self.best().plan
 
     def best(self) -> Found:
-        """Of those that arrive and cost no more than the cheapest and the tolerance, the one of least effort."""
-        arrived = [one for one in self.found if self._misses(one.plan)[:2] == (False, False)]
-        if not arrived:
-            return min(self.found, key=lambda one: self._misses(one.plan))
-        least = min(cost_of(one.plan) for one in arrived)
-        tolerance = self.options.cost_tolerance * max(1.0, self._coarse.time)
-        cheap = [one for one in arrived if cost_of(one.plan) <= least + tolerance]
-        return min(cheap, key=lambda one: sum(one.plan.shares.values()))
+        """The best finished motion so far."""
+        return self._judge.best(self.found)
 
     def binding(self) -> list[tuple[str, int]]:
         """Joint limits that the best plan touches: kind and joint."""
@@ -179,13 +162,13 @@ class Search:
         found = follow(self._coarse, self._fine, self._pool, effort.keep, effort.patience)
         for i in range(len(found.p)):
             if i == 0 or not self._out_of_time():
-                self._finish(found.p[i])
+                self._finish(found.take([i]))
 
-    def _finish(self, p: FloatArray) -> None:
+    def _finish(self, motion: Candidates) -> None:
         """Land on the fine spline; where the plan arrives but is not nearly free, go on on the finest one."""
         weights, damping = LATE[-1].weights, LATE[-1].damping or 0.03
-        found = self._land(self._fine, Candidates.start(self._fine, p[None], weights, damping))
-        cheap = self.options.nearly_free * max(1.0, self._coarse.time)
+        found = self._land(self._fine, motion)
+        cheap = self.options.nearly_free * self._judge.scale
         if not found.plan.reached or cost_of(found.plan) <= cheap or self._out_of_time():
             return
         model = Model.make(self.problem, self.options.finest)
@@ -226,8 +209,8 @@ class Search:
     def _is_near(self) -> bool:
         """Whether const8 counts the start as arrived: then no way round is taken for the cost's sake.
 
-        The paper's cost charges for standing still and for going straight, and nothing for length: for a target a
-        millimetre away the cheapest motion can be a detour of centimetres.
+        The paper's cost charges for standing still and for going straight, and nothing for length: for a
+        target a millimetre away the cheapest motion can be a detour of centimetres.
         """
         problem, place = self.problem, self.problem.goal.place(self.problem.duration)
         if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
@@ -235,9 +218,11 @@ class Search:
         start = problem.sms.at(problem.q0).end_effector_pose
         turned = 0.0
         if place.rotation is not None:
-            turned = float(np.arccos(np.clip(0.5 * (np.trace(place.rotation @ start.rotation.T) - 1.0), -1, 1)))
+            turned = float(
+                np.arccos(np.clip(0.5 * (np.trace(place.rotation @ start.rotation.T) - 1.0), -1, 1))
+            )
         far = float(np.linalg.norm(place.position - problem.tip0))
-        return far <= problem.goal.reach and turned <= problem.goal.orientation_reach
+        return bool(far <= problem.goal.reach) and turned <= problem.goal.orientation_reach
 
     def _go_near(self) -> bool:
         """The straight move to the nearest joint goal; whether it arrives."""
@@ -251,11 +236,11 @@ class Search:
         place = goal.place(self.problem.duration)
         if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
             return  # a march knows no such goal
-        least = min((cost_of(one.plan) for one in self.found if not self._misses(one.plan)[0]), default=np.inf)
+        least = self._judge.least_cost(self.found)
         if least <= cheap or not any(isinstance(term, Coupling) for term in self.problem.terms):
             return
         best = self.best()
-        for rates in free_marches(self.problem, least - self.options.cost_tolerance * max(1.0, self._coarse.time)):
+        for rates in free_marches(self.problem, least - self.options.cost_tolerance * self._judge.scale):
             self.found.append(best._replace(plan=measure(self.problem, rates)))
             if self._arrived(cheap) or self._out_of_time():
                 break
@@ -275,34 +260,11 @@ class Search:
         motion = Candidates.start(model, p[None], STIFF.weights, STIFF.damping or 1.0)
         self._land(model, descend(model, motion, STIFF.weights, iterations))
 
-    # -- judging ---------------------------------------------------------------------------------------
-
-    def _misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
-        """Whether a plan fails, whether it arrives poorly, and by how much it misses."""
-        error = arrival_error(self.problem, plan)
-        if not plan.reached:
-            return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
-        rates, options = plan.joint_rates, self.options
-        place = self.problem.goal.place(self.problem.duration)
-        rests = place.velocity is None and place.spin is None
-        moving = rests and float(np.abs(rates[-1]).max()) > options.moving
-        turns = int(np.sum(rates[1:-1] * rates[2:] < -options.still))
-        restless = turns > options.turns * self.problem.sms.n
-        return False, error > self.problem.goal.tolerance or moving or restless, error
-
     def _arrived(self, cost: float = np.inf) -> bool:
         """Whether there is a plan that arrives, as cheap as this."""
-        return any(
-            self._misses(one.plan)[:2] == (False, False) and cost_of(one.plan) <= cost for one in self.found
-        )
+        least = self._judge.least_cost(self.found)
+        return least <= cost and least < np.inf
 
     def _out_of_time(self) -> bool:
         limit = self.options.time_limit
         return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
-
-
-def cost_of(plan: Trajectory) -> float:
-    """The paper's cost integral where it is a term, else the whole objective [s]."""
-    return plan.shares.get("coupling", sum(plan.shares.values()))
-
-

@@ -21,9 +21,9 @@ def solve(
 ) -> Trajectory:
     """Plan the whole motion at once.
 
-    Joint goals found by shooting, and coarse marches of the paper's step, give starts; Levenberg-Marquardt within
-    the joint limits takes them down, the worse half dropping out each round. Of the motions that arrive and cost
-    no more than the cheapest and a tolerance, the one of least effort is the plan.
+    Joint goals found by shooting, and coarse marches of the paper's step, give starts; Levenberg-Marquardt
+    within the joint limits takes them down, the worse half dropping out each round. Of the motions that
+    arrive and cost no more than the cheapest and a tolerance, the one of least effort is the plan.
 
     Parameters
     ----------
@@ -36,8 +36,8 @@ def solve(
     Returns
     -------
     Trajectory
-        `reached` says whether the goal was met; `note` what stood in the way; `shares` what each term came to;
-        `binding` when each limit binds.
+        `reached` says whether the goal was met; `note` what stood in the way; `shares` what each term came
+        to; `binding` when each limit binds.
     """
     refused = start_in_collision(problem)
     if refused is not None:

@@ -2,8 +2,8 @@
 
 Its acceleration is a linear spline and its position a cubic one, each with control points that are linear in
 those of the rates. A spline lies within the range of its control points, so rows on these keep the rate,
-acceleration and position limits at every instant. The first control point is the joint's rate at the start, which
-is given; the last one is zero, or free where the goal asks for a velocity.
+acceleration and position limits at every instant. The first control point is the joint's rate at the start,
+which is given; the last one is zero, or free where the goal asks for a velocity.
 
 Reference: C. de Boor, "A Practical Guide to Splines", 2001, ch. IX to XI.
 """
@@ -128,7 +128,7 @@ class RateSpline:
 
     @cached_property
     def watch(self) -> FloatArray:
-        """The weights for limits (Q + 2,): what is broken at 0.9 T or T alone counts as if it were all the time."""
+        """The weights for limits (Q + 2,): 0.9 T and T count as if they were all the time."""
         return np.append(self.weights, [self.times[-1]] * 2)
 
     @cached_property
@@ -236,7 +236,7 @@ def _difference(knots: FloatArray) -> FloatArray:
 
 
 def _summation(knots: FloatArray) -> FloatArray:
-    """Control points of the integral of a quadratic spline, a control point of it; the first, zero, left out."""
+    """Control points of a quadratic spline's integral, a control point of it; the first, zero, left out."""
     count = len(knots) - 3
     return np.asarray(np.tril(np.ones((count, count))) * ((knots[3:] - knots[:-3]) / 3.0))
 

@@ -72,7 +72,7 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 
 
 class Seen(NamedTuple):
-    """The goal as a motion without momentum would have to meet it, from the centre of mass, base axes of the start.
+    """The goal for a motion without momentum, from the centre of mass, base axes of the start.
 
     Attributes
     ----------
@@ -184,7 +184,9 @@ def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> F
     stopped = spline.position_points.of(brake, problem.joint_rates)[-1]
     way = goals - problem.joints0 - stopped
     rate = np.max(np.abs(profile)) * np.abs(way) / limits.velocity
-    acceleration = np.max(np.abs(spline.acceleration_points.free @ profile)) * np.abs(way) / limits.acceleration
+    acceleration = (
+        np.max(np.abs(spline.acceleration_points.free @ profile)) * np.abs(way) / limits.acceleration
+    )
     way = way / np.maximum(1.0, 1.001 * np.maximum(rate, acceleration))
     return np.asarray(brake + profile[:, None] * way[:, None, :])
 

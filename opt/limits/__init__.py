@@ -4,6 +4,15 @@ from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.base import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.joints import JointLimits
-from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
+from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
 
-__all__ = ["AlphaBox", "BaseLimits", "Clearance", "JointLimits", "Limit", "Rows", "Violation"]
+__all__ = [
+    "UNBOUNDED",
+    "AlphaBox",
+    "BaseLimits",
+    "Clearance",
+    "JointLimits",
+    "Limit",
+    "Rows",
+    "Violation",
+]

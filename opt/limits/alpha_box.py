@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.entropy import singular
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import Residual, Residuals
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
-
-if TYPE_CHECKING:
-    from ffsms_pin.opt.batch.motions import Motions
-    from ffsms_pin.opt.batch.residual import Residual
 
 __all__ = ["AlphaBox", "alpha_box_rows"]
 
 # [rad/m] How fast the box gives way with the slack: so fast that the clearances, which share the slack, give
 # way by centimetres a second at most; still some times dearer than any speed or direction gained by it.
 _GIVE = 10.0
+# Eigenvalues of C^T C nearer to each other have no directions of their own: how they turn is left out.
+_LEAST_GAP = 1e-9
+_ROUNDING = 1e-6  # [rad/s] what a solver may leave
 
 
 def alpha_box_rows(step: StepState) -> Rows:
@@ -42,23 +44,65 @@ def alpha_box_rows(step: StepState) -> Rows:
     return rows._replace(give=_GIVE)
 
 
+@dataclass(frozen=True)
 class AlphaBox(Limit):
-    """The paper's |alpha_i| <= 1, a limit of single steps.
+    """The paper's |alpha_i| <= 1, with joint rates = V alpha.
 
-    The factors belong to one step's basis V, so whole motions, which are planned in joint rates, are not held
-    to it: they keep the joints' own limits on rates.
+    The paper's step has it always, as printed; whole motions on request. V only turns, so the box says that
+    no principal direction of the coupling moves faster than 1 rad/s: slow arms never notice, and arms whose
+    joints may turn faster than 1 rad/s are held back by it.
     """
 
     name = "alpha box"
+    margin = 0.02
 
     def rows(self, step: StepState) -> Rows:
         """Rows of a step; see `alpha_box_rows`."""
         return alpha_box_rows(step)
 
-    def residual(self, motions: Motions) -> list[Residual]:
-        """Nothing: whole motions are not held to it."""
-        return []
+    def residual(self, motions: Motions) -> Residuals:
+        """What |alpha_i| exceeds 1 less the margin by, in rad/s.
+
+        Slopes by the joint rates are the columns of V. Those by the coupling follow from the eigenvectors of
+        C^T C: dv_i = sum over j of v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
+        """
+        C = motions.arm.coupling
+        shape = C.shape[2:]
+        _, V = singular(C.reshape(6, C.shape[1], -1))
+        rates = motions.rates.reshape(len(C[0]), -1).T
+        alpha = (rates[:, None] @ V)[:, 0]
+        at, i = np.nonzero(np.abs(alpha) > 1.0 - self.margin)
+        if not at.size:
+            return []
+        sign = np.sign(alpha[at, i])
+        chosen, C_at = V[at], C.reshape(6, C.shape[1], -1)[..., at]
+        column = np.take_along_axis(chosen, i[:, None, None], axis=2)[..., 0]  # (entries, n)
+        lambdas = np.sum(np.einsum("kne,enj->ekj", C_at, chosen) ** 2, axis=1)
+        gap = np.take_along_axis(lambdas, i[:, None], axis=1) - lambdas
+        gap = np.where(np.abs(gap) < _LEAST_GAP, np.inf, gap)  # v_i itself; and directions that are alike
+        along = np.einsum("enj,ej->en", chosen, alpha[at] / gap)
+        moved = np.einsum("kne,en->ke", C_at, column), np.einsum("kne,en->ke", C_at, along)
+        slope = np.einsum("ke,en->kne", moved[0], along) + np.einsum("ke,en->kne", moved[1], column)
+        motion, instant = np.unravel_index(at, shape)
+        return [
+            Residual(
+                np.abs(alpha[at, i]) - (1.0 - self.margin),
+                motion=motion,
+                instants=instant,
+                by_rates=sign * column.T,
+                by_coupling=sign * slope,
+            )
+        ]
 
     def violation(self, motion: Motions) -> Violation:
-        """Nothing: whole motions are not held to it."""
-        return Violation()
+        """The largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""
+        _, V = singular(motion.arm.coupling[..., 0, :-1:2])
+        alpha = np.abs((motion.rates[:, 0, 2::2].T[:, None] @ V)[:, 0])
+        most = alpha.max(axis=1)
+        binds = motion.times[2::2][most > 1.0 - self.margin]
+        largest = float(most.max(initial=0.0))
+        if largest <= 1.0 + _ROUNDING:
+            return Violation(0.0, binds)
+        return Violation(
+            largest - 1.0, binds, f"|alpha_i| reaches {largest:.4g}, the paper's box asks for at most 1"
+        )

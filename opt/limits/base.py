@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -22,8 +23,8 @@ _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "fina
 _SHARE = 0.04
 # What a whole limit weighs: as much as a lack of clearance of this many arm lengths.
 _SCALE = 0.03
-# [rad] A turn beyond a limit narrower than this weighs as if the limit were so wide: one of a tenth of a degree
-# would be too stiff for a motion that is still finding its way.
+# [rad] A turn beyond a limit narrower than this weighs as if the limit were so wide: one of a tenth of a
+# degree would be too stiff for a motion that is still finding its way.
 _NARROW = 0.02
 # With less than this share left the limit binds: what is kept in hand, and a little.
 _BINDING = _SHARE + 0.01
@@ -92,12 +93,12 @@ class BaseLimits(Limit):
                 continue
             limit = np.broadcast_to(most, sizes.shape)[where]
             weight = _SCALE * (np.minimum(limit / _NARROW, 1.0) if name == "by_base_turn" else 1.0)
-            slope = {name: weight * unit[:, where[0], where[1]] / limit}
+            slope: dict[str, Any] = {name: weight * unit[:, where[0], where[1]] / limit}
             found.append(Residual(weight * excess[where], motion=where[0], instants=where[1], **slope))
         return found
 
     def _used(self, motions: Motions) -> list[tuple[str, FloatArray, FloatArray, FloatArray]]:
-        """What slopes are by, sizes (S, K), their gradients (3, S, K) by that, and limits: for what is limited."""
+        """For what is limited: what slopes are by, sizes (S, K), gradients (3, S, K) by that, and limits."""
         used = []
         if self.holds_attitude:
             turned = log3(np.einsum("yx,yzsk->xzsk", motions.rotation_start, motions.base_attitude))
@@ -109,7 +110,9 @@ class BaseLimits(Limit):
         if self.translation < math.inf:
             shift = motions.base_position - motions.base_start[:, None, None]
             distance = np.sqrt(dot(shift, shift))
-            used.append(("by_base", distance, shift / np.maximum(distance, 1e-12), np.array(self.translation)))
+            used.append(
+                ("by_base", distance, shift / np.maximum(distance, 1e-12), np.array(self.translation))
+            )
         if self.attitude_rate < math.inf:
             speed = np.sqrt(dot(motions.base_spin, motions.base_spin))
             unit = motions.base_spin / np.maximum(speed, 1e-12)
@@ -125,8 +128,8 @@ class BaseLimits(Limit):
         span = float(np.diff(motion.times).max())
         linear = np.gradient(motion.base_position[:, 0], motion.times, axis=1)
         for by, sizes, _, most in self._used(motion):
-            # Between two instants the path leaves the straight line between them by the change of its velocity
-            # times the span over 8; the line itself lies within any ball that holds its ends.
+            # Between two instants the path leaves the straight line between them by the change of its
+            # velocity times the span over 8; the line itself lies within any ball that holds its ends.
             velocity = {"by_base_turn": motion.base_spin[:, 0], "by_base": linear}.get(by)
             bulge = 0.0
             if velocity is not None:

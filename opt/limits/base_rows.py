@@ -1,11 +1,11 @@
 """The limits on the base's motion in one step: rows of its programme, and whether the arm could still stop.
 
 With r the base's turn from the start, d|r|/dt = (r / |r|) . omega_b. As for the clearances, |r| may approach
-its limit at most at a rate proportional to what is left. That is asked at the place where the base will be one
-step later, since the row is about the rates that it will then have; there a turn across r also counts, since it
-carries the base outwards on the tangent. The same for the shift of the base's centre of mass. `final_attitude`
-is such a limit that closes in as the deadline nears. The angular velocity stays in a box around its present
-direction that lies within the ball of its limit.
+its limit at most at a rate proportional to what is left. That is asked at the place where the base will be
+one step later, since the row is about the rates that it will then have; there a turn across r also counts,
+since it carries the base outwards on the tangent. The same for the shift of the base's centre of mass.
+`final_attitude` is such a limit that closes in as the deadline nears. The angular velocity stays in a box
+around its present direction that lies within the ball of its limit.
 """
 
 from __future__ import annotations
@@ -156,9 +156,9 @@ def _axes(omega: FloatArray) -> FloatArray:
 def settled(limits: BaseBounds, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
     """Joint rates (n,) for the step's end after which the arm can still stop with the base within its limits.
 
-    A fast motion in the reaction null space needs the arm's acceleration to stay there, and the rows do not see
-    how much. So what would happen if the arm stopped after this step is rolled out. Where that breaks a limit
-    the rates go part of the way to braking, or all of it: that was safe one step ago.
+    A fast motion in the reaction null space needs the arm's acceleration to stay there, and the rows do not
+    see how much. So what would happen if the arm stopped after this step is rolled out. Where that breaks a
+    limit the rates go part of the way to braking, or all of it: that was safe one step ago.
 
     Parameters
     ----------

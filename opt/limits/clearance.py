@@ -22,7 +22,8 @@ __all__ = ["Clearance", "CollisionMode"]
 CollisionMode = str
 MODES = ("points", "shapes", "off")
 
-# [m] Clearances of finished motions are looked at twice a step; what they can lose in between is a few micrometres.
+# [m] Clearances of finished motions are looked at twice a step; what they can lose in between is a few
+# micrometres.
 _BETWEEN = 1e-5
 _BINDING = 1e-3  # [m] with less than this left beside the margin the limit binds
 
@@ -36,8 +37,8 @@ class Clearance(Limit):
     clearance : float
         The paper's d_safe, and the margin to the base [m].
     collision : {"points", "shapes", "off"}
-        What is kept apart: the paper's points and the base's box (const4 to const7), the URDF's collision shapes,
-        or nothing.
+        What is kept apart: the paper's points and the base's box (const4 to const7), the URDF's collision
+        shapes, or nothing.
     """
 
     clearance: float = 0.01
@@ -66,7 +67,7 @@ class Clearance(Limit):
         return replace(self, clearance=self.clearance + by)
 
     def least(self, motions: Motions) -> tuple[float, str]:
-        """The least clearance [m] of motions, and what it is between; infinite where nothing is kept apart."""
+        """The least clearance [m] of motions, and between what; infinite where nothing is kept apart."""
         if self._stack is None:
             return np.inf, ""
         values = self._stack.values(motions.joints, motions.arm).min(axis=(1, 2))
@@ -87,9 +88,7 @@ class Clearance(Limit):
         if not where[0].size:
             return []
         slope = self._stack.gradients(motions.stack, motions.joints, motions.arm, where)
-        return [
-            Residual(lack[where] / length, motion=where[1], instants=where[2], by_joints=-slope / length)
-        ]
+        return [Residual(lack[where] / length, motion=where[1], instants=where[2], by_joints=-slope / length)]
 
     def violation(self, motion: Motions) -> Violation:
         """The largest lack of clearance at the nodes and in the middles between them."""

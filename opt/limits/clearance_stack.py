@@ -56,7 +56,9 @@ class PointStack:
 
     def __init__(self, sms: SpaceManipulator) -> None:
         self._points = Points(sms)
-        self._first, self._second = (np.array(side, dtype=np.intp) for side in (self._points.first, self._points.second))
+        self._first, self._second = (
+            np.array(side, dtype=np.intp) for side in (self._points.first, self._points.second)
+        )
         self._outside = np.array(self._points.outside, dtype=np.intp)
         self._half = 0.5 * np.array(sms.base_size)
         self._rotation = sms.base_box_placement.rotation.copy()

@@ -25,8 +25,8 @@ _BINDING = 1e-3  # share of a limit: with less than this left it binds
 class JointLimits(Limit):
     """The robot's own limits (`sms.limits`), at every instant and not only at nodes.
 
-    In a step they are bounds on the joint rates; in a whole motion they are rows on the control points, which no
-    solution breaks, so there is no residual.
+    In a step they are bounds on the joint rates; in a whole motion they are rows on the control points, which
+    no solution breaks, so there is no residual.
     """
 
     name = "joints"
@@ -85,7 +85,9 @@ class JointLimits(Limit):
         # Between two instants a position has its extreme where the rate changes sign.
         start, end = rates[:, :-1], rates[:, 1:]
         turning = start * end < 0.0
-        extremes = joints[:, :-1] - np.where(turning, start**2 / (2.0 * np.where(turning, accelerations, 1.0)), 0.0)
+        extremes = joints[:, :-1] - np.where(
+            turning, start**2 / (2.0 * np.where(turning, accelerations, 1.0)), 0.0
+        )
         extremes = np.hstack([extremes, joints[:, -1:]])
         beyond = np.maximum(
             np.maximum(limits.lower[:, None] - joints, joints - limits.upper[:, None]),
@@ -95,7 +97,10 @@ class JointLimits(Limit):
         hard = np.hstack([np.abs(accelerations), np.zeros((len(joints), 1))]) - limits.acceleration[:, None]
         rounding = (_ROUNDING, _ROUNDING, _ROUNDING / float(np.diff(motion.times).min()))
         kinds = zip(
-            ("position", "rate", "acceleration"), (beyond, fast, hard), rounding, ("rad", "rad/s", "rad/s^2"),
+            ("position", "rate", "acceleration"),
+            (beyond, fast, hard),
+            rounding,
+            ("rad", "rad/s", "rad/s^2"),
             strict=True,
         )
         amount, notes = 0.0, []
@@ -114,7 +119,10 @@ class JointLimits(Limit):
         """Whether any joint is at a limit, at every instant."""
         limits = self.limits
         span = np.where(np.isfinite(limits.upper - limits.lower), limits.upper - limits.lower, 1.0)
-        near = np.minimum(joints - limits.lower[:, None], limits.upper[:, None] - joints) < _BINDING * span[:, None]
+        near = (
+            np.minimum(joints - limits.lower[:, None], limits.upper[:, None] - joints)
+            < _BINDING * span[:, None]
+        )
         near |= fast > -_BINDING * np.minimum(limits.velocity, 1e9)[:, None]
         near |= hard > -_BINDING * np.minimum(limits.acceleration, 1e9)[:, None]
         return np.asarray(near.any(axis=0))

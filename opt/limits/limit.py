@@ -22,7 +22,7 @@ UNBOUNDED = 1e20
 
 
 class Rows(NamedTuple):
-    """Rows lower <= G u <= upper, up to a slack, of a step's programme in the joint rates u at the step's end.
+    """Rows lower <= G u <= upper, up to a slack, in the joint rates u at the step's end.
 
     Attributes
     ----------
@@ -30,8 +30,8 @@ class Rows(NamedTuple):
     lower, upper : ndarray, shape (k,)
         `UNBOUNDED` with its sign where a row has one side only.
     give : float
-        How far a row gives way per unit of the programme's slack, in the row's unit per metre a second; 0: never.
-        A row must not give way only if it can always be kept.
+        How far a row gives way per unit of the programme's slack, in the row's unit per metre a second; 0:
+        never. A row must not give way only if it can always be kept.
     """
 
     G: FloatArray
@@ -41,7 +41,7 @@ class Rows(NamedTuple):
 
 
 class ControlMaps(NamedTuple):
-    """Linear maps from a joint's M free control points to the control points of its motion, plus what is fixed.
+    """Linear maps from a joint's M free control points to those of its motion, plus what is fixed.
 
     A spline lies within the range of its control points, so bounds on these hold at every instant.
 
@@ -114,16 +114,16 @@ class Limit(ABC):
     name : str
         Key of `Trajectory.binding`.
     margin : float
-        What the residual keeps in hand, in the residual's unit: a penalty gives way a little, and whole motions
-        are watched at some instants only. A motion whose residual is below half of it counts as one that keeps
-        the limit.
+        What the residual keeps in hand, in the residual's unit: a penalty gives way a little, and whole
+        motions are watched at some instants only. A motion whose residual is below half of it counts as one
+        that keeps the limit.
     """
 
     name: str
     margin: float = 0.0
 
     def for_robot(self, sms: SpaceManipulator) -> Limit:
-        """This limit, prepared for a robot; called once by each solver. Default: the limit itself."""
+        """The limit, prepared for a robot; called once by each solver. Default: itself."""
         return self
 
     def tightened(self, by: float) -> Limit:
@@ -132,7 +132,7 @@ class Limit(ABC):
 
     @abstractmethod
     def rows(self, step: StepState) -> Rows | None:
-        """Rows that keep the limit through one step of the paper's method; None where nothing is in question."""
+        """Rows that keep the limit through one step of the paper's method; None: nothing to keep."""
 
     @abstractmethod
     def residual(self, motions: Motions) -> Residuals:
@@ -143,10 +143,10 @@ class Limit(ABC):
 
     @abstractmethod
     def violation(self, motion: Motions) -> Violation:
-        """What a finished motion makes of it; `motion` is one motion at its nodes and in the middles between."""
+        """What a finished motion makes of it; `motion` is one, at its nodes and the middles between."""
 
     def control_rows(self, maps: ControlMaps) -> list[ControlRows]:
-        """Rows that the control points of a whole motion keep strictly; for what is linear in the joint motion."""
+        """Rows that the control points of whole motions keep strictly: for what is linear in them."""
         return []
 
     def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:

@@ -71,8 +71,8 @@ class Points:
         points = len(self._joints) + 1
         self._ahead = np.concatenate([self.first, self.outside])
         self._behind = np.concatenate([self.second, np.full(len(self.outside), points)])
-        # A joint moves a clearance where it carries one of the two and not the other. It leaves its own origin
-        # where it is unless it slides.
+        # A joint moves a clearance where it carries one of the two and not the other. It leaves its own
+        # origin where it is unless it slides.
         carries = np.zeros((points + 1, sms.n))
         for point, carrier in enumerate([*self._joints, model.frames[sms.frame_id].parentJoint]):
             for joint in list(model.supports[carrier])[2:]:

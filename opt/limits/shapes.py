@@ -104,4 +104,5 @@ class Shapes:
         joint = int(self._geometry.geometryObjects[shape].parentJoint)
         # (l + a x p) . normal, for a joint of linear and angular columns l and a.
         speed: FloatArray = normal @ J[:3, 6:] + np.cross(point, normal) @ J[3:, 6:]
-        return speed * self._carried[joint]
+        speed *= self._carried[joint]
+        return speed

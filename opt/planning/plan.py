@@ -21,7 +21,7 @@ from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["METHODS", "plan"]
+__all__ = ["METHODS", "plan", "plan_problem"]
 
 METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
 
@@ -55,7 +55,8 @@ def plan(
 ) -> Trajectory:
     """Plan a coupling-informed motion from `q0` to `target`.
 
-    It builds an `opt.Problem` and solves it; for other terms and limits build one yourself and call `opt.solve`.
+    It builds an `opt.Problem` and solves it; for other terms and limits build one yourself and call
+    `opt.solve`.
 
     Parameters
     ----------
@@ -123,9 +124,49 @@ def plan(
     if base_limits is not None:
         limits.append(base_limits)
     problem = Problem(
-        sms, q0, target, duration, dt, terms, limits, joint_rates=joint_rates, momentum=momentum, locked=locked
+        sms,
+        q0,
+        target,
+        duration,
+        dt,
+        terms,
+        limits,
+        joint_rates=joint_rates,
+        momentum=momentum,
+        locked=locked,
     )
-    if method == "paper" and (base_limits is not None or problem.momentum is not None):
+    return plan_problem(problem, method, SearchOptions(time_limit=time_limit), progress)
+
+
+def plan_problem(
+    problem: Problem,
+    method: str = "horizon",
+    options: SearchOptions | None = None,
+    progress: Progress | None = None,
+) -> Trajectory:
+    """Plan a problem by any method; `opt.solve` is its "horizon".
+
+    Parameters
+    ----------
+    problem : Problem
+        Methods that march keep its limits; of its terms, "step" takes what they say about a step
+        (`Term.step_objective`), the others nothing.
+    method : str
+        As for `plan`.
+    options : SearchOptions, optional
+        For "horizon".
+    progress : callable, optional
+        Called with the share of the work done, 0 to 1.
+
+    Raises
+    ------
+    InvalidValue
+        The method does not know something that the problem has.
+    """
+    if method not in METHODS:
+        raise InvalidValue("method", method, f"must be one of {', '.join(METHODS)}")
+    based = any(isinstance(limit, BaseLimits) for limit in problem.limits)
+    if method == "paper" and (based or problem.momentum is not None):
         raise InvalidValue("method", method, "knows no base limits and no momentum; take another one")
     if method != "horizon" and (problem.goal.moves or problem.locked):
         raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
@@ -133,7 +174,7 @@ def plan(
     if still is not None:
         return still
     if method == "horizon":
-        return solve(problem, SearchOptions(time_limit=time_limit), progress)
+        return solve(problem, options, progress)
     return _marched(problem, method, progress)
 
 
@@ -157,15 +198,19 @@ def _stand_still(problem: Problem) -> Trajectory | None:
 def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajectory:
     """The motion of single steps; for "step" the best of the marches on the different sides of the cone."""
     sms, place = problem.sms, problem.goal.place(problem.duration)
+    limits = problem.limits
+    if not any(isinstance(limit, AlphaBox) for limit in limits):
+        limits = (*limits, AlphaBox())
     if method == "paper":
-        paper = NonlinearStepper(sms, problem.dt, problem.kappa, (*problem.limits, AlphaBox()))
+        paper = NonlinearStepper(sms, problem.dt, problem.kappa, limits)
         return _march(problem, paper, progress)
     step = method == "step"
     stepper = Stepper(
         sms,
         problem.dt,
         problem.kappa,
-        (*problem.limits, AlphaBox()),
+        limits,
+        problem.terms if step else (),
         weights=None if step else REFERENCE_WEIGHTS,
         reference=method,
         momentum=problem.momentum,
@@ -199,4 +244,3 @@ def _rank(plan: Trajectory) -> tuple[bool, float]:
 
 def _part(progress: Progress, index: int, count: int) -> Progress:
     return lambda share: progress((index + share) / count)
-

@@ -112,8 +112,8 @@ def wanted_spin(step: StepState, rotation: FloatArray) -> FloatArray:
 def _scheduled(step: StepState, left: float, speed: float, gradient: FloatArray) -> float:
     """The schedule's speed, as far as the joints can reach it in one step.
 
-    `gradient` (n,) is the slope of the speed by the joint rates. Asking for more than the joints can add would
-    buy speed with direction.
+    `gradient` (n,) is the slope of the speed by the joint rates. Asking for more than the joints can add
+    would buy speed with direction.
     """
     now = max(0.0, speed)
     wanted = reference_speed(left, now, step.time_left, step.dt)

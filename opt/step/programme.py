@@ -1,4 +1,4 @@
-"""The quadratic programme of one step, written whole from its state, its objective and the rows of its limits.
+"""The quadratic programme of one step, from its state, its objective and the rows of its limits.
 
 Variables x = (alpha (n), s, slack): the paper's scaling factors, the end-effector speed along the wanted
 direction, and how far limits give way. Minimise 1/2 x^T H x + g^T x subject to l <= C x <= u and
@@ -153,8 +153,8 @@ def nearest_to(rates: FloatArray, V: FloatArray, weights: StepWeights) -> Object
 def build_step(V: FloatArray, goal: Objective, rows: Sequence[Rows]) -> StepProblem:
     """The programme of a step.
 
-    A row lower <= G u <= upper becomes lower <= G V alpha <= upper. Where it gives way, a side becomes a row of
-    its own, G V alpha + give slack >= lower or G V alpha - give slack <= upper.
+    A row lower <= G u <= upper becomes lower <= G V alpha <= upper. Where it gives way, a side becomes a row
+    of its own, G V alpha + give slack >= lower or G V alpha - give slack <= upper.
 
     Parameters
     ----------

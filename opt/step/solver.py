@@ -19,8 +19,8 @@ from ffsms_pin.opt.step.programme import StepProblem
 __all__ = ["Solution", "StepSolver", "new_solver"]
 
 # The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-11
-# places it to 1e-6 rad/s. A laxer tolerance leaves it open in a few steps of a thousand which rows are active;
-# a stricter one takes a few per cent more iterations for nothing.
+# places it to 1e-6 rad/s. A laxer tolerance leaves it open in a few steps of a thousand which rows are
+# active; a stricter one takes a few per cent more iterations for nothing.
 TOLERANCE = 1e-11
 # A dozen iterations are usual. A programme that takes these many has failed; they end within milliseconds.
 OUTER_ITERATIONS, INNER_ITERATIONS = 40, 40
@@ -147,8 +147,8 @@ def _refined(problem: StepProblem, rows: _Rows, found: Solution) -> Solution:
     """The exact solution of the equations of the rows that the multipliers say are active.
 
     ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory lies:
-    over a march of a thousand steps that shows. The equations have no memory. Their solution is taken where it
-    keeps all rows and its multipliers have the right signs, which makes it the programme's; else ProxQP's.
+    over a march of a thousand steps that shows. The equations have no memory. Their solution is taken where
+    it keeps all rows and its multipliers have the right signs, which makes it the programme's; else ProxQP's.
     """
     n = len(problem.g)
     (active,) = (np.abs(found.z) > TOLERANCE).nonzero()

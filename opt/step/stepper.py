@@ -13,8 +13,9 @@ from ffsms_pin.checks import FloatArray, number, positive, vector
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.opt.goals import as_goal
-from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows
+from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.step.braking import braking, hard_bounds, within
 from ffsms_pin.opt.step.direction import WantedMotion, wanted_motion, wanted_spin
 from ffsms_pin.opt.step.programme import (
     StepProblem,
@@ -32,8 +33,6 @@ from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Stepper", "StepperInUse"]
-
-_MOST = 1e6  # [rad/s^2] stands for no limit on an acceleration
 
 
 class StepperInUse(FfsmsError, RuntimeError):
@@ -70,8 +69,8 @@ class Stepper:
     side it is on, and finds alpha and the speed s with J*_v V alpha = s e as nearly as the limits allow
     (docs/convex-step.md). Where the programme is not solved the arm brakes within its limits.
 
-    From step to step it remembers the side of the cone, the last solution as a start for the solver, and where
-    the base started. It is for one thread; `like()` makes another.
+    From step to step it remembers the side of the cone, the last solution as a start for the solver, and
+    where the base started. It is for one thread; `like()` makes another.
 
     Parameters
     ----------
@@ -116,18 +115,18 @@ class Stepper:
         self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)
         self.terms, self.weights, self.reference = tuple(terms), weights or StepWeights(), reference
         self.momentum = None if momentum is None else vector("momentum", momentum, 6)
-        self.side, self.base_start = np.zeros(3), None
+        self.side: FloatArray = np.zeros(3)
+        self.base_start: FloatArray | None = None
         self._given = tuple(limits)
         self.limits = tuple(limit.for_robot(sms) for limit in limits)
         # Those that have a say in what the programme has chosen.
         self._settling = [limit for limit in self.limits if type(limit).settle is not Limit.settle]
-        self._one, self._unbounded = np.eye(sms.n), (np.full(sms.n, -UNBOUNDED), np.full(sms.n, UNBOUNDED))
         self._data, self._solver, self._lock = sms.model.createData(), StepSolver(), threading.Lock()
         self._last: _Last | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         settings = (self.sms, self.dt, self.kappa, self._given, self.terms, self.weights, self.reference)
-        return _copied, (settings, self.momentum, self.side, self.base_start, self._last)
+        return _copied, ((*settings, self.momentum), self.side, self.base_start, self._last)
 
     def like(
         self,
@@ -153,8 +152,8 @@ class Stepper:
         Parameters
         ----------
         side : array_like, shape (3,)
-            Direction whose part across the way to the target is the side of the cone to start on; default: the
-            side on which the end effector is moving, and any where it is at rest.
+            Direction whose part across the way to the target is the side of the cone to start on; default:
+            the side on which the end effector is moving, and any where it is at rest.
         base_start : ndarray, shape (7,), optional
             Root pose that turn and shift of the base count from; default: where it is at the next step.
         """
@@ -213,19 +212,18 @@ class Stepper:
         """Solve a programme, remember its solution, and say what it comes to."""
         step, wanted, n = built.step, built.wanted, self.sms.n
         self.side, self.base_start = wanted.side, step.base_start
-        lower, upper = built.bounds
         found = self._solver.solve(built.problem, self._start(step.V))
         if found.solved:
             # Within the solver's tolerance already; this makes the limits hold to the last bit.
-            chosen, slack = _within(step.V @ found.x[:n], lower, upper), max(0.0, float(found.x[n + 1]))
+            chosen, slack = within(step.V @ found.x[:n], built.bounds), max(0.0, float(found.x[n + 1]))
             self._last = _Last(chosen, found.x[n:], found.z)
             if self._settling:
-                braking = _within(_braking(step), lower, upper)
+                slower = within(braking(step), built.bounds)
                 for limit in self._settling:
-                    chosen = limit.settle(step, chosen, braking)
-                chosen = _within(chosen, lower, upper)
+                    chosen = limit.settle(step, chosen, slower)
+                chosen = within(chosen, built.bounds)
         else:
-            chosen, slack, self._last = _within(_braking(step), lower, upper), 0.0, None
+            chosen, slack, self._last = within(braking(step), built.bounds), 0.0, None
         velocity = step.J_star[:3] @ chosen + step.tip_drift[:3]
         cos_theta = cosine(velocity, wanted.towards)
         cost = step_cost(cos_theta, step.entropy, self.kappa)
@@ -252,15 +250,7 @@ class Stepper:
             shares = [share for term in self.terms if (share := term.step_objective(step)) is not None]
             goal = objective(step, wanted, self.weights, effort, spin, shares)
         rows = [rows for limit in self.limits if (rows := limit.rows(step)) is not None]
-        return _Build(step, wanted, self._hard_bounds(rows), build_step(step.V, goal, rows))
-
-    def _hard_bounds(self, rows: Sequence[Rows]) -> tuple[FloatArray, FloatArray]:
-        """Bounds (n,) on the joint rates that rows state one by one (G = 1) and that never give way [rad/s]."""
-        lower, upper = self._unbounded
-        for G, low, up, give in rows:
-            if give == 0.0 and G.shape == self._one.shape and (G == self._one).all():
-                lower, upper = np.maximum(lower, low), np.minimum(upper, up)
-        return lower, upper
+        return _Build(step, wanted, hard_bounds(rows, self.sms.n), build_step(step.V, goal, rows))
 
     def _start(self, V: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Where the solver starts: the last solution, in the basis of this step."""
@@ -290,28 +280,13 @@ class Stepper:
             raise StepperInUse
 
 
-def _braking(step: StepState) -> FloatArray:
-    """Rates (n,) of an arm that brakes as fast as its joints may, all of them in the same time.
-
-    So what cancels in the base's motion goes on to cancel.
-    """
-    acceleration = np.minimum(step.sms.limits.acceleration, _MOST)
-    longest = float(np.max(np.abs(step.rates) / acceleration))
-    return step.rates * max(0.0, 1.0 - step.dt / max(longest, 1e-12))
-
-
-def _within(rates: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    return np.minimum(np.maximum(rates, lower), upper)
-
-
 def _copied(
     settings: tuple[Any, ...],
-    momentum: FloatArray | None,
     side: FloatArray,
     base_start: FloatArray | None,
     last: _Last | None,
 ) -> Stepper:
     """A stepper that goes on as another one would."""
-    stepper = Stepper(*settings, momentum=momentum)
+    stepper = Stepper(*settings)
     stepper.side, stepper.base_start, stepper._last = side, base_start, last
     return stepper

@@ -35,6 +35,4 @@ class BaseTurn(Term):
         root = np.sqrt(self.weight) * time_scale(motions)
         spin, eye = motions.base_spin, np.eye(3)
         ones = np.ones((1, *spin.shape[1:]))
-        return [
-            Residual(root * spin[i], by_base_spin=root * eye[i][:, None, None] * ones) for i in range(3)
-        ]
+        return [Residual(root * spin[i], by_base_spin=root * eye[i][:, None, None] * ones) for i in range(3)]

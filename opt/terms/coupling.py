@@ -22,9 +22,9 @@ _TINY_SPEED = 1e-12  # [(m/s)^2] and that of motion
 class Coupling(Term):
     """The paper's cost (C~ - (1 - H_norm))^2, integrated over time (Eq. optimal_cost).
 
-    Its residual does not see speed, and jumps where the end effector stands still or has arrived. While a search
-    is on its way the residual is multiplied by two factors that fall to zero below a small speed and near the
-    target (`Smoothing`); the finished motion is judged on the true one.
+    Its residual does not see speed, and jumps where the end effector stands still or has arrived. While a
+    search is on its way the residual is multiplied by two factors that fall to zero below a small speed and
+    near the target (`Smoothing`); the finished motion is judged on the true one.
 
     Attributes
     ----------
@@ -87,8 +87,6 @@ class Coupling(Term):
         return result
 
 
-
-
 def _way(motions: Motions) -> FloatArray:
-    """From the end effector to the target, the end effector where it was at the start of its step (3, S, K) [m]."""
+    """From the end effector, where it was at the start of its step, to the target (3, S, K) [m]."""
     return motions.to_target + motions.lag * motions.velocity

@@ -21,8 +21,8 @@ class Effort(Term):
     Attributes
     ----------
     weight : float
-        On the integral of the squared joint rates [s^2/rad^2, for a motion of 8 s]. The default makes a motion
-        that turns joints by 3 rad more cost as much as 1e-3 s of the paper's cost integral.
+        On the integral of the squared joint rates [s^2/rad^2, for a motion of 8 s]. The default makes a
+        motion that turns joints by 3 rad more cost as much as 1e-3 s of the paper's cost integral.
     """
 
     weight: float = 1e-4

@@ -21,8 +21,8 @@ class Smooth(Term):
     Attributes
     ----------
     weight : float
-        On the integral of the squared accelerations [s^4/rad^2, for a motion of 8 s]. The default is small: it
-        decides between motions of equal cost.
+        On the integral of the squared accelerations [s^4/rad^2, for a motion of 8 s]. The default is small:
+        it decides between motions of equal cost.
     """
 
     weight: float = 1e-5

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Term", "time_scale"]
 
-# [s] Weights of motion are those of a motion this long. Times count in eighths of the duration, so that the same
-# joint motion, done in any time, has the same proportion between its cost integral and what it weighs.
+# [s] Weights of motion are those of a motion this long. Times count in eighths of the duration, so that the
+# same joint motion, done in any time, has the same proportion between its cost integral and what it weighs.
 _TIME = 8.0
 
 
@@ -27,17 +27,18 @@ def time_scale(motions: Motions) -> float:
 
 
 class Term(ABC):
-    """What a motion should be like: its share of the objective is the integral of squared residuals over time.
+    """What a motion should be like: the integral of squared residuals is its share of the objective.
 
-    Make a subclass in a file of your own and hand it to `opt.Problem(terms=[...])`; docs/own-parts.md builds one.
+    Make a subclass in a file of your own and hand it to `opt.Problem(terms=[...])`; docs/own-parts.md builds
+    one.
 
     Attributes
     ----------
     name : str
         Key of `Trajectory.shares`.
     eases : bool
-        Whether the term only decides between motions that are alike: it then weighs more at the beginning of a
-        search, where it smooths.
+        Whether the term only decides between motions that are alike: it then weighs more at the beginning of
+        a search, where it smooths.
     """
 
     name: str
@@ -45,13 +46,13 @@ class Term(ABC):
 
     @abstractmethod
     def residual(self, motions: Motions) -> Residuals:
-        """Weighted residuals of whole motions, with their slopes; the square root of the weight is a factor."""
+        """Residuals of whole motions, times the square root of the weight, with their slopes."""
 
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:
         """Matrix W (n, n) and vector w (n,) that a step adds to its objective as u^T W u / 2 - w^T u.
 
-        u are the joint rates at the step's end. They rank below the direction and the speed of the end effector:
-        they decide between motions that are equal in these. Default: nothing.
+        u are the joint rates at the step's end. They rank below the direction and the speed of the end
+        effector: they decide between motions that are equal in these. Default: nothing.
         """
         return None
 

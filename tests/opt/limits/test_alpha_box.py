@@ -21,9 +21,9 @@ TARGET = np.array([0.45, 0.75, 0.0])
 def fast() -> ffsms.SpaceManipulator:
     """With generous joint limits only the box is left to hold the rates."""
     sms = ffsms.load("planar_3r")
-    fast = ffsms.SpaceManipulator(sms.model, "end_effector", sms.base_size)
-    fast.limits = dataclasses.replace(sms.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0))
-    return fast
+    return sms.with_limits(
+        dataclasses.replace(sms.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0))
+    )
 
 
 def largest_alpha(stepper: Stepper, duration: float) -> float:
@@ -53,7 +53,7 @@ def test_slow_rates_meet_rows_that_never_give_way(planar: ffsms.SpaceManipulator
 
 
 def test_where_the_box_cannot_be_kept_the_step_says_so(fast: ffsms.SpaceManipulator) -> None:
-    """Rates of twice the box: with enough acceleration they are back in one step, with little they are not."""
+    """Rates of twice the box: with enough acceleration they are back in one step, with little not."""
     q = fast.configuration([0.4, 0.7, -0.5])
     step = step_state(fast, q, np.zeros(3), 0.01, 5.0)
     rates = 2.0 * step.V[:, 0]
@@ -63,8 +63,7 @@ def test_where_the_box_cannot_be_kept_the_step_says_so(fast: ffsms.SpaceManipula
     assert np.abs(back.alpha).max() <= 1.0 + 1e-9
     assert back.slack < 1e-9
 
-    slow = ffsms.SpaceManipulator(fast.model, "end_effector", fast.base_size)
-    slow.limits = dataclasses.replace(fast.limits, acceleration=np.full(3, 10.0))
+    slow = fast.with_limits(dataclasses.replace(fast.limits, acceleration=np.full(3, 10.0)))
     assert alpha_box_rows(step_state(slow, q, rates, 0.01, 5.0)).give > 0.0
     step_ = make_stepper(slow, collision="off").step(q, rates, TARGET, 5.0)
     assert step_.solved

@@ -36,9 +36,8 @@ def test_a_march_comes_near_within_its_limits(planar: ffsms.SpaceManipulator, ka
 
 
 def test_alpha_is_within_its_box_as_printed(planar: ffsms.SpaceManipulator) -> None:
-    fast = ffsms.SpaceManipulator(planar.model, "end_effector", planar.base_size)
-    fast.limits = dataclasses.replace(
-        planar.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0)
+    fast = planar.with_limits(
+        dataclasses.replace(planar.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0))
     )
     stepper = NonlinearStepper(fast, 0.01, 10.0, [StepJoints()])
     q, rates, most = fast.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.0

@@ -1,0 +1,108 @@
+"""What motions ask of joints and base: the default plan, classical references and the paper's step.
+
+Targets 0.1 to 0.5 m away, from postures drawn from half of the joint range, that a resolved-rate move
+reaches: `python benchmarks/motions.py --targets 100`. Ratios are target by target.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.storage import write_content
+
+DURATION, DT = 12.0, 0.02  # [s]
+METHODS = ("horizon", "base", "step", "resolved-rate", "least-disturbance")
+BASE_WEIGHT = 1.0  # of the rows "base": on the base's turn
+NUMBERS = ("cost", "travel", "path", "turn", "seconds")
+
+
+def measured(sms: ffsms.SpaceManipulator, q0: Any, target: Any, method: str) -> dict[str, float]:
+    """Cost [s], joint travel [rad], path over the straight line, base turn [rad], time [s] of one plan."""
+    begin = time.perf_counter()
+    base = BASE_WEIGHT if method == "base" else 0.0
+    chosen = "horizon" if method == "base" else method
+    plan = opt.plan(sms, q0, target, DURATION, DT, method=chosen, base=base)
+    return {
+        "reached": float(plan.reached),
+        "cost": plan.cost_integral,
+        "travel": plan.joint_travel,
+        "path": plan.path_ratio,
+        "turn": float(plan.base_rotation.max()),
+        "seconds": time.perf_counter() - begin,
+    }
+
+
+def rows(name: str, count: int, seed: int) -> list[dict[str, dict[str, float]]]:
+    """One row a target: what each method gives."""
+    sms, rng = ffsms.load(name), np.random.default_rng(seed)
+    low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
+    found: list[dict[str, dict[str, float]]] = []
+    while len(found) < count:
+        joints = 0.5 * (low + high) + 0.25 * (high - low) * rng.uniform(-1.0, 1.0, sms.n)
+        q0 = sms.configuration(joints)
+        way = rng.normal(size=3)
+        way *= rng.uniform(0.1, 0.5) / np.linalg.norm(way)
+        target = sms.at(q0).end_effector_pose.translation + way
+        straight = measured(sms, q0, target, "resolved-rate")
+        if straight["reached"]:
+            row = {"resolved-rate": straight}
+            row.update({m: measured(sms, q0, target, m) for m in METHODS if m != "resolved-rate"})
+            found.append(row)
+    return found
+
+
+def table(results: dict[str, list[dict[str, dict[str, float]]]]) -> str:
+    """Markdown: medians, and ratios to the resolved-rate move."""
+    head = (
+        "| arm | method | reached | cost [s] | travel, ratio (95 %) | path / straight | base turn, ratio "
+        "| time [s] |"
+    )
+    lines = [head, "|" + "---|" * 8]
+    for name, found in results.items():
+        for method in METHODS:
+            mine = {k: np.array([row[method][k] for row in found]) for k in ("reached", *NUMBERS)}
+            other = {k: np.array([row["resolved-rate"][k] for row in found]) for k in NUMBERS}
+            travel, turn = mine["travel"] / other["travel"], mine["turn"] / other["turn"]
+            middle = {k: float(np.median(values)) for k, values in mine.items()}
+            lines.append(
+                f"| `{name}` | {method} | {int(mine['reached'].sum())} of {len(found)} "
+                f"| {middle['cost']:.2g} "
+                f"| {np.median(travel):.2f} ({np.percentile(travel, 95):.1f}) | {middle['path']:.2f} "
+                f"| {np.median(turn):.2f} | {middle['seconds']:.2f} |"
+            )
+        both = [row for row in found if row["step"]["reached"]]
+        excess = max(row["horizon"]["cost"] - row["step"]["cost"] for row in both)
+        longer = np.median([row["horizon"]["path"] / row["step"]["path"] for row in both])
+        lines.append(
+            f"| | horizon beside the step's march ({len(both)} targets) | | at most + {excess:.2g} | "
+            f"| {longer:.2f} times as long | | |"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    arms = ["satellite_ur5", "satellite_panda", "satellite_xarm7"]
+    parser.add_argument("--arms", nargs="+", default=arms)
+    parser.add_argument("--targets", type=int, default=100, help="a robot (default: 100)")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", default="results/motions.json", help="file for all numbers")
+    arguments = parser.parse_args()
+    results = {name: rows(name, arguments.targets, arguments.seed) for name in arguments.arms}
+    path = Path(arguments.out)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_content(path, json.dumps(results, indent=1))
+    print(table(results))
+
+
+if __name__ == "__main__":
+    main()

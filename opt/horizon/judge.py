@@ -1,0 +1,93 @@
+"""Which finished motion is the plan: those that arrive, then cost, then effort."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.descent import Model
+from ffsms_pin.opt.horizon.landing import arrival_error
+from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.trajectory import Trajectory
+
+__all__ = ["Found", "Judge", "cost_of"]
+
+_TIME = 8.0  # [s] costs are given for motions up to so long
+
+
+class Found(NamedTuple):
+    """A finished motion and where it comes from.
+
+    Attributes
+    ----------
+    plan : Trajectory
+    p : ndarray, shape (M, n)
+        Its control points.
+    model : Model
+        Whose spline they belong to.
+    """
+
+    plan: Trajectory
+    p: FloatArray
+    model: Model
+
+
+def cost_of(plan: Trajectory) -> float:
+    """The paper's cost integral where it is a term, else the whole objective [s]."""
+    return plan.shares.get("coupling", sum(plan.shares.values()))
+
+
+class Judge:
+    """Ranks finished motions of one problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    options : SearchOptions
+
+    Attributes
+    ----------
+    scale : float
+        What costs that are given for motions up to 8 s are multiplied by.
+    """
+
+    def __init__(self, problem: Problem, options: SearchOptions) -> None:
+        self._problem, self._options = problem, options
+        self.scale = max(1.0, problem.duration / _TIME)
+        place = problem.goal.place(problem.duration)
+        self._rests = place.velocity is None and place.spin is None
+
+    def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
+        """Whether a plan fails, whether it arrives poorly, and by how much it misses."""
+        error = arrival_error(plan)
+        if not plan.reached:
+            return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
+        rates, options = plan.joint_rates, self._options
+        moving = self._rests and float(np.abs(rates[-1]).max()) > options.moving
+        turns = int(np.sum(rates[1:-1] * rates[2:] < -options.still))
+        chatters = turns > options.turns * self._problem.sms.n
+        return False, error > self._problem.goal.tolerance or moving or chatters, error
+
+    def arrives(self, plan: Trajectory) -> bool:
+        """Whether a plan reaches its goal within the tolerance, at rest where that is asked for."""
+        return self.misses(plan)[:2] == (False, False)
+
+    def least_cost(self, found: Sequence[Found]) -> float:
+        """The least cost of those that arrive [s]; infinite where none does."""
+        return min((cost_of(one.plan) for one in found if self.arrives(one.plan)), default=np.inf)
+
+    def best(self, found: Sequence[Found]) -> Found:
+        """Of those that arrive at no more than the least cost and the tolerance, the one of least objective.
+
+        Where none arrives, the one that misses least.
+        """
+        arrived = [one for one in found if self.arrives(one.plan)]
+        if not arrived:
+            return min(found, key=lambda one: self.misses(one.plan))
+        most = self.least_cost(found) + self._options.cost_tolerance * self.scale
+        cheap = [one for one in arrived if cost_of(one.plan) <= most]
+        return min(cheap, key=lambda one: sum(one.plan.shares.values()))
