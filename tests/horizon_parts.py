@@ -46,9 +46,7 @@ def told(problem: Problem, rates: FloatArray) -> Trajectory:
     return measure(problem, rates)
 
 
-def check(
-    sms: ffsms.SpaceManipulator, plan: Trajectory, rests: bool = True, tolerance: float = 1e-3
-) -> None:
+def check(sms: ffsms.SpaceManipulator, plan: Trajectory, rests: bool = True, tolerance: float = 1e-3) -> None:
     """Reached, at rest, and every limit and clearance kept, at nodes and between."""
     limits, points = sms.limits, Points(sms)
     assert plan.reached, plan.note

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scenario_files import QUICK, write
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.check_points import CheckPoints
+from ffsms_pin import opt
+from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
 from ffsms_pin.scenarios.extremes import least_clearances, position_range
 from ffsms_pin.scenarios.tracked import end_effector_deviation
-from ffsms_pin.system.base_motion import roll_out
 
 
 @pytest.fixture(scope="module")
@@ -86,8 +86,8 @@ def test_positions_between_nodes_count(outcome: Outcome, numbers: dict[str, Any]
 def test_a_turn_inside_a_step_is_an_extreme(planar: ffsms.SpaceManipulator) -> None:
     """Rates +0.3 and -0.1 at a step's ends: the joint turns at 3/4 of it, higher than at either node."""
     rates = np.array([[0.0, 0.0, 0.0], [0.3, 0.1, -0.2], [-0.1, 0.1, 0.0]])
-    q, _ = roll_out(planar, planar.configuration([0.1, 0.2, 0.3]), rates[0], np.diff(rates, axis=0), 1.0)
-    low, high = position_range(measure(planar, np.array([0.0, 1.0, 2.0]), q, rates, [1.0, 0.0, 0.0], 10.0))
+    problem = opt.Problem(planar, planar.configuration([0.1, 0.2, 0.3]), [1.0, 0.0, 0.0], 2.0, 1.0)
+    low, high = position_range(measure(problem, rates))
     np.testing.assert_allclose(high, [0.1 + 0.15 + 0.1125, 0.2 + 0.05 + 0.1, 0.3])
     np.testing.assert_allclose(low, [0.1, 0.2, 0.3 - 0.1 - 0.1])
 
@@ -95,9 +95,9 @@ def test_a_turn_inside_a_step_is_an_extreme(planar: ffsms.SpaceManipulator) -> N
 def test_a_clearance_between_nodes_counts(planar: ffsms.SpaceManipulator) -> None:
     """Joint 2 folds to 1.3 rad half way through the second step: 0.6 cos(1.3 / 2) from joint 1 to joint 3."""
     rates = np.array([[0.0, 0.0, 0.0], [0.0, 1.2, 0.0], [0.0, -1.2, 0.0]])
-    q, _ = roll_out(planar, planar.configuration([0.0, 0.4, 0.3]), rates[0], np.diff(rates, axis=0), 1.0)
-    plan = measure(planar, np.array([0.0, 1.0, 2.0]), q, rates, [1.0, 0.0, 0.0], 10.0)
-    points = CheckPoints(planar)
+    problem = opt.Problem(planar, planar.configuration([0.0, 0.4, 0.3]), [1.0, 0.0, 0.0], 2.0, 1.0)
+    plan = measure(problem, rates)
+    points = Points(planar)
     least = dict(zip(points.names(), least_clearances(planar, plan, points), strict=True))
     assert least["joint_1 - joint_3"] == pytest.approx(0.6 * np.cos(0.65), abs=1e-12)
 

@@ -26,7 +26,8 @@ _SCALE = 0.03
 # [rad] A turn beyond a limit narrower than this weighs as if the limit were so wide: one of a tenth of a
 # degree would be too stiff for a motion that is still finding its way.
 _NARROW = 0.02
-_BINDING = 0.01  # with less than this share left the limit binds
+# With less than this share left the limit binds: what is kept in hand, and a little.
+_BINDING = _SHARE + 0.01
 
 
 @dataclass(frozen=True)

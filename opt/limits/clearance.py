@@ -25,7 +25,7 @@ MODES = ("points", "shapes", "off")
 # [m] Clearances of finished motions are looked at twice a step; what they can lose in between is a few
 # micrometres.
 _BETWEEN = 1e-5
-_BINDING = 1e-3  # [m] with less than this left the limit binds
+_BINDING = 1e-3  # [m] with less than this left beside the margin the limit binds
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,8 @@ class Clearance(Limit):
         values = self._stack.values(motion.joints, motion.arm)[:, 0]
         which, k = np.unravel_index(int(np.argmin(values)), values.shape)
         lack = self.clearance - float(values[which, k])
-        near = motion.times[values.min(axis=0) < self.clearance + _BINDING]
+        kept = self.clearance + self.margin * motion.stack.length
+        near = motion.times[values.min(axis=0) < kept + _BINDING]
         if lack <= -_BETWEEN:
             return Violation(0.0, near)
         note = (

@@ -24,9 +24,7 @@ def sms(request: pytest.FixtureRequest) -> ffsms.SpaceManipulator:
 def goals(sms: ffsms.SpaceManipulator, q0: Any) -> dict[str, opt.Goal]:
     """Kinds of goals, away from where the end effector starts."""
     here = sms.at(q0).end_effector_pose
-    there = pin.SE3(
-        pin.exp3(np.array([0.3, 0.2, -0.1])) @ here.rotation, here.translation + [0.2, 0.1, 0.1]
-    )
+    there = pin.SE3(pin.exp3(np.array([0.3, 0.2, -0.1])) @ here.rotation, here.translation + [0.2, 0.1, 0.1])
 
     def path(t: float) -> Any:
         turned = pin.exp3(np.array([0.02 * t, 0.0, 0.05 * t])) @ there.rotation
@@ -46,9 +44,7 @@ def test_slopes_and_errors(sms: ffsms.SpaceManipulator, name: str, rng: np.rando
     middle = np.clip(np.full(sms.n, 0.2), sms.limits.lower, sms.limits.upper)
     q0 = sms.configuration(middle, pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.2, 0.3])))
     goal = goals(sms, q0)[name]
-    problem = opt.Problem(
-        sms, q0, goal, 8.0, joint_rates=0.1 * rng.normal(size=sms.n), terms=[], limits=[]
-    )
+    problem = opt.Problem(sms, q0, goal, 8.0, joint_rates=0.1 * rng.normal(size=sms.n), terms=[], limits=[])
     spline = spline_of(problem, free_end=True)
     p = 0.1 * rng.normal(size=(1, spline.size, sms.n))
     at = motions(problem, spline, p)

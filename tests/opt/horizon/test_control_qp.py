@@ -67,7 +67,9 @@ def test_control_points_within_the_rows_are_motions_within_the_limits(
     for _ in range(10):
         p = rng.uniform(-1.0, 1.0, (spline.size, 3))
         broken += bool(told(problem, node_rates(problem, spline, p)).broken)
-        x = qp.solve(np.eye(p.size), (-p).ravel(), np.zeros_like(p) if not moving else braking(problem, spline))
+        x = qp.solve(
+            np.eye(p.size), (-p).ravel(), np.zeros_like(p) if not moving else braking(problem, spline)
+        )
         start = np.zeros_like(p) if not moving else braking(problem, spline)
         plan = told(problem, node_rates(problem, spline, start + x))
         assert not plan.broken, plan.note

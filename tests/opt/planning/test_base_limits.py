@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,6 @@ from numpy.typing import NDArray
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.base_limits import base_motion, broken_base_limit, judged
-from ffsms_pin.opt.base_rows import BaseRows
-from ffsms_pin.opt.horizon.linearisation import linearise
-from ffsms_pin.opt.horizon.spline import rate_spline
-from ffsms_pin.opt.horizon.task import Task
-from ffsms_pin.opt.horizon.weights import Weights
-from ffsms_pin.opt.marching import march
-from ffsms_pin.opt.step_kinetics import step_kinetics
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.base_motion import roll_out
 
@@ -90,37 +83,6 @@ def test_refusals(planar: ffsms.SpaceManipulator) -> None:
         opt.plan(planar, q0, [0.9, 0.2, 0.0], method="paper", base_limits=opt.BaseLimits(attitude=0.1))
 
 
-# -- the step ------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", list(LIMITS))
-def test_steps_keep_the_limit(name: str, panda: ffsms.SpaceManipulator, start: Array) -> None:
-    limits = opt.BaseLimits(**{name: LIMITS[name]})
-    target = target_of(panda, start, [0.0, -0.4, -0.3])
-    found = {}
-    for held in (None, limits):
-        planner = opt.StepPlanner(panda, 0.02, base_limits=held)
-        plan = march(planner, start, target, 6.0)
-        found[held] = finely(panda, plan)[name]
-        assert bool(broken_base_limit(panda, plan, limits)) == (found[held] > LIMITS[name])
-    assert found[None] > 1.2 * LIMITS[name]
-    assert 0.5 * LIMITS[name] < found[limits] <= LIMITS[name]
-
-
-def test_where_the_step_counts_from(panda: ffsms.SpaceManipulator, start: Array) -> None:
-    planner = opt.StepPlanner(panda, base_limits=opt.BaseLimits(attitude=0.1))
-    target, rates, away = target_of(panda, start, [0.1, 0.2, 0.0]), np.zeros(7), start.copy()
-    away[:3] += 0.2
-    assert planner.base is not None
-    planner.step(start, rates, target, 4.0)
-    planner.step(away, rates, target, 4.0)
-    np.testing.assert_array_equal(planner.base.start, start[:7])
-    planner.reset()
-    planner.step(away, rates, target, 4.0)
-    np.testing.assert_array_equal(planner.base.start, away[:7])
-    assert planner.like(0.05).base_limits == planner.base_limits
-
-
 def test_replanning_keeps_the_limit() -> None:
     """In the loop too, where the planner is made anew for every look ahead."""
     sms, limit = ffsms.load("satellite_xarm7"), 1.0 * DEGREE
@@ -138,30 +100,6 @@ def test_replanning_keeps_the_limit() -> None:
     assert 0.5 * limit < held <= limit
 
 
-@pytest.mark.parametrize("kind", ["attitude", "translation"])
-def test_rows_are_the_rate_of_the_distance(kind: str, panda: ffsms.SpaceManipulator, start: Array) -> None:
-    """With a vanishing step a row is -d|r|/dt over the joint rates, by finite differences of a roll-out."""
-    rng, h = np.random.default_rng(3), 1e-6
-    rows = BaseRows(panda, opt.BaseLimits(**{kind: 0.5}))
-    rows.start = start[:7].copy()
-    q, _ = roll_out(panda, start, rng.normal(size=7), np.zeros((40, 7)), 0.01)
-    coupling = step_kinetics(panda, q[-1]).coupling.copy()
-    for _ in range(4):
-        rates = rng.normal(size=7)
-        gradient, _ = rows.rows(q[-1], rates, coupling, None, 1e-9, 1.0)
-        ahead, _ = roll_out(panda, q[-1], rates, np.zeros((1, 7)), h)
-        behind, _ = roll_out(panda, q[-1], -rates, np.zeros((1, 7)), h)
-
-        def distance(row: Array) -> float:
-            first, now = panda.at(start).base_pose, panda.at(row).base_pose
-            if kind == "attitude":
-                return float(np.linalg.norm(pin.log3(first.rotation.T @ now.rotation)))
-            return float(np.linalg.norm(now.translation - first.translation))
-
-        rate = (distance(ahead[-1]) - distance(behind[-1])) / (2.0 * h)
-        assert float(-gradient[0] @ rates) == pytest.approx(rate, abs=1e-6)
-
-
 # -- the whole horizon ---------------------------------------------------------------------------------
 
 
@@ -176,7 +114,10 @@ def test_plans_keep_the_limit(name: str, panda: ffsms.SpaceManipulator, start: A
     assert held.reached
     assert finely(panda, free)[name] > 1.2 * limit
     assert finely(panda, held)[name] <= limit
-    assert not judged(panda, free, limits).reached
+    problem = opt.Problem(panda, start, target, 6.0, 0.02, limits=[limits])
+    judged = measure(problem, free.joint_rates)
+    assert not judged.reached
+    assert judged.broken["base"] == pytest.approx(finely(panda, free)[name] - limit, rel=0.02)
 
 
 def test_two_limits_at_once(panda: ffsms.SpaceManipulator, start: Array) -> None:
@@ -207,60 +148,53 @@ def test_what_cannot_be_had(planar: ffsms.SpaceManipulator) -> None:
     assert finely(planar, plan)["attitude"] <= limits.attitude
 
 
-@pytest.mark.parametrize("limits", [{name: limit} for name, limit in LIMITS.items()] + [LIMITS])
-def test_gradient_of_the_merit(limits: dict[str, float], planar: ffsms.SpaceManipulator) -> None:
-    q0, rng, h = planar.configuration([0.3, -0.5, 0.9]), np.random.default_rng(5), 1e-6
-    target = np.array([0.7, 0.4, 0.0])
-    base = opt.BaseLimits(**{name: 0.5 * limit for name, limit in limits.items()})
-    task = Task.make(planar, q0, target, 8.0, 0.04, 4.0, 0.01, "off", None, base)
-    spline, weights = rate_spline(task.steps, task.dt, 6, 3, 2), Weights(1e-3, 0.0, 0.0, 1e-6, 0.3, 0.03)
-    p = rng.uniform(-0.3, 0.3, (1, spline.size, 3))
-    at = linearise(task, spline, p, weights)
-    assert at.base_lack[0] > 0.05
-    for index in rng.choice(p.size, 8, replace=False):
-        step = np.zeros(p.size)
-        step[index] = h
-        ahead = linearise(task, spline, p + step.reshape(p.shape), weights).merit[0]
-        behind = linearise(task, spline, p - step.reshape(p.shape), weights).merit[0]
-        assert 2.0 * at.gradient[0, index] == pytest.approx((ahead - behind) / (2.0 * h), rel=1e-5, abs=1e-5)
-
-
 # -- the judgement -------------------------------------------------------------------------------------
 
 
+def judged(problem: opt.Problem, rates: Array, **limits: float) -> opt.Trajectory:
+    """The motion of joint rates at the nodes, judged by these limits."""
+    return measure(replace(problem, limits=[opt.BaseLimits(**limits)]), rates)
+
+
 def test_note_names_limit_value_and_largest(planar: ffsms.SpaceManipulator) -> None:
-    q0 = planar.configuration(np.radians([1.0, 1.0, 1.0]))
-    plan = opt.plan(planar, q0, [0.45, 0.75, 0.0], dt=0.02)
-    most = base_motion(planar, plan)["attitude"].max()
-    told = judged(planar, plan, opt.BaseLimits(attitude=0.1))
+    problem = opt.Problem(
+        planar, planar.configuration(np.radians([1.0, 1.0, 1.0])), [0.45, 0.75, 0.0], dt=0.02
+    )
+    plan = opt.solve(problem)
+    most = finely(planar, plan)["attitude"]
+    told = judged(problem, plan.joint_rates, attitude=0.1)
     assert plan.reached
     assert not told.reached
     assert not told.clear
     assert "attitude 0.1 rad" in told.note
-    assert f"{most:.4g}" in told.note
-    assert judged(planar, plan, opt.BaseLimits(attitude=1.1 * most)) is plan
+    assert f"{most:.3g}" in told.note
+    assert told.broken["base"] == pytest.approx(most - 0.1, rel=1e-3)
+    assert judged(problem, plan.joint_rates, attitude=1.1 * most).reached
 
 
 def test_judged_between_nodes(planar: ffsms.SpaceManipulator) -> None:
     """Rates that change their sign from node to node turn the base between the nodes only."""
-    q0, dt, steps = planar.configuration([0.3, 0.4, 0.5]), 0.2, 10
+    dt, steps = 0.2, 10
+    problem = opt.Problem(planar, planar.configuration([0.3, 0.4, 0.5]), [0.7, 0.4, 0.0], dt * steps, dt)
     rates = np.zeros((steps + 1, 3))
     rates[:, 0] = 0.2 * (-1.0) ** np.arange(steps + 1)
-    q, _ = roll_out(planar, q0, rates[0], np.diff(rates, axis=0) / dt, dt)
-    plan = measure(planar, dt * np.arange(steps + 1, dtype=np.float64), q, rates, [0.7, 0.4, 0.0], 10.0)
-    at_nodes, between = base_motion(planar, plan)["attitude"].max(), finely(planar, plan, 20)["attitude"]
+    problem = replace(problem, joint_rates=rates[0])
+    plan = judged(problem, rates)
+    at_nodes, between = finely(planar, plan, 1)["attitude"], finely(planar, plan, 20)["attitude"]
     assert at_nodes < 0.1 * between
-    assert broken_base_limit(planar, plan, opt.BaseLimits(attitude=0.98 * between))
-    assert not broken_base_limit(planar, plan, opt.BaseLimits(attitude=1.05 * between))
+    assert judged(problem, rates, attitude=0.98 * between).broken
+    assert not judged(problem, rates, attitude=1.05 * between).broken
 
 
 def test_judged_at_its_fastest(planar: ffsms.SpaceManipulator) -> None:
     """An elbow that swings through the stretched arm turns the base fastest between the two nodes."""
-    q0, rates = planar.configuration([0.0, -0.8, 0.0]), np.array([[0.0, 1.6, 0.0], [0.0, 1.6, 0.0]])
-    q, _ = roll_out(planar, q0, rates[0], np.zeros((1, 3)), 1.0)
-    plan = measure(planar, np.array([0.0, 1.0]), q, rates, [0.7, 0.4, 0.0], 10.0)
-    at_nodes, between = base_motion(planar, plan)["attitude_rate"].max(), finely(planar, plan, 40)
-    assert at_nodes < 0.9 * between["attitude_rate"]
+    problem = opt.Problem(
+        planar, planar.configuration([0.0, -0.8, 0.0]), [0.7, 0.4, 0.0], 1.0, 1.0, joint_rates=[0.0, 1.6, 0.0]
+    )
+    rates = np.array([[0.0, 1.6, 0.0], [0.0, 1.6, 0.0]])
+    plan = judged(problem, rates)
+    at_nodes, between = finely(planar, plan, 1), finely(planar, plan, 40)
+    assert at_nodes["attitude_rate"] < 0.9 * between["attitude_rate"]
     for share, broken in ((0.98, True), (1.02, False)):
-        limit = opt.BaseLimits(attitude_rate=share * between["attitude_rate"])
-        assert bool(broken_base_limit(planar, plan, limit)) == broken
+        told = judged(problem, rates, attitude_rate=share * between["attitude_rate"])
+        assert bool(told.broken) == broken

@@ -70,4 +70,7 @@ def test_an_orientation_that_is_missed_is_not_reached(planar: ffsms.SpaceManipul
 def test_a_matrix_that_is_no_rotation_is_named(planar: ffsms.SpaceManipulator) -> None:
     bent = pin.SE3(1.1 * np.eye(3), np.zeros(3))
     with pytest.raises(InvalidValue, match=r"target\.rotation"):
-        opt.StepPlanner(planar).step(planar.configuration([0, 0, 0]), np.zeros(3), bent, 1.0)
+        opt.plan(planar, planar.configuration([0, 0, 0]), bent)
+    mirror = pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
+    with pytest.raises(InvalidValue, match=r"target\.rotation"):
+        opt.plan(planar, planar.configuration([0, 0, 0]), mirror)

@@ -15,6 +15,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.step.stepper import Stepper
 
 CASES = {"case-1": [1.00, 0.15, 0.0], "case-2": [0.45, 0.75, 0.0]}
 
@@ -75,11 +77,10 @@ def test_every_joint_limit_holds_everywhere(sms: ffsms.SpaceManipulator, traject
 
 
 def test_clearances_hold_between_nodes_too(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
-    points = opt.StepPlanner(sms).clearances
-    assert points is not None
+    points = Points(sms)
     for t in np.linspace(0.0, 12.0, 2503):
         position, _, _ = trajectory.sample(t)
-        assert points.evaluate(sms.configuration(position)).value.min() >= 0.01
+        assert points.values(sms.configuration(position)).min() >= 0.01
 
 
 def test_it_is_exact_about_itself(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
@@ -217,7 +218,8 @@ def test_an_unhindered_reference_is_its_weighted_inverse(sms: ffsms.SpaceManipul
     free = ffsms.SpaceManipulator(sms.model, "end_effector", sms.base_size, acceleration=1e4)
     free = free.with_limits(dataclasses.replace(free.limits, velocity=np.full(3, 1e2)))
     weights = opt.StepWeights(speed=1.0, effort=1e-5, change=0.0)
-    planner = opt.StepPlanner(free, weights=weights, aim=method, collision="off")
+    limits = [opt.JointLimits(), opt.AlphaBox()]
+    planner = Stepper(free, 0.01, 10.0, limits, weights=weights, reference=method)
     q, target = sms.configuration([0.4, 0.7, -0.5]), np.array([0.75, 0.5, 0.0])
     rates = planner.step(q, np.zeros(3), target, 8.0).joint_rates
 

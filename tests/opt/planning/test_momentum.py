@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.momentum_drift import momentum_drift
-from ffsms_pin.opt.step_kinetics import step_kinetics
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.base_motion import roll_out
 
@@ -51,17 +49,6 @@ def momenta(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> Array:
     data = sms.model.createData()
     pairs = zip(plan.q, plan.v, strict=True)
     return np.array([pin.computeCentroidalMomentum(sms.model, data, q, v).vector.copy() for q, v in pairs])
-
-
-def test_drift(setting: tuple[ffsms.SpaceManipulator, Array, Array, Array]) -> None:
-    """What a step has at hand gives the same as the state's own formulas."""
-    sms, q0, _, momentum = setting
-    kinetics = step_kinetics(sms, q0)
-    drift = momentum_drift(kinetics.M, q0, kinetics.position, momentum)
-    v = sms.velocity(q0, np.zeros(sms.n), momentum)
-    np.testing.assert_allclose(drift.root, v[:6], rtol=1e-10, atol=1e-15)
-    twist = sms.at(q0, v).end_effector_twist
-    np.testing.assert_allclose(np.concatenate([drift.tip_velocity, drift.tip_spin]), twist, atol=1e-13)
 
 
 @pytest.mark.parametrize("method", ["horizon", "step"])
@@ -142,8 +129,7 @@ def test_base_limits_with_momentum(planar: ffsms.SpaceManipulator) -> None:
 def test_save_and_load(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
     q0, momentum = planar.configuration([0.3, 0.6, 0.5]), np.array([0.1, 0.2, 0.0, 0.0, 0.0, 0.05])
     rates = np.zeros((11, 3))
-    q, _ = roll_out(planar, q0, rates[0], rates[1:], 0.1, momentum)
-    plan = measure(planar, np.linspace(0.0, 1.0, 11), q, rates, [0.7, 0.3, 0.0], 10.0, momentum=momentum)
+    plan = measure(opt.Problem(planar, q0, [0.7, 0.3, 0.0], 1.0, 0.1, momentum=momentum), rates)
     # The joints rest and the base does not.
     assert np.linalg.norm(plan.q[-1, :3] - plan.q[0, :3]) > 1e-3
     np.testing.assert_allclose(momenta(planar, plan), np.tile(momentum, (11, 1)), atol=1e-12)

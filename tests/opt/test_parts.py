@@ -1,0 +1,364 @@
+"""What every term and every limit has to pass, the packaged ones and two of one's own (`own_parts`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from horizon_parts import COARSE, node_rates, spline_of
+from own_parts import AbovePlane, LookAt
+from slopes import by_differences, by_slopes, motions
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.motions import Motions, Smoothing
+from ffsms_pin.opt.batch.residual import Residuals
+from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.opt.limits.base import BaseLimits
+from ffsms_pin.opt.step.march import march
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.trajectory import measure
+
+POINT = (0.3, 1.2, 0.2)
+GOAL = np.array([0.7, 0.5, 0.0])
+ROBOTS = ("planar_3r", "satellite_panda")
+
+# Heavy enough that each can be told from the paper's cost.
+TERMS: dict[str, opt.Term] = {
+    "coupling": opt.Coupling(),
+    "soft coupling": opt.Coupling(1.0, 2.0),
+    "smooth": opt.Smooth(1.0),
+    "effort": opt.Effort(0.1),
+    "base turn": opt.BaseTurn(100.0),
+    "own": LookAt(POINT, 10.0),
+}
+
+
+class Use(NamedTuple):
+    """What a motion makes of everything that a limit can be on."""
+
+    attitude: float
+    attitude_rate: float
+    translation: float
+    final_attitude: float
+    least: Callable[[str], float]  # clearance, of points or shapes
+    path: FloatArray  # of the end effector (3, K)
+    rates: FloatArray  # the largest (n,)
+
+
+# A limit that a motion breaks: from what that motion does, and the robot, which is tightened for joint limits.
+Tight = Callable[[ffsms.SpaceManipulator, Use], tuple[ffsms.SpaceManipulator, opt.Limit]]
+
+
+def beside_the_chord(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+    """A plane along the straight way, half as far from it as the motion strays."""
+    chord = use.path[:, -1] - use.path[:, 0]
+    normal = np.array([-chord[1], chord[0], 0.0]) / np.linalg.norm(chord)
+    strayed = normal @ (use.path - use.path[:, :1])
+    far = float(strayed[np.argmax(np.abs(strayed))])
+    normal = -np.sign(far) * normal
+    offset = float(normal @ use.path[:, 0]) - 0.5 * abs(far)
+    return sms, AbovePlane((float(normal[0]), float(normal[1]), 0.0), offset)
+
+
+def slow(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+    """The same arm, whose joints are allowed 0.8 of the rates."""
+    return sms.with_limits(replace(sms.limits, velocity=0.8 * use.rates)), opt.JointLimits()
+
+
+LIMITS: dict[str, Tight] = {
+    "joints": slow,
+    "attitude": lambda sms, use: (sms, BaseLimits(attitude=0.6 * use.attitude)),
+    "attitude_rate": lambda sms, use: (sms, BaseLimits(attitude_rate=0.6 * use.attitude_rate)),
+    "translation": lambda sms, use: (sms, BaseLimits(translation=0.9 * use.translation)),
+    "final_attitude": lambda sms, use: (sms, BaseLimits(final_attitude=0.5 * use.final_attitude)),
+    "points": lambda sms, use: (sms, opt.Clearance(use.least("points") + 0.015)),
+    "shapes": lambda sms, use: (sms, opt.Clearance(use.least("shapes") + 0.015, "shapes")),
+    "own": beside_the_chord,
+}
+# Those that whole motions see as residuals, and robots; the distances of many meshes would take minutes.
+PENALISED = [
+    (name, robot)
+    for name in LIMITS
+    if name != "joints"
+    for robot in ROBOTS
+    if (name, robot) != ("shapes", ROBOTS[1])
+]
+
+
+def problem_of(sms: ffsms.SpaceManipulator, **change: Any) -> opt.Problem:
+    """A reach; of the spatial arm with its base turned, shifted, and the joints moving."""
+    if sms.n == 3:
+        options: dict[str, Any] = {"goal": GOAL, "duration": 6.0, "dt": 0.02, "limits": [opt.JointLimits()]}
+        return opt.Problem(sms, sms.configuration([0.4, 0.7, -0.5]), **(options | change))
+    low, high = (np.clip(bound, -2.0, 2.0) for bound in (sms.limits.lower, sms.limits.upper))
+    base = pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.2, 0.3]))
+    q0 = sms.configuration(0.5 * (low + high) + 0.1, base)
+    goal = sms.at(q0).end_effector_pose.translation + np.array([0.2, 0.1, 0.1])
+    rates = 0.05 * np.cos(np.arange(sms.n))
+    options = {"goal": goal, "duration": 8.0, "dt": 0.05, "joint_rates": rates, "limits": [opt.JointLimits()]}
+    return opt.Problem(sms, q0, **(options | change))
+
+
+def finished(problem: opt.Problem, rates: FloatArray) -> Motions:
+    """The motion of joint rates at the nodes, as limits and terms are shown it at the end."""
+    motion = rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum, 0.9)
+    place = problem.goal.place(problem.duration).position
+    target = np.repeat(place[:, None], len(motion.times), axis=1)
+    return replace(motion, target=target, pace=problem.pace)
+
+
+def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
+    """By the plain formulas, from the configurations at the nodes."""
+    plan, sms = measure(problem, rates), problem.sms
+    motion = finished(problem, rates)
+    first = sms.at(problem.q0).base_pose
+    poses = [sms.at(q).base_pose for q in plan.q]
+    turns = [float(np.linalg.norm(pin.log3(first.rotation.T @ pose.rotation))) for pose in poses]
+    return Use(
+        max(turns),
+        float(np.linalg.norm(plan.v[:, 3:6], axis=1).max()),
+        max(float(np.linalg.norm(pose.translation - first.translation)) for pose in poses),
+        turns[-1],
+        lambda mode: opt.Clearance(0.0, mode).for_robot(sms).least(motion)[0],
+        plan.end_effector.T,
+        np.abs(rates).max(axis=0),
+    )
+
+
+def size_of(residuals: Residuals) -> float:
+    """The largest residual; zero where there is none."""
+    return max((float(np.abs(one.value).max(initial=0.0)) for one in residuals), default=0.0)
+
+
+@pytest.fixture(scope="module")
+def free(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
+    """The plan that nothing but its joints limits."""
+    return opt.solve(problem_of(planar))
+
+
+@pytest.fixture(scope="module")
+def marched(planar: ffsms.SpaceManipulator) -> FloatArray:
+    """Joint rates of a march that nothing but its joints limits."""
+    return rates_of_march(problem_of(planar))
+
+
+def rates_of_march(problem: opt.Problem) -> FloatArray:
+    stepper = Stepper(problem.sms, problem.dt, problem.kappa, problem.limits)
+    return march(stepper, problem.q0, problem.joint_rates, GOAL, problem.duration).rates
+
+
+# -- slopes --------------------------------------------------------------------------------------------
+
+
+def check_slopes(
+    problem: opt.Problem, residual_of: Callable[[Motions], Residuals], rng: np.random.Generator
+) -> Residuals:
+    """By control points: the chain rule of the library against central differences."""
+    spline = spline_of(problem, COARSE, free_end=True)
+    p = 0.15 * rng.normal(size=(1, spline.size, problem.sms.n))
+    residuals = residual_of(motions(problem, spline, p))
+    slopes = by_slopes(problem, spline, p, residuals)
+    differences = by_differences(problem, spline, p, residual_of)
+    size = float(np.abs(differences).max())
+    assert size > 1e-4
+    # In space the turn of the base follows by a quadrature of its own, which is off by what it leaves out.
+    tolerance = 1e-5 if problem.sms.n == 3 else 2e-3
+    np.testing.assert_allclose(slopes, differences, rtol=0.0, atol=tolerance * max(size, 1e-2))
+    return residuals
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("name", list(TERMS))
+def test_slopes_of_terms(name: str, robot: str, rng: np.random.Generator) -> None:
+    check_slopes(problem_of(ffsms.load(robot)), TERMS[name].residual, rng)
+
+
+@pytest.mark.parametrize("smoothing", [Smoothing(0.3, 0.03), Smoothing(0.03, 0.002)])
+def test_slopes_of_the_smoothed_cost(
+    planar: ffsms.SpaceManipulator, smoothing: Smoothing, rng: np.random.Generator
+) -> None:
+    term = opt.Coupling(4.0)
+    check_slopes(problem_of(planar), lambda at: term.residual(replace(at, smoothing=smoothing)), rng)
+
+
+@pytest.mark.parametrize(("name", "robot"), PENALISED)
+def test_slopes_of_limits(name: str, robot: str, rng: np.random.Generator) -> None:
+    """Of what a motion uses beyond the limit; the joints have rows of their own instead."""
+    sms = ffsms.load(robot)
+    problem = problem_of(sms)
+    spline = spline_of(problem, COARSE, free_end=True)
+    p = 0.15 * np.random.default_rng(20250705).normal(size=(1, spline.size, sms.n))
+    _, limit = LIMITS[name](sms, use_of(problem, node_rates(problem, spline, p[0])))
+    limit = limit.for_robot(sms)
+    residuals = check_slopes(problem, limit.residual, rng)
+    assert size_of(residuals) > limit.margin
+
+
+# -- with and without ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", list(TERMS))
+def test_a_term_is_smaller_with_it_than_without(
+    name: str, planar: ffsms.SpaceManipulator, free: opt.Trajectory
+) -> None:
+    term = TERMS[name]
+    plain: list[opt.Term] = [opt.Smooth(), opt.Effort()]
+    if isinstance(term, opt.Coupling):
+        without = opt.solve(problem_of(planar, terms=plain))
+        share = replace(measure(problem_of(planar, terms=[term]), without.joint_rates)).shares[term.name]
+    else:
+        plain.append(opt.Coupling())
+        share = term.share(finished(problem_of(planar), free.joint_rates))
+    terms = [one for one in plain if one.name != term.name] + [term]
+    plan = opt.solve(problem_of(planar, terms=terms))
+    assert plan.reached
+    assert plan.shares.keys() == {one.name for one in terms}
+    assert plan.shares[term.name] < 0.9 * share
+
+
+@pytest.mark.parametrize("name", list(TERMS))
+def test_shares_are_integrals_of_squares(
+    name: str, planar: ffsms.SpaceManipulator, free: opt.Trajectory
+) -> None:
+    """Worked out from the trajectory's own arrays."""
+    term, T = TERMS[name], 6.0
+    plan = measure(problem_of(planar, terms=[term]), free.joint_rates)
+    rates, accelerations = plan.joint_rates, plan.joint_accelerations
+    middles = 0.5 * (rates[1:] + rates[:-1])
+    spins = np.sum(plan.v[:, 3:6] ** 2, axis=1)
+    looks = []
+    for q in plan.q:
+        pose = planar.at(q).end_effector_pose
+        way = np.array(POINT) - pose.translation
+        looks.append(1.0 - pose.rotation[:, 0] @ way / np.linalg.norm(way))
+    expected = {
+        "coupling": plan.cost_integral,
+        "soft coupling": 2.0 * plan.cost_integral,
+        "smooth": (T / 8.0) ** 4 * np.sum(accelerations**2) * plan.dt,
+        "effort": (T / 8.0) ** 2
+        * np.sum(rates[1:] ** 2 + rates[:-1] ** 2 + 4.0 * middles**2)
+        * plan.dt
+        / 6.0,
+        "base turn": 100.0 * (T / 8.0) ** 2 * np.trapezoid(spins, plan.t),
+        "own": 10.0 * np.trapezoid(looks, plan.t),
+    }[name]
+    assert plan.shares[term.name] == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize("name", list(LIMITS))
+def test_plans_keep_a_limit_and_break_it_without(
+    name: str, planar: ffsms.SpaceManipulator, free: opt.Trajectory
+) -> None:
+    problem = problem_of(planar)
+    sms, limit = LIMITS[name](planar, use_of(problem, free.joint_rates))
+    limits = [limit] if name == "joints" else [opt.JointLimits(), limit]
+    held = problem_of(sms, limits=limits)
+    without = measure(held, free.joint_rates)
+    assert not without.reached
+    assert not without.clear
+    assert without.broken.keys() == {limit.name}
+    assert without.note
+    plan = opt.solve(held)
+    assert plan.reached, plan.note
+    assert plan.broken == {}
+    assert plan.note == ""
+    # It is used nearly up, or binds nowhere because the way led round it.
+    instants = plan.binding.get(limit.name, np.empty(0))
+    assert ((instants >= 0.0) & (instants <= 6.0)).all()
+
+
+@pytest.mark.parametrize("name", list(LIMITS))
+def test_marches_keep_a_limit_and_break_it_without(
+    name: str, planar: ffsms.SpaceManipulator, marched: FloatArray
+) -> None:
+    problem = problem_of(planar)
+    sms, limit = LIMITS[name](planar, use_of(problem, marched))
+    limits = [limit] if name == "joints" else [opt.JointLimits(), limit]
+    held = problem_of(sms, limits=limits)
+    assert measure(held, marched).broken.keys() == {limit.name}
+    rates = rates_of_march(held)
+    plan = measure(held, rates)
+    assert plan.broken == {}, plan.note
+    # The arm goes as far as it may: it does not just stay.
+    assert np.abs(rates).max() > 0.02
+
+
+# -- violation, residual and rows ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "robot"), PENALISED)
+def test_violation_agrees_with_the_residual(name: str, robot: str) -> None:
+    """A motion without residual breaks nothing; one that breaks the limit has more than the margin."""
+    sms = ffsms.load(robot)
+    problem = problem_of(sms, joint_rates=None)
+    spline, rng = spline_of(problem, COARSE), np.random.default_rng(7)
+    # All joints one way: so the planar arm folds towards its base.
+    p = 0.15 * (1.0 + 0.3 * rng.normal(size=(spline.size, sms.n)))
+    _, limit = LIMITS[name](sms, use_of(problem, node_rates(problem, spline, p)))
+    limit = limit.for_robot(sms)
+    seen = {"kept": 0, "broken": 0}
+    for share in (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0, 1.1, 1.3):
+        motion = finished(problem, node_rates(problem, spline, share * p))
+        size, violation = size_of(limit.residual(motion)), limit.violation(motion)
+        assert size >= 0.0
+        assert (violation.amount > 0.0) == bool(violation.note)
+        assert ((violation.instants >= 0.0) & (violation.instants <= problem.duration)).all()
+        if violation.amount > 0.0:
+            seen["broken"] += 1
+            assert size > 0.9 * limit.margin
+            assert violation.instants.size
+        if size == 0.0:
+            seen["kept"] += 1
+            assert violation.amount == 0.0
+        if size > 1.1 * limit.margin:
+            assert violation.amount > 0.0
+    assert seen["kept"] >= 1
+    assert seen["broken"] >= 2
+
+
+@pytest.mark.parametrize("name", list(LIMITS))
+def test_steps_at_rest_within_a_limit_may_stay_at_rest(name: str, planar: ffsms.SpaceManipulator) -> None:
+    """Rows of a motion's start, where nothing is used up, allow zero rates."""
+    problem = problem_of(planar)
+    moved = np.tile([0.05, -0.04, 0.06], (problem.steps + 1, 1))
+    sms, limit = LIMITS[name](planar, use_of(problem, moved))
+    stepper = Stepper(sms, 0.02, 10.0, [limit])
+    built = stepper.build(problem.q0, np.zeros(3), GOAL, 6.0)
+    still = np.zeros(len(built.g))
+    assert built.violation(still) <= 1e-12
+    assert len(built.l) >= 1
+
+
+def test_a_step_alone_keeps_the_papers_box(planar: ffsms.SpaceManipulator) -> None:
+    """The box is on single steps: whole motions have neither residual nor violation of it."""
+    fast = planar.with_limits(replace(planar.limits, velocity=np.full(3, 3.0), acceleration=np.full(3, 6.0)))
+    largest = {}
+    for box in (False, True):
+        limits: list[opt.Limit] = [opt.JointLimits(), opt.AlphaBox()][: 1 + box]
+        problem = problem_of(fast, goal=[0.3, -0.8, 0.0], duration=2.0, limits=limits)
+        stepper = Stepper(fast, 0.02, 10.0, limits)
+        rates = march(stepper, problem.q0, np.zeros(3), np.array([0.3, -0.8, 0.0]), 2.0).rates
+        plan = measure(problem, rates)
+        largest[box] = plan.largest_alpha
+        motion = finished(problem, rates)
+        assert opt.AlphaBox().residual(motion) == []
+        assert opt.AlphaBox().violation(motion).amount == 0.0
+        assert plan.broken == {}
+    assert largest[False] > 1.2
+    assert largest[True] <= 1.0 + 1e-9
+
+
+# -- names ---------------------------------------------------------------------------------------------
+
+
+def test_no_two_packaged_parts_share_a_name() -> None:
+    parts = [opt.Coupling, opt.Smooth, opt.Effort, opt.BaseTurn]
+    limits = [opt.JointLimits, opt.Clearance, BaseLimits, opt.AlphaBox]
+    names = [part.name for part in (*parts, *limits)]
+    assert len(set(names)) == len(names)

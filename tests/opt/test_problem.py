@@ -1,0 +1,313 @@
+"""The problem: frozen, checked once, and solved the same by `plan` and `solve`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from horizon_parts import check
+from own_parts import AbovePlane, LookAt
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.opt.trajectory import measure
+
+GOAL = np.array([0.7, 0.5, 0.0])
+
+
+@pytest.fixture(scope="module")
+def q0(planar: ffsms.SpaceManipulator) -> FloatArray:
+    return planar.configuration([0.4, 0.7, -0.5])
+
+
+@pytest.fixture(scope="module")
+def plan(planar: ffsms.SpaceManipulator, q0: FloatArray) -> opt.Trajectory:
+    return opt.solve(opt.Problem(planar, q0, GOAL, 6.0, 0.02))
+
+
+def same(first: opt.Trajectory, second: opt.Trajectory) -> None:
+    """To the last bit in every field."""
+    for field in dataclasses.fields(opt.Trajectory):
+        one, other = getattr(first, field.name), getattr(second, field.name)
+        np.testing.assert_equal(one, other, err_msg=field.name)
+
+
+# -- what a problem is ---------------------------------------------------------------------------------
+
+
+def test_defaults_are_the_documented_ones(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
+    problem = opt.Problem(planar, q0, GOAL)
+    assert (problem.duration, problem.dt, problem.steps, problem.kappa) == (12.0, 0.01, 1200, 10.0)
+    assert problem.terms == (opt.Coupling(), opt.Smooth(), opt.Effort())
+    assert [limit.name for limit in problem.limits] == ["joints", "clearance"]
+    assert isinstance(problem.goal, opt.Position)
+    assert problem.momentum is None
+    assert not problem.joint_rates.any()
+    assert problem.free.all()
+    # No momentum and a momentum of zero are the same.
+    assert opt.Problem(planar, q0, GOAL, momentum=np.zeros(6)).momentum is None
+    # A whole number of steps makes up the duration.
+    assert opt.Problem(planar, q0, GOAL, 1.0, 0.3).dt == pytest.approx(1.0 / 3.0)
+    longer = problem.lasting(24.0)
+    assert (longer.duration, longer.steps) == (24.0, 1200)
+
+
+def test_it_is_frozen_and_takes_no_part_in_what_it_was_made_of(
+    planar: ffsms.SpaceManipulator, q0: FloatArray
+) -> None:
+    given, rates, terms = q0.copy(), np.array([0.1, 0.0, 0.0]), [opt.Coupling()]
+    problem = opt.Problem(planar, given, GOAL, joint_rates=rates, terms=terms)
+    given[7:], rates[:] = 9.0, 9.0
+    terms.append(opt.Smooth())
+    np.testing.assert_array_equal(problem.q0, q0)
+    np.testing.assert_array_equal(problem.joint_rates, [0.1, 0.0, 0.0])
+    assert problem.terms == (opt.Coupling(),)
+    for array in (problem.q0, problem.joint_rates, problem.goal.place(0.0).position):
+        assert not array.flags.writeable
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        problem.duration = 3.0  # type: ignore[misc]
+
+
+class Nothing:
+    """Neither a term nor a limit."""
+
+    name = "nothing"
+
+
+MIRROR = pin.SE3(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"sms": "planar_3r"}, ("sms", "SpaceManipulator")),
+        ({"q0": np.zeros(3)}, ("q0",)),
+        ({"goal": [1.0, 0.0]}, ("target",)),
+        ({"goal": "there"}, ("target",)),
+        ({"goal": MIRROR}, ("target.rotation", "rotation matrix")),
+        ({"goal": lambda t: [1.0, 0.0]}, ("target",)),
+        ({"duration": 0.0}, ("duration",)),
+        ({"duration": np.inf}, ("duration",)),
+        ({"duration": 0.01, "dt": 0.02}, ("duration", "one step")),
+        ({"duration": 1e9}, ("duration", "longer dt")),
+        ({"duration": True}, ("duration",)),
+        ({"dt": -0.01}, ("dt",)),
+        ({"terms": [Nothing()]}, ("terms", "opt.Term")),
+        ({"terms": [opt.JointLimits()]}, ("terms", "opt.Term")),
+        ({"terms": [opt.Coupling]}, ("terms", "opt.Term")),
+        ({"limits": [opt.Coupling()]}, ("limits", "opt.Limit")),
+        ({"limits": [opt.JointLimits(), opt.JointLimits()]}, ("limits", "joints", "one part of each name")),
+        ({"terms": [opt.Effort(1.0), opt.Effort(2.0)]}, ("terms", "effort", "one part of each name")),
+        ({"joint_rates": [0.1, 0.2]}, ("joint_rates",)),
+        ({"joint_rates": [0.1, 0.2, np.nan]}, ("joint_rates",)),
+        ({"momentum": [1.0, 2.0]}, ("momentum",)),
+        ({"locked": ["elbow"]}, ("locked", "elbow", "joint_1, joint_2, joint_3")),
+    ],
+)
+def test_what_is_wrong_is_named(
+    change: dict[str, Any],
+    words: tuple[str, ...],
+    planar: ffsms.SpaceManipulator,
+    q0: FloatArray,
+    refused: Callable[..., FfsmsError],
+) -> None:
+    given: dict[str, Any] = {"sms": planar, "q0": q0, "goal": GOAL} | change
+    refused(lambda: opt.Problem(**given), InvalidValue, *words)
+
+
+@pytest.mark.parametrize(
+    ("make", "word"),
+    [
+        (lambda: opt.Coupling(0.0), "kappa"),
+        (lambda: opt.Coupling(weight=-1.0), "weight"),
+        (lambda: opt.Effort(-1.0), "weight"),
+        (lambda: opt.Smooth(np.nan), "weight"),
+        (lambda: opt.BaseTurn(-0.1), "weight"),
+        (lambda: opt.Position(GOAL, tolerance=0.0), "tolerance"),
+        (lambda: opt.Position(GOAL, reach=-1.0), "reach"),
+        (lambda: opt.Position(GOAL, velocity=[1.0, 2.0]), "velocity"),
+        (lambda: opt.Pose(pin.SE3.Identity(), twist=np.zeros(3)), "twist"),
+        (lambda: opt.Pose(pin.SE3.Identity(), orientation_reach=0.0), "orientation_reach"),
+    ],
+)
+def test_parts_and_goals_are_checked_when_they_are_made(make: Callable[[], Any], word: str) -> None:
+    with pytest.raises(InvalidValue, match=word):
+        make()
+
+
+def test_a_start_outside_the_joint_limits(planar: ffsms.SpaceManipulator) -> None:
+    outside = planar.configuration([1.5, 0.0, 0.0])
+    with pytest.raises(InvalidValue, match=r"joint 'joint_1'.*1\.5"):
+        opt.Problem(planar, outside, GOAL)
+    assert opt.Problem(planar, outside, GOAL, limits=[]).limits == ()
+
+
+def test_a_moving_goal_has_the_velocity_of_its_path() -> None:
+    def path(t: float) -> Any:
+        turned = pin.exp3(np.array([0.0, 0.1 * t, 0.0])) @ pin.exp3(np.array([0.0, 0.0, 0.2]))
+        return pin.SE3(turned, np.array([np.sin(t), t * t, 1.0]))
+
+    place = opt.Moving(path).place(0.7)
+    np.testing.assert_allclose(place.position, path(0.7).translation)
+    assert place.velocity is not None
+    assert place.spin is not None
+    np.testing.assert_allclose(place.velocity, [np.cos(0.7), 1.4, 0.0], atol=1e-6)
+    np.testing.assert_allclose(place.spin, [0.0, 0.1, 0.0], atol=1e-6)
+
+
+# -- plan and solve ------------------------------------------------------------------------------------
+
+
+def test_plan_and_solve_give_the_same_bits(
+    planar: ffsms.SpaceManipulator, q0: FloatArray, plan: opt.Trajectory
+) -> None:
+    same(opt.plan(planar, q0, GOAL, 6.0, 0.02), plan)
+    rates, momentum = [0.05, 0.0, -0.05], [0.02, 0.01, 0.0, 0.0, 0.0, 0.01]
+    base = opt.BaseLimits(attitude=0.2)
+    problem = opt.Problem(
+        planar,
+        q0,
+        GOAL,
+        4.0,
+        0.04,
+        terms=[opt.Coupling(5.0), opt.Smooth(), opt.Effort(1e-3), opt.BaseTurn(0.2)],
+        limits=[opt.JointLimits(), opt.Clearance(0.02), base],
+        joint_rates=rates,
+        momentum=momentum,
+        locked=["joint_3"],
+    )
+    planned = opt.plan(
+        planar,
+        q0,
+        GOAL,
+        4.0,
+        0.04,
+        5.0,
+        clearance=0.02,
+        base_limits=base,
+        momentum=momentum,
+        joint_rates=rates,
+        locked=["joint_3"],
+        effort=1e-3,
+        base=0.2,
+    )
+    same(planned, opt.solve(problem))
+
+
+def test_shares_and_what_binds(planar: ffsms.SpaceManipulator, q0: FloatArray, plan: opt.Trajectory) -> None:
+    assert plan.shares.keys() == {"coupling", "smooth", "effort"}
+    assert plan.shares["coupling"] == pytest.approx(plan.cost_integral, rel=1e-12)
+    assert plan.broken == {}
+    assert plan.largest_alpha == np.abs(plan.alpha).max()
+    # A joint that goes up to its rate limit within 1.6 s, keeps it for 0.8 s and comes to rest again.
+    ramp = np.clip(np.minimum(np.linspace(0.0, 4.0, 101), np.linspace(4.0, 0.0, 101)) / 1.6, 0.0, 1.0)
+    rates = np.outer(ramp, [planar.limits.velocity[0], 0.0, 0.0])
+    fast = measure(opt.Problem(planar, planar.configuration([-0.5, 0.7, -0.5]), GOAL, 4.0, 0.04), rates)
+    instants = fast.binding["joints"]
+    assert fast.broken == {}
+    np.testing.assert_allclose(instants, np.linspace(1.6, 2.4, 41), atol=1e-9)
+
+
+def test_shares_of_a_broken_and_own_parts_are_kept_in_the_file(
+    planar: ffsms.SpaceManipulator, q0: FloatArray, plan: opt.Trajectory, tmp_path: Path
+) -> None:
+    terms = [opt.Coupling(), LookAt((0.3, 1.2, 0.0))]
+    limits = [opt.JointLimits(), AbovePlane((0.0, 1.0, 0.0), 0.52), opt.Clearance(0.5)]
+    problem = opt.Problem(planar, q0, GOAL, 6.0, 0.02, terms=terms, limits=limits)
+    told = measure(problem, plan.joint_rates)
+    assert told.shares.keys() == {"coupling", "look at"}
+    assert told.broken.keys() == {"plane", "clearance"}
+    assert {"plane", "clearance"} <= told.binding.keys()
+    assert "below the plane" in told.note
+    assert not told.reached
+    told.save(tmp_path / "told.npz")
+    again = opt.Trajectory.load(tmp_path / "told.npz")
+    same(again, told)
+    assert again.largest_alpha == told.largest_alpha
+
+    # A file from before there were terms.
+    with np.load(tmp_path / "told.npz") as file:
+        arrays = {name: file[name] for name in file.files if name not in ("shares", "binding", "broken")}
+    np.savez(tmp_path / "old.npz", **arrays)
+    old = opt.Trajectory.load(tmp_path / "old.npz")
+    assert (old.shares, old.binding, old.broken) == ({}, {}, {})
+    np.testing.assert_array_equal(old.q, told.q)
+
+
+# -- starts, goals, joints -----------------------------------------------------------------------------
+
+
+def test_a_start_with_moving_joints(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
+    rates = np.array([0.15, -0.2, 0.1])
+    plan = opt.solve(opt.Problem(planar, q0, GOAL, 6.0, 0.02, joint_rates=rates))
+    check(planar, plan)
+    np.testing.assert_array_equal(plan.joint_rates[0], rates)
+    np.testing.assert_allclose(plan.v[0], planar.velocity(q0, rates), atol=1e-12)
+    # Here the way from rest is another one.
+    assert opt.solve(opt.Problem(planar, q0, GOAL, 6.0, 0.02)).joint_rates[0].tolist() == [0.0] * 3
+
+
+def test_an_arrival_with_a_velocity(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
+    wanted = np.array([-0.03, 0.02, 0.0])
+    plan = opt.solve(opt.Problem(planar, q0, opt.Position(GOAL, velocity=wanted), 6.0, 0.02))
+    check(planar, plan, rests=False)
+    end = planar.at(plan.q[-1], plan.v[-1]).end_effector_twist
+    np.testing.assert_allclose(end[:3], wanted, atol=2e-3)
+
+
+@pytest.mark.parametrize("joint", [0, 2])
+def test_locked_joints_stay_exactly(joint: int, planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
+    # A target that the other joints reach: two joints of a planar arm have one way to each.
+    goals = {0: [0.75, 0.5, 0.0], 2: GOAL}
+    problem = opt.Problem(planar, q0, goals[joint], 8.0, 0.04, locked=[planar.joint_names[joint]])
+    plan = opt.solve(problem)
+    assert (plan.joint_positions[:, joint] == plan.joint_positions[0, joint]).all()
+    assert not plan.joint_rates[:, joint].any()
+    check(planar, plan)
+
+
+def test_a_moving_goal_is_met_with_its_velocity(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
+    def path(t: float) -> FloatArray:
+        return np.array([0.76 - 0.01 * t, 0.5 + 0.005 * t, 0.0])
+
+    plan = opt.solve(opt.Problem(planar, q0, path, 6.0, 0.02))
+    check(planar, plan, rests=False)
+    state = planar.at(plan.q[-1], plan.v[-1])
+    np.testing.assert_allclose(state.end_effector_pose.translation, path(6.0), atol=1e-3)
+    np.testing.assert_allclose(state.end_effector_twist[:3], [-0.01, 0.005, 0.0], atol=2e-3)
+    # Near it in the last tenth too, wherever it is then.
+    late = plan.t >= 0.9 * 6.0 - 1e-9
+    errors = [
+        np.linalg.norm(path(t) - tip) for t, tip in zip(plan.t[late], plan.end_effector[late], strict=True)
+    ]
+    assert max(errors) <= 0.02
+    np.testing.assert_allclose(plan.position_error[late], errors, atol=1e-12)
+
+
+def test_methods_of_single_steps_know_no_moving_goals(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
+    for change in ({"target": lambda t: GOAL}, {"target": GOAL, "locked": ["joint_1"]}):
+        with pytest.raises(InvalidValue, match="take 'horizon'"):
+            opt.plan(planar, q0, **change, method="step")  # type: ignore[arg-type]
+
+
+def test_a_time_limit_returns_the_best_so_far(planar: ffsms.SpaceManipulator) -> None:
+    """A motion is finished whatever the limit; more time looks at more motions."""
+    shares: list[float] = []
+    start, target = planar.configuration(np.deg2rad([1.0, 1.0, 1.0])), [0.45, 0.75, 0.0]
+    problem = opt.Problem(planar, start, target, 12.0, 0.05)
+    hasty = opt.solve(problem, opt.SearchOptions(time_limit=1e-9), shares.append)
+    assert np.isfinite(hasty.q).all()
+    assert hasty.broken == {}
+    assert shares[-1] == 1.0
+    full = opt.solve(problem)
+    assert full.reached
+    if hasty.reached:
+        assert full.cost_integral <= hasty.cost_integral + 1e-3 + 1e-9
+    same(opt.plan(planar, start, target, 12.0, 0.05, time_limit=1e6), full)

@@ -1,0 +1,90 @@
+"""A term and a limit of one's own, as docs/own-parts.md says: written outside of the package, from public names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsms_pin import opt
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import Residual, Residuals
+from ffsms_pin.opt.batch.stacks import cross, dot
+from ffsms_pin.opt.limits.limit import UNBOUNDED
+from ffsms_pin.opt.limits.step_state import StepState
+
+__all__ = ["AbovePlane", "LookAt"]
+
+
+@dataclass(frozen=True)
+class LookAt(opt.Term):
+    """The camera at the end effector looks at a point: its x axis points there.
+
+    Attributes
+    ----------
+    point : tuple of float
+        Inertial axes [m].
+    weight : float
+        On the integral of 1 - cos(angle) [1/s].
+    """
+
+    point: tuple[float, float, float]
+    weight: float = 0.1
+    name = "look at"
+
+    def residual(self, motions: Motions) -> Residuals:
+        """sqrt(weight) |axis - direction to the point| / sqrt(2), whose square is the weight times 1 - cos."""
+        way = np.reshape(self.point, (3, 1, 1)) - motions.end_effector
+        distance = np.sqrt(dot(way, way))
+        towards, axis = way / distance, motions.attitude[:, 0]
+        miss = np.sqrt(0.5 * self.weight) * (axis - towards)
+        eye = np.eye(3)
+        residuals: Residuals = []
+        for i in range(3):
+            # A turn w moves the axis by w x axis; a shift d the direction by its part across, over the distance.
+            unit = np.broadcast_to(eye[i][:, None, None], axis.shape)
+            by_turn = np.sqrt(0.5 * self.weight) * cross(axis, unit)
+            by_tip = np.sqrt(0.5 * self.weight) * (unit - towards[i] * towards) / distance
+            residuals.append(Residual(miss[i], by_turn=by_turn, by_tip=by_tip))
+        return residuals
+
+
+@dataclass(frozen=True)
+class AbovePlane(opt.Limit):
+    """The end effector stays on one side of a plane.
+
+    Attributes
+    ----------
+    normal : tuple of float
+        Unit vector to the allowed side, inertial axes.
+    offset : float
+        Of the plane, along the normal [m].
+    """
+
+    normal: tuple[float, float, float]
+    offset: float
+    name = "plane"
+    margin = 0.005  # [arm lengths]
+
+    def rows(self, step: StepState) -> opt.Rows:
+        """The height may shrink at most at a rate proportional to what is left of it."""
+        normal = np.array(self.normal)
+        height = float(normal @ step.pose.translation) - self.offset
+        drifting = float(normal @ step.tip_drift[:3])
+        least = 2.0 * (2e-3 - height) - drifting
+        return opt.Rows((normal @ step.J_star[:3])[None], np.array([least]), np.array([UNBOUNDED]), give=1.0)
+
+    def residual(self, motions: Motions) -> Residuals:
+        """What the height lacks, in arm lengths."""
+        length, normal = motions.stack.length, np.array(self.normal)
+        height = np.einsum("x,xsk->sk", normal, motions.end_effector) - self.offset
+        lack = np.maximum(self.margin - height / length, 0.0)
+        slope = np.where(lack > 0.0, -1.0 / length, 0.0)
+        return [Residual(lack, by_tip=slope * normal[:, None, None])]
+
+    def violation(self, motion: Motions) -> opt.Violation:
+        """The largest depth below the plane [m]."""
+        height = np.array(self.normal) @ motion.end_effector[:, 0] - self.offset
+        amount = max(0.0, -float(height.min()))
+        note = f"the end effector is {1e3 * amount:.1f} mm below the plane" if amount else ""
+        return opt.Violation(amount, motion.times[height < 1e-3], note)
