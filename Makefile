@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test trials lint bench clean
 
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -18,6 +18,9 @@ demo: $(READY)  ## plan and track the paper's Case 2, and show the result
 test: $(READY)  ## lint, types, and every test
 	$(MAKE) lint
 	$(BIN)/python -m pytest -n auto
+
+trials: $(READY)  ## damaged files, wrong arguments, kills: all of them (some 15 minutes); make trials TRIALS="--share 0.1"
+	PYTHONPATH=tests $(BIN)/python -m trials $(TRIALS)
 
 lint: $(READY)  ## ruff, import contracts, mypy
 	$(BIN)/ruff check .

@@ -11,7 +11,7 @@ from targets import CLEARANCE, Task, reachable_targets
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.check_points import CheckPoints
+from ffsms_pin.opt.limits.points import Points
 
 DT = 0.01  # [s]
 
@@ -37,7 +37,7 @@ def smoothness(rates: FloatArray, dt: float) -> dict[str, float]:
     return {"sign_changes": changes, "squared_acceleration": float(np.sum(np.diff(rates, axis=0) ** 2) / dt)}
 
 
-def limits_kept(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, points: CheckPoints) -> bool:
+def limits_kept(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, points: Points) -> bool:
     """Every limit and clearance, at the nodes and between them, worked out apart from the planner."""
     limits = sms.limits
     if (np.abs(plan.joint_rates) > limits.velocity + 1e-9).any():
@@ -49,7 +49,7 @@ def limits_kept(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, points: Check
     if limits.violation(places.reshape(-1, sms.n)).max() > 1e-9:
         return False
     return all(
-        points.evaluate(sms.configuration(row)).value.min() >= CLEARANCE
+        points.values(sms.configuration(row)).min() >= CLEARANCE
         for row in places[::2, ::5].reshape(-1, sms.n)
     )
 
@@ -58,7 +58,7 @@ def run_plans(
     sms: ffsms.SpaceManipulator, tasks: list[Task], kappa: float, poses: bool = False
 ) -> list[dict[str, Any]]:
     """One row a task; `poses`: with the attitude."""
-    points, rows = CheckPoints(sms), []
+    points, rows = Points(sms), []
     opt.plan(sms, tasks[0].q0, tasks[0].target, tasks[0].duration, DT, kappa)  # first use fills caches
     for task in tasks:
         begin = time.perf_counter()

@@ -11,7 +11,6 @@ asks for the same work at every step, and a step's time is the least of its repe
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -22,10 +21,12 @@ from proxsuite import proxqp
 from scipy.linalg import lapack
 
 import ffsms_pin as ffsms
-from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.marching import start_sides
-from ffsms_pin.opt.step_qp import StepProblem, new_solver
+from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits
+from ffsms_pin.opt.step.march import start_sides
+from ffsms_pin.opt.step.programme import StepProblem
+from ffsms_pin.opt.step.solver import new_solver
+from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import advance
 
 DT = 0.01  # [s]
@@ -55,10 +56,7 @@ def run(repeats: int = 7) -> dict[str, Any]:
     -------
     dict
         One entry a model: `calls` (medians of the floor's calls), `floor` (of their sum), `step`, `step_p999`
-        and `step_worst`, all in microseconds; `ratio` = step / floor; `tail` = step_p999 / step; `steps`, and
-        `proxqp_share` of them in which ProxQP was called, because neither the bounds on the joint rates alone
-        nor the active rows of the step before led to the solution, with `step_proxqp`, the median of these
-        (NaN where there are none).
+        and `step_worst`, all in microseconds; `ratio` = step / floor; `tail` = step_p999 / step; `steps`.
     """
     return {name: measure(march(name), repeats) for name in MODELS}
 
@@ -78,7 +76,7 @@ def march(name: str) -> Task:
         goal = middle + 0.25 * spread * np.random.default_rng(1).uniform(-1.0, 1.0, sms.n)
         target = sms.at(sms.configuration(goal)).end_effector_pose.translation.copy()
     side = start_sides(sms, q, target)[0]
-    planner, inspected = opt.StepPlanner(sms, DT), opt.StepPlanner(sms, DT)
+    planner, inspected = _stepper(sms), _stepper(sms)
     planner.reset(side)
     inspected.reset(side)
     rates, states, problems = np.zeros(sms.n), [], []
@@ -90,6 +88,11 @@ def march(name: str) -> Task:
     return Task(sms, target, side, states, problems)
 
 
+def _stepper(sms: ffsms.SpaceManipulator) -> Stepper:
+    """With the limits of the paper."""
+    return Stepper(sms, DT, 10.0, (JointLimits(), Clearance(), AlphaBox()))
+
+
 def measure(task: Task, repeats: int) -> dict[str, Any]:
     """Times of a march's steps and of their floors [us]."""
     empty = _clock()
@@ -97,7 +100,6 @@ def measure(task: Task, repeats: int) -> dict[str, Any]:
     times = [(_steps(task), _floors(task)) for _ in range(repeats)]
     steps = np.min([step for step, _ in times], axis=0) - empty
     floors = np.array([floor for _, floor in times]) - empty
-    asked = _asked(task)
     # Of the calls together, so that what counts is one undisturbed run, as for the step.
     step, floor = float(np.median(steps)), float(np.median(floors.sum(axis=2).min(axis=0)))
     p999 = float(np.percentile(steps, 99.9))
@@ -110,8 +112,6 @@ def measure(task: Task, repeats: int) -> dict[str, Any]:
         "ratio": step / floor,
         "tail": p999 / step,
         "steps": len(steps),
-        "proxqp_share": float(asked.mean()),
-        "step_proxqp": float(np.median(steps[asked])) if asked.any() else float("nan"),
     }
 
 
@@ -123,7 +123,7 @@ def _clock() -> float:
 
 def _steps(task: Task) -> FloatArray:
     """Time of each step (N,) [us]."""
-    planner, now, spent = opt.StepPlanner(task.sms, DT), time.perf_counter_ns, []
+    planner, now, spent = _stepper(task.sms), time.perf_counter_ns, []
     planner.reset(task.side)
     for q, rates, left in task.states:
         begin = now()
@@ -132,27 +132,21 @@ def _steps(task: Task) -> FloatArray:
     return 1e-3 * np.array(spent)
 
 
-def _asked(task: Task) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """In which steps ProxQP was called (N,)."""
-    planner, asked = opt.StepPlanner(task.sms, DT), []
-    planner.reset(task.side)
-    for q, rates, left in task.states:
-        planner.step(q, rates, task.target, left)
-        asked.append(planner.asked_solver)
-    return np.array(asked)
-
-
 def _floors(task: Task) -> FloatArray:
     """Time of each call of each step, (N, calls) [us]."""
     sms, now = task.sms, time.perf_counter_ns
     model, data, frame = sms.model, sms.model.createData(), sms.frame_id
-    qp = new_solver(*task.problems[0].C.shape[::-1])
+    # The bounds s >= 0 and slack >= 0 are rows, too, as in the step.
+    bounds = np.eye(sms.n + 2)[-2:]
+    qp = new_solver(sms.n + 2, len(task.problems[0].C) + 2)
     qp.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
     axes, world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, pin.Convention.WORLD
     rows: list[tuple[int, ...]] = []
     for (q, _, _), p in zip(task.states, task.problems, strict=True):
         give: Callable[..., None] = qp.update if rows else qp.init
         options = {} if rows else {"compute_preconditioner": False}
+        C = np.concatenate([p.C, bounds])
+        low, up = np.concatenate([p.l, p.lower[-2:]]), np.concatenate([p.u, p.upper[-2:]])
         t0 = now()
         M = pin.crba(model, data, q, world)
         t1 = now()
@@ -163,7 +157,7 @@ def _floors(task: Task) -> FloatArray:
         t3 = now()
         lapack.dgesdd(coupling)
         t4 = now()
-        give(H=p.H, g=p.g, C=p.C, l=p.l, u=p.u, l_box=p.lower, u_box=p.upper, **options)
+        give(H=p.H, g=p.g, C=C, l=low, u=up, **options)
         qp.solve()
         t5 = now()
         assert qp.results.info.status == proxqp.PROXQP_SOLVED
@@ -180,20 +174,15 @@ def report(results: dict[str, Any]) -> str:
         lines.append(f"| `{name}` | {calls} | {r['floor']:.1f} |")
     lines.append("")
     lines.append(
-        "| model | step, median [us] | step / floor | 99.9th percentile [us] | over the median | steps | "
-        "of which call ProxQP | their median [us] |"
+        "| model | step, median [us] | step / floor | 99.9th percentile [us] | over the median | steps |"
     )
-    lines.append("|" + "---|" * 8)
+    lines.append("|" + "---|" * 6)
     lines += [
         f"| `{name}` | {r['step']:.1f} | {r['ratio']:.2f} | {r['step_p999']:.1f} | {r['tail']:.2f} | "
-        f"{r['steps']} | {100.0 * r['proxqp_share']:.1f} % | {_or_none(r['step_proxqp'])} |"
+        f"{r['steps']} |"
         for name, r in results.items()
     ]
     return "\n".join(lines)
-
-
-def _or_none(time: float) -> str:
-    return f"{time:.1f}" if math.isfinite(time) else "none"
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import numpy as np
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.check_points import CheckPoints
+from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.system.base_motion import roll_out
 
 CLEARANCE = 0.01  # [m]
@@ -37,7 +37,7 @@ def reachable_targets(
     sms: ffsms.SpaceManipulator, start: FloatArray, count: int, seed: int, dt: float
 ) -> list[Task]:
     """`count` tasks from joint positions `start` (n,); durations are whole numbers of steps `dt`."""
-    rng, limits, points = np.random.default_rng(seed), sms.limits, CheckPoints(sms)
+    rng, limits, points = np.random.default_rng(seed), sms.limits, Points(sms)
     low = np.where(np.isfinite(limits.lower), limits.lower, -math.pi)
     high = np.where(np.isfinite(limits.upper), limits.upper, math.pi)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -48,7 +48,7 @@ def reachable_targets(
         rates = np.tile(move, (STEPS, 1))
         # One second at constant rates: the base's motion depends on the path alone, not on its timing.
         q, _ = roll_out(sms, q0, move, np.zeros_like(rates), 1.0 / STEPS)
-        if min(float(points.evaluate(row).value.min()) for row in q) < CLEARANCE:
+        if min(float(points.values(row).min()) for row in q) < CLEARANCE:
             continue
         least = np.max(np.abs(move) / limits.velocity + limits.velocity / limits.acceleration)
         duration = dt * math.ceil(SLACK * float(least) / dt - 1e-9)

@@ -171,7 +171,7 @@ class SolverError(FfsmsError, RuntimeError):
 
 
 class SimulationDiverged(FfsmsError, ArithmeticError):
-    """A simulated state stopped being finite.
+    """A simulated state, or a torque of the controller, stopped being finite.
 
     Attributes
     ----------
@@ -181,11 +181,14 @@ class SimulationDiverged(FfsmsError, ArithmeticError):
         What was recorded up to that instant.
     """
 
-    def __init__(self, time: float, tracking: Any = None, saved: str = "") -> None:
-        super().__init__(
-            f"the simulated state is not finite after t = {time:.6g} s; "
-            f"use a smaller dt or softer gains{saved and '; '}{saved}"
-        )
+    def __init__(
+        self,
+        time: float,
+        tracking: Any = None,
+        saved: str = "",
+        what: str = "the simulated state is not finite after",
+    ) -> None:
+        super().__init__(f"{what} t = {time:.6g} s; use a smaller dt or softer gains{saved and '; '}{saved}")
         self.time = time
         self.tracking = tracking
 
@@ -272,5 +275,8 @@ def _rebuilt(kind: type[FfsmsError], args: tuple[Any, ...], values: dict[str, An
 
 
 def _short(value: Any) -> str:
-    text = " ".join(repr(value).split())
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # a number of more digits than Python writes, or an object that fails to tell its name
+        text = f"an object of class {type(value).__name__}"
     return text if len(text) <= 80 else text[:77] + "..."

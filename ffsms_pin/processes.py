@@ -33,6 +33,7 @@ ONE_THREAD = {
 }
 # Chunks handed out before the first of them is asked for, a process: enough to ride out one slow task.
 AHEAD = 4
+_MOST_JOBS = 1024  # processes
 # A chunk is at most this share of what is done already, so that the last ones end together.
 SHARE = 1.0 / 64.0
 
@@ -89,6 +90,8 @@ def all_results(
     found: Iterator[Outcome[T]], count: int, progress: Callable[[float], None] | None = None
 ) -> list[T]:
     """The results of `count` tasks; if any failed, `TasksFailed` carries the others."""
+    if progress is not None and not callable(progress):
+        raise InvalidValue("progress", progress, "must be a function or None")
     results: list[Any] = []
     failures: dict[int, Exception] = {}
     for outcome in found:
@@ -230,4 +233,6 @@ def _portable(error: Exception) -> Exception:
 def _checked(jobs: Any) -> int:
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
         raise InvalidValue("jobs", jobs, "must be a whole number above zero, or None for one a core")
+    if jobs > _MOST_JOBS:
+        raise InvalidValue("jobs", jobs, f"must not exceed {_MOST_JOBS}")
     return jobs

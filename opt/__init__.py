@@ -6,6 +6,8 @@ from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, L
 from ffsms_pin.opt.planning.many import plan_each, plan_many
 from ffsms_pin.opt.planning.plan import METHODS, plan
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.replanning import Replanning
+from ffsms_pin.opt.replan.step_planner import StepPlanner
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
 from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
@@ -27,10 +29,12 @@ __all__ = [
     "Pose",
     "Position",
     "Problem",
+    "Replanning",
     "Rows",
     "SearchOptions",
     "Smooth",
     "Step",
+    "StepPlanner",
     "StepProblem",
     "StepWeights",
     "Term",

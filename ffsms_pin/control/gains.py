@@ -8,7 +8,16 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, frozen, matrix, number, positive, vector
+from ffsms_pin.checks import (
+    SMALLEST_POSITIVE,
+    FloatArray,
+    dimensions,
+    frozen,
+    matrix,
+    number,
+    positive,
+    vector,
+)
 from ffsms_pin.errors import InvalidValue, SlowGains
 
 __all__ = ["check_time_constants", "gain_matrix", "positives", "torque_limits"]
@@ -41,8 +50,10 @@ def check_time_constants(controller: _Timed, q: ArrayLike, duration: float) -> F
     SlowGains
         The longest exceeds the duration: an error that is there at the start will be there at the end.
     """
-    constants = controller.time_constants(q)
+    if not callable(getattr(controller, "time_constants", None)):
+        raise InvalidValue("controller", controller, "must be one of this package's laws")
     duration = positive("duration", duration, "s")
+    constants = controller.time_constants(q)
     longest = float(constants[-1])
     if longest > duration:
         law = type(controller).__name__
@@ -62,10 +73,10 @@ def gain_matrix(
 
     With `zero` it need only be positive semidefinite; with `diagonal` it must be diagonal.
     """
-    dimensions = _dimensions(name, value)
-    if dimensions == 0:
+    given = dimensions(name, value)
+    if given == 0:
         gain = number(name, value) * np.eye(n)
-    elif dimensions == 1:
+    elif given == 1:
         gain = np.diag(vector(name, value, n))
     else:
         gain = matrix(name, value, n, n)
@@ -76,7 +87,7 @@ def gain_matrix(
         raise InvalidValue(name, value, "must be symmetric positive definite")
     least = float(np.linalg.eigvalsh(gain)[0])
     if least < -1e-12 * size or (least <= 0.0 and not zero):
-        if dimensions < 2:
+        if given < 2:
             raise InvalidValue(name, value, "must be at least zero" if zero else "must be above zero")
         raise InvalidValue(name, value, f"must be symmetric positive {'semi' if zero else ''}definite")
     return frozen(gain)
@@ -84,28 +95,18 @@ def gain_matrix(
 
 def positives(name: str, value: ArrayLike, n: int, unit: str = "") -> FloatArray:
     """Numbers above zero (n,), from one or n."""
-    if _dimensions(name, value) == 0:
+    if dimensions(name, value) == 0:
         return frozen(np.full(n, positive(name, value, unit)))
     numbers = vector(name, value, n, unit)
-    if not (numbers > 0.0).all():
+    if not (numbers >= SMALLEST_POSITIVE).all():
         raise InvalidValue(name, value, f"must be above zero{unit and f' [{unit}]'}")
     return frozen(numbers)
 
 
 def torque_limits(value: ArrayLike, n: int, name: str = "torque_limit") -> FloatArray:
     """Torque limits (n,), from one number or a vector; infinity is allowed."""
-    _dimensions(name, value)
+    dimensions(name, value)
     given = np.asarray(value)
     if given.dtype.kind not in "fiu" or given.shape not in ((), (n,)) or not (given > 0).all():  # also NaN
         raise InvalidValue(name, value, f"must be one number or ({n},), above zero [N m]")
     return frozen(np.full(n, given, dtype=np.float64))
-
-
-def _dimensions(name: str, value: ArrayLike) -> int:
-    try:
-        dimensions = np.ndim(value)
-    except ValueError:  # rows of different lengths
-        dimensions = 3
-    if dimensions > 2:
-        raise InvalidValue(name, value, "must be a number, a vector or a matrix") from None
-    return dimensions

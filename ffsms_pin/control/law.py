@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.checks import FloatArray, instance, sized
 from ffsms_pin.control.gains import torque_limits
 from ffsms_pin.system import SpaceManipulator
 
@@ -72,6 +72,7 @@ class JointLaw(ABC):
     """
 
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
+        instance("sms", sms, SpaceManipulator)
         self.sms = sms
         limit = torque_limits(sms.limits.torque if torque_limit is None else torque_limit, sms.n)
         self._lowest, self._highest, self._limited = -limit, limit, bool(np.isfinite(limit).any())
@@ -100,14 +101,17 @@ class JointLaw(ABC):
         Returns
         -------
         ndarray, shape (n,)
-            [N m], within `torque_limit`. NaN in the state gives NaN.
+            [N m], within `torque_limit`. NaN in the state gives NaN, and so may numbers far too large:
+            `simulate` ends the run there.
         """
-        tau = self._law(self._motion(q, v, q_d, qd_d, qdd_d))
+        with np.errstate(over="ignore", invalid="ignore"):
+            tau = self._law(self._motion(q, v, q_d, qd_d, qdd_d))
         return self._cut_off(tau) if self._limited else tau
 
     def lyapunov(self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike) -> float:
         """The function V of the law's proof at one measured state and wanted motion: at least zero."""
-        return self._energy(self._motion(q, v, q_d, qd_d, np.zeros(self.sms.n)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._energy(self._motion(q, v, q_d, qd_d, np.zeros(self.sms.n)))
 
     def _cut_off(self, tau: FloatArray) -> FloatArray:
         result: FloatArray = np.minimum(np.maximum(tau, self._lowest), self._highest)
@@ -137,8 +141,8 @@ class JointLaw(ABC):
             and v.shape == nv
             and q_d.shape == qd_d.shape == qdd_d.shape == n
         ):
-            q, v = _sized("q", q, nq), _sized("v", v, nv)
-            q_d, qd_d, qdd_d = _sized("q_d", q_d, n), _sized("qd_d", qd_d, n), _sized("qdd_d", qdd_d, n)
+            q, v = sized("q", q, *nq), sized("v", v, *nv)
+            q_d, qd_d, qdd_d = sized("q_d", q_d, *n), sized("qd_d", qd_d, *n), sized("qdd_d", qdd_d, *n)
         motion = self._own.motion
         motion.q, motion.v, motion.qd_d, motion.qdd_d = q, v, qd_d, qdd_d
         if self._plain:
@@ -150,10 +154,3 @@ class JointLaw(ABC):
 
 
 _FLOAT64 = np.dtype(np.float64)
-
-
-def _sized(name: str, value: ArrayLike, shape: tuple[int]) -> FloatArray:
-    """`value` as a vector; one that is a vector already may hold NaN."""
-    if type(value) is np.ndarray and value.dtype is _FLOAT64 and value.shape == shape:
-        return value
-    return vector(name, value, shape[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance, sized
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import floating_motion
 
@@ -14,7 +14,8 @@ __all__ = ["reduced_coriolis", "reduced_dynamics", "reduced_torque"]
 def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
     """H_q and C_q of tau = H_q qdd + C_q (paper, "Sliding Mode Control Design").
 
-    The same values as `State.H_q` and `State.C_q`, without a state being made: nothing is checked.
+    The same values as `State.H_q` and `State.C_q`, without a state being made: of the arguments only
+    kind and shape are checked.
 
     Parameters
     ----------
@@ -31,6 +32,8 @@ def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tup
     C_q : ndarray, shape (n,)
         Reduced Coriolis and centrifugal torque [N m].
     """
+    instance("sms", sms, SpaceManipulator)
+    q, v = sized("q", q, sms.nq), sized("v", v, sms.nv)
     M = dynamics.inertia_matrix(sms, q)
     N = floating_motion(M)
     effects = dynamics.velocity_effects(sms, q, v)
@@ -60,6 +63,8 @@ def reduced_coriolis(
     C : ndarray, shape (n, n)
         At the joint rates and zero momentum: dH_q/dt - 2 C is skew, and C qd = C_q where there is none.
     """
+    instance("sms", sms, SpaceManipulator)
+    q, v = sized("q", q, sms.nq), sized("v", v, sms.nv)
     M = dynamics.inertia_matrix(sms, q)
     N = floating_motion(M)
     effects = dynamics.velocity_effects(sms, q, v)

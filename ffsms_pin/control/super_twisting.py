@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -13,6 +16,16 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["SuperTwisting"]
+
+
+class _Memory(threading.local):
+    """What the law remembers, apart in each thread; a new thread begins with what the law was made with."""
+
+    def __init__(self, w: FloatArray, dt: float, used: bool = False) -> None:
+        self.w, self.dt, self.used = w.copy(), dt, used
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Memory, (self.w, self.dt, self.used)
 
 
 class SuperTwisting(JointLaw):
@@ -34,7 +47,9 @@ class SuperTwisting(JointLaw):
     supertwisting sliding-mode control algorithm", the same journal 65 (2020).
 
     The law has a memory, w: `reset` before another run (`simulate` does), and call `torque` once a control
-    step. While a torque is at its limit, its w is not integrated further.
+    step. While a torque is at its limit, its w is not integrated further. Each thread has a memory of its
+    own, so that one law serves several runs at once; a thread that has not called `reset` while another one
+    uses the law is refused, for it may want to go on with a memory that it does not see.
 
     Parameters
     ----------
@@ -70,16 +85,32 @@ class SuperTwisting(JointLaw):
         self.k_1 = positives("k_1", k_1, sms.n)
         self.k_2 = positives("k_2", k_2, sms.n)
         self.Gamma = gain_matrix("Gamma", Gamma, sms.n)
-        self.dt = positive("dt", dt, "s")
-        self.w = np.zeros(sms.n)
+        self._memory = _Memory(np.zeros(sms.n), positive("dt", dt, "s"))
+        self._used = False  # by any thread
+
+    @property
+    def w(self) -> FloatArray:
+        """Integrals (n,) of the present thread [rad/s^2]."""
+        return self._memory.w
+
+    @w.setter
+    def w(self, w: FloatArray) -> None:
+        self._memory.w = w
+
+    @property
+    def dt(self) -> float:
+        """Control step of the present thread [s]."""
+        return self._memory.dt
 
     def reset(self, dt: float | None = None) -> None:
         """Forget the disturbance; with `dt`, for a loop with that control step [s]."""
         self.w = np.zeros(self.sms.n)
+        self._memory.used = self._used = True
         if dt is not None:
+            dt = positive("dt", dt, "s")
             if not 0.99 < dt / self.dt < 1.01:
                 raise InvalidValue("controller.dt", self.dt, f"must be the loop's control step of {dt:g} s")
-            self.dt = dt
+            self._memory.dt = dt
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
         """Time constants of the error on s = 0 [s], ascending (n,); s itself is zero after a finite time.
@@ -93,9 +124,15 @@ class SuperTwisting(JointLaw):
         self, q: ArrayLike, v: ArrayLike, q_d: ArrayLike, qd_d: ArrayLike, qdd_d: ArrayLike
     ) -> FloatArray:
         """Joint torques (n,) [N m], once a control step; arguments as for `JointLaw.torque`."""
+        if not self._memory.used:
+            if self._used:
+                name = threading.current_thread().name
+                raise InvalidValue("thread", name, "must call reset() first: another thread uses this law")
+            self._memory.used = self._used = True
         before = self.w
         motion = self._motion(q, v, q_d, qd_d, qdd_d)
-        tau = self._law(motion)
+        with np.errstate(over="ignore", invalid="ignore"):
+            tau = self._law(motion)
         result = self._cut_off(tau)
         self.w = np.where(result == tau, self.w, before)
         return result

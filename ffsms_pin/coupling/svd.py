@@ -99,9 +99,16 @@ class Coupling:
             0 where the end effector does not move or `direction` vanishes (arrived).
         """
         J = self._velocity_jacobian()
-        rates = vector("joint_rates", joint_rates, self.V.shape[0], "rad/s")
+        rates = _of_size_one(vector("joint_rates", joint_rates, self.V.shape[0], "rad/s", largest=np.inf))
         scale = float(np.linalg.norm(J) * np.linalg.norm(rates))
-        return cosine(J @ rates, vector("direction", direction, 3), scale)
+        return cosine(J @ rates, vector("direction", direction, 3, largest=np.inf), scale)
 
     def __repr__(self) -> str:
         return f"Coupling(sigma={np.array2string(self.sigma, precision=4)}, entropy={self.entropy:.4f})"
+
+
+def _of_size_one(values: FloatArray) -> FloatArray:
+    """The same direction, to the last bit, in numbers whose products neither overflow nor vanish."""
+    _, exponent = np.frexp(np.abs(values).max())
+    scaled: FloatArray = np.ldexp(values, -exponent)
+    return scaled

@@ -13,7 +13,8 @@ from ffsms_pin.inspection.inertias import inertia_faults, mass_faults, thicken
 from ffsms_pin.inspection.joints import joint_faults, name_faults, root_faults, shape_faults
 from ffsms_pin.inspection.numbers import number_faults
 from ffsms_pin.system.loading import build
-from ffsms_pin.system.urdf_file import UrdfFile, read_robot
+from ffsms_pin.system.robot_element import read_robot
+from ffsms_pin.system.urdf_file import UrdfFile
 
 __all__ = ["Examination", "examine", "refusal"]
 
@@ -48,6 +49,7 @@ def examine(settings: Settings) -> Examination:
     """Find the faults of a file and mend those that can be, in memory."""
     robot = read_robot(settings.path)
     faults: list[Fault] = []
+    lasting: set[tuple[str, str]] = set()
     # Mending a joint may uncover another: a body without mass beyond which nothing moves any more.
     for _ in range(len(robot.findall("joint")) + 2):
         mends = 0
@@ -56,8 +58,10 @@ def examine(settings: Settings) -> Examination:
                 if fault.mend is not None:
                     fault.mend()
                     mends += 1
-                elif fault in faults:  # what cannot be mended is found again on every pass
+                elif (fault.where, fault.problem) in lasting:  # what cannot be mended is found on every pass
                     continue
+                else:
+                    lasting.add((fault.where, fault.problem))
                 faults.append(fault)
         if not mends:
             break

@@ -17,7 +17,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.inspection.faults import Fault, Settings
 from ffsms_pin.system.urdf_edit import fix_joint, words
-from ffsms_pin.system.urdf_file import is_number
+from ffsms_pin.system.urdf_numbers import is_number
 
 __all__ = ["inertia_faults", "inertial_numbers", "mass_faults", "solid_sphere", "thicken"]
 

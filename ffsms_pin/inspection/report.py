@@ -14,7 +14,7 @@ from ffsms_pin.inspection.examination import examine, refusal
 from ffsms_pin.inspection.faults import Fault, Settings
 from ffsms_pin.inspection.inertias import inertial_numbers
 from ffsms_pin.models.mounting import DEFAULT_RATE
-from ffsms_pin.system.urdf_file import read_robot
+from ffsms_pin.system.robot_element import read_robot
 from ffsms_pin.urdf import model_names, model_path
 
 __all__ = ["DEFAULT_EFFORT", "JointReport", "LinkReport", "Report", "checked_path", "inspect"]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, matrix, positive, vector
+from ffsms_pin.checks import FloatArray, dimensions, matrix, positive, vector
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["SatelliteBase"]
@@ -76,7 +76,7 @@ def _positives(name: str, value: ArrayLike, count: int) -> tuple[float, ...]:
 
 
 def _inertia(value: ArrayLike) -> FloatArray:
-    if np.ndim(value) == 1:
+    if dimensions("inertia", value) == 1:
         tensor = np.diag(vector("inertia", value, 3, "kg m^2"))
     else:
         tensor = matrix("inertia", value, 3, 3)

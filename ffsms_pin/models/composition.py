@@ -12,9 +12,9 @@ import pinocchio as pin
 from ffsms_pin.checks import number
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.models.base import SatelliteBase
+from ffsms_pin.system.robot_element import read_robot
 from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_edit import fix_joint, words
-from ffsms_pin.system.urdf_file import read_robot
 
 __all__ = ["compose"]
 

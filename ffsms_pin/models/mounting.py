@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from ffsms_pin.checks import pose
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.models.arms import ARMS, find_arm
 from ffsms_pin.models.base import SatelliteBase
@@ -89,7 +90,7 @@ def mount(
     if placement is None:
         placement = face_placement(base)
     else:
-        _check_placement(placement)
+        pose("placement", placement)
     try:
         joints = dict(known.locked) | dict(locked or {})
     except (TypeError, ValueError):
@@ -105,11 +106,3 @@ def face_placement(base: SatelliteBase) -> Any:
     """The default mount (pinocchio.SE3): the centre of the +x face, the arm's z axis along +x."""
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     return pin.SE3(turn, np.array([base.size[0] / 2.0, 0.0, 0.0]))
-
-
-def _check_placement(placement: Any) -> None:
-    if not isinstance(placement, pin.SE3) or not np.isfinite(placement.homogeneous).all():
-        raise InvalidValue("placement", placement, "must be a pinocchio.SE3 with finite entries")
-    turn = placement.rotation
-    if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0.0:
-        raise InvalidValue("placement", turn, "must hold a rotation matrix")

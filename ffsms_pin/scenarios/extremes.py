@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.clearances import ClearanceModel
+from ffsms_pin.opt.limits.clearance_rows import ClearanceModel
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
@@ -60,11 +60,11 @@ def least_clearances(sms: SpaceManipulator, trajectory: Trajectory, model: Clear
     return np.asarray(least)
 
 
-def clearances_along(sms: SpaceManipulator, q: Iterable[FloatArray], model: ClearanceModel) -> FloatArray:
+def clearances_along(q: Iterable[FloatArray], model: ClearanceModel) -> FloatArray:
     """Least value of each clearance (m,) [m] over configurations (nq,)."""
     least = np.full(model.count, np.inf)
-    for values in _each(sms, q, model):
-        least = np.minimum(least, values)
+    for row in q:
+        least = np.minimum(least, model.values(row))
     return least
 
 
@@ -74,15 +74,7 @@ def _clearances(
     """Clearances (k, m) at times (k,) of a trajectory."""
     home = pin.SE3.Identity()
     q = (sms.configuration(trajectory.sample(float(t))[0], home) for t in times)
-    return np.array(list(_each(sms, q, model))).reshape(len(times), model.count)
-
-
-def _each(sms: SpaceManipulator, q: Iterable[FloatArray], model: ClearanceModel) -> Iterator[FloatArray]:
-    """Clearances (m,) at each configuration (nq,)."""
-    data = sms.model.createData()
-    for row in q:
-        pin.framesForwardKinematics(sms.model, data, row)
-        yield np.array(model.values(data))
+    return np.array([model.values(row) for row in q]).reshape(len(times), model.count)
 
 
 class BaseMotion(NamedTuple):

@@ -160,5 +160,8 @@ def _suggestion(word: str, allowed: Collection[str]) -> str:
 
 
 def _short(value: Any) -> str:
-    words = " ".join(repr(value).split())
+    try:
+        words = " ".join(repr(value).split())
+    except ValueError:  # a whole number of more digits than Python writes
+        words = "a very long number"
     return words if len(words) <= 80 else words[:77] + "..."

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.opt.step_planner import clearance_model
+from ffsms_pin.opt.limits.clearance_rows import clearance_model
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.described import described
 from ffsms_pin.scenarios.extremes import base_numbers, clearances_along, least_clearances, position_range
@@ -151,7 +151,7 @@ def _tracked_clearance(outcome: Outcome) -> float | None:
         return None
     tracking = outcome.tracking
     every = max(1, round(outcome.trajectory.dt / float(tracking.t[1] - tracking.t[0])))
-    return float(clearances_along(outcome.plant, tracking.q[::every], model).min())
+    return float(clearances_along(tracking.q[::every], model).min())
 
 
 def _timing(outcome: Outcome) -> dict[str, float]:

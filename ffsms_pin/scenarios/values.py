@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
+from ffsms_pin.checks import LARGEST, SMALLEST_POSITIVE
+
 __all__ = [
     "Parser",
     "Unusable",
@@ -34,7 +36,7 @@ class Unusable(Exception):
 
 
 def number(value: Any) -> float:
-    """A finite number."""
+    """A finite number, no larger than 1e9."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise Unusable("must be a number")
     try:
@@ -43,14 +45,18 @@ def number(value: Any) -> float:
         raise Unusable("is too large") from None
     if not math.isfinite(result):
         raise Unusable("must be finite")
+    if abs(result) > LARGEST:
+        raise Unusable(f"must lie within {-LARGEST:g} and {LARGEST:g}")
     return result
 
 
 def positive(value: Any) -> float:
-    """A finite number above zero."""
+    """A finite number above zero, from 1e-12 to 1e9."""
     result = number(value)
     if result <= 0.0:
         raise Unusable("must be above zero")
+    if result < SMALLEST_POSITIVE:
+        raise Unusable(f"must be at least {SMALLEST_POSITIVE:g}")
     return result
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from itertools import count
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import FfsmsError
 from ffsms_pin.simulation.disturbances import GeneralisedForce
 
 __all__ = ["adaptive_step", "stiff_step"]
 
 _TOLERANCE = 1e-12
+_MOST_PARTS = 10_000  # of a step; a state that asks for more is on its way to infinity
+_MOST_SLOPES = 100_000  # of a part, likewise
 _REACH = 0.3  # [rad or m] farther than this the chart is moved, for the series below
 
 
@@ -46,6 +50,10 @@ def stiff_step(
     return _step(model, data, q, v, tau, dt, t, "Radau")
 
 
+class _TooLong(Exception):
+    """The solver asks for ever more slopes."""
+
+
 def _step(
     model: Any, data: Any, q: FloatArray, v: FloatArray, tau: Any, dt: float, t: float, method: str
 ) -> tuple[FloatArray, FloatArray, float]:
@@ -53,13 +61,20 @@ def _step(
 
     nv = v.size
     parts = max(1, int(np.ceil(float(np.abs(v).max()) * dt / _REACH))) if np.isfinite(v).all() else 1
+    if parts > _MOST_PARTS:
+        return q * np.nan, v * np.nan, np.nan
     h, work = dt / parts, 0.0
     tolerance = _TOLERANCE if method == "DOP853" else 1e-8
 
     for k in range(parts):
         start, begin = q, t + k * h
+        asked = count()
 
-        def slope(s: float, y: FloatArray, start: FloatArray = start, begin: float = begin) -> FloatArray:
+        def slope(
+            s: float, y: FloatArray, start: FloatArray = start, begin: float = begin, asked: Any = asked
+        ) -> FloatArray:
+            if next(asked) == _MOST_SLOPES:
+                raise _TooLong
             xi, velocity = y[:nv], y[nv : 2 * nv]
             place = pin.integrate(model, start, xi)
             force = tau(begin + s, place, velocity) if callable(tau) else tau
@@ -73,7 +88,12 @@ def _step(
         y0 = np.concatenate([np.zeros(nv), v, [0.0]])
         if not np.isfinite(y0).all():
             return q * np.nan, v * np.nan, np.nan
-        done = solve_ivp(slope, (0.0, h), y0, method=method, rtol=tolerance, atol=tolerance, first_step=h)
+        try:
+            done = solve_ivp(slope, (0.0, h), y0, method=method, rtol=tolerance, atol=tolerance, first_step=h)
+        except FfsmsError:  # of a force
+            raise
+        except (_TooLong, ValueError, np.linalg.LinAlgError):  # the latter two where a state is not finite
+            return q * np.nan, v * np.nan, np.nan
         y = done.y[:, -1] if done.success else np.full(y0.size, np.nan)
         q = pin.normalize(model, pin.integrate(model, start, y[:nv]))
         v = y[nv : 2 * nv]

@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, positive, vector
+from ffsms_pin.checks import MOST_STEPS, positive, step_count
 from ffsms_pin.errors import InvalidValue, ResultError, SimulationDiverged, SimulationStopped
 from ffsms_pin.simulation import disturbances as outside
 from ffsms_pin.simulation import events as happening
@@ -20,6 +19,14 @@ from ffsms_pin.simulation.events import Event, JointFault
 from ffsms_pin.simulation.friction import JointFriction
 from ffsms_pin.simulation.integrators import integrator as integrator_named
 from ffsms_pin.simulation.interfaces import Controller, Reference
+from ffsms_pin.simulation.loop_checks import (
+    check_kinds,
+    checked_plant,
+    first_sample,
+    start,
+    start_velocity,
+    target_function,
+)
 from ffsms_pin.simulation.record import Record
 from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.simulation.streaming import RowStream
@@ -30,6 +37,8 @@ from ffsms_pin.storage import check_writable
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["simulate"]
+
+MOST_STREAMED = 1_000_000_000  # steps of a run that goes to disk: some 300 GB
 
 
 def simulate(
@@ -105,27 +114,30 @@ def simulate(
     Returns
     -------
     Tracking
+        Its `note` says what happened: also that the total momentum changed though nothing acts from outside,
+        for which too large a step or too steep a friction is to blame.
 
     Raises
     ------
     InvalidValue
         A wrong shape or a number out of range, or a plant with other joints.
     SimulationDiverged
-        The state stopped being finite; the error carries what was recorded until then.
+        The state or a torque stopped being finite; the error carries what was recorded until then.
     SimulationStopped
         The watchdog stopped the run; likewise.
     ResultError
         The file of `stream` or of the watchdog cannot be written; found out before the run.
     """
-    plant = _checked_plant(sms, sms if plant is None else plant)
+    check_kinds(sms, reference, controller, progress, friction, actuator, sensors, watchdog)
+    plant = checked_plant(sms, sms if plant is None else plant)
     duration, dt = positive("reference.duration", reference.duration, "s"), positive("dt", dt, "s")
     if dt > duration * (1.0 + 1e-9):
         raise InvalidValue("dt", dt, f"must not exceed the reference's duration of {duration:g} s")
-    steps = round(duration / dt)
+    steps = step_count("dt", duration, dt, MOST_STEPS if stream is None else MOST_STREAMED)
     dt = duration / steps
 
-    q = _start(plant, reference, q0)
-    v = _start_velocity(plant, reference, q, v0, momentum)
+    q = start(plant, reference, q0)
+    v = start_velocity(plant, reference, q, v0, momentum)
     world = World(plant, integrator_named(integrator), friction, outside.checked(disturbances))
     coming = happening.checked(events, plant, duration)
     drive = None if actuator is None else actuator.start(plant.n, dt, duration)
@@ -134,12 +146,17 @@ def simulate(
     reset = getattr(controller, "reset", None)
     if reset is not None:
         reset(dt)
-    target = _target_function(reference.target)
+    target = target_function(reference.target)
     if watchdog is not None and watchdog.path is not None:
         check_writable(watchdog.path)
     rows = None if stream is None else RowStream(stream)
-    t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
-    record = Record(plant, t, target, rows)
+    try:
+        t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
+        record = Record(plant, t, target, rows)
+    except MemoryError:
+        raise InvalidValue(
+            "dt", dt, f"makes {steps} steps, too many for this memory: use stream=..."
+        ) from None
     work = 0.0
     stride = max(1, steps // 200)  # a progress bar needs no more
 
@@ -149,6 +166,8 @@ def simulate(
             now = float(t[k])
             while coming and coming[0].time <= now + 1e-9:
                 event = coming.pop(0)
+                if not world.pushed:
+                    record.check_momentum(k)
                 before = world.energy(q, v)
                 v = world.apply(event, q, v)
                 record.happened(now, event, world.plant)
@@ -158,7 +177,7 @@ def simulate(
             seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
             if observe is not None and k < steps:
                 observe(now, seen_q, seen_v)
-            wanted = reference.sample(now)
+            wanted = reference.sample(now) if k else first_sample(reference, plant.n)
             if not record.add(k, q, v, wanted, work):
                 recorded = record.tracking(k)
                 raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, _save(watchdog, recorded))
@@ -171,15 +190,20 @@ def simulate(
             if k == steps:
                 break
             tau = np.asarray(controller.torque(seen_q, seen_v, *wanted))
-            if tau.shape != (plant.n,):
-                raise InvalidValue("controller.torque", tau, f"must return shape ({plant.n},)")
+            if tau.shape != (plant.n,) or tau.dtype.kind not in "fiu":
+                raise InvalidValue("controller.torque", tau, f"must return numbers of shape ({plant.n},)")
             if drive is not None:
                 tau = drive.apply(tau)
+            if not np.isfinite(tau).all():
+                recorded, what = record.tracking(k + 1), "the controller's torque is not finite at"
+                raise SimulationDiverged(now, recorded, _save(watchdog, recorded), what)
             record.tau[k] = tau
             q, v, done = world.step(now, q, v, tau, dt)
             work += done
             if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):
                 progress((k + 1) / steps)
+        if not world.pushed:
+            record.check_momentum(steps + 1)
         return record.tracking(steps + 1)
 
 
@@ -192,51 +216,3 @@ def _save(watchdog: Watchdog | None, tracking: Tracking) -> str:
     except ResultError as error:
         return f"what was recorded is in the error's `tracking` only, for {error}"
     return f"recorded until then: {watchdog.path}"
-
-
-def _checked_plant(sms: SpaceManipulator, plant: SpaceManipulator) -> SpaceManipulator:
-    if not isinstance(plant, SpaceManipulator):
-        raise InvalidValue("plant", plant, "must be a SpaceManipulator")
-    if plant.joint_names != sms.joint_names or plant.nq != sms.nq:
-        raise InvalidValue(
-            "plant", plant.joint_names, f"must have the model's joints ({', '.join(sms.joint_names)})"
-        )
-    return plant
-
-
-def _start(plant: SpaceManipulator, reference: Reference, q0: ArrayLike | None) -> FloatArray:
-    if q0 is not None:
-        return plant.checked_configuration("q0", q0)
-    rows = getattr(reference, "q", None)
-    if rows is None:
-        raise InvalidValue("q0", None, "must be given: this reference does not say where it starts")
-    return plant.checked_configuration("reference.q[0]", rows[0])
-
-
-def _start_velocity(
-    plant: SpaceManipulator,
-    reference: Reference,
-    q: FloatArray,
-    v0: ArrayLike | None,
-    momentum: ArrayLike | None,
-) -> FloatArray:
-    if v0 is not None:
-        if momentum is not None:
-            raise InvalidValue("momentum", momentum, "cannot be given together with v0")
-        return vector("v0", v0, plant.nv)
-    rates = vector("joint rates of reference.sample(0)", reference.sample(0.0)[1], plant.n, "rad/s")
-    planned = getattr(reference, "momentum", None)
-    return plant.velocity(q, rates, planned if momentum is None else momentum)
-
-
-def _target_function(target: Any) -> Callable[[float], FloatArray]:
-    """The target's position as a function of time."""
-    if callable(target):
-        return lambda t: _position(target(t))
-    fixed = _position(target)
-    return lambda t: fixed
-
-
-def _position(target: Any) -> FloatArray:
-    """Position (3,) of a target, which may be a pose."""
-    return vector("target", getattr(target, "translation", target), 3, "m")

@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, number, vector
+from ffsms_pin.checks import FloatArray, number, one_of, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -41,8 +41,7 @@ class Wrench:
 
     def force(self, plant: SpaceManipulator) -> GeneralisedForce:
         """The generalised force, conjugate to Pinocchio's v."""
-        if self.on not in ("base", "end-effector"):
-            raise InvalidValue("wrench.on", self.on, 'must be "base" or "end-effector"')
+        one_of("wrench.on", self.on, ("base", "end-effector"))
         start, end = number("wrench.start", self.start), self.end
         if not (isinstance(end, (int, float)) and end > start):
             raise InvalidValue("wrench.end", end, f"must be after its start at {start:g} s")
@@ -73,7 +72,10 @@ class Wrench:
 
 def checked(disturbances: Any) -> tuple[Wrench, ...]:
     """The argument `disturbances` of `simulate`: one or several."""
-    several = (disturbances,) if isinstance(disturbances, Wrench) else tuple(disturbances)
+    try:
+        several = (disturbances,) if isinstance(disturbances, Wrench) else tuple(disturbances)
+    except TypeError:
+        raise InvalidValue("disturbances", disturbances, "must hold Wrench objects") from None
     for one in several:
         if not isinstance(one, Wrench):
             raise InvalidValue("disturbances", one, "must hold Wrench objects")

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, matrix, number, positive, vector
+from ffsms_pin.checks import FloatArray, dimensions, matrix, number, one_of, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -49,7 +49,7 @@ class Capture:
         """The client as a pinocchio.Inertia in the end-effector frame."""
         tensor = (
             np.diag(vector("capture.inertia", self.inertia, 3, "kg m^2"))
-            if np.ndim(self.inertia) == 1
+            if dimensions("capture.inertia", self.inertia) == 1
             else matrix("capture.inertia", self.inertia, 3, 3)
         )
         a, b, c = np.linalg.eigvalsh(tensor)
@@ -134,7 +134,10 @@ Event: TypeAlias = Capture | JointFault
 
 def checked(events: Any, plant: SpaceManipulator, duration: float) -> list[Event]:
     """The argument `events` of `simulate`, in order of time."""
-    several = [events] if isinstance(events, (Capture, JointFault)) else list(events)
+    try:
+        several = [events] if isinstance(events, (Capture, JointFault)) else list(events)
+    except TypeError:
+        raise InvalidValue("events", events, "must hold Capture and JointFault objects") from None
     for event in several:
         if not isinstance(event, (Capture, JointFault)):
             raise InvalidValue("events", event, "must hold Capture and JointFault objects")
@@ -142,8 +145,9 @@ def checked(events: Any, plant: SpaceManipulator, duration: float) -> list[Event
             raise InvalidValue("event.time", event.time, f"must be within the run's {duration:g} s")
         if isinstance(event, Capture):
             event.body()
+            if event.twist is not None:
+                vector("capture.twist", event.twist, 6, "m/s, rad/s")
         else:
             event.index(plant)
-            if event.kind not in ("locked", "limp"):
-                raise InvalidValue("fault.kind", event.kind, 'must be "locked" or "limp"')
+            one_of("fault.kind", event.kind, ("locked", "limp"))
     return sorted(several, key=lambda event: event.time)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, positive, vector
+from ffsms_pin.checks import FloatArray, per_joint, positive
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["JointFriction"]
@@ -47,7 +47,7 @@ class JointFriction:
 
 
 def _at_least_zero(name: str, value: ArrayLike, n: int) -> FloatArray:
-    numbers = vector(name, np.full(n, value) if np.ndim(value) == 0 else value, n)
+    numbers = per_joint(name, value, n)
     if not (numbers >= 0.0).all():
         raise InvalidValue(name, value, "must be at least zero")
     return numbers

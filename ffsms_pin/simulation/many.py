@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ffsms_pin.checks import dimensions
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.processes import Outcome, all_results, outcomes
 from ffsms_pin.simulation.closed_loop import simulate
@@ -109,8 +110,18 @@ def simulate_each(
         that was stopped carries what was recorded.
     """
     # The manipulator goes with every task, so that a controller made with it still shares it there.
-    found = outcomes(_simulate, None, ((sms, dict(task)) for task in tasks), jobs, largest_chunk=1)
+    try:
+        waiting = iter(tasks)
+    except TypeError:
+        raise InvalidValue("tasks", tasks, "must give dicts of arguments of simulate") from None
+    found = outcomes(_simulate, None, ((sms, _arguments(task)) for task in waiting), jobs, largest_chunk=1)
     return (_frozen(outcome) for outcome in found)
+
+
+def _arguments(task: Any) -> dict[str, Any]:
+    if not isinstance(task, Mapping):
+        raise InvalidValue("task", task, "must be a dict of arguments of simulate")
+    return dict(task)
 
 
 def _simulate(_: None, task: tuple[SpaceManipulator, dict[str, Any]]) -> Tracking:
@@ -127,7 +138,7 @@ def _frozen(outcome: Outcome[Tracking]) -> Outcome[Tracking]:
 def _rows(name: str, value: Any) -> list[Any] | None:
     """The values one a simulation, or None where there is one for all."""
     if name in _ROWS:
-        return list(np.asarray(value)) if value is not None and np.ndim(value) == 2 else None
+        return list(np.asarray(value)) if value is not None and dimensions(name, value) == 2 else None
     if name in ("reference", "controller", "plant", "sensors") and isinstance(value, (list, tuple, Iterator)):
         return list(value)
     return None

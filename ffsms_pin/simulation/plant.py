@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, number, positive, vector
+from ffsms_pin.checks import FloatArray, dimensions, instance, number, positive, vector, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -64,6 +64,7 @@ def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors:
     InvalidValue
         A factor that is not above zero, a wrong shape, or a keyword that is no field of `InertialError`.
     """
+    instance("sms", sms, SpaceManipulator)
     if error is None:
         known = [field.name for field in fields(InertialError)]
         for name in errors:
@@ -80,7 +81,7 @@ def perturb(sms: SpaceManipulator, error: InertialError | None = None, **errors:
     shifts = np.zeros((n, 3))
     shifts[:] = (
         vector("arm_com", error.arm_com, 3, "m")
-        if np.ndim(error.arm_com) < 2
+        if dimensions("arm_com", error.arm_com) < 2
         else [vector("arm_com", row, 3, "m") for row in _rows("arm_com", error.arm_com, n)]
     )
     base, *arm = list(sms.model.inertias)[1:]
@@ -114,6 +115,9 @@ def random_plants(
     ------
     SpaceManipulator
     """
+    instance("sms", sms, SpaceManipulator)
+    instance("rng", rng, np.random.Generator)
+    count = whole("count", count, 0)
     for name, share in (("arm_mass", arm_mass), ("base_mass", base_mass), ("base_inertia", base_inertia)):
         if not 0.0 <= number(name, share) < 1.0:
             raise InvalidValue(name, share, "must be a share of at least 0 and below 1")
@@ -131,12 +135,9 @@ def _changed(body: Any, mass: float, inertia: float, shift: FloatArray) -> Any:
 
 
 def _factors(name: str, value: ArrayLike, n: int) -> FloatArray:
-    if np.ndim(value) == 0:
+    if dimensions(name, value) == 0:
         return np.full(n, positive(name, value))
-    factors = vector(name, value, n)
-    if not (factors > 0.0).all():
-        raise InvalidValue(name, value, "must be above zero")
-    return factors
+    return np.array([positive(name, factor) for factor in vector(name, value, n)])
 
 
 def _rows(name: str, value: Any, n: int) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.simulation.conservation import momentum_lost
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.system import SpaceManipulator
@@ -49,6 +50,7 @@ class Record:
             self._notes.append(
                 f"rows of an earlier run that was left unfinished are kept in {rows.set_aside}"
             )
+        self._since = 0  # the first row after the last event
 
         def made(name: str, *shape: int) -> FloatArray:
             return np.empty(shape) if rows is None else rows.empty(name, shape)
@@ -63,6 +65,7 @@ class Record:
     def happened(self, t: float, event: object, plant: SpaceManipulator) -> None:
         """Note an event, and record from the plant as it is after it."""
         self._finish_rows()
+        self._since = self._complete
         self._notes.append(f"t = {t:.6g} s: {event}")
         self._plant, self._data = plant, plant.model.createData()
 
@@ -96,6 +99,20 @@ class Record:
             x, y, z = (target - pin.updateFramePlacement(model, data, frame).translation).tolist()
             self.position_error[k] = math.hypot(x, y, z)
         self._targets.clear()
+
+    def check_momentum(self, rows: int) -> None:
+        """Note where the total momentum was not kept since the last event, up to the row before `rows`.
+
+        For plants on which nothing acts from outside.
+        """
+        self._finish_rows()
+        first, last = self._since, rows - 1
+        if last <= first:
+            return
+        energy = float(self.kinetic_energy[first:rows].max())
+        lost = momentum_lost(self._plant, self.q[first], self.momentum[first], self.momentum[last], energy)
+        if lost:
+            self._notes.append(lost)
 
     def tracking(self, rows: int) -> Tracking:
         """The first rows, and the steps between them; on disk they become the result's file."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, number
+from ffsms_pin.checks import FloatArray, number, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -57,8 +57,7 @@ class RunningSensors:
         for name, value in vars(sensors).items():
             if name != "seed" and number(f"sensors.{name}", value) < 0.0:
                 raise InvalidValue(f"sensors.{name}", value, "must be at least zero")
-        if isinstance(sensors.seed, bool) or not isinstance(sensors.seed, int) or sensors.seed < 0:
-            raise InvalidValue("sensors.seed", sensors.seed, "must be a whole number of at least zero")
+        whole("sensors.seed", sensors.seed, 0)
         if sensors.base_latency >= duration:
             raise InvalidValue(
                 "sensors.base_latency",

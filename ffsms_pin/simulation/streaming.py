@@ -20,7 +20,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import ResultError
 from ffsms_pin.simulation.unfinished import ROWS, begun, check_stream, given_up
-from ffsms_pin.storage import require_space, write_atomically
+from ffsms_pin.storage import path_like, require_space, write_atomically
 
 __all__ = ["RowStream", "save_mapped"]
 
@@ -45,7 +45,7 @@ class RowStream:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = check_stream(path)
+        self.path = check_stream(path_like("stream", path))
         self._arrays: dict[str, np.memmap[Any, Any]] = {}
         self._size = 0
         try:

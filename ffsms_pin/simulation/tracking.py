@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.checks import FloatArray, frozen, instance
 from ffsms_pin.simulation.streaming import save_mapped
 from ffsms_pin.simulation.unfinished import recorded
-from ffsms_pin.storage import check_shapes, check_times, load_arrays, save_arrays
+from ffsms_pin.storage import check_shapes, check_times, load_arrays, path_like, save_arrays
 
 __all__ = ["Tracking"]
 
@@ -120,6 +120,8 @@ class Tracking:
         complete : bool
             Whether to read the complete file, whatever a newer run left unfinished beside it.
         """
+        path = path_like("path", path)
+        instance("complete", complete, bool)
         partial = None if complete else recorded(path, list(_SHAPES))
         if partial is not None:
             check_shapes(path, partial, _SHAPES)

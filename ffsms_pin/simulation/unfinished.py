@@ -27,7 +27,7 @@ _MARK, _WORDS = "ffsms-pin-recording", "ffsms-pin: rows of a recording that is n
 def part_folder(path: str | os.PathLike[str]) -> Path:
     """Where the rows of the result `path` are until it is complete; a link is followed."""
     path = Path(os.path.realpath(path))
-    return path.with_name(path.name + ".part")
+    return path.parent / f"{path.name}.part"  # "/" has no name to be changed
 
 
 def check_stream(path: str | os.PathLike[str]) -> Path:
@@ -124,7 +124,7 @@ def recorded(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str, An
         arrays = {name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in names}
         # The torque of a step belongs to its end as well: the last row has none yet.
         return {name: array[: rows - (name == "tau")] for name, array in arrays.items()}
-    except (OSError, ValueError, IndexError):
+    except (OSError, EOFError, ValueError, IndexError):  # its run was killed while it made them
         raise ResultError(path, "was left unfinished, and its rows cannot be read") from None
 
 

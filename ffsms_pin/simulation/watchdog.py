@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, number
+from ffsms_pin.checks import FloatArray, number, whole
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.storage import path_like
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Watchdog"]
@@ -44,16 +45,11 @@ class Watchdog:
     def __post_init__(self) -> None:
         for name in ("position_margin", "rate_margin", "joint_error"):
             value = getattr(self, name)
-            if value != np.inf and number(f"watchdog.{name}", value) < 0.0:
+            if not _infinite(value) and number(f"watchdog.{name}", value) < 0.0:
                 raise InvalidValue(f"watchdog.{name}", value, "must be at least zero")
-        if (
-            isinstance(self.failed_steps, bool)
-            or not isinstance(self.failed_steps, int)
-            or self.failed_steps < 1
-        ):
-            raise InvalidValue(
-                "watchdog.failed_steps", self.failed_steps, "must be a whole number above zero"
-            )
+        whole("watchdog.failed_steps", self.failed_steps, 1)
+        if self.path is not None:
+            path_like("watchdog.path", self.path)
 
     def complaint(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, joint_error: FloatArray, reference: Any
@@ -75,3 +71,7 @@ class Watchdog:
         if failed >= self.failed_steps:
             return f"{failed} planning steps in a row were not solved"
         return ""
+
+
+def _infinite(value: object) -> bool:
+    return isinstance(value, float) and value == np.inf

@@ -48,6 +48,11 @@ class World:
         self._tau = np.zeros(plant.nv)
         self._take(plant)
 
+    @property
+    def pushed(self) -> bool:
+        """Whether something acts from outside, so that the total momentum changes."""
+        return bool(self._disturbances)
+
     def _take(self, plant: SpaceManipulator) -> None:
         self.plant = plant
         self._data = plant.model.createData()

@@ -11,6 +11,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.errors import ResultError
+from ffsms_pin.storage.paths import path_like
 from ffsms_pin.storage.writing import write_atomically
 
 __all__ = ["Header", "load_arrays", "save_arrays"]
@@ -66,6 +67,7 @@ def load_arrays(
         Is given the headers of the arrays, by name, before any of them is read; raises `ResultError` where
         they do not fit.
     """
+    path = path_like("path", path)
     try:
         if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
             raise ResultError(path, "is no regular file, so it is not read")

@@ -10,7 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO
 
-from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.errors import ResultError
+from ffsms_pin.storage.paths import path_like
 from ffsms_pin.storage.temporary import locked_file, remove_leftovers
 
 __all__ = [
@@ -37,12 +38,12 @@ def regular_target(path: str | os.PathLike[str]) -> Path:
 
     Raises
     ------
+    InvalidValue
+        It is no path.
     ResultError
         Something else than a regular file is there.
     """
-    if not isinstance(path, (str, os.PathLike)) or not os.fspath(path) or "\0" in str(path):
-        raise InvalidValue("path", path, "must name a file")
-    target = Path(os.path.realpath(path))
+    target = Path(os.path.realpath(path_like("path", path)))
     try:
         kind = stat.S_IFMT(target.lstat().st_mode)
     except (FileNotFoundError, NotADirectoryError):

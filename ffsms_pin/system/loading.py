@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.checks import FloatArray, per_joint
 from ffsms_pin.errors import AmbiguousEndEffector, InvalidUrdf, InvalidValue, ModelNotFound, UnsupportedJoint
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.shapes import Description
@@ -109,7 +109,7 @@ def _rate_limits(model: Any, velocity: ArrayLike | None, missing: float | None) 
     limits = np.array(model.upperVelocityLimit)
     n = limits.size - 6
     if velocity is not None:
-        limits[6:] = vector("velocity", np.full(n, velocity) if np.ndim(velocity) == 0 else velocity, n)
+        limits[6:] = per_joint("velocity", velocity, n, "rad/s")
     elif missing is not None:
         limits[6:][limits[6:] >= np.finfo(np.float64).max] = missing
     return limits

@@ -11,11 +11,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.checks import FloatArray, instance, one_of, pose, vector
 from ffsms_pin.errors import GeometryError, InvalidInertia, InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
-from ffsms_pin.system.joints import JointLayout
-from ffsms_pin.system.limits import ACCELERATION_PER_VELOCITY, JointLimits
+from ffsms_pin.system.limits import JointLimits, limits_of
 from ffsms_pin.system.mechanism import Mechanism, scratch
 from ffsms_pin.system.shapes import Description, ShapeKind
 from ffsms_pin.system.state import State
@@ -83,7 +82,7 @@ class SpaceManipulator(Mechanism):
     ) -> None:
         super().__init__(model, end_effector)
         if limits is None:
-            limits = _limits(self.model, self.layout, acceleration)
+            limits = limits_of(self.model, self.layout, acceleration)
         elif acceleration is not None:
             raise InvalidValue("acceleration", acceleration, "is part of `limits`; give one of the two")
         elif not isinstance(limits, JointLimits) or limits.lower.shape != (self.n,):
@@ -92,6 +91,9 @@ class SpaceManipulator(Mechanism):
         self.base_size = _box(base_size)
         if base_box_placement is None:
             base_box_placement = pin.SE3(np.eye(3), self.base_com)
+        else:
+            pose("base_box_placement", base_box_placement)
+        instance("description", description, Description, optional=True)
         self.base_box_placement = base_box_placement.copy()
         self.description = description
         self._geometry: dict[str, Any] = {}
@@ -110,6 +112,7 @@ class SpaceManipulator(Mechanism):
 
     def with_limits(self, limits: JointLimits) -> SpaceManipulator:
         """The same robot with other joint limits; this one stays as it is."""
+        instance("limits", limits, JointLimits)
         return self._variant(self.model, limits)
 
     def with_inertias(self, inertias: Any) -> SpaceManipulator:
@@ -154,9 +157,10 @@ class SpaceManipulator(Mechanism):
         q : array_like, shape (nq,)
             Configuration; the quaternion (x, y, z, w) must be of unit length to 1e-6.
         v : array_like, shape (6 + n,), optional
-            Velocity, Pinocchio's; default: at rest.
+            Velocity, Pinocchio's; default: at rest. Any finite numbers, so that a run that diverges can be
+            looked at to its end; what is made of them may overflow.
         """
-        rates = np.zeros(self.nv) if v is None else vector("v", v, self.nv)
+        rates = np.zeros(self.nv) if v is None else vector("v", v, self.nv, largest=math.inf)
         return State(self, self.checked_configuration("q", q), rates)
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
@@ -188,13 +192,7 @@ class SpaceManipulator(Mechanism):
         q[6] = 1.0
         self.layout.set_positions(q, vector("joints", joints, self.n, "rad"))
         if base is not None:
-            if not isinstance(base, pin.SE3) or not np.isfinite(base.homogeneous).all():
-                raise InvalidValue("base", base, "must be a pinocchio.SE3 with finite entries")
-            if (
-                np.abs(base.rotation.T @ base.rotation - np.eye(3)).max() > 1e-6
-                or np.linalg.det(base.rotation) < 0.0
-            ):
-                raise InvalidValue("base", base.rotation, "must hold a rotation matrix")
+            pose("base", base)
             q[:7] = pin.SE3ToXYZQUAT(base)
         else:
             q[:3] = -pin.centerOfMass(self.model, scratch(self), q)
@@ -240,8 +238,7 @@ class SpaceManipulator(Mechanism):
         GeometryError
             A mesh is not there or cannot be read, or the model was not made from a URDF.
         """
-        if kind not in ("visual", "collision"):
-            raise InvalidValue("kind", kind, "must be 'visual' or 'collision'")
+        one_of("kind", kind, ("visual", "collision"))
         if self.description is None:
             raise GeometryError("the model was not made from a URDF, so nothing is known of its shapes")
         if kind not in self._geometry:
@@ -272,22 +269,3 @@ def _box(size: ArrayLike | None) -> tuple[float, float, float] | None:
     if min(length, width, height) <= 0.0:
         raise InvalidValue("base_size", size, "must be above zero [m]")
     return length, width, height
-
-
-def _limits(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -> JointLimits:
-    lower, upper = layout.position_limits(model)
-    velocity = np.array(model.upperVelocityLimit[6:])  # the lower one has the wrong sign in Pinocchio 4.1
-    torque = np.array(model.upperEffortLimit[6:])
-    # Pinocchio writes "no limit" as the largest float; as infinity it can be tested for.
-    largest = np.finfo(np.float64).max
-    velocity[velocity >= largest] = np.inf
-    torque[torque >= largest] = np.inf
-    if acceleration is None:
-        limit = ACCELERATION_PER_VELOCITY * velocity
-    else:
-        limit = vector(
-            "acceleration",
-            np.full(layout.n, acceleration) if np.ndim(acceleration) == 0 else acceleration,
-            layout.n,
-        )
-    return JointLimits(lower, upper, velocity, limit, torque)

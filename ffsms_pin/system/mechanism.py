@@ -95,7 +95,7 @@ def scratch(robot: Mechanism) -> Any:
 def _frame_id(model: Any, name: str) -> int:
     """Index of a frame; a link and a joint may share a name, and then the link is meant."""
     frames = [(i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0]
-    found = [(i, frame) for i, frame in frames if frame.name == name]
+    found = [(i, frame) for i, frame in frames if isinstance(name, str) and frame.name == name]
     if not found:
         raise FrameNotFound(str(name), list(dict.fromkeys(frame.name for _, frame in frames)))
     return next((i for i, frame in found if frame.type == pin.FrameType.BODY), found[0][0])

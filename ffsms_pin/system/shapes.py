@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import pinocchio as pin
 
 from ffsms_pin.errors import GeometryError
-from ffsms_pin.system.urdf_file import is_number
+from ffsms_pin.system.urdf_numbers import is_number
 
 __all__ = ["Description", "ShapeKind", "find_mesh", "shape_problem"]
 

@@ -191,9 +191,9 @@ class State:
         """Kinetic energy [J]."""
         return self._centroidal.kinetic_energy
 
-    def drift(self, momentum: FloatArray) -> FloatArray:
+    def drift(self, momentum: ArrayLike) -> FloatArray:
         """Root velocity (6,), Pinocchio's, that gives the system `momentum` (6,) with the joints at rest."""
-        return base_reaction.root_drift(self._M, self.q, momentum)
+        return base_reaction.root_drift(self._M, self.q, vector("momentum", momentum, 6))
 
     # -- coupling
     @cached_property

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system.urdf_file import is_number
+from ffsms_pin.system.urdf_numbers import is_number
 
 __all__ = ["fix_joint", "words"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -13,13 +12,11 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
+from ffsms_pin.system.robot_element import read_robot
+from ffsms_pin.system.urdf_numbers import number_of, origin_of, triple_of
 
-__all__ = ["Box", "Inertial", "Joint", "Link", "UrdfFile", "is_number", "read_robot"]
+__all__ = ["Box", "Inertial", "Joint", "Link", "UrdfFile"]
 
-# The C locale's decimal numbers, which is what URDF readers accept.
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-# Above anything that is built, and small enough for products of it to stay finite. Limits may be larger.
-_LARGEST = 1e30
 _MOVING = {"revolute", "continuous", "prismatic"}
 _LIMITED = {"revolute", "prismatic"}
 # What the dynamics are made of; the rest (shapes, colours, transmissions) stays out.
@@ -69,25 +66,6 @@ class Joint:
 
 
 _Named = TypeVar("_Named", Link, Joint)
-
-
-def is_number(text: str) -> bool:
-    """Whether `text` is a finite decimal number as every URDF reader takes it: no blanks, no formula."""
-    return _NUMBER.fullmatch(text) is not None and math.isfinite(float(text))
-
-
-def read_robot(path: Path, content: bytes | None = None) -> ElementTree.Element:
-    """The <robot> element of a file, or of `content` that stands for it; comments are kept."""
-    parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
-    try:
-        robot = ElementTree.fromstring(path.read_bytes() if content is None else content, parser)
-    except OSError as error:
-        raise InvalidUrdf(path, f"cannot be read ({error.strerror})") from None
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InvalidUrdf(path, f"is not an XML file ({error})") from None
-    if robot.tag != "robot":
-        raise InvalidUrdf(path, f"is not a URDF: its root element is <{robot.tag}>, not <robot>")
-    return robot
 
 
 class UrdfFile:
@@ -185,14 +163,13 @@ class UrdfFile:
 
     def _inertial(self, element: ElementTree.Element, link: str) -> Inertial:
         where = f"link '{link}'"
-        self._origin(element, where)
+        origin_of(self.path, element, where)
         mass_element, inertia_element = element.find("mass"), element.find("inertia")
         if mass_element is None or inertia_element is None:
             raise InvalidInertia(self.path, link, "has an <inertial> without both <mass> and <inertia>")
-        mass = self._number(mass_element, "value", where)
-        xx, xy, xz, yy, yz, zz = (
-            self._number(inertia_element, key, where) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        )
+        mass = number_of(self.path, mass_element, "value", where)
+        keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        xx, xy, xz, yy, yz, zz = (number_of(self.path, inertia_element, key, where) for key in keys)
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         if mass < 0.0:
             raise InvalidInertia(self.path, link, f"has a negative mass, {mass:g} kg")
@@ -233,7 +210,7 @@ class UrdfFile:
                 self.path,
                 f"{where} mimics another joint, which cannot be used: make it fixed, or free of <mimic>",
             )
-        self._origin(item, where)
+        origin_of(self.path, item, where)
         joint = Joint(name, kind, ends[0], ends[1])
         if joint.moves:
             self._check_axis_and_limits(item, joint)
@@ -242,25 +219,25 @@ class UrdfFile:
     def _check_axis_and_limits(self, item: ElementTree.Element, joint: Joint) -> None:
         where = f"joint '{joint.name}'"
         axis = item.find("axis")
-        if axis is not None and math.hypot(*self._triple(axis, "xyz", where)) < 1e-9:
+        if axis is not None and math.hypot(*triple_of(self.path, axis, "xyz", where)) < 1e-9:
             raise InvalidUrdf(self.path, f"{where} has a zero axis")
         dynamics = item.find("dynamics")
         if dynamics is not None:
             if dynamics.get("damping") is None and dynamics.get("friction") is None:
                 raise InvalidUrdf(self.path, f"{where} has a <dynamics> with neither damping nor friction")
             for key in ("damping", "friction"):
-                self._number(dynamics, key, where, default=0.0)
+                number_of(self.path, dynamics, key, where, default=0.0)
         limit = item.find("limit")
         if limit is None:
             if joint.type in _LIMITED:
                 raise InvalidUrdf(self.path, f"{where} is {joint.type} but has no <limit>")
             return
         for key in ("velocity", "effort"):
-            value = self._number(limit, key, where, largest=math.inf)
+            value = number_of(self.path, limit, key, where, largest=math.inf)
             if value <= 0.0:
                 raise InvalidUrdf(self.path, f"{where} has a {key} limit of {value:g}; it must be above zero")
-        lower = self._number(limit, "lower", where, default=0.0, largest=math.inf)
-        upper = self._number(limit, "upper", where, default=0.0, largest=math.inf)
+        lower = number_of(self.path, limit, "lower", where, default=0.0, largest=math.inf)
+        upper = number_of(self.path, limit, "upper", where, default=0.0, largest=math.inf)
         if joint.type in _LIMITED and lower >= upper:
             raise InvalidUrdf(
                 self.path, f"{where} has its limits the wrong way round: lower {lower:g} >= upper {upper:g}"
@@ -305,48 +282,11 @@ class UrdfFile:
                 )
 
     def _box(self, shape: ElementTree.Element, where: str) -> Box | None:
-        xyz, rpy = self._origin(shape, where)
+        xyz, rpy = origin_of(self.path, shape, where)
         element = shape.find("geometry/box")
         if element is None:
             return None
-        size = self._triple(element, "size", where)
+        size = triple_of(self.path, element, "size", where)
         if min(size) <= 0.0:
             raise InvalidUrdf(self.path, f"{where} has a box of size {size}; edges must be above zero")
         return Box(size, xyz, rpy)
-
-    def _origin(
-        self, parent: ElementTree.Element, where: str
-    ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        origin = parent.find("origin")
-        if origin is None:
-            return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-        return self._triple(origin, "xyz", where), self._triple(origin, "rpy", where)
-
-    def _triple(self, element: ElementTree.Element, key: str, where: str) -> tuple[float, float, float]:
-        words = element.get(key, "0 0 0").split()
-        if len(words) != 3:
-            raise InvalidUrdf(self.path, f'{where} has {key}="{element.get(key)}": three numbers are needed')
-        x, y, z = (self._parse(word, key, where) for word in words)
-        return x, y, z
-
-    def _number(
-        self,
-        element: ElementTree.Element,
-        key: str,
-        where: str,
-        default: float | None = None,
-        largest: float = _LARGEST,
-    ) -> float:
-        text = element.get(key)
-        if text is None:
-            if default is not None:
-                return default
-            raise InvalidUrdf(self.path, f"{where} has no {key} in <{element.tag}>")
-        return self._parse(text, key, where, largest)
-
-    def _parse(self, text: str, key: str, where: str, largest: float = _LARGEST) -> float:
-        if not is_number(text):
-            raise InvalidUrdf(self.path, f'{where} has {key}="{text}", which is not a finite decimal number')
-        if abs(float(text)) > largest:
-            raise InvalidUrdf(self.path, f'{where} has {key}="{text}", which is too large')
-        return float(text)

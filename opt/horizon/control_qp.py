@@ -58,7 +58,8 @@ class ControlQP:
         n, size = problem.sms.n, spline.size
         self._free = np.flatnonzero(np.tile(problem.free, size))
         kinds = _kinds(problem, spline)
-        rows, lower, upper = [], [], []
+        # There may be none, where nothing is limited and the end is free.
+        rows, lower, upper = [np.empty((0, size * n))], [np.empty(0)], [np.empty(0)]
         self.labels: list[tuple[str, int]] = []
         for kind in kinds:
             # Those of one control point after the other, the joints last: the rates' are the identity.

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, number, positive, vector
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.braking import braking, hard_bounds, within
@@ -27,7 +28,6 @@ from ffsms_pin.opt.step.references import REFERENCES
 from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step.solver import StepSolver
 from ffsms_pin.opt.step.state import step_state
-from ffsms_pin.opt.targets import goal
 from ffsms_pin.opt.terms.cost import ideal_cosine, step_cost
 from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system import SpaceManipulator
@@ -261,13 +261,18 @@ class Stepper:
     def _checked(
         self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float
     ) -> tuple[FloatArray, FloatArray, FloatArray, float, FloatArray | None]:
-        position, rotation = goal(target)
+        goal = as_goal(target)
+        if goal.moves:
+            raise InvalidValue(
+                "target", target, "must stand still for a step: give the place where it is now"
+            )
+        place = goal.place(time_left)
         return (
             self.sms.checked_configuration("q", q),
             vector("joint_rates", joint_rates, self.sms.n, "rad/s"),
-            position,
+            place.position,
             number("time_left", time_left),
-            rotation,
+            place.rotation,
         )
 
     def _enter(self) -> None:

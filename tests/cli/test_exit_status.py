@@ -39,6 +39,7 @@ def ends_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> int:
         (ZeroDivisionError("division\nby zero"), 70, "a defect of ffsms-pin, please report it: Zero"),
         (AssertionError(), 70, "a defect of ffsms-pin, please report it: AssertionError"),
         (OverflowError("too large"), 70, "too large"),
+        (KeyError("key"), 70, "KeyError: 'key'"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],
 )

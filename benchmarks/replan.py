@@ -1,0 +1,93 @@
+"""How long a warm re-plan takes, and how near the arm ends on plants that are not the model, as a Markdown table.
+
+Run from the repository's root: python benchmarks/replan.py [--plants 10] [--seed 1]
+The problems are those of benchmarks/robustness.py; every re-plan of every run counts, the first plan apart. The unit
+of the last two columns is one linearisation of a motion on the spline that a re-plan begins with, measured in the same
+run: on another or a busy machine both change alike.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+import numpy as np
+from robustness import DURATION, problem  # type: ignore[import-not-found]
+
+from ffsms_pin import opt
+from ffsms_pin.control import ComputedTorque
+from ffsms_pin.opt.horizon.descent import Model
+from ffsms_pin.opt.horizon.merit import linearise
+from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.simulation import random_plants, simulate
+
+ROWS = (("planar_3r", 1), ("planar_3r", 2), ("satellite_panda", 1), ("satellite_panda", 2))
+
+
+class Timed(opt.Replanning):
+    """Writes down what each re-plan took [s]."""
+
+    def __init__(self, whole: opt.Problem) -> None:
+        super().__init__(whole)
+        self.first, self.times = 0.0, list[float]()
+
+    def observe(self, t: float, q: Any, v: Any) -> None:
+        """As always, and write it down."""
+        begun = self._step < 0
+        super().observe(t, q, v)
+        if begun:
+            self.first = self.computing_time
+        elif self.plan_age == 0.0:
+            self.times.append(self.computing_time)
+
+
+def linearisation(whole: opt.Problem) -> float:
+    """Time of one linearisation [s], the median of some."""
+    options = ReplanOptions()
+    model = Model.make(whole, options.long)
+    p = np.full((1, model.spline.size, whole.sms.n), 0.01)
+    taken = []
+    for _ in range(20):
+        begun = time.perf_counter()
+        linearise(whole, model.goal, model.spline, p, options.weights)
+        taken.append(time.perf_counter() - begun)
+    return float(np.median(taken))
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--plants", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    print(
+        "| robot, case | within 2 mm | worst [mm] | first plan [ms] | re-plan, median [ms] | 99 % [ms] |",
+        end="",
+    )
+    print(" median, linearisations | 99 %, linearisations |")
+    print("|---|---|---|---|---|---|---|---|")
+    for robot, case in ROWS:
+        sms, q0, target = problem(robot, case)
+        whole = opt.Problem(sms, q0, target, DURATION)
+        ends, firsts, times, units = [], [], list[float](), []
+        for plant in random_plants(sms, np.random.default_rng(arguments.seed), arguments.plants):
+            units.append(linearisation(whole))
+            reference = Timed(whole)
+            law = ComputedTorque(sms, K_p=100.0, K_d=20.0)
+            tracking = simulate(sms, reference, law, q0=q0, plant=plant)
+            ends.append(1e3 * float(tracking.position_error[-1]))
+            firsts.append(1e3 * reference.first)
+            times += reference.times
+        middle, most = 1e3 * np.percentile(times, [50.0, 99.0])
+        unit = 1e3 * float(np.median(units))
+        good = sum(end <= 2.0 for end in ends)
+        print(
+            f"| {robot}, {case} | {good} of {len(ends)} | {max(ends):.3g} | {np.median(firsts):.0f} | "
+            f"{middle:.1f} | {most:.1f} | {middle / unit:.1f} | {most / unit:.1f} |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

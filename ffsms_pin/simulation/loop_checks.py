@@ -1,0 +1,112 @@
+"""What a closed loop is given, checked before its first step: kinds of object, start, target."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, instance, optional_callable, vector
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.simulation.actuator import Actuator
+from ffsms_pin.simulation.friction import JointFriction
+from ffsms_pin.simulation.interfaces import Reference
+from ffsms_pin.simulation.sensors import Sensors
+from ffsms_pin.simulation.watchdog import Watchdog
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["check_kinds", "checked_plant", "first_sample", "start", "start_velocity", "target_function"]
+
+
+def check_kinds(
+    sms: Any,
+    reference: Any,
+    controller: Any,
+    progress: Any,
+    friction: Any,
+    actuator: Any,
+    sensors: Any,
+    watchdog: Any,
+) -> None:
+    """Raise `InvalidValue`, with the argument's name, for an object that cannot be what it is given as."""
+    instance("sms", sms, SpaceManipulator)
+    missing = [name for name in ("duration", "target", "sample") if not hasattr(reference, name)]
+    if missing or not callable(reference.sample):
+        raise InvalidValue(
+            "reference", reference, "must be a Trajectory, or have duration, target and sample(t)"
+        )
+    if not callable(getattr(controller, "torque", None)):
+        raise InvalidValue("controller", controller, "must have a method torque(q, v, q_d, qd_d, qdd_d)")
+    optional_callable("progress", progress)
+    instance("friction", friction, JointFriction, optional=True)
+    instance("actuator", actuator, Actuator, optional=True)
+    instance("sensors", sensors, Sensors, optional=True)
+    instance("watchdog", watchdog, Watchdog, optional=True)
+
+
+def checked_plant(sms: SpaceManipulator, plant: SpaceManipulator) -> SpaceManipulator:
+    """The plant, which must have the model's joints."""
+    if not isinstance(plant, SpaceManipulator):
+        raise InvalidValue("plant", plant, "must be a SpaceManipulator")
+    if plant.joint_names != sms.joint_names or plant.nq != sms.nq:
+        raise InvalidValue(
+            "plant", plant.joint_names, f"must have the model's joints ({', '.join(sms.joint_names)})"
+        )
+    return plant
+
+
+def start(plant: SpaceManipulator, reference: Reference, q0: ArrayLike | None) -> FloatArray:
+    """Where the plant starts (nq,)."""
+    if q0 is not None:
+        return plant.checked_configuration("q0", q0)
+    rows = getattr(reference, "q", None)
+    if rows is None:
+        raise InvalidValue("q0", None, "must be given: this reference does not say where it starts")
+    return plant.checked_configuration("reference.q[0]", rows[0])
+
+
+def start_velocity(
+    plant: SpaceManipulator,
+    reference: Reference,
+    q: FloatArray,
+    v0: ArrayLike | None,
+    momentum: ArrayLike | None,
+) -> FloatArray:
+    """How fast the plant is at the start (6 + n,)."""
+    if v0 is not None:
+        if momentum is not None:
+            raise InvalidValue("momentum", momentum, "cannot be given together with v0")
+        return vector("v0", v0, plant.nv)
+    rates = first_sample(reference, plant.n)[1]
+    planned = getattr(reference, "momentum", None)
+    return plant.velocity(q, rates, planned if momentum is None else momentum)
+
+
+def first_sample(reference: Reference, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The wanted motion at the start: three vectors (n,)."""
+    sample = reference.sample(0.0)
+    try:
+        positions, rates, accelerations = sample
+    except (TypeError, ValueError):
+        raise InvalidValue(
+            "reference", reference, "must give positions, rates and accelerations: sample(0)"
+        ) from None
+    return (
+        vector("joint positions of reference.sample(0)", positions, n),
+        vector("joint rates of reference.sample(0)", rates, n, "rad/s"),
+        vector("joint accelerations of reference.sample(0)", accelerations, n, "rad/s^2"),
+    )
+
+
+def target_function(target: Any) -> Callable[[float], FloatArray]:
+    """The target's position as a function of time."""
+    if callable(target):
+        return lambda t: _position(target(t))
+    fixed = _position(target)
+    return lambda t: fixed
+
+
+def _position(target: Any) -> FloatArray:
+    """Position (3,) of a target, which may be a pose."""
+    return vector("target", getattr(target, "translation", target), 3, "m")

@@ -1,0 +1,1 @@
+"""Planning again in the loop: a receding horizon that starts from the rest of the last plan."""

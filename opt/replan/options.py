@@ -1,0 +1,81 @@
+"""The numbers of re-planning, each with its unit and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ffsms_pin.opt.horizon.merit import Weights
+from ffsms_pin.opt.horizon.spline import Grid
+
+__all__ = ["ReplanOptions"]
+
+
+@dataclass(frozen=True)
+class ReplanOptions:
+    """Numbers of the receding horizon; the defaults were tuned on the packaged robots.
+
+    Attributes
+    ----------
+    period : float
+        Between two re-plans [s]. Each takes some ten milliseconds, and a base that moves by a few centimetres a
+        second is nowhere astray in a tenth of one.
+    share : float
+        The period is never more than this share of the time left: near the deadline errors matter at once.
+    long, middle, short : Grid
+        Splines of the rest of the motion: while more than half of the whole time is left, more than a tenth, less.
+    no_cost : float
+        From this share of the whole time on the paper's cost is left out: so near to its end a motion has no room
+        for ways round, and a cost that does not see speed only stirs an arm that comes to rest.
+    iterations, landings : int
+        Iterations of the descent, and how many times these are made again, with a stiffer goal and stiffer limits,
+        where these are not met. An iteration costs two to three milliseconds.
+    weights : Weights
+        Of the goal and of the limits: those with which a search ends. No smoothing: the rest of a plan is near its
+        minimum.
+    damping : float
+        That a descent starts from.
+    handover : float
+        [s] So long before the deadline single steps take over from the plan: they close what error is left at
+        every planning step.
+    least_steps : int
+        And never fewer planning steps than these before it: a spline has to have steps to be sampled at.
+    changed : float
+        An estimated mass is taken over when it has changed by this share.
+    gain : float
+        [1/s] How fast a step comes back to the plan where a limit kept it away.
+    near : float
+        [m] A plan that ends within this arrives; a twentieth of the paper's r_th, twice the tolerance of plans.
+    astray : float
+        [m] Where the plan ends further away, single steps would only push against what is in the way: the plan is
+        followed to its end.
+    search_again : float
+        [s] Where the rest of a plan does not arrive, a whole search is made, at most once in this time, and at most
+        once in a quarter of the time left.
+    search_time : float
+        [s] What such a search may take.
+    """
+
+    period: float = 0.1
+    share: float = 0.1
+    long: Grid = Grid(12, 5, 3)
+    middle: Grid = Grid(8, 4, 2)
+    short: Grid = Grid(4, 3, 2)
+    no_cost: float = 0.1
+    iterations: int = 3
+    landings: int = 2
+    weights: Weights = Weights(1e5, 1e4)
+    damping: float = 0.03
+    handover: float = 0.1
+    least_steps: int = 10
+    changed: float = 2e-3
+    gain: float = 2.0
+    near: float = 2e-3
+    astray: float = 1e-2
+    search_again: float = 1.0
+    search_time: float = 0.5
+
+    def grid(self, share_left: float) -> Grid:
+        """The spline for a share of the whole time."""
+        if share_left > 0.5:
+            return self.long
+        return self.middle if share_left > 0.1 else self.short

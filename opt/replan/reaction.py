@@ -1,0 +1,107 @@
+"""How the base really reacts: inertial factors estimated from the measured motion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["ReactionEstimate"]
+
+_PRIOR = 0.2  # standard deviation of the factors before anything is measured
+_NOISE = 1e-3  # [m/s, rad/s] what the base's measured velocity may be off by in a sample
+_JUMP = 30.0  # changes of the momentum in one sample beyond so many times the noise are no noise
+_LEAST, _MOST = 0.5, 2.0  # beyond these the motion is not explained by masses, and the model is kept
+
+
+class ReactionEstimate:
+    """Factors on the arm's masses (and inertias) and on the base's inertia that explain the measured motion.
+
+    Total momentum stays what it was at the first sample, and it is linear in the factors: each sample gives
+    six equations, whatever the torques. Momentum has no scale of its own, so the base's mass is the unit. The
+    estimate is the least-squares one with a prior around the model, so factors that the motion does not show
+    stay at 1. External forces are not known to it: what they do counts as an error of the masses.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        The model.
+
+    Attributes
+    ----------
+    factors : ndarray, shape (n + 1,)
+        Of the arm's bodies, then of the base's inertia.
+    """
+
+    def __init__(self, sms: SpaceManipulator) -> None:
+        self._sms, self._data = sms, sms.model.createData()
+        self._count = sms.n + 1
+        self.factors: FloatArray = np.ones(self._count)
+        base = sms.model.inertias[1]
+        mass, lever = float(base.mass), np.array(base.lever)
+        self._point = pin.Inertia(mass, lever, np.zeros((3, 3)))
+        self._turning = pin.Inertia(0.0, lever, np.array(base.inertia))
+        size = float(np.trace(base.inertia)) / 3.0
+        self._scale = 1.0 / (_NOISE * np.repeat([mass, size], 3))[:, None]
+        self._G = np.eye(self._count) / _PRIOR**2
+        self._g = np.zeros(self._count)
+        self._first: FloatArray | None = None
+        self._last: FloatArray | None = None
+
+    def observe(self, q: FloatArray, v: FloatArray) -> bool:
+        """Take in a measured state, Pinocchio's; whether it is that of another robot than before."""
+        parts = self._momenta(q, v)
+        jumped = self._jumped(parts)
+        if self._first is None or jumped:
+            # The first sample; or a body was captured, and what was learnt is of another robot.
+            self._G, self._g = np.eye(self._count) / _PRIOR**2, np.zeros(self._count)
+            self._first = parts
+        self._last = parts
+        change = (parts - self._first) * self._scale
+        A = change[:, 1:]
+        # sum of factor times part is constant; with factor = 1 + x: A x = -(sum of all changes).
+        self._G += A.T @ A
+        self._g -= A.T @ change.sum(axis=1)
+        return jumped
+
+    def _jumped(self, parts: FloatArray) -> bool:
+        """Whether the momentum, as estimated so far, changes more in one sample than noise explains."""
+        if self._last is None:
+            return False
+        step = (parts - self._last) * self._scale
+        return bool(np.abs(step @ np.concatenate([[1.0], self.factors])).max() > _JUMP)
+
+    def _momenta(self, q: FloatArray, v: FloatArray) -> FloatArray:
+        """Momenta of base mass, arm bodies and base inertia (6, n + 2), about the inertial origin."""
+        model, data = self._sms.model, self._data
+        pin.forwardKinematics(model, data, q, v)
+        parts = np.empty((6, self._count + 1))
+        place, twist = data.oMi[1], data.v[1]
+        parts[:, 0] = place.act(self._point * twist).vector
+        for i in range(self._sms.n):
+            parts[:, i + 1] = data.oMi[i + 2].act(model.inertias[i + 2] * data.v[i + 2]).vector
+        parts[:, -1] = place.act(self._turning * twist).vector
+        return parts
+
+    def solve(self) -> FloatArray:
+        """The factors (n + 1,) by what was measured until now."""
+        factors = np.asarray(1.0 + np.linalg.solve(self._G, self._g), dtype=np.float64)
+        believable = bool((factors >= _LEAST).all() and (factors <= _MOST).all())
+        return factors if believable else np.ones_like(factors)
+
+    def robot(self) -> SpaceManipulator:
+        """The robot with the estimated factors, which `factors` then holds."""
+        self.factors = self.solve()
+        model = self._sms.model.copy()
+        for i, factor in enumerate(self.factors[:-1]):
+            model.inertias[i + 2] = _scaled(model.inertias[i + 2], float(factor), float(factor))
+        model.inertias[1] = _scaled(model.inertias[1], 1.0, float(self.factors[-1]))
+        return self._sms.with_inertias(model)
+
+
+def _scaled(body: Any, mass: float, inertia: float) -> Any:
+    return pin.Inertia(mass * body.mass, body.lever, inertia * body.inertia)

@@ -1,0 +1,297 @@
+"""A reference that plans again from the measured state: a receding horizon."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ffsms_pin.checks import FloatArray, number
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.search import HASTE, Search
+from ffsms_pin.opt.horizon.solve import solve
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.joint_plan import JointPlan
+from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.replan.reaction import ReactionEstimate
+from ffsms_pin.opt.replan.rest import rest_of
+from ffsms_pin.opt.replan.warm import replanned
+from ffsms_pin.opt.step.programme import StepWeights
+from ffsms_pin.opt.step.result import Step
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["Replanning"]
+
+_STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
+# Ten times a step's own price of redundant motion: a goal at the edge of the workspace is not worth fast joints.
+_GENTLE = StepWeights(effort=1e-5)
+_DEADLINE = 0.5  # steps before the deadline that count as the deadline
+
+
+class Replanning:
+    """Joint motion to a goal, planned anew from the measured state while it is under way.
+
+    A closed loop calls `observe` with what it measures, then `sample`. Every `ReplanOptions.period` the whole rest
+    of the motion is planned again, from the rest of the last plan: with the base where it is measured, the joints as
+    they were commanded (so that they stay within their limits and without jumps), the masses as the motion shows them
+    (`ReactionEstimate`), and without the joints that have failed. In between, steps follow the plan under the limits;
+    shortly before the deadline, and after it, steps go straight to the goal from the measured state.
+
+    Parameters
+    ----------
+    problem : Problem
+        What the motion should do. It begins in the first state that is measured, whatever the problem's start.
+    hold : float
+        Time for which the goal is held after the deadline [s].
+    plan : Trajectory, optional
+        The first plan; default: that of `opt.solve`.
+    options : ReplanOptions, optional
+    weights : StepWeights, optional
+        Of single steps.
+
+    Attributes
+    ----------
+    duration : float
+        Time to arrive and to hold [s].
+    failed_steps, failed_in_a_row : int
+        Steps whose programme was not solved, and how many of them up to now in a row; the arm braked in each.
+    expected_miss : float
+        Distance to the goal at the deadline as last foreseen [m].
+    computing_time : float
+        That the last re-plan took [s].
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        hold: float = 0.0,
+        plan: Trajectory | None = None,
+        options: ReplanOptions | None = None,
+        weights: StepWeights | None = None,
+    ) -> None:
+        if number("hold", hold) < 0.0:
+            raise InvalidValue("hold", hold, "must be at least zero [s]")
+        sms, n = problem.sms, problem.sms.n
+        self.problem, self.options = problem, options or ReplanOptions()
+        self.duration = problem.duration + hold
+        self._stepper = Stepper(
+            sms,
+            problem.dt,
+            problem.kappa,
+            problem.limits,
+            problem.terms,
+            weights or _GENTLE,
+            "resolved-rate",
+            problem.momentum,
+        )
+        self._estimate, self._robot = ReactionEstimate(sms), sms
+        self._known: FloatArray = np.ones(n + 1)
+        self._failed: NDArray[np.bool_] = ~problem.free
+        self._limp = np.zeros(n, dtype=bool)
+        self._given, self._plan = plan, None
+        self._base_start: FloatArray = problem.q0[:7]
+        self._step, self._planned_at, self._next = -1, 0.0, 0.0
+        self._next_search = 0.0
+        self._start, self._rates = problem.joints0, problem.joint_rates.copy()
+        self._accelerations = np.zeros(n)
+        self.failed_steps = self.failed_in_a_row = 0
+        self.expected_miss, self.computing_time = np.inf, 0.0
+
+    @property
+    def target(self) -> Any:
+        """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one."""
+        goal = self.problem.goal
+        if goal.moves:
+            return lambda t: goal.place(t).position
+        return goal.place(self.problem.duration).position
+
+    @property
+    def momentum(self) -> FloatArray | None:
+        """Total momentum that is reckoned with (6,); None: zero."""
+        return self.problem.momentum
+
+    @property
+    def mode(self) -> Literal["plan", "step", "hold"]:
+        """What the steps follow at present: the plan; the measured way to the goal; likewise after the deadline."""
+        left = self._left
+        if left <= _DEADLINE * self.problem.dt:
+            return "hold"
+        return "step" if left <= self._handover else "plan"
+
+    @property
+    def plan_age(self) -> float:
+        """Time since the present plan was made, at the last planning step [s]."""
+        return max(self._step, 0) * self.problem.dt - self._planned_at
+
+    @property
+    def note(self) -> str:
+        """What stands in the way, as foreseen; empty where nothing does."""
+        names = self.problem.sms.joint_names
+        notes = [f"joint '{names[i]}' has failed" for i in np.flatnonzero(self._failed & self.problem.free)]
+        if np.isfinite(self.expected_miss) and self.expected_miss > self.options.near:
+            notes.append(f"no motion found that arrives: the target is missed by {self.expected_miss:.3g} m")
+        if self.failed_steps:
+            notes.append(f"the arm braked in {self.failed_steps} steps whose programme was not solved")
+        return "; ".join(notes)
+
+    def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """Plan the next step from the measured state, where one is due, and the whole rest, where that is due.
+
+        Parameters
+        ----------
+        t : float
+            [s]
+        q, v : ndarray, shape (nq,), (6 + n,)
+            Measured state.
+        """
+        dt = self.problem.dt
+        step = int(t / dt + 1e-6)
+        if step == self._step:
+            return
+        if self._estimate.observe(q, v):
+            self._next = 0.0  # a body was captured: the plan is of another robot
+        if self._step < 0:
+            self._begin(q, v)
+        else:
+            self._start, self._rates, _ = self._after((step - self._step) * dt)
+        failed = self._failed
+        if failed.any():
+            measured = self.problem.sms.layout.positions(q)
+            self._start, self._rates = self._start.copy(), self._rates.copy()
+            self._start[failed], self._rates[failed] = measured[failed], 0.0
+        self._step = step
+        now = step * dt
+        if self._plan is None or (self._left > self._handover and now >= self._next - 1e-9):
+            self._plan = self._planned(now, q)
+        chosen = self._stepped(now, q, self._plan)
+        self.failed_in_a_row = 0 if chosen.solved else self.failed_in_a_row + 1
+        self.failed_steps += not chosen.solved
+        rates = np.where(failed, 0.0, chosen.joint_rates)
+        self._accelerations = (rates - self._rates) / dt
+
+    def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Joint positions, rates and accelerations, each (n,), at t [s], as last planned."""
+        return self._after(number("t", t) - max(self._step, 0) * self.problem.dt)
+
+    def joint_failed(self, joint: int, locked: bool) -> None:
+        """Plan with what is left: the joint (index from 0) moves no more, or as it will.
+
+        A limp joint is taken to stay where it is measured, anew at every re-plan.
+        """
+        self._failed[joint], self._limp[joint] = True, not locked
+        self._next = self._next_search = 0.0
+        self._renew_stepper()
+
+    # -- the whole rest --------------------------------------------------------------------------------
+
+    @property
+    def _left(self) -> float:
+        return self.problem.duration - max(self._step, 0) * self.problem.dt
+
+    @property
+    def _handover(self) -> float:
+        return max(self.options.handover, self.options.least_steps * self.problem.dt)
+
+    def _begin(self, q: FloatArray, v: FloatArray) -> None:
+        self._start, self._rates = self.problem.sms.layout.positions(q), v[6:].copy()
+        self._base_start = q[:7].copy()
+        self._stepper.reset(base_start=self._base_start)
+
+    def _planned(self, now: float, q: FloatArray) -> JointPlan:
+        """The rest of the motion, planned again; the first time from nothing."""
+        begun, options = time.perf_counter(), self.options
+        self._learn()
+        names = self.problem.sms.joint_names
+        locked = [names[i] for i in np.flatnonzero(self._failed)]
+        rest = rest_of(self.problem, self._robot, now, q, self._start, self._rates, self._base_start, locked)
+        if self._plan is not None:
+            plan = replanned(
+                rest, now, self._start, self._plan, options, rest.duration / self.problem.duration
+            )
+        elif self._given is not None:
+            plan = JointPlan.of_trajectory(self._given)
+        else:
+            plan = JointPlan.of_trajectory(solve(rest), now)
+        self.computing_time = time.perf_counter() - begun
+        if plan.miss > options.near and self._plan is not None and now >= self._next_search:
+            plan = self._searched(rest, now, plan)
+        self.expected_miss, self._planned_at = plan.miss, now
+        left = rest.duration
+        self._next = now + max(min(options.period, options.share * left), self.problem.dt)
+        return plan
+
+    def _searched(self, rest: Problem, now: float, plan: JointPlan) -> JointPlan:
+        """A whole search, where the rest of the plan does not arrive; the better of both."""
+        options = self.options
+        self._next_search = now + max(options.search_again, 0.25 * rest.duration)
+        found = Search(rest, SearchOptions(time_limit=options.search_time)).run(HASTE)
+        other = JointPlan.of_trajectory(found, now)
+        if found.broken or other.miss >= plan.miss:
+            return plan
+        # Joints that turn without end are counted from where they are.
+        return replace(other, positions=other.positions + self._start - other.positions[0])
+
+    def _learn(self) -> None:
+        """Take over the estimated masses, where they have changed."""
+        factors = self._estimate.solve()
+        if np.abs(factors - self._known).max() > self.options.changed:
+            self._known, self._robot = factors, self._estimate.robot()
+            self._renew_stepper()
+
+    # -- single steps ----------------------------------------------------------------------------------
+
+    def _stepped(self, now: float, q: FloatArray, plan: JointPlan) -> Step:
+        """The next step: along the plan, or to the goal."""
+        dt, goal = self.problem.dt, self.problem.goal
+        left = self.problem.duration - now
+        place = goal.place(now if goal.moves else self.problem.duration)
+        if self.mode == "plan" or self.expected_miss > self.options.astray:
+            there, wanted = plan.sample(now + dt)
+            wanted = wanted + self.options.gain * (there - self._start - dt * wanted)
+            return self._stepper.advance(q, self._rates, place.position, left, prefer=wanted)
+        ahead = np.zeros(3)
+        if goal.moves and place.velocity is not None:
+            ahead = _lead(place.velocity, left, dt)
+        return self._stepper.advance(q, self._rates, place.position + ahead, left, place.rotation)
+
+    def _renew_stepper(self) -> None:
+        """Go on with a stepper for the robot as it is known now."""
+        robot, base_start = self._robot, self._stepper.base_start
+        if self._failed.any():
+            robot = _without(robot, self._failed)
+        self._stepper = self._stepper.like(sms=robot)
+        self._stepper.reset(base_start=base_start)
+
+    def _after(self, h: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Motion `h` seconds into the planned step, and on at its last rates if nobody plans the next."""
+        dt, acceleration = self.problem.dt, self._accelerations
+        if h <= dt * (1.0 + 1e-9):
+            rates = self._rates + h * acceleration
+            return self._start + (0.5 * h) * (self._rates + rates), rates, acceleration.copy()
+        end = self._rates + dt * acceleration
+        place = self._start + (0.5 * dt) * (self._rates + end) + (h - dt) * end
+        return place, end, np.zeros_like(end)
+
+
+def _without(sms: SpaceManipulator, failed: NDArray[np.bool_]) -> SpaceManipulator:
+    """The robot with joints that do not move."""
+    limits = sms.limits
+    velocity, acceleration = limits.velocity.copy(), limits.acceleration.copy()
+    velocity[failed] = acceleration[failed] = _STILL
+    return sms.with_limits(replace(limits, velocity=velocity, acceleration=acceleration))
+
+
+def _lead(velocity: FloatArray, left: float, dt: float) -> FloatArray:
+    """How far ahead of a moving goal a step has to aim (3,) [m].
+
+    A step's speed is 2.5 times the way over the time left, each a little later (`reference_speed`). Aimed ahead by
+    that time's share of the goal's velocity, what is left of the way shrinks as for a goal at rest, and the end
+    effector arrives with that velocity.
+    """
+    return np.asarray(velocity * ((max(left - dt, 0.0) + 3.25 * dt) / 2.5 + 0.5 * dt))

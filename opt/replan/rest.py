@@ -1,0 +1,155 @@
+"""What is left of a problem at a later time: from the state there to the same goal at the same deadline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import Residuals
+from ffsms_pin.opt.goals import Goal, Place
+from ffsms_pin.opt.limits import JointLimits, Limit, Rows, Violation
+from ffsms_pin.opt.limits.limit import ControlMaps, ControlRows
+from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["CountedFrom", "Later", "rest_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Later(Goal):
+    """A goal seen from a later time.
+
+    Attributes
+    ----------
+    goal : Goal
+    by : float
+        How much later [s].
+    """
+
+    goal: Goal
+    by: float
+    # A descent asks for the same times in every iteration, and a path may be slow to tell.
+    _places: dict[float, Place] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "reach", "orientation_reach"):
+            object.__setattr__(self, name, getattr(self.goal, name))
+
+    @property
+    def moves(self) -> bool:
+        """Whether the other one does."""
+        return self.goal.moves
+
+    def place(self, t: float) -> Place:
+        """The other's place, `by` seconds later."""
+        if t not in self._places:
+            self._places[t] = self.goal.place(t + self.by)
+        return self._places[t]
+
+
+@dataclass(frozen=True, eq=False)
+class CountedFrom(Limit):
+    """A limit for which the base's turn and shift count from another pose than where the rest begins.
+
+    Attributes
+    ----------
+    limit : Limit
+    pose : ndarray, shape (7,)
+        Root pose (position, quaternion) that they count from.
+    """
+
+    limit: Limit
+    pose: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("name", "margin"):
+            object.__setattr__(self, name, getattr(self.limit, name))
+
+    def for_robot(self, sms: SpaceManipulator) -> CountedFrom:
+        """With the limit for this robot."""
+        return CountedFrom(self.limit.for_robot(sms), self.pose)
+
+    def tightened(self, by: float) -> CountedFrom:
+        """With the limit tightened."""
+        return CountedFrom(self.limit.tightened(by), self.pose)
+
+    def rows(self, step: StepState) -> Rows | None:
+        """The limit's, for a step that counts from there."""
+        return self.limit.rows(replace(step, base_start=self.pose))
+
+    def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
+        """Likewise."""
+        return self.limit.settle(replace(step, base_start=self.pose), rates, braking)
+
+    def residual(self, motions: Motions) -> Residuals:
+        """The limit's, for motions that count from there."""
+        return self.limit.residual(self._counted(motions))
+
+    def violation(self, motion: Motions) -> Violation:
+        """Likewise."""
+        return self.limit.violation(self._counted(motion))
+
+    def control_rows(self, maps: ControlMaps) -> list[ControlRows]:
+        """The limit's: joints do not count from the base."""
+        return self.limit.control_rows(maps)
+
+    def _counted(self, motions: Motions) -> Motions:
+        pose = pin.XYZQUATToSE3(self.pose)
+        return replace(
+            motions, base_start=pose.act(motions.stack.base_com), rotation_start=pose.rotation.copy()
+        )
+
+
+def rest_of(
+    problem: Problem,
+    sms: SpaceManipulator,
+    t: float,
+    q: FloatArray,
+    joints: FloatArray,
+    rates: FloatArray,
+    base_start: FloatArray,
+    locked: Sequence[str] = (),
+) -> Problem:
+    """The problem from time t on.
+
+    Parameters
+    ----------
+    problem : Problem
+        The whole one.
+    sms : SpaceManipulator
+        The robot as it is known now.
+    t : float
+        A whole number of the problem's steps [s].
+    q : ndarray, shape (nq,)
+        Measured configuration: the base is there.
+    joints, rates : ndarray, shape (n,)
+        Joint positions [rad] and rates [rad/s] that the rest begins with.
+    base_start : ndarray, shape (7,)
+        Root pose that turn and shift of the base count from.
+    locked : sequence of str
+        Joints that cannot move.
+    """
+    if any(isinstance(limit, JointLimits) for limit in problem.limits):
+        joints = np.clip(joints, sms.limits.lower, sms.limits.upper)
+    q0 = q.copy()
+    sms.layout.set_positions(q0, joints)
+    moving = [
+        limit if isinstance(limit, JointLimits) else CountedFrom(limit, base_start)
+        for limit in problem.limits
+    ]
+    return replace(
+        problem,
+        sms=sms,
+        q0=q0,
+        goal=Later(problem.goal, t) if problem.goal.moves else problem.goal,
+        duration=(problem.steps - round(t / problem.dt)) * problem.dt,
+        limits=moving,
+        joint_rates=rates,
+        locked=tuple(locked),
+    )

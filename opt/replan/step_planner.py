@@ -1,0 +1,161 @@
+"""The paper's step for use inside a control loop, and the reference that plans again: one short name for both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.replanning import Replanning
+from ffsms_pin.opt.step.programme import StepProblem, StepWeights
+from ffsms_pin.opt.step.result import Step
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["StepPlanner"]
+
+
+class StepPlanner:
+    """One step of the paper's method after the other, with the limits of the paper.
+
+    A short name for a `Stepper` with the joints' limits, a clearance, the paper's |alpha_i| <= 1 and limits on the
+    base; see there for what a step does.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    dt : float
+        Step [s].
+    kappa : float
+        Sharpness of C~. The paper does not state its value; ours, 10, makes C~ nearly max(0, cos(theta_a)).
+    clearance : float
+        The paper's d_safe between points of the arm, and the margin to the base box [m].
+    collision : {"points", "shapes", "off"}
+        What is kept clear: the paper's points (const4 to const7), or the URDF's collision shapes.
+    weights : StepWeights, optional
+    aim : str
+        One of `opt.step.references.REFERENCES`: "step" is the paper's cost; the others go straight.
+    base_limits : BaseLimits, optional
+        How far and how fast the base may move, from where it is at the first step after a `reset`.
+    momentum : array_like, shape (6,), optional
+        Total momentum [linear; angular], inertial axes, about the system's centre of mass, as in `sms.velocity`.
+        Default zero.
+    limits : sequence of Limit, optional
+        In place of those that the other arguments describe.
+    terms : sequence of Term
+        More terms; see `Term.step_objective`.
+
+    Attributes
+    ----------
+    stepper : Stepper
+        What takes the steps.
+    """
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        dt: float = 0.01,
+        kappa: float = 10.0,
+        clearance: float = 0.01,
+        collision: str = "points",
+        weights: StepWeights | None = None,
+        aim: str = "step",
+        *,
+        base_limits: BaseLimits | None = None,
+        momentum: ArrayLike | None = None,
+        limits: Sequence[Limit] | None = None,
+        terms: Sequence[Term] = (),
+    ) -> None:
+        if base_limits is not None and not isinstance(base_limits, BaseLimits):
+            raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")
+        if limits is None:
+            kept: list[Limit] = [JointLimits(), Clearance(clearance, collision), AlphaBox()]
+            limits = kept if base_limits is None else [*kept, base_limits]
+        self.clearance, self.base_limits = clearance, base_limits
+        self.limits, self.terms = tuple(limits), tuple(terms)
+        self._weights = weights
+        self.stepper = Stepper(sms, dt, kappa, self.limits, self.terms, weights, aim, momentum)
+
+    @property
+    def sms(self) -> SpaceManipulator:
+        """The robot."""
+        return self.stepper.sms
+
+    @property
+    def kappa(self) -> float:
+        """Sharpness of C~."""
+        return self.stepper.kappa
+
+    @property
+    def momentum(self) -> FloatArray | None:
+        """Total momentum (6,), or None."""
+        return self.stepper.momentum
+
+    @property
+    def dt(self) -> float:
+        """Step [s]; may be changed between steps."""
+        return self.stepper.dt
+
+    @dt.setter
+    def dt(self, value: float) -> None:
+        self.stepper.dt = positive("dt", value, "s")
+
+    def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
+        """The next joint rates; see `Stepper.step`."""
+        return self.stepper.step(q, joint_rates, target, time_left)
+
+    def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
+        """The quadratic programme of a step, without solving it; see `Stepper.build`."""
+        return self.stepper.build(q, joint_rates, target, time_left)
+
+    def advance(
+        self,
+        q: FloatArray,
+        rates: FloatArray,
+        target: FloatArray,
+        time_left: float,
+        rotation: FloatArray | None = None,
+        prefer: FloatArray | None = None,
+    ) -> Step:
+        """`step` for arguments that are known to be right; see `Stepper.advance`."""
+        return self.stepper.advance(q, rates, target, time_left, rotation, prefer)
+
+    def reset(self, side: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        """Forget the last step; see `Stepper.reset`."""
+        self.stepper.reset(side)
+
+    def track(self, target: Any, duration: float, hold: float = 0.0) -> Replanning:
+        """A reference for a closed loop that plans again from the measured state.
+
+        Parameters
+        ----------
+        target : array_like, shape (3,), pinocchio.SE3, callable, or Goal
+            Inertial axes [m], or a function of time [s] that gives one: it is then met at its place at the deadline
+            with its velocity, and followed from there on.
+        duration : float
+            Time to arrive [s].
+        hold : float
+            Time for which the target is held after that [s].
+        """
+        sms = self.sms
+        # The motion begins in the first state that is measured; until then in the middle of what is allowed.
+        middle = np.clip(np.zeros(sms.n), sms.limits.lower, sms.limits.upper)
+        terms = [Coupling(self.kappa), Smooth(), Effort(), *self.terms]
+        problem = Problem(
+            sms,
+            sms.configuration(middle),
+            target,
+            duration,
+            min(self.dt, duration),
+            terms,
+            self.limits,
+            momentum=self.momentum,
+        )
+        return Replanning(problem, hold, weights=self._weights)

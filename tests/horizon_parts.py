@@ -1,0 +1,63 @@
+"""Problems and splines for tests of the whole-horizon planner."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import ffsms_pin as ffsms
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt import Problem, Trajectory
+from ffsms_pin.opt.horizon.spline import Grid, RateSpline, rate_spline
+from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.trajectory import measure
+
+__all__ = ["COARSE", "TINY", "check", "moving_problem", "node_rates", "planar_problem", "spline_of", "told"]
+
+COARSE = Grid(6, 3, 2)
+TINY = Grid(3, 2, 2)
+
+
+def planar_problem(sms: ffsms.SpaceManipulator, **change: Any) -> Problem:
+    """A reach of the planar arm, six seconds long."""
+    options: dict[str, Any] = {"goal": np.array([0.7, 0.5, 0.0]), "duration": 6.0, "dt": 0.02} | change
+    return Problem(sms, sms.configuration([0.4, 0.7, -0.5]), **options)
+
+
+def moving_problem(sms: ffsms.SpaceManipulator, **change: Any) -> Problem:
+    """The same from joints that move."""
+    return planar_problem(sms, **({"joint_rates": [0.1, -0.06, 0.04]} | change))
+
+
+def spline_of(problem: Problem, grid: Grid = COARSE, free_end: bool = False) -> RateSpline:
+    """The spline for the problem's duration."""
+    return rate_spline(problem.steps, problem.dt, grid, free_end)
+
+
+def node_rates(problem: Problem, spline: RateSpline, p: FloatArray) -> FloatArray:
+    """Joint rates (N + 1, n) at the nodes, of control points (M, n)."""
+    nodes = problem.dt * np.arange(problem.steps + 1, dtype=np.float64)
+    return spline.rates_at(nodes).of(p, problem.joint_rates)
+
+
+def told(problem: Problem, rates: FloatArray) -> Trajectory:
+    """The finished motion of joint rates at the nodes."""
+    return measure(problem, rates)
+
+
+def check(
+    sms: ffsms.SpaceManipulator, plan: Trajectory, rests: bool = True, tolerance: float = 1e-3
+) -> None:
+    """Reached, at rest, and every limit and clearance kept, at nodes and between."""
+    limits, points = sms.limits, Points(sms)
+    assert plan.reached, plan.note
+    assert plan.position_error[-1] <= tolerance
+    if rests:
+        assert np.abs(plan.joint_rates[-1]).max() < 1e-3
+    assert (np.abs(plan.joint_rates) <= limits.velocity + 1e-12).all()
+    assert (np.abs(plan.joint_accelerations) <= limits.acceleration + 1e-9).all()
+    for t in np.linspace(0.0, plan.duration, 1013):
+        position, _, _ = plan.sample(t)
+        assert limits.violation(position).max() <= 1e-12
+        assert points.values(sms.configuration(position)).min() >= 0.01

@@ -1,0 +1,123 @@
+"""Why a plan failed: the start, the workspace, or a duration that would do."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from horizon_parts import planar_problem, told
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.opt.horizon.diagnosis import explain, reach_range, start_in_collision, within_workspace
+from ffsms_pin.opt.horizon.landing import aimed, arrival_error
+from ffsms_pin.opt.horizon.starts import JointGoals
+
+
+def test_reach_range_of_the_planar_arm(planar: ffsms.SpaceManipulator) -> None:
+    """Longest stretched out; the arm is symmetric, so that is at zero angles."""
+    least, most = reach_range(planar_problem(planar))
+    stretched = planar.at(planar.configuration([0.0, 0.0, 0.0])).end_effector_pose.translation
+    assert most == pytest.approx(float(np.linalg.norm(stretched)), abs=1e-3)
+    assert 0.0 <= least < 0.1
+    locked = planar_problem(planar, locked=["joint_2", "joint_3"])
+    _, shorter = reach_range(locked)
+    assert shorter < most - 0.03
+
+
+def test_what_lies_outside_the_workspace(planar: ffsms.SpaceManipulator) -> None:
+    assert within_workspace(planar_problem(planar))
+    assert not within_workspace(planar_problem(planar, goal=[3.0, 0.0, 0.0]))
+    # A system that drifts there carries the arm with it: 2.1 m in six seconds.
+    mass = planar_problem(planar).stack.mass
+    drifting = planar_problem(planar, goal=[3.0, 0.0, 0.0], momentum=[0.35 * mass, 0, 0, 0, 0, 0])
+    assert within_workspace(drifting)
+
+
+def test_a_start_that_breaks_a_clearance(planar: ffsms.SpaceManipulator) -> None:
+    assert start_in_collision(planar_problem(planar)) is None
+    problem = planar_problem(planar)
+    inside = dataclasses.replace(problem, q0=planar.configuration([1.2, 2.4, 1.6]))
+    plan = start_in_collision(inside)
+    assert plan is not None
+    assert "start breaks the clearance" in plan.note
+    assert not plan.clear
+    assert plan.broken.keys() == {"clearance"}
+    for limits in ([opt.JointLimits()], [opt.Clearance(collision="off")]):
+        assert start_in_collision(dataclasses.replace(inside, limits=limits)) is None
+    # Joints that move at the start do not hide it.
+    moving = dataclasses.replace(inside, joint_rates=[0.1, 0.0, 0.0])
+    assert start_in_collision(moving) is not None
+
+
+@pytest.mark.parametrize("enough", [7.0, 9.0, 30.0, np.inf])
+def test_the_shortest_duration_is_found_by_trying(planar: ffsms.SpaceManipulator, enough: float) -> None:
+    problem = planar_problem(planar)
+    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    goals = JointGoals(np.empty((0, 3)), np.empty(0))
+    tried: list[float] = []
+
+    def attempt(other: opt.Problem) -> bool:
+        assert other.steps == problem.steps
+        tried.append(other.duration)
+        return other.duration >= enough
+
+    plan = explain(problem, failed, goals, [("rate", 1)], attempt)
+    assert "rate limit of 'joint_2'" in plan.note
+    if enough == np.inf:
+        assert plan.shortest_duration == 0.0
+        assert "no duration that would do is known" in plan.note
+        assert max(tried) <= 64.0 * 1.25 * 6.0
+    else:
+        assert enough <= plan.shortest_duration <= 1.09 * enough
+        assert plan.shortest_duration in tried
+        assert f"{plan.shortest_duration:.2f} s would do" in plan.note
+
+
+def test_a_moving_goal_has_no_other_deadline(planar: ffsms.SpaceManipulator) -> None:
+    problem = planar_problem(planar, goal=lambda t: [0.7, 0.5 - 0.01 * t, 0.0])
+    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    goals = JointGoals(np.empty((0, 3)), np.empty(0))
+
+    def attempt(other: opt.Problem) -> bool:
+        raise AssertionError
+
+    assert explain(problem, failed, goals, [], attempt).shortest_duration == 0.0
+
+
+def test_a_landing_aims_by_as_much_as_the_plan_missed(planar: ffsms.SpaceManipulator) -> None:
+    problem = planar_problem(planar, goal=[0.75, 0.5, 0.0])
+    plan = opt.solve(problem)
+    assert plan.reached
+    assert aimed(problem, problem.goal, plan) is None
+    moved = planar_problem(planar, goal=[0.753, 0.498, 0.0])
+    missed = told(moved, plan.joint_rates)
+    goal = aimed(moved, moved.goal, missed)
+    assert goal is not None
+    wanted = moved.goal.place(6.0).position
+    np.testing.assert_allclose(goal.place(6.0).position - wanted, wanted - plan.end_effector[-1], atol=1e-12)
+    # The next miss adds to it.
+    again = aimed(moved, goal, missed)
+    assert again is not None
+    np.testing.assert_allclose(
+        again.place(6.0).position - wanted, 2.0 * (wanted - plan.end_effector[-1]), atol=1e-12
+    )
+    assert arrival_error(moved, missed) == pytest.approx(np.linalg.norm(wanted - plan.end_effector[-1]))
+    # What is asked of the motion otherwise stays.
+    assert (goal.tolerance, goal.reach) == (moved.goal.tolerance, moved.goal.reach)
+
+
+def test_a_landing_turns_back_by_as_much_as_the_plan_is_turned(planar: ffsms.SpaceManipulator) -> None:
+    here = planar.at(planar.configuration([0.4, 0.7, -0.5])).end_effector_pose
+    problem = planar_problem(planar, goal=here)
+    rates = np.zeros((problem.steps + 1, 3))
+    rates[1:-1] = [0.01, -0.02, 0.015]
+    plan = told(problem, rates)
+    goal = aimed(problem, problem.goal, plan)
+    assert goal is not None
+    wanted = goal.place(6.0).rotation
+    assert wanted is not None
+    end = planar.at(plan.q[-1]).end_effector_pose.rotation
+    # As far beyond the wanted attitude as the end is short of it.
+    np.testing.assert_allclose(wanted @ here.rotation.T, here.rotation @ end.T, atol=1e-12)

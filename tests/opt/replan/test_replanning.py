@@ -1,0 +1,290 @@
+"""Re-planning in the loop: wrong models, faults, moving targets, failed steps, commands without jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.control import ComputedTorque
+from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationStopped
+from ffsms_pin.opt.step.result import Step
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.simulation import JointFault, Sensors, Tracking, Watchdog, perturb, random_plants, simulate
+
+Array = NDArray[np.float64]
+START = np.deg2rad([1.0, 1.0, 1.0])
+CASES = {1: np.array([1.00, 0.15, 0.0]), 2: np.array([0.45, 0.75, 0.0])}
+DEGREE = np.pi / 180.0
+
+
+class Watched:
+    """A reference, and what it said at every planning step."""
+
+    def __init__(self, inner: opt.Replanning) -> None:
+        self.inner, self.duration, self.target, self.momentum = (
+            inner,
+            inner.duration,
+            inner.target,
+            inner.momentum,
+        )
+        self.t: list[float] = []
+        self.samples: list[tuple[Array, Array, Array]] = []
+        self.ages: list[float] = []
+        self.modes: list[str] = []
+
+    def sample(self, t: float) -> tuple[Array, Array, Array]:
+        """The reference's."""
+        return self.inner.sample(t)
+
+    def observe(self, t: float, q: Array, v: Array) -> None:
+        """The reference's, written down."""
+        self.inner.observe(t, q, v)
+        self.t.append(t)
+        self.samples.append(self.inner.sample(t))
+        self.ages.append(self.inner.plan_age)
+        self.modes.append(self.inner.mode)
+
+    def joint_failed(self, joint: int, locked: bool) -> None:
+        """The reference's."""
+        self.inner.joint_failed(joint, locked)
+
+
+def run(
+    sms: ffsms.SpaceManipulator, target: Any, duration: float = 12.0, hold: float = 0.0, **given: Any
+) -> tuple[opt.Replanning, Tracking]:
+    """A closed loop from the paper's start."""
+    reference = opt.StepPlanner(sms, dt=0.02).track(target, duration, hold)
+    law = ComputedTorque(sms, 100.0, 20.0)
+    return reference, simulate(sms, reference, law, dt=2e-3, q0=sms.configuration(START), **given)
+
+
+# Corners of the range.
+@pytest.mark.parametrize(
+    ("case", "arm", "base"), [(2, 1.2, 0.9), (2, 1.0, 0.9), (2, 0.8, 1.1), (1, 1.2, 0.9), (1, 0.8, 1.1)]
+)
+def test_wrong_masses_end_within_two_millimetres(
+    case: int, arm: float, base: float, planar: ffsms.SpaceManipulator
+) -> None:
+    plant = perturb(planar, arm_mass=arm, base_mass=base)
+    reference, tracking = run(planar, CASES[case], plant=plant)
+    assert tracking.position_error[-1] < 2e-3
+    assert reference.failed_steps == 0
+    assert reference.note == ""
+    assert planar.limits.violation(tracking.q[:, 7:]).max() < 1e-3
+    assert (np.abs(tracking.v[:, 6:]) < 1.05 * planar.limits.velocity).all()
+
+
+def test_random_plants_end_within_two_millimetres(planar: ffsms.SpaceManipulator) -> None:
+    # A part of benchmarks/robustness.py.
+    for plant in random_plants(planar, np.random.default_rng(7), 3):
+        _, tracking = run(planar, CASES[2], plant=plant)
+        assert tracking.position_error[-1] < 2e-3
+
+
+def test_random_plants_of_a_spatial_arm() -> None:
+    # Case 1 of benchmarks/robustness.py for a Panda on a satellite, where steps alone meet a joint limit.
+    sms = ffsms.load("satellite_panda")
+    q0 = sms.configuration(0.5 * (np.maximum(sms.limits.lower, -3.0) + np.minimum(sms.limits.upper, 3.0)))
+    target = sms.at(q0).end_effector_pose.translation + np.array([-0.15, 0.35, -0.25])
+    for plant in list(random_plants(sms, np.random.default_rng(1), 16))[9::6]:
+        reference = opt.StepPlanner(sms, dt=0.01).track(target, 12.0)
+        tracking = simulate(sms, reference, ComputedTorque(sms, 100.0, 20.0), dt=2e-3, q0=q0, plant=plant)
+        assert tracking.position_error[-1] < 2e-3
+        assert reference.failed_steps == 0
+        # Nothing makes it hurry: half a metre in 12 s.
+        assert np.abs(tracking.v[:, 6:]).max() < 0.5
+
+
+def test_open_loop_plan_misses_where_replanning_does_not(planar: ffsms.SpaceManipulator) -> None:
+    plant = perturb(planar, arm_mass=1.2)
+    plan = opt.plan(planar, planar.configuration(START), CASES[2], 12.0, dt=0.02)
+    once = simulate(planar, plan, ComputedTorque(planar, 100.0, 20.0), dt=2e-3, plant=plant)
+    problem = opt.Problem(planar, planar.configuration(START), CASES[2], 12.0, 0.02)
+    reference = opt.Replanning(problem, plan=plan)
+    law = ComputedTorque(planar, 100.0, 20.0)
+    again = simulate(planar, reference, law, dt=2e-3, q0=plan.q[0], plant=plant)
+    assert once.position_error[-1] > 0.01
+    assert again.position_error[-1] < 2e-3
+
+
+def test_commands_have_no_jumps_and_keep_the_limits(planar: ffsms.SpaceManipulator) -> None:
+    watched = Watched(opt.StepPlanner(planar, dt=0.02).track(CASES[2], 6.0, 1.0))
+    plant = perturb(planar, arm_mass=1.2, base_mass=0.9)
+    law = ComputedTorque(planar, 100.0, 20.0)
+    simulate(planar, watched, law, dt=5e-3, q0=planar.configuration(START), plant=plant)
+    positions, rates, accelerations = (np.array(x) for x in zip(*watched.samples, strict=True))
+    limits, h = planar.limits, np.diff(watched.t)[:, None]
+    np.testing.assert_allclose(np.diff(positions, axis=0), 0.5 * h * (rates[1:] + rates[:-1]), atol=1e-12)
+    np.testing.assert_allclose(np.diff(rates, axis=0), h * accelerations[:-1], atol=1e-12)
+    assert (np.abs(accelerations) <= limits.acceleration + 1e-9).all()
+    assert (np.abs(rates) <= limits.velocity + 1e-9).all()
+    assert limits.violation(positions).max() == 0.0
+    # It says how old its plan is: never older than the period, until single steps take over.
+    ages, modes = np.array(watched.ages), np.array(watched.modes)
+    assert ages[0] == 0.0
+    assert 0.05 < ages[modes == "plan"].max() < watched.inner.options.period
+    assert list(dict.fromkeys(watched.modes)) == ["plan", "step", "hold"]
+    assert ages[-1] > 1.0
+
+
+def test_the_right_robot_does_what_was_planned(planar: ffsms.SpaceManipulator) -> None:
+    plan = opt.plan(planar, planar.configuration(START), CASES[2], 8.0, dt=0.02)
+    reference = opt.Replanning(opt.Problem(planar, plan.q[0], CASES[2], 8.0, 0.02), plan=plan)
+    law = ComputedTorque(planar, 100.0, 20.0)
+    tracking = simulate(planar, reference, law, dt=5e-3, q0=plan.q[0])
+    planned = np.array([plan.sample(t)[0] for t in tracking.t])
+    assert np.abs(tracking.q[:, 7:] - planned).max() < 0.1
+    assert np.abs(np.diff(plan.joint_positions, axis=0)).sum() > 1.0
+
+
+@pytest.mark.parametrize("kind", ["locked", "limp"])
+def test_it_goes_on_with_what_is_left(kind: Any, planar: ffsms.SpaceManipulator) -> None:
+    fault = JointFault(2.0, "joint_3", kind)
+    reference, tracking = run(planar, CASES[1], events=fault)
+    assert "joint_3" in reference.note
+    if kind == "locked":
+        assert tracking.position_error[-1] < 2e-3
+        np.testing.assert_array_equal(tracking.v[1001:, 8], 0.0)
+        assert reference.sample(12.0)[1][2] == 0.0
+    else:
+        assert np.isfinite(tracking.position_error).all()
+
+
+def test_it_says_that_it_cannot(planar: ffsms.SpaceManipulator) -> None:
+    faults = [JointFault(1.0, joint) for joint in ("joint_1", "joint_2", "joint_3")]
+    reference, tracking = run(planar, CASES[2], events=faults)
+    assert tracking.position_error[-1] > 0.5
+    assert "missed by" in reference.note
+    assert reference.expected_miss == pytest.approx(tracking.position_error[-1], abs=1e-3)
+
+
+def test_joints_that_the_problem_locks_stay(planar: ffsms.SpaceManipulator) -> None:
+    q0 = planar.configuration(START)
+    problem = opt.Problem(planar, q0, CASES[1], 8.0, 0.02, locked=["joint_3"])
+    reference = opt.Replanning(problem)
+    tracking = simulate(planar, reference, ComputedTorque(planar, 100.0, 20.0), dt=5e-3, q0=q0)
+    assert tracking.position_error[-1] < 2e-3
+    assert np.ptp(tracking.q[:, 9]) < 1e-3
+    assert np.ptp(tracking.q[:, 8]) > 0.1
+    assert reference.note == ""
+
+
+def test_moving_target_is_met_with_its_velocity_and_held(planar: ffsms.SpaceManipulator) -> None:
+    def target(t: float) -> Array:
+        angle = 0.05 * t
+        return np.array([0.62 * np.cos(angle) + 0.25, 0.62 * np.sin(angle) - 0.05, 0.0])
+
+    _, tracking = run(planar, target, 8.0, hold=3.0)
+    assert tracking.t[-1] == 11.0
+    k = int(np.searchsorted(tracking.t, 8.0))
+    assert tracking.position_error[k] < 2e-3
+    velocity = planar.at(tracking.q[k], tracking.v[k]).J_star[:3] @ tracking.v[k, 6:]
+    wanted = (target(8.01) - target(7.99)) / 0.02
+    np.testing.assert_allclose(velocity, wanted, atol=5e-3)
+    assert np.linalg.norm(wanted) > 0.03
+    assert tracking.position_error[tracking.t > 8.5].max() < 1e-3
+
+
+def test_target_is_held_after_arrival(planar: ffsms.SpaceManipulator) -> None:
+    reference, tracking = run(planar, CASES[1], 10.0, hold=3.0)
+    assert tracking.position_error[tracking.t >= 10.0].max() < 1e-3
+    assert reference.mode == "hold"
+
+
+def test_late_and_noisy_sensors(planar: ffsms.SpaceManipulator) -> None:
+    sensors = Sensors(
+        joint_resolution=2e-5,
+        base_position_noise=2e-4,
+        base_attitude_noise=2e-4,
+        base_velocity_noise=5e-4,
+        base_rate_noise=5e-4,
+        base_latency=0.02,
+    )
+    plant = perturb(planar, arm_mass=1.1)
+    _, tracking = run(planar, CASES[1], plant=plant, sensors=sensors)
+    assert tracking.position_error[-1] < 2e-3
+
+
+def test_unsolved_steps_are_counted_and_stopped(
+    planar: ffsms.SpaceManipulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plain = Stepper.advance
+
+    def advance(self: Any, *arguments: Any, **named: Any) -> Step:
+        step = plain(self, *arguments, **named)
+        left = arguments[3]
+        failing = "prefer" in named and any(begin <= 12.0 - left < end for begin, end in spans)
+        return step._replace(solved=not failing)
+
+    monkeypatch.setattr(Stepper, "advance", advance)
+    spans = [(2.011, 2.05)]
+    reference, tracking = run(planar, CASES[1], watchdog=Watchdog())
+    assert reference.failed_steps == 2
+    assert reference.failed_in_a_row == 0
+    assert "braked in 2 steps" in reference.note
+    assert tracking.t[-1] == 12.0
+    spans = [(2.011, 12.0)]
+    with pytest.raises(SimulationStopped, match="10 planning steps in a row"):
+        run(planar, CASES[1], watchdog=Watchdog())
+
+
+def test_bad_targets_and_times_are_refused(
+    planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]
+) -> None:
+    planner = opt.StepPlanner(planar)
+    refused(lambda: planner.track(np.zeros(2), 1.0), InvalidValue, "target")
+    refused(lambda: planner.track(np.zeros(3), 0.0), InvalidValue, "duration")
+    refused(lambda: planner.track(np.zeros(3), 1.0, hold=-1.0), InvalidValue, "hold")
+    refused(lambda: planner.track(lambda t: np.zeros(2), 1.0), InvalidValue, "target")
+
+
+def test_pose_targets_are_tracked(planar: ffsms.SpaceManipulator) -> None:
+    end = planar.configuration([0.4, 0.6, 0.3])
+    pose = planar.at(end).end_effector_pose
+    reference, tracking = run(
+        planar, pin.SE3(pose.rotation, pose.translation), plant=perturb(planar, arm_mass=1.1)
+    )
+    assert tracking.position_error[-1] < 2e-3
+    reached = planar.at(tracking.q[-1]).end_effector_pose
+    assert np.linalg.norm(pin.log3(reached.rotation.T @ pose.rotation)) < 0.05
+    assert reference.failed_steps == 0
+
+
+def test_limits_of_the_base_are_kept_in_the_loop() -> None:
+    """Also on a wrong plant, and counted from where the base was at the start."""
+    sms, limit = ffsms.load("satellite_xarm7"), 1.0 * DEGREE
+    base = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.5, -0.2, 0.3]))
+    q0 = sms.configuration([0.2, -0.5, 0.3, 1.2, 0.2, 0.9, 0.1], base)
+    target = sms.at(q0).end_effector_pose.translation + base.rotation @ np.array([-0.1, 0.25, 0.15])
+    plant = perturb(sms, arm_mass=1.1)
+    most, miss = {}, {}
+    for limits in (None, opt.BaseLimits(attitude=limit)):
+        reference = opt.StepPlanner(sms, 0.02, base_limits=limits).track(target, 6.0)
+        track = simulate(sms, reference, ComputedTorque(sms, 100.0, 20.0), dt=5e-3, q0=q0, plant=plant)
+        first = pin.XYZQUATToSE3(q0[:7]).rotation.T
+        turns = [pin.log3(first @ pin.XYZQUATToSE3(q[:7]).rotation) for q in track.q]
+        most[limits], miss[limits] = float(np.linalg.norm(turns, axis=1).max()), track.position_error[-1]
+    free, held = most.values()
+    assert free > 1.2 * limit
+    assert 0.5 * limit < held <= limit
+    assert max(miss.values()) < 2e-3
+
+
+def test_a_drifting_satellite(planar: ffsms.SpaceManipulator) -> None:
+    """With a total momentum that it is told, and beside it without."""
+    q0 = planar.configuration([0.3, 0.6, 0.5])
+    target = planar.at(q0).end_effector_pose.translation + np.array([-0.2, 0.15, 0.0])
+    momentum = planar.at(q0, 0.01 * np.eye(9)[5]).momentum
+    reference = opt.StepPlanner(planar, 0.02, momentum=momentum).track(target, 6.0)
+    law = ComputedTorque(planar, 100.0, 20.0)
+    tracking = simulate(planar, reference, law, dt=5e-3, q0=q0)
+    np.testing.assert_allclose(tracking.momentum[-1], momentum, atol=1e-9)
+    assert tracking.position_error[-1] < 2e-3
+    assert reference.note == ""

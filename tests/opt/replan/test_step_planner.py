@@ -1,0 +1,78 @@
+"""`StepPlanner`: a short name for the step with the paper's limits."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+
+import numpy as np
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits
+from ffsms_pin.opt.step.stepper import Stepper
+
+TARGET = np.array([0.45, 0.75, 0.0])
+
+
+def test_it_is_the_stepper_with_the_limits_of_the_paper(planar: ffsms.SpaceManipulator) -> None:
+    q, rates = planar.configuration([0.4, 0.7, -0.5]), np.array([0.1, -0.1, 0.2])
+    limits = [JointLimits(), Clearance(0.02), AlphaBox(), BaseLimits(attitude=0.1)]
+    stepper = Stepper(planar, 0.02, 5.0, limits, momentum=0.01 * np.ones(6))
+    planner = opt.StepPlanner(
+        planar, 0.02, 5.0, 0.02, base_limits=opt.BaseLimits(attitude=0.1), momentum=0.01 * np.ones(6)
+    )
+    for one, other in zip(
+        planner.build(q, rates, TARGET, 5.0), stepper.build(q, rates, TARGET, 5.0), strict=True
+    ):
+        np.testing.assert_array_equal(one, other)
+    ours, plain = planner.step(q, rates, TARGET, 5.0), stepper.step(q, rates, TARGET, 5.0)
+    np.testing.assert_array_equal(ours.joint_rates, plain.joint_rates)
+    np.testing.assert_array_equal(
+        planner.advance(q, rates, TARGET, 4.9).joint_rates, stepper.advance(q, rates, TARGET, 4.9).joint_rates
+    )
+    planner.reset()
+    assert planner.stepper.base_start is None
+    assert (planner.sms, planner.dt, planner.kappa, planner.clearance) == (planar, 0.02, 5.0, 0.02)
+    assert planner.base_limits == opt.BaseLimits(attitude=0.1)
+    np.testing.assert_array_equal(planner.momentum, 0.01 * np.ones(6))
+    planner.dt = 0.05
+    assert planner.stepper.dt == 0.05
+
+
+def test_its_defaults_are_those_of_the_contract() -> None:
+    signature = inspect.signature(opt.StepPlanner)
+    defaults = {name: one.default for name, one in signature.parameters.items() if name != "sms"}
+    assert (defaults["dt"], defaults["kappa"], defaults["clearance"]) == (0.01, 10.0, 0.01)
+    assert (defaults["collision"], defaults["aim"]) == ("points", "step")
+
+
+def test_limits_and_terms_of_ones_own(planar: ffsms.SpaceManipulator) -> None:
+    q, rates = planar.configuration([0.4, 0.7, -0.5]), np.zeros(3)
+    planner = opt.StepPlanner(planar, limits=[opt.JointLimits()], terms=[opt.BaseTurn(0.2)])
+    assert len(planner.build(q, rates, TARGET, 5.0).l) == 3
+    problem = planner.track(TARGET, 3.0).problem
+    assert [limit.name for limit in problem.limits] == ["joints"]
+    assert [term.name for term in problem.terms] == ["coupling", "smooth", "effort", "base turn"]
+
+
+def test_tracking_takes_over_the_settings(planar: ffsms.SpaceManipulator) -> None:
+    planner = opt.StepPlanner(
+        planar, 0.02, 5.0, base_limits=opt.BaseLimits(attitude=0.1), momentum=np.ones(6)
+    )
+    reference = planner.track(TARGET, 3.0, hold=1.0)
+    problem = reference.problem
+    assert reference.duration == 4.0
+    assert (problem.duration, problem.dt, problem.kappa) == (3.0, 0.02, 5.0)
+    assert [limit.name for limit in problem.limits] == ["joints", "clearance", "alpha box", "base"]
+    np.testing.assert_array_equal(reference.momentum, np.ones(6))
+    np.testing.assert_array_equal(reference.target, TARGET)
+    moving = planner.track(lambda t: TARGET + 0.01 * t, 3.0)
+    np.testing.assert_allclose(moving.target(2.0), TARGET + 0.02)
+
+
+def test_what_is_wrong_is_refused(planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]) -> None:
+    refused(lambda: opt.StepPlanner(planar, base_limits=0.1), InvalidValue, "base_limits")  # type: ignore[arg-type]
+    refused(lambda: opt.StepPlanner(planar, aim="sideways"), InvalidValue, "must be one of")
+    refused(lambda: opt.StepPlanner(planar, dt=0.0), InvalidValue, "dt")

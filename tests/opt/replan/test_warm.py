@@ -1,0 +1,209 @@
+"""A warm re-plan of the rest of a motion: what it keeps, and what it changes nothing of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.opt.horizon.spline import Grid
+from ffsms_pin.opt.replan.joint_plan import JointPlan
+from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.replan.rest import CountedFrom, Later, rest_of
+from ffsms_pin.opt.replan.warm import replanned
+from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.simulation import perturb
+
+Array = NDArray[np.float64]
+DURATION, DT = 8.0, 0.02
+OPTIONS = ReplanOptions()
+
+
+@pytest.fixture(scope="module")
+def panda() -> ffsms.SpaceManipulator:
+    return ffsms.load("satellite_panda")
+
+
+@pytest.fixture(scope="module")
+def problem(panda: ffsms.SpaceManipulator) -> opt.Problem:
+    middle = 0.5 * (panda.limits.lower + panda.limits.upper)
+    base = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.5, -0.2, 0.3]))
+    q0 = panda.configuration(middle, base)
+    way = base.rotation @ np.array([-0.15, 0.2, -0.2])
+    target = panda.at(q0).end_effector_pose.translation + way
+    return opt.Problem(panda, q0, target, DURATION, DT)
+
+
+@pytest.fixture(scope="module")
+def plan(problem: opt.Problem) -> opt.Trajectory:
+    plan = opt.solve(problem)
+    assert plan.reached
+    return plan
+
+
+def again(
+    problem: opt.Problem, plan: opt.Trajectory, t: float, **given: Any
+) -> tuple[opt.Problem, JointPlan]:
+    """The rest of a problem from a node of its plan on, and its warm re-plan; `given` replaces what is known."""
+    k = round(t / problem.dt)
+    known = {
+        "sms": problem.sms,
+        "q": plan.q[k],
+        "joints": plan.joint_positions[k],
+        "rates": plan.joint_rates[k],
+        "base_start": plan.q[0, :7],
+        "locked": (),
+        **given,
+    }
+    rest = rest_of(problem, t=t, **known)
+    last = JointPlan.of_trajectory(plan)
+    return rest, replanned(rest, t, known["joints"], last, OPTIONS, rest.duration / problem.duration)
+
+
+@pytest.mark.parametrize("t", [0.8, 3.2, 6.4, 7.6])
+def test_nothing_changes_where_nothing_is_wrong(t: float, problem: opt.Problem, plan: opt.Trajectory) -> None:
+    k = round(t / DT)
+    rest, found = again(problem, plan, t)
+    assert np.abs(found.positions - plan.joint_positions[k:]).max() < 0.03
+    assert np.ptp(plan.joint_positions[k:], axis=0).max() > {0.8: 0.3, 3.2: 0.1}.get(t, 0.0)
+    finished = measure(rest, found.rates)
+    assert finished.clear
+    assert finished.position_error[-1] < 1e-3
+    assert found.miss == pytest.approx(finished.position_error[-1], abs=2e-4)
+    assert found.start == t
+
+
+def test_the_command_goes_on_without_a_jump(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    _, found = again(problem, plan, 2.0)
+    np.testing.assert_array_equal(found.rates[0], plan.joint_rates[100])
+    np.testing.assert_array_equal(found.positions[0], plan.joint_positions[100])
+    assert (np.abs(np.diff(found.rates, axis=0)) <= DT * problem.sms.limits.acceleration + 1e-9).all()
+
+
+def test_a_base_that_is_elsewhere_is_made_up_for(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    k, q = 150, plan.q[150].copy()
+    base = pin.XYZQUATToSE3(q[:7]) * pin.exp6(np.array([0.01, -0.02, 0.01, 0.02, 0.01, -0.03]))
+    q[:7] = pin.SE3ToXYZQUAT(base)
+    rest, found = again(problem, plan, k * DT, q=q)
+    assert measure(rest, plan.joint_rates[k:]).position_error[-1] > 0.02
+    assert measure(rest, found.rates).position_error[-1] < 1.2e-3
+
+
+def test_another_mass_is_made_up_for(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    other = perturb(problem.sms, arm_mass=1.3)
+    rest, found = again(problem, plan, 1.0, sms=other)
+    assert measure(rest, plan.joint_rates[50:]).position_error[-1] > 5e-3
+    assert measure(rest, found.rates).position_error[-1] < 1.2e-3
+
+
+def test_locked_joints_stay_exactly(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    j = 5
+    name, rates = problem.sms.joint_names[j], plan.joint_rates[100].copy()
+    assert abs(rates[j]) > 1e-3
+    rates[j] = 0.0
+    rest, found = again(problem, plan, 2.0, rates=rates, locked=[name])
+    np.testing.assert_array_equal(found.rates[:, j], 0.0)
+    np.testing.assert_array_equal(found.positions[:, j], plan.joint_positions[100, j])
+    assert np.abs(found.rates[:, 2]).max() > 1e-3
+    # A joint less is no small change, some 0.3 m at the end: what one re-plan does not find the next ones do.
+    assert measure(rest, np.where(rest.free, plan.joint_rates[100:], 0.0)).position_error[-1] > 0.2
+    for _ in range(2):
+        found = replanned(rest, 2.0, plan.joint_positions[100], found, OPTIONS, rest.duration / DURATION)
+        np.testing.assert_array_equal(found.rates[:, j], 0.0)
+    assert found.miss < 2e-3
+
+
+def test_a_start_with_moving_joints_keeps_limits(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    """Rates at which nothing was planned: some joints at their limits of rate, others backwards."""
+    limits = problem.sms.limits
+    rates = 0.5 * limits.velocity * np.array([1, -1, 0.4, -0.3, 1, -1, 1])
+    rates[0] = limits.velocity[0]
+    rest, found = again(problem, plan, 1.0, rates=rates)
+    finished = measure(rest, found.rates)
+    assert "joints" not in finished.broken
+    assert (np.abs(np.diff(found.rates, axis=0)) <= DT * limits.acceleration + 1e-9).all()
+    assert limits.violation(found.positions).max() == 0.0
+    np.testing.assert_array_equal(found.rates[0], rates)
+    np.testing.assert_allclose(found.rates[-1], 0.0, atol=1e-3)
+
+
+def test_base_limits_count_from_the_start_of_the_whole_motion(
+    problem: opt.Problem, plan: opt.Trajectory
+) -> None:
+    start = pin.XYZQUATToSE3(plan.q[0, :7]).rotation
+    turns = [np.linalg.norm(pin.log3(start.T @ pin.XYZQUATToSE3(q[:7]).rotation)) for q in plan.q]
+    limit, k = 0.9 * max(turns), 120
+    held = replace(problem, limits=[*problem.limits, opt.BaseLimits(attitude=limit)])
+    # The free plan breaks it, and is told so at the right size, although its rest alone turns the base by less.
+    rest, _ = again(held, plan, k * DT)
+    assert measure(rest, plan.joint_rates[k:]).broken["base"] == pytest.approx(max(turns) - limit, rel=0.05)
+    within = opt.solve(held)
+    assert within.reached
+    rest, found = again(held, within, k * DT)
+    finished = measure(rest, found.rates)
+    assert finished.broken == {}
+    most = [np.linalg.norm(pin.log3(start.T @ pin.XYZQUATToSE3(q[:7]).rotation)) for q in finished.q]
+    assert 0.8 * limit < max(most) <= limit
+    assert finished.position_error[-1] < 2e-3
+
+
+def test_a_moving_goal_is_seen_from_the_later_time(planar: ffsms.SpaceManipulator) -> None:
+    asked: list[float] = []
+
+    def path(t: float) -> Array:
+        asked.append(t)
+        return np.array([0.7 + 0.01 * t, 0.3, 0.0])
+
+    goal = Later(opt.Moving(path), 2.0)
+    np.testing.assert_allclose(goal.place(1.0).position, [0.73, 0.3, 0.0])
+    np.testing.assert_allclose(goal.place(1.0).velocity, [0.01, 0.0, 0.0], atol=1e-9)
+    count = len(asked)
+    goal.place(1.0)
+    assert len(asked) == count  # a place is asked for once
+    q0 = planar.configuration([0.5, 0.5, 0.5])
+    whole = opt.Problem(planar, q0, opt.Moving(path), 6.0, 0.02)
+    rest = rest_of(whole, planar, 2.0, q0, planar.layout.positions(q0), np.zeros(3), q0[:7])
+    assert rest.duration == pytest.approx(4.0)
+    np.testing.assert_allclose(rest.goal.place(4.0).position, whole.goal.place(6.0).position)
+
+
+def test_a_limit_of_ones_own_counts_from_the_start(planar: ffsms.SpaceManipulator) -> None:
+    q0 = planar.configuration([0.5, 0.5, 0.5])
+    whole = opt.Problem(
+        planar, q0, [0.8, 0.3, 0.0], 6.0, 0.02, limits=[opt.JointLimits(), opt.BaseLimits(translation=0.05)]
+    )
+    away = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    rest = rest_of(whole, planar, 2.0, q0, planar.layout.positions(q0), np.zeros(3), away)
+    joints, base = rest.limits
+    assert isinstance(joints, opt.JointLimits)
+    assert isinstance(base, CountedFrom)
+    assert (base.name, base.margin) == ("base", opt.BaseLimits().margin)
+    still = measure(rest, np.zeros((rest.steps + 1, 3)))
+    shift = np.linalg.norm(pin.XYZQUATToSE3(q0[:7]).act(planar.base_com) - away[:3] - planar.base_com)
+    assert still.broken["base"] == pytest.approx(shift - 0.05)
+
+
+def test_joint_plan_is_linear_in_rates() -> None:
+    rng = np.random.default_rng(2)
+    rates = rng.normal(size=(6, 2))
+    plan = JointPlan.of_rates(1.0, 0.1, np.array([0.3, -0.2]), rates, 0.0)
+    np.testing.assert_allclose(plan.sample(1.25)[1], 0.5 * (rates[2] + rates[3]))
+    fine = 1.0 + np.linspace(0.0, 0.5, 5001)
+    samples = plan.rates_at(fine)
+    travel = 0.5 * np.diff(fine)[:, None] * (samples[1:] + samples[:-1])
+    np.testing.assert_allclose(plan.sample(1.5)[0], np.array([0.3, -0.2]) + travel.sum(axis=0), atol=1e-9)
+    np.testing.assert_array_equal(plan.sample(2.0)[1], 0.0)
+    np.testing.assert_allclose(plan.sample(2.0)[0], plan.positions[-1])
+    np.testing.assert_array_equal(plan.rates_at(np.array([1.6])), 0.0)
+
+
+def test_splines_get_coarser_as_the_time_shrinks() -> None:
+    sizes = [OPTIONS.grid(share).intervals for share in (1.0, 0.4, 0.05)]
+    assert sizes == sorted(sizes, reverse=True)
+    assert isinstance(OPTIONS.grid(1.0), Grid)

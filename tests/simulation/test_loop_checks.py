@@ -1,0 +1,203 @@
+"""A closed loop that is given what it cannot use says so; one that loses what it should keep says that."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from motions import Constant, Swing
+
+import ffsms_pin as ffsms
+from ffsms_pin.control import PD, SuperTwisting
+from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError, SimulationDiverged
+from ffsms_pin.simulation import (
+    Actuator,
+    Capture,
+    JointFriction,
+    Sensors,
+    Tracking,
+    Watchdog,
+    Wrench,
+    simulate,
+)
+from ffsms_pin.simulation.unfinished import begun
+
+ARRAYS = [field.name for field in fields(Tracking) if field.name != "note"]
+Refused = Callable[..., FfsmsError]
+
+
+class Failing(PD):
+    """A law that gives NaN, infinity or words from the 20th step on."""
+
+    value: Any = np.nan
+    calls = 0
+
+    def torque(self, *state: Any) -> Any:
+        """As it was told."""
+        self.calls += 1
+        tau = super().torque(*state)
+        return tau if self.calls <= 20 else self.value * np.ones_like(tau)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("drive", [None, Actuator(delay=0.003)])
+def test_a_torque_that_is_not_finite_ends_the_run(
+    planar: ffsms.SpaceManipulator, value: float, drive: Actuator | None
+) -> None:
+    law = Failing(planar)
+    law.value = value
+    with pytest.raises(SimulationDiverged, match=r"torque is not finite at t = 0\.02") as caught:
+        simulate(planar, Swing(planar), law, actuator=drive)
+    late = 0 if drive is None else 3
+    assert caught.value.time == pytest.approx(1e-3 * (20 + late))
+    assert len(caught.value.tracking.t) == 21 + late
+    assert all(np.isfinite(getattr(caught.value.tracking, name)).all() for name in ("q", "v", "tau", "work"))
+
+
+def test_an_actuator_cuts_off_an_infinite_torque(planar: ffsms.SpaceManipulator) -> None:
+    law = Failing(planar)
+    law.value = np.inf
+    run = simulate(planar, Swing(planar, duration=0.1), law, actuator=Actuator(torque_limit=0.1))
+    assert run.tau.max() == 0.1
+
+
+def test_a_torque_of_no_numbers_is_refused(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
+    for tau in (["a"] * 3, [1j] * 3, [None] * 3, [0.0] * 2, 0.0):
+        law = Constant(np.zeros(3))
+        law.tau = np.array(tau)
+        refused(lambda law=law: simulate(planar, Swing(planar), law), InvalidValue, "controller.torque")
+
+
+def test_wrong_kinds_of_object_are_named(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
+    good: dict[str, Any] = {"sms": planar, "reference": Swing(planar), "controller": PD(planar)}
+    wrong: dict[str, Any] = {
+        "sms": np.eye(3),
+        "reference": np.zeros(3),
+        "controller": "pd",
+        "plant": "planar_3r",
+        "progress": 1.0,
+        "friction": 0.1,
+        "actuator": {},
+        "sensors": 0.0,
+        "disturbances": 1.0,
+        "events": 0.5,
+        "watchdog": True,
+        "stream": 3,
+        "integrator": ["rk4"],
+    }
+    for name, value in wrong.items():
+        refused(lambda name=name, value=value: simulate(**{**good, name: value}), InvalidValue, name)
+    refused(lambda: PD(np.eye(3)), InvalidValue, "sms must be a SpaceManipulator")  # type: ignore[arg-type]
+
+
+def test_a_reference_that_does_not_fit_is_refused(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
+    class Odd(Swing):
+        given: Any = None
+
+        def sample(self, t: float) -> Any:
+            return self.given
+
+    zeros, still = np.zeros(3), np.zeros(planar.nv)
+    short, unknown = (zeros[:2], zeros, zeros), (zeros, zeros, np.full(3, np.nan))
+    for given in (None, 1.0, (zeros, zeros), short, unknown, ("a", "b", "c")):
+        odd = Odd(planar)
+        odd.given = given
+        for v0 in (None, still):
+            refused(
+                lambda odd=odd, v0=v0: simulate(planar, odd, PD(planar), v0=v0), InvalidValue, "reference"
+            )
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ({"sensors": Sensors(joint_rate_noise=1e30)}, "sensors.joint_rate_noise"),
+        ({"events": Capture(0.5, 1e30, np.eye(3))}, "capture.mass"),
+        ({"events": Capture(0.5, 1.0, 1e30 * np.eye(3))}, "capture.inertia"),
+        ({"events": Capture(0.5, 1.0, np.eye(3), twist=[1e30] * 6)}, "capture.twist"),
+        ({"friction": JointFriction(viscous=3e71)}, "viscous"),
+        ({"friction": JointFriction(coulomb=0.1, transition=1e-300)}, "transition"),
+        ({"disturbances": Wrench([1e30, 0, 0, 0, 0, 0])}, "wrench"),
+        ({"dt": 1e-9}, "2e+09 steps"),
+        ({"dt": 1e-300}, "dt"),
+        ({"v0": np.full(9, 1e30)}, "v0"),
+    ],
+)
+def test_absurd_numbers_are_refused(
+    refused: Refused, planar: ffsms.SpaceManipulator, options: dict[str, Any], word: str
+) -> None:
+    refused(lambda: simulate(planar, Swing(planar), PD(planar), **options), InvalidValue, word)
+
+
+def test_a_run_too_long_for_its_memory_is_refused(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
+    long = Swing(planar, duration=1e9)
+    refused(lambda: simulate(planar, long, PD(planar)), InvalidValue, "dt", "1e+12 steps")
+
+
+def test_noise_of_a_thousand_turns_ends_in_words_with_every_integrator(
+    planar: ffsms.SpaceManipulator,
+) -> None:
+    for integrator in ("rk4", "variational", "adaptive", "stiff"):
+        with pytest.raises(SimulationDiverged):
+            simulate(
+                planar,
+                Swing(planar, duration=0.02),
+                PD(planar, K_d=100.0, torque_limit=np.inf),
+                sensors=Sensors(joint_rate_noise=1e9),
+                integrator=integrator,
+            )
+
+
+def test_lost_momentum_is_told(planar: ffsms.SpaceManipulator) -> None:
+    swing, law = Swing(planar), PD(planar, K_p=5.0, K_d=2.0)
+    steep = JointFriction(coulomb=1.0)
+    assert simulate(planar, swing, law).note == ""
+    for options in ({"dt": 0.05}, {"friction": steep}):
+        run = simulate(planar, swing, law, **options)
+        lost = float(np.linalg.norm(run.momentum[-1, :3] - run.momentum[0, :3]))
+        assert "momentum changed though nothing acts from outside" in run.note
+        assert f"linear by {lost:.3g} kg m/s" in run.note
+    short = Swing(planar, way=(0.06, 0.08, -0.06), duration=0.2)
+    assert "outside" in simulate(planar, short, law, friction=steep).note
+    assert simulate(planar, short, law, friction=steep, integrator="stiff").note == ""
+
+
+def test_what_changes_the_momentum_by_right_is_not_told(planar: ffsms.SpaceManipulator) -> None:
+    swing, law = Swing(planar), PD(planar, K_p=5.0, K_d=2.0)
+    pushed = simulate(planar, swing, law, disturbances=Wrench([0.1, 0.0, 0.0, 0.0, 0.0, 0.1]))
+    assert np.linalg.norm(pushed.momentum[-1] - pushed.momentum[0]) > 0.1
+    assert pushed.note == ""
+    flying = Capture(1.0, 2.0, 0.1 * np.eye(3), twist=[0.1, 0.0, 0.0, 0.0, 0.0, 0.5])
+    caught = simulate(planar, swing, law, events=flying)
+    assert np.linalg.norm(caught.momentum[-1] - caught.momentum[0]) > 0.1
+    assert caught.note == "t = 1 s: captured 2 kg"
+    assert "outside" in simulate(planar, swing, law, events=flying, friction=JointFriction(coulomb=1.0)).note
+
+
+def test_a_watchdog_is_given_a_path(refused: Refused) -> None:
+    for path in (3, "", "a\0b", "x" * 300):
+        refused(lambda path=path: Watchdog(path=path), InvalidValue, "watchdog.path")
+
+
+def test_the_control_step_of_a_law_is_a_time(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
+    wrong: list[Any] = [{}, np.nan, 0.0, "1"]
+    for dt in wrong:
+        refused(lambda dt=dt: SuperTwisting(planar).reset(dt), InvalidValue, "dt must")
+
+
+def test_a_recording_that_cannot_be_read_is_refused(refused: Refused, tmp_path: Path) -> None:
+    folder, handle, _ = begun(tmp_path / "run.npz")
+    os.close(handle)
+    refused(lambda: Tracking.load(tmp_path / "run.npz"), ResultError, "left unfinished before its first row")
+    refused(lambda: Tracking.load("/"), ResultError, "cannot be read")
+    refused(lambda: Tracking.load(tmp_path, complete=1), InvalidValue, "complete")  # type: ignore[arg-type]
+    np.save(folder / "rows.npy", np.ones(1, dtype=np.int64))
+    for content in (b"", b"\x93NUMPY"):
+        for name in ARRAYS:
+            (folder / f"{name}.npy").write_bytes(content)
+        refused(lambda: Tracking.load(tmp_path / "run.npz"), ResultError, "left unfinished")

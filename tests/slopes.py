@@ -1,0 +1,88 @@
+"""Slopes of residuals by control points: by the library's chain rule, and by finite differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt import Problem
+from ffsms_pin.opt.batch.motions import EXACT, Motions, Smoothing
+from ffsms_pin.opt.batch.residual import JointResidual, Residual, Residuals
+from ffsms_pin.opt.horizon.jacobian import Jacobian
+from ffsms_pin.opt.horizon.motions import motions_of, targets
+from ffsms_pin.opt.horizon.spline import RateSpline
+
+__all__ = ["by_differences", "by_slopes", "motions", "values_of"]
+
+
+def motions(problem: Problem, spline: RateSpline, p: FloatArray, smoothing: Smoothing = EXACT) -> Motions:
+    """Motions of control points p (S, M, n)."""
+    return motions_of(problem, spline, p, smoothing, targets(problem.goal, spline.times))
+
+
+def values_of(residuals: Residuals, shape: tuple[int, int, int]) -> FloatArray:
+    """All residuals of one motion in one vector; entries that are left out are zero."""
+    n, _, instants = shape
+    rows = []
+    for residual in residuals:
+        if isinstance(residual, JointResidual):
+            rows.append(np.broadcast_to(residual.value, shape)[:, 0].ravel())
+        elif residual.motion is None:
+            rows.append(residual.value[0])
+        else:
+            # Several entries may stand at one instant (pairs of points): their squares add up.
+            rows.append(np.bincount(residual.instants, residual.value**2, minlength=instants))
+    return np.concatenate(rows) if rows else np.zeros(0)
+
+
+def by_slopes(problem: Problem, spline: RateSpline, p: FloatArray, residuals: Residuals) -> FloatArray:
+    """Slopes (rows, n M) of `values_of`, joints first, by the chain rule."""
+    at = motions(problem, spline, p)
+    jacobian = Jacobian(spline, at, np.array([0]))
+    n, instants, size = problem.sms.n, len(spline.times), spline.size
+    rows = []
+    for residual in residuals:
+        if isinstance(residual, JointResidual):
+            made = np.zeros((n, instants, n, size))
+            parts = (
+                (residual.by_position, spline.travel.free),
+                (residual.by_rate, spline.rates.free),
+                (residual.by_acceleration, spline.accelerations.free),
+            )
+            for slope, free in parts:
+                if slope is not None:
+                    for j in range(n):
+                        made[j, :, j] += np.broadcast_to(slope, (n, 1, instants))[j, 0][:, None] * free
+            rows.append(made.reshape(n * instants, -1))
+        elif residual.motion is None:
+            rows.append(jacobian.rows(residual)[0].T)
+        else:
+            squared = np.zeros((instants, n * size))
+            assert isinstance(residual, Residual)
+            np.add.at(squared, residual.instants, (2.0 * residual.value * jacobian.rows(residual)).T)
+            rows.append(squared)
+    return np.vstack(rows) if rows else np.zeros((0, n * size))
+
+
+def by_differences(
+    problem: Problem,
+    spline: RateSpline,
+    p: FloatArray,
+    residuals: Callable[[Motions], Residuals],
+    step: float = 1e-6,
+) -> FloatArray:
+    """The same by central differences."""
+    n, size = problem.sms.n, spline.size
+    shape = (n, 1, len(spline.times))
+    out = []
+    for j in range(n):
+        for i in range(size):
+            sides = []
+            for sign in (1.0, -1.0):
+                moved = p.copy()
+                moved[0, i, j] += sign * step
+                sides.append(values_of(residuals(motions(problem, spline, moved)), shape))
+            out.append((sides[0] - sides[1]) / (2.0 * step))
+    return np.array(out).T

@@ -1,0 +1,87 @@
+"""Descriptions, limits and states with absurd numbers: taken for what they mean, or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin.errors import FfsmsError, InvalidUrdf, InvalidValue
+from ffsms_pin.inspection import inspect
+from ffsms_pin.urdf import model_path
+
+Refused = Callable[..., FfsmsError]
+PLANAR = model_path("planar_3r").read_text()
+
+
+def file(folder: Path, text: str) -> Path:
+    path = folder / "robot.urdf"
+    path.write_text(text)
+    return path
+
+
+def test_huge_limits_are_none(tmp_path: Path) -> None:
+    text = PLANAR
+    for key, value in (("velocity", "1e300"), ("effort", "1e16"), ("lower", "-1e300"), ("upper", "3.4e38")):
+        start = text.index(f'{key}="') + len(key) + 2
+        text = text[:start] + value + text[text.index('"', start) :]
+    limits = ffsms.load(file(tmp_path, text)).limits
+    for found in (limits.velocity, limits.acceleration, limits.torque, limits.upper):
+        assert found[0] == np.inf
+        assert np.isfinite(found[1:]).all()
+    assert limits.lower[0] == -np.inf
+
+
+def test_limits_within_which_nothing_moves_are_refused(
+    refused: Refused, planar: ffsms.SpaceManipulator
+) -> None:
+    good: dict[str, Any] = {
+        name: getattr(planar.limits, name)
+        for name in ("lower", "upper", "velocity", "acceleration", "torque")
+    }
+    for name in ("velocity", "acceleration", "torque"):
+        bad = {**good, name: np.array([1e-30, 1.0, 1.0])}
+        refused(lambda bad=bad: ffsms.JointLimits(**bad), InvalidValue, f"limits.{name}", "1e-12")
+    for value in ("wide", [["a"]], [None] * 3, [1j] * 3, np.ones((3, 1))):
+        bad = {**good, "upper": value}
+        refused(lambda bad=bad: ffsms.JointLimits(**bad), InvalidValue, "limits.upper")
+
+
+@pytest.mark.parametrize("depth", [101, 3_000, 100_000])
+def test_nested_elements_are_refused(refused: Refused, tmp_path: Path, depth: int) -> None:
+    nested = "<a>" * depth + "</a>" * depth
+    path = file(tmp_path, PLANAR.replace("</robot>", f"{nested}</robot>"))
+    for call in (ffsms.load, inspect):
+        refused(lambda call=call: call(path), InvalidUrdf, "deeper than 100")
+
+
+def test_endless_files_are_refused(refused: Refused, tmp_path: Path) -> None:
+    links = "".join(f'<link name="w{i}"/>' for i in range(20_000))
+    path = file(tmp_path, PLANAR.replace("</robot>", f"{links}</robot>"))
+    refused(lambda: ffsms.load(path), InvalidUrdf, "more than 20000 elements")
+    lol = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 12))
+    path = file(tmp_path, f'<!DOCTYPE robot [<!ENTITY a0 "lol">{lol}]><robot name="&a11;"/>')
+    refused(lambda: ffsms.load(path), InvalidUrdf, "XML")
+
+
+@pytest.mark.parametrize("value", [1e10, 1e300, -1e30, np.inf])
+def test_states_far_away_are_refused(refused: Refused, planar: ffsms.SpaceManipulator, value: float) -> None:
+    q = planar.configuration([0.1, 0.2, 0.3])
+    far = q.copy()
+    far[0] = value
+    refused(lambda: planar.at(far), InvalidValue, "q must")
+    refused(lambda: planar.velocity(far, np.zeros(3)), InvalidValue, "q must")
+    refused(lambda: planar.at(q).drift(np.full(6, value)), InvalidValue, "momentum must")
+
+
+def test_poses_that_are_none_are_refused(refused: Refused, planar: ffsms.SpaceManipulator) -> None:
+    for pose in (pin.SE3(1e300 * np.eye(3), np.zeros(3)), pin.SE3(np.eye(3), np.full(3, 1e30))):
+        refused(lambda pose=pose: planar.configuration(np.zeros(3), pose), InvalidValue, "base must")
+        refused(lambda pose=pose: ffsms.mount("planar_3r", placement=pose), InvalidValue, "placement must")
+        made = {"model": planar.model, "end_effector": planar.end_effector, "base_box_placement": pose}
+        refused(lambda made=made: ffsms.SpaceManipulator(**made), InvalidValue, "base_box_placement must")

@@ -1,0 +1,52 @@
+"""All trials, and a table of how they ended: ``python -m trials --help``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections import Counter
+
+from trials.judge import GOOD
+from trials.known import known_fault
+from trials.runner import run
+
+__all__ = ["WHOLE"]
+
+WHOLE = {"urdfs": 3_000, "scenarios": 1_500, "calls": 20_000, "kills": 200}
+_COLUMNS = (*GOOD, "known planner fault", "other error", "warning", "memory", "hang", "crash")
+
+
+def main() -> int:
+    """Run the trials; 1 where one of them failed."""
+    parser = argparse.ArgumentParser(
+        prog="python -m trials", description="Try the library with what is wrong."
+    )
+    parser.add_argument("kinds", nargs="*", help=f"of {', '.join(WHOLE)}; default: all")
+    parser.add_argument("--share", type=float, default=1.0, help="of the whole number of trials")
+    parser.add_argument(
+        "--first", type=int, default=0, help="seed of the first trial; the test suite begins with 0"
+    )
+    given = parser.parse_args()
+    bad = 0
+    print("| trials | number | " + " | ".join(_COLUMNS) + " | time [s] |")
+    print("|---|" + "---|" * (len(_COLUMNS) + 2))
+    for kind in given.kinds or WHOLE:
+        count, began = max(1, round(given.share * WHOLE[kind])), time.monotonic()
+        ended: Counter[str] = Counter()
+        for verdict in run(kind, count, given.first):
+            fault = known_fault(verdict)
+            ended["known planner fault" if fault else verdict.outcome] += 1
+            if verdict.outcome not in GOOD and not fault:
+                bad += 1
+                print(
+                    f"{kind} {verdict.seed}: {verdict.outcome}: {verdict.what}: {verdict.detail}",
+                    file=sys.stderr,
+                )
+        cells = " | ".join(str(ended[column]) for column in _COLUMNS)
+        print(f"| {kind} | {count} | {cells} | {time.monotonic() - began:.0f} |", flush=True)
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

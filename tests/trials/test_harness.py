@@ -1,0 +1,46 @@
+"""The trials would notice: a crash, a hang, an error of another kind, a warning, too much memory."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from ffsms_pin.errors import FfsmsError, InvalidValue, TasksFailed
+from trials.judge import judged
+from trials.rogue import ENDS
+from trials.runner import run
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="reads /proc")
+def test_every_way_to_fail_is_seen_and_the_rest_goes_on() -> None:
+    verdicts = list(run("rogue", len(ENDS), limit=2.0))
+    assert [one.outcome for one in verdicts] == [outcome for outcome, _ in ENDS]
+    assert [one.seed for one in verdicts] == list(range(len(ENDS)))
+    assert [one.what for one in verdicts] == [f"number {seed}" for seed in range(len(ENDS))]
+
+
+def raising(error: BaseException) -> Callable[[], Any]:
+    def work() -> None:
+        raise error
+
+    return work
+
+
+@pytest.mark.parametrize(
+    ("error", "outcome"),
+    [
+        (InvalidValue("q", 1, "must be two"), "our error"),
+        (FfsmsError(""), "other error"),
+        (ValueError("q"), "other error"),
+        (RecursionError(), "other error"),
+        (MemoryError(), "memory"),
+        (RuntimeWarning("q"), "warning"),
+        (TasksFailed({0: InvalidValue("q", 1, "must be two")}, [None]), "our error"),
+        (TasksFailed({0: KeyError("q")}, [None]), "other error"),
+    ],
+)
+def test_errors_are_told_apart(error: BaseException, outcome: str) -> None:
+    assert judged(raising(error))[0] == outcome
