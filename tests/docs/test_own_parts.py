@@ -16,7 +16,6 @@ import pytest
 from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.opt.batch import Residual
 from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios import scenario
@@ -130,14 +129,14 @@ def test_the_slopes_are_those_of_finite_differences(page: SimpleNamespace) -> No
     place = np.array([0.4, 0.3, 0.1])
     for part in (page.gaze, page.above):
 
-        def residuals(shift: Any, turn: Any, part: Any = part) -> list[Residual]:
+        def residuals(shift: Any, turn: Any, part: Any = part) -> list[opt.Residual]:
             turned = pin.exp3(np.asarray(turn)) @ attitude
             seen = SimpleNamespace(
                 end_effector=(place + shift)[:, None, None],
                 attitude=turned[:, :, None, None],
                 stack=SimpleNamespace(length=1.5),
             )
-            found: list[Residual] = part.residual(seen)
+            found: list[opt.Residual] = part.residual(seen)
             return found
 
         exact, h, none = residuals(np.zeros(3), np.zeros(3)), 1e-6, np.zeros(3)
