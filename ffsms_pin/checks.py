@@ -73,7 +73,7 @@ def _floats(name: str, value: Any) -> FloatArray:
 def _within(name: str, value: Any, array: FloatArray, largest: float = LARGEST) -> FloatArray:
     """The same array, whose numbers are no larger than `largest`."""
     # Python's own maximum: for the short arrays that come in, numpy's take several times as long.
-    if max(map(abs, array.ravel().tolist()), default=0.0) > largest:
+    if largest < math.inf and max(map(abs, array.ravel().tolist()), default=0.0) > largest:
         raise InvalidValue(name, value, f"must lie within {-largest:g} and {largest:g}")
     return array
 
