@@ -60,7 +60,7 @@ def off_axis(page: SimpleNamespace, plan: opt.Trajectory) -> float:
 
 def lowest(page: SimpleNamespace, plan: opt.Trajectory) -> float:
     """Least height above the plane [m]."""
-    return float((plan.end_effector @ np.array(page.above.normal)).min()) - page.above.height
+    return float((plan.end_effector @ np.array(page.above.normal)).min() - page.above.height)
 
 
 def test_the_plan_keeps_the_limit_and_looks_where_it_should(page: SimpleNamespace) -> None:
