@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +15,7 @@ import pytest
 
 from ffsms_pin import opt
 from ffsms_pin.cli import main
-from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
 from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios import scenario
@@ -80,6 +80,16 @@ def test_a_limit_that_is_broken_says_so(page: SimpleNamespace) -> None:
     assert "mm below the plane" in broken.note
     over = (page.plain.end_effector @ np.array(page.above.normal)) - page.above.height
     assert set(np.round(page.plain.t[over < 1e-3], 6)) <= set(np.round(broken.instants, 6))
+
+
+def test_a_part_without_a_name_is_refused(page: SimpleNamespace, refused: Callable[..., FfsmsError]) -> None:
+    class Nameless(opt.Term):
+        def residual(self, motions: opt.Motions) -> list[Any]:
+            return []
+
+    refused(
+        lambda: opt.Problem(page.sms, page.q0, page.goal, terms=[Nameless()]), InvalidValue, "terms", "`name`"
+    )
 
 
 def test_the_step_takes_both(page: SimpleNamespace) -> None:
