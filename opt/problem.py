@@ -181,6 +181,8 @@ def _check_parts(name: str, parts: Sequence[Any], kind: type) -> None:
     for part in parts:
         if not isinstance(part, kind):
             raise InvalidValue(name, part, f"must be a sequence of opt.{kind.__name__}")
+        if not isinstance(getattr(part, "name", None), str):
+            raise InvalidValue(name, part, "must have a `name` each, a text")
     names = [part.name for part in parts]
     for one in names:
         if names.count(one) > 1:
