@@ -62,8 +62,8 @@ def by_slopes(problem: Problem, spline: RateSpline, p: FloatArray, residuals: Re
         else:
             squared = np.zeros((instants, n * size))
             assert isinstance(residual, Residual)
-            at = np.arange(instants)[residual.instants]
-            np.add.at(squared, at, (2.0 * residual.value * jacobian.rows(residual)).T)
+            where = np.arange(instants)[residual.instants]
+            np.add.at(squared, where, (2.0 * residual.value * jacobian.rows(residual)).T)
             rows.append(squared)
     return np.vstack(rows) if rows else np.zeros((0, n * size))
 

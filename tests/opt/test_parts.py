@@ -360,5 +360,5 @@ def test_a_step_alone_keeps_the_papers_box(planar: ffsms.SpaceManipulator) -> No
 def test_no_two_packaged_parts_share_a_name() -> None:
     parts: list[type[opt.Term]] = [opt.Coupling, opt.Smooth, opt.Effort, opt.BaseTurn]
     limits: list[type[opt.Limit]] = [opt.JointLimits, opt.Clearance, BaseLimits, opt.AlphaBox]
-    names = [part.name for part in (*parts, *limits)]
+    names = [part.name for part in parts] + [limit.name for limit in limits]
     assert len(set(names)) == len(names)
