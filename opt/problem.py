@@ -171,7 +171,7 @@ class Problem:
         return np.zeros(3) if self.momentum is None else self.momentum[:3] / self.stack.mass
 
     @cached_property
-    def pace(self) -> float:
+    def mean_speed(self) -> float:
         """Mean speed of a straight way to the target [m/s]: the scale of speeds."""
         way = self.goal.place(self.duration).position - self.tip0
         return max(float(np.linalg.norm(way)), _LEAST_WAY) / self.duration

@@ -238,7 +238,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     motion = rolled_out(sms, stack, q0, rates, problem.dt, momentum, ARRIVAL_SHARE)
     places = [goal.place(t) for t in motion.times] if goal.moves else [goal.place(0.0)] * len(motion.times)
     target = np.stack([place.position for place in places], axis=-1)
-    motion = replace(motion, target=target, pace=problem.pace)
+    motion = replace(motion, target=target, mean_speed=problem.mean_speed)
     nodes = slice(None, None, 2)
     R, arm, way = motion.base_attitude[:, :, 0, nodes], motion.arm, motion.to_target[:, 0, nodes]
 

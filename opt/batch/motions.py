@@ -22,14 +22,14 @@ class Smoothing(NamedTuple):
 
     Attributes
     ----------
-    slow : float
+    fade_speed : float
         Share of the mean speed of a straight way below which a direction of motion fades.
-    close : float
+    fade_distance : float
         Distance to the target below which the direction to it fades [m].
     """
 
-    slow: float = 0.0
-    close: float = 0.0
+    fade_speed: float = 0.0
+    fade_distance: float = 0.0
 
 
 EXACT = Smoothing()
@@ -45,9 +45,9 @@ class Motions:
         The robot.
     times, weights : ndarray, shape (K,)
         Instants [s], and their weights in an integral over time [s].
-    watch : ndarray, shape (K,)
+    limit_weights : ndarray, shape (K,)
         The same for limits: instants that only they look at have a weight too.
-    late : ndarray of int
+    last_tenth : ndarray of int
         Indices of the instants in the last tenth.
     last : int
         Index of the deadline.
@@ -65,7 +65,7 @@ class Motions:
         Place of the base's centre of mass and attitude of the base at the start.
     target : ndarray, shape (3, K)
         Where the goal's position is [m].
-    pace : float
+    mean_speed : float
         Scale of speeds: the mean speed of a straight way to the target [m/s].
     smoothing : Smoothing
     lag : float
@@ -75,8 +75,8 @@ class Motions:
     stack: ArmStack
     times: FloatArray
     weights: FloatArray
-    watch: FloatArray
-    late: Indices
+    limit_weights: FloatArray
+    last_tenth: Indices
     last: int
     joints: FloatArray
     rates: FloatArray
@@ -89,7 +89,7 @@ class Motions:
     base_start: FloatArray
     rotation_start: FloatArray
     target: FloatArray
-    pace: float
+    mean_speed: float
     smoothing: Smoothing = EXACT
     lag: float = 0.0
 

@@ -80,8 +80,8 @@ def rolled_out(
         stack=stack,
         times=times,
         weights=simpson,
-        watch=simpson,
-        late=np.flatnonzero(times >= late_share * times[-1] - 1e-9),
+        limit_weights=simpson,
+        last_tenth=np.flatnonzero(times >= late_share * times[-1] - 1e-9),
         last=count - 1,
         joints=joints[:, None],
         rates=u[:, None],
@@ -94,7 +94,7 @@ def rolled_out(
         base_start=com0 + rotation0 @ (stack.base_com - arm.com[:, 0]),
         rotation_start=rotation0,
         target=np.full((3, count), np.nan),
-        pace=1.0,
+        mean_speed=1.0,
     )
 
 

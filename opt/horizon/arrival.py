@@ -27,28 +27,28 @@ class Arrival(NamedTuple):
     ----------
     end, tail : list of Residual
         At the deadline, and in the last tenth.
-    error, worst : ndarray, shape (S,)
+    end_share, late_share : ndarray, shape (S,)
         The largest error at the deadline as a share of the tolerance, and in the last tenth as a share of the
         reach.
     """
 
     end: list[Residual]
     tail: list[Residual]
-    error: FloatArray
-    worst: FloatArray
+    end_share: FloatArray
+    late_share: FloatArray
 
 
 def arrival(goal: Goal, motions: Motions) -> Arrival:
     """Residuals of the way to the goal beyond what is near enough."""
     last = np.array([motions.last])
     end, error = _position(motions, last, _END * goal.tolerance)
-    tail, worst = _distance(motions, motions.late, _TAIL * goal.reach)
+    tail, worst = _distance(motions, motions.last_tenth, _TAIL * goal.reach)
     error, worst = error / goal.tolerance, worst / goal.reach
     place = goal.place(motions.duration)
     if place.rotation is not None:
         more, angle = _attitude(goal, motions, last, _END * goal.tolerance)
         end, error = end + more, np.maximum(error, angle / goal.tolerance)
-        more, angle = _attitude(goal, motions, motions.late, _TAIL * goal.orientation_reach)
+        more, angle = _attitude(goal, motions, motions.last_tenth, _TAIL * goal.orientation_reach)
         tail, worst = tail + more, np.maximum(worst, angle / goal.orientation_reach)
     velocities = (("by_velocity", place.velocity, motions.velocity), ("by_spin", place.spin, motions.spin))
     for name, wanted, values in velocities:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.rollout import rolled_out
-from ffsms_pin.opt.horizon.starts import JointGoals, joint_range, spread, straight_time
+from ffsms_pin.opt.horizon.starts import JointGoals, joint_range, spread_postures, straight_time
 from ffsms_pin.opt.limits import Clearance
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -110,7 +110,7 @@ def reach_range(problem: Problem) -> tuple[float, float]:
     The base's attitude does not change it, and it holds for all motions from rest: the centre stays.
     """
     low, high = joint_range(problem)
-    stack, seeds = problem.stack, spread(problem, 0, _SAMPLES)
+    stack, seeds = problem.stack, spread_postures(problem, 0, _SAMPLES)
     found = []
     for sense in (-1.0, 1.0):
         joints: FloatArray = seeds

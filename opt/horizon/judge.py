@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.correction import arrival_error
 from ffsms_pin.opt.horizon.descent import Model
-from ffsms_pin.opt.horizon.landing import arrival_error
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
@@ -67,9 +67,9 @@ class Judge:
         if not plan.reached:
             return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
         rates, options = plan.joint_rates, self._options
-        moving = self._rests and float(np.abs(rates[-1]).max()) > options.moving
-        turns = int(np.sum(rates[1:-1] * rates[2:] < -options.still))
-        chatters = turns > options.turns * self._problem.sms.n
+        moving = self._rests and float(np.abs(rates[-1]).max()) > options.rest_rate
+        turns = int(np.sum(rates[1:-1] * rates[2:] < -options.least_reversal))
+        chatters = turns > options.most_reversals * self._problem.sms.n
         return False, error > self._problem.goal.tolerance or moving or chatters, error
 
     def arrives(self, plan: Trajectory) -> bool:
@@ -84,12 +84,12 @@ class Judge:
         """Of those that arrive at no more than the least cost and the tolerance, the one of least objective.
 
         The cost is here that of all terms but those that only decide between motions that are alike
-        (`Term.eases`). Where none arrives, the one that misses least.
+        (`Term.tie_breaker`). Where none arrives, the one that misses least.
         """
         arrived = [one for one in found if self.arrives(one.plan)]
         if not arrived:
             return min(found, key=lambda one: self.misses(one.plan))
-        counted = [term.name for term in self._problem.terms if not term.eases]
+        counted = [term.name for term in self._problem.terms if not term.tie_breaker]
         costs = [sum(one.plan.shares[name] for name in counted) for one in arrived]
         most = min(costs) + self._options.cost_tolerance * self.scale
         cheap = [one for one, cost in zip(arrived, costs, strict=True) if cost <= most]

@@ -108,7 +108,7 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
 
 def _gain(problem: Problem, steps: int, distance: FloatArray) -> FloatArray:
     """How much the speed may rise in a step: over a tenth of the time to its mean [m/s]."""
-    return np.asarray(10.0 / steps * np.maximum(problem.pace, distance / problem.duration) * _POWER)
+    return np.asarray(10.0 / steps * np.maximum(problem.mean_speed, distance / problem.duration) * _POWER)
 
 
 def _ideal_cosine(arm: ArmValues, kappa: float) -> FloatArray:

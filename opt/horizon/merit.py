@@ -39,17 +39,17 @@ class Weights(NamedTuple):
         Of the goal's errors at the deadline [1/m^2]; a tenth of it of what they exceed in the last tenth.
     limits : float
         Of the residuals of limits, over time [1/s].
-    ease : float
-        Factor on the weights of terms that smooth (`Term.eases`).
-    slow, close : float
-        See `Smoothing`; `close` in arm lengths.
+    tie_break : float
+        Factor on the weights of terms that smooth (`Term.tie_breaker`).
+    fade_speed, fade_distance : float
+        See `Smoothing`; `fade_distance` in arm lengths.
     """
 
     end: float
     limits: float
-    ease: float = 1.0
-    slow: float = 0.0
-    close: float = 0.0
+    tie_break: float = 1.0
+    fade_speed: float = 0.0
+    fade_distance: float = 0.0
 
     def stiffer(self, factor: float = 10.0) -> Weights:
         """With a stiffer goal and stiffer limits."""
@@ -72,11 +72,11 @@ class Linearisation:
         Half of the merit's; zero where it was not asked for.
     hessian : ndarray, shape (S, Mn, Mn)
         Half of the merit's, Gauss-Newton; likewise.
-    error : ndarray, shape (S,)
+    end_share : ndarray, shape (S,)
         Of the goal at the deadline, the largest of its parts, as a share of its tolerance.
-    tail : ndarray, shape (S,)
+    late_share : ndarray, shape (S,)
         Likewise in the last tenth, as a share of its reach.
-    lack : ndarray, shape (S,)
+    limit_share : ndarray, shape (S,)
         The largest residual of a limit, as a share of the limit's margin.
     """
 
@@ -85,9 +85,9 @@ class Linearisation:
     cost: FloatArray
     gradient: FloatArray
     hessian: FloatArray
-    error: FloatArray
-    tail: FloatArray
-    lack: FloatArray
+    end_share: FloatArray
+    late_share: FloatArray
+    limit_share: FloatArray
 
     def take(self, index: Any) -> Linearisation:
         """The motions at an index."""
@@ -118,7 +118,7 @@ def linearise(
     (S,), get no derivatives; minus infinity asks for none at all.
     """
     length = problem.stack.length
-    smoothing = Smoothing(weights.slow, weights.close * length)
+    smoothing = Smoothing(weights.fade_speed, weights.fade_distance * length)
     motions = motions_of(problem, spline, p, smoothing, targets(goal, spline.times))
     result, residuals = _measured(problem, goal, motions, weights)
     good = np.flatnonzero(result.merit < below)
@@ -140,7 +140,7 @@ def _measured(
     residuals: Residuals = []
     merit, objective, cost = np.zeros(count), np.zeros(count), np.zeros(count)
     for term in problem.terms:
-        ease = np.sqrt(weights.ease) if term.eases else 1.0
+        ease = np.sqrt(weights.tie_break) if term.tie_breaker else 1.0
         for residual in term.residual(motions):
             square = residual.squares(over_time, count)
             merit += ease * ease * square
@@ -160,11 +160,11 @@ def _measured(
     lack = np.zeros(count)
     for limit in problem.limits:
         for residual in limit.residual(motions):
-            merit += weights.limits * residual.squares(motions.watch, count)
+            merit += weights.limits * residual.squares(motions.limit_weights, count)
             np.maximum.at(lack, *_largest(residual, limit.margin))
-            residuals.append(_over_time(residual, float(np.sqrt(weights.limits)), motions.watch))
+            residuals.append(_over_time(residual, float(np.sqrt(weights.limits)), motions.limit_weights))
     empty = np.empty(0)
-    result = Linearisation(merit, objective, cost, empty, empty, at_goal.error, at_goal.worst, lack)
+    result = Linearisation(merit, objective, cost, empty, empty, at_goal.end_share, at_goal.late_share, lack)
     return result, residuals
 
 

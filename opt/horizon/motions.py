@@ -51,8 +51,8 @@ def motions_of(
         stack=stack,
         times=spline.times,
         weights=spline.over_time,
-        watch=spline.watch,
-        late=spline.last_tenth,
+        limit_weights=spline.limit_weights,
+        last_tenth=spline.last_tenth,
         last=len(spline.times) - 1,
         joints=joints,
         rates=rates,
@@ -65,7 +65,7 @@ def motions_of(
         base_start=problem.base0,
         rotation_start=rotation0,
         target=target,
-        pace=problem.pace,
+        mean_speed=problem.mean_speed,
         smoothing=smoothing,
         lag=problem.dt,
     )
@@ -80,11 +80,11 @@ def targets(goal: Goal, times: FloatArray) -> FloatArray:
 
 def base_turns(spline: RateSpline, omega: FloatArray) -> FloatArray:
     """Base rotations (3, 3, S, Q + 2) from the start, of angular velocities (3, S, Q + 2) in base axes."""
-    m, g = spline.whole.shape
+    m, g = spline.integral_over.shape
     omega = omega[..., : spline.points].reshape(3, -1, m, g)
     turned = np.empty((*omega.shape[:-1], g + 1))
-    np.einsum("kij,xskj->xski", spline.part, omega, out=turned[..., :g])
-    np.einsum("kj,xskj->xsk", spline.whole, omega, out=turned[..., g])
+    np.einsum("kij,xskj->xski", spline.integral_to_points, omega, out=turned[..., :g])
+    np.einsum("kj,xskj->xsk", spline.integral_over, omega, out=turned[..., g])
     turns = exp3(turned)
     whole = products(turns[..., g])
     starts = np.empty_like(whole)

@@ -31,23 +31,23 @@ class SearchOptions:
         A motion on the fine spline that costs more [s, for motions up to 8 s] goes on on the finest one.
     last_iterations : int
         On the finest spline.
-    near : float
+    near_radius : float
         [rad or m] Joint goals near the start are looked for from postures within this.
-    near_goal, there : float
+    goal_radius, arrived_radius : float
         [arm lengths] Straight moves that end further away are tried only where less than half of the group
-        ends nearer; those that end as near as `there` count as ending there.
-    straight : int
+        ends nearer; those that end as near as `arrived_radius` count as ending there.
+    straight_moves : int
         Straight moves that are tried where nothing else arrives.
-    landings : int
+    corrections : int
         Of a motion whose finished form misses what its quadrature hit.
-    spare : float
+    limit_reserve : float
         [arm lengths] More in hand for a limit that a finished motion broke.
-    moving : float
+    rest_rate : float
         [rad/s] A plan that is faster at its end has not come to rest.
-    turns, still : float
-        A motion with more changes of sign a joint than `turns` chatters; smaller products of rates than
-        `still` [(rad/s)^2] do not count.
-    widest : float
+    most_reversals, least_reversal : float
+        A motion with more changes of sign a joint than `most_reversals` chatters; smaller products of rates
+        than `least_reversal` [(rad/s)^2] do not count.
+    widest_cone : float
         By how much C~ may exceed max(0, cos(theta_a)), log 2 / kappa, for marches to be tried as plans: with
         a smaller kappa the cone is so wide that a march spirals and misses the deadline.
     march_steps : int
@@ -61,14 +61,14 @@ class SearchOptions:
     finest: Grid = _FINEST
     nearly_free: float = 1e-3
     last_iterations: int = 10
-    near: float = 1.0
-    near_goal: float = 0.05
-    there: float = 1e-3
-    straight: int = 6
-    landings: int = 3
-    spare: float = 1e-4
-    moving: float = 1e-3
-    turns: int = 8
-    still: float = 1e-8
-    widest: float = 0.2
+    near_radius: float = 1.0
+    goal_radius: float = 0.05
+    arrived_radius: float = 1e-3
+    straight_moves: int = 6
+    corrections: int = 3
+    limit_reserve: float = 1e-4
+    rest_rate: float = 1e-3
+    most_reversals: int = 8
+    least_reversal: float = 1e-8
+    widest_cone: float = 0.2
     march_steps: int = 30

@@ -12,23 +12,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.correction import corrected_goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.judge import Found, Judge, cost_of
-from ffsms_pin.opt.horizon.landing import aimed
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts
 from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.rounds import EARLY, LATE, STIFF, follow, keep_limits, land, run
 from ffsms_pin.opt.horizon.spline import embedded
-from ffsms_pin.opt.horizon.starts import JointGoals, shoot, spread, straight_moves, straight_time
+from ffsms_pin.opt.horizon.stages import (
+    EARLY_STAGES,
+    FINE_STAGES,
+    STRAIGHT_STAGE,
+    follow,
+    prefer_limits,
+    run,
+    tighten,
+)
+from ffsms_pin.opt.horizon.starts import (
+    JointGoals,
+    joint_goals,
+    spread_postures,
+    straight_moves,
+    straight_time,
+)
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = ["EFFORTS", "HASTE", "Search"]
+__all__ = ["QUICK", "START_GROUPS", "Search"]
 
 
-class Effort(NamedTuple):
+class StartGroup(NamedTuple):
     """A group of starts, and how far they are followed.
 
     Attributes
@@ -39,36 +53,36 @@ class Effort(NamedTuple):
         Whether coarse marches of the paper's step are starts as well.
     keep : tuple of int
         Motions that are followed: on the coarse spline, on the fine one, and there to the end.
-    patience : int
+    repeats : int
         How many times the usual iterations these make: those whose end is hard to meet need more.
-    enough, soft : float
-        A plan as cheap as enough + soft (log 2 / kappa)^2 ends the search [s, for a motion of 8 s]. C~
-        exceeds max(0, cos(theta_a)) by up to log 2 / kappa, so that for a small kappa no motion that arrives
-        is nearly free.
+    free_cost, kappa_cost : float
+        A plan as cheap as free_cost + kappa_cost (log 2 / kappa)^2 ends the search [s, for a motion of 8 s].
+        C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, so that for a small kappa no motion that
+        arrives is nearly free.
     """
 
     near: int
     far: int
     marches: bool
     keep: tuple[int, int, int]
-    patience: int
-    enough: float
-    soft: float
+    repeats: int
+    free_cost: float
+    kappa_cost: float
 
     def content(self, kappa: float) -> float:
         """The cost [s] that ends the search, of motions up to 8 s."""
-        return self.enough + self.soft * (math.log(2.0) / kappa) ** 2
+        return self.free_cost + self.kappa_cost * (math.log(2.0) / kappa) ** 2
 
 
 # An early motion says little of what it comes to in the end, so where the first plans are not nearly free,
 # more are followed, and longer.
-EFFORTS = (
-    Effort(3, 4, True, (3, 2, 1), 1, 3e-3, 0.2),
-    Effort(4, 8, False, (6, 4, 2), 2, 0.03, 0.5),
-    Effort(4, 20, False, (10, 6, 4), 4, np.inf, 0.0),
+START_GROUPS = (
+    StartGroup(3, 4, True, (3, 2, 1), 1, 3e-3, 0.2),
+    StartGroup(4, 8, False, (6, 4, 2), 2, 0.03, 0.5),
+    StartGroup(4, 20, False, (10, 6, 4), 4, np.inf, 0.0),
 )
 # For a plan at any cost.
-HASTE = (Effort(4, 4, False, (1, 1, 1), 2, np.inf, 0.0),)
+QUICK = (StartGroup(4, 4, False, (1, 1, 1), 2, np.inf, 0.0),)
 
 
 class Search:
@@ -100,23 +114,23 @@ class Search:
         self._drawn = 0
         self._started = time.perf_counter()
 
-    def run(self, efforts: tuple[Effort, ...] = EFFORTS) -> Trajectory:
+    def run(self, groups: tuple[StartGroup, ...] = START_GROUPS) -> Trajectory:
         """The best plan that arrives, or the one that comes nearest."""
         scale = self._judge.scale
         if self._is_near() and self._go_near():
-            efforts = ()
-        for turn, effort in enumerate(efforts):
-            self._gather(effort)
+            groups = ()
+        for turn, group in enumerate(groups):
+            self._gather(group)
             outside = turn == 0 and self._none_near() and not within_workspace(self.problem)
             if outside:
-                effort = HASTE[0]
-            self._report((turn + 0.5) / len(efforts))
-            self._follow(effort)
-            if self._arrived(effort.content(self.problem.kappa) * scale) or self._out_of_time() or outside:
+                group = QUICK[0]
+            self._report((turn + 0.5) / len(groups))
+            self._follow(group)
+            if self._arrived(group.content(self.problem.kappa) * scale) or self._out_of_time() or outside:
                 break
             if turn and not self._arrived() and not self._there().any():
                 break  # neither motions of any shape nor straight moves end at the goal
-        if efforts != HASTE and math.log(2.0) / self.problem.kappa < self.options.widest:
+        if groups != QUICK and math.log(2.0) / self.problem.kappa < self.options.widest_cone:
             self._march(self.options.nearly_free * scale)
         if not self._arrived() and not self._out_of_time():
             self._go_straight()
@@ -134,73 +148,74 @@ class Search:
 
     # -- starts ----------------------------------------------------------------------------------------
 
-    def _gather(self, effort: Effort) -> None:
+    def _gather(self, group: StartGroup) -> None:
         """Add early motions to the pool: straight moves to new joint goals, and marches."""
         problem, coarse = self.problem, self._coarse
-        near = spread(problem, self._drawn, effort.near, self.options.near)
-        far = spread(problem, self._drawn, effort.far)
+        near = spread_postures(problem, self._drawn, group.near, self.options.near_radius)
+        far = spread_postures(problem, self._drawn, group.far)
         joints = np.vstack([problem.joints0, near, far] if not self._drawn else [near, far])
-        self._drawn += max(effort.near, effort.far)
-        goals = shoot(problem, joints)
+        self._drawn += max(group.near, group.far)
+        goals = joint_goals(problem, joints)
         self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
         length, half = problem.stack.length, (len(goals.distance) - 1) // 2
-        reach = max(self.options.near_goal * length, float(np.sort(goals.distance)[half]))
+        reach = max(self.options.goal_radius * length, float(np.sort(goals.distance)[half]))
         p = straight_moves(problem, coarse.spline, goals.joints[goals.distance <= reach])
-        if effort.marches:
+        if group.marches:
             p = np.concatenate([p, march_starts(problem, coarse.spline, self.options)])
         p = np.stack([coarse.qp.within(one) for one in p])
-        first = EARLY[0].weights
-        early = run(coarse, Candidates.start(coarse, p, first, EARLY[0].damping or 0.3), EARLY, first)
+        first = EARLY_STAGES[0]
+        early = Candidates.start(coarse, p, first.weights, first.damping or 0.3)
+        early = run(coarse, early, EARLY_STAGES, first.weights)
         self._pool = early if self._pool is None else self._pool.join(early)
 
     def _there(self) -> NDArray[np.bool_]:
         """Which of the joint goals have straight moves that end at the goal."""
-        return self.goals.distance <= self.options.there * self.problem.stack.length
+        return self.goals.distance <= self.options.arrived_radius * self.problem.stack.length
 
     def _none_near(self) -> bool:
         """Whether no straight move ends near the goal."""
-        return float(self.goals.distance.min()) > self.options.near_goal * self.problem.stack.length
+        return float(self.goals.distance.min()) > self.options.goal_radius * self.problem.stack.length
 
     # -- to the end ------------------------------------------------------------------------------------
 
-    def _follow(self, effort: Effort) -> None:
+    def _follow(self, group: StartGroup) -> None:
         """Follow the best of the pool to their ends."""
         assert self._pool is not None
-        found = follow(self._coarse, self._fine, self._pool, effort.keep, effort.patience)
+        found = follow(self._coarse, self._fine, self._pool, group.keep, group.repeats)
         for i in range(len(found.p)):
             if i == 0 or not self._out_of_time():
                 self._finish(found.take([i]))
 
     def _finish(self, motion: Candidates) -> None:
-        """Land on the fine spline; where the plan arrives but is not nearly free, go on on the finest one."""
-        weights, damping = LATE[-1].weights, LATE[-1].damping or 0.03
-        found = self._land(self._fine, motion)
+        """End on the fine spline; where the plan arrives but is not nearly free, on the finest one."""
+        weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
+        found = self._finish_on(self._fine, motion)
         cheap = self.options.nearly_free * self._judge.scale
         if not found.plan.reached or cost_of(found.plan) <= cheap or self._out_of_time():
             return
         model = Model.make(self.problem, self.options.finest)
         p = embedded(found.model.spline, model.spline, found.p, self.problem.joint_rates)
         motion = Candidates.start(model, p[None], weights, damping)
-        self._land(model, descend(model, motion, weights, self.options.last_iterations))
+        self._finish_on(model, descend(model, motion, weights, self.options.last_iterations))
 
-    def _land(self, model: Model, motion: Candidates) -> Found:
+    def _finish_on(self, model: Model, motion: Candidates) -> Found:
         """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
         problem, whole = self.problem, model
-        for _ in range(self.options.landings):
-            motion = land(model, motion)
+        for _ in range(self.options.corrections):
+            motion = tighten(model, motion)
             found = self._keep(model, motion.p[0])
-            goal, broken = aimed(problem, model.goal, found.plan), found.plan.broken
-            if (goal is None and not broken) or motion.at.error[0] > 1.0 or motion.at.tail[0] > 1.0:
+            goal, broken = corrected_goal(problem, model.goal, found.plan), found.plan.broken
+            if (goal is None and not broken) or motion.at.end_share[0] > 1.0 or motion.at.late_share[0] > 1.0:
                 break
             aim = model.problem
             if broken:
-                spare = self.options.spare * problem.stack.length
+                spare = self.options.limit_reserve * problem.stack.length
                 limits = [one.tightened(broken.get(one.name, -spare) + spare) for one in aim.limits]
                 aim = replace(aim, limits=limits)
             model = replace(model, problem=aim, goal=goal or model.goal)
-            motion = Candidates.start(model, motion.p, LATE[-1].weights, motion.damping)
+            motion = Candidates.start(model, motion.p, FINE_STAGES[-1].weights, motion.damping)
         if found.plan.broken and not self._arrived():
-            found = self._keep(whole, keep_limits(whole, motion).p[0])
+            found = self._keep(whole, prefer_limits(whole, motion).p[0])
         return found
 
     def _keep(self, model: Model, p: FloatArray) -> Found:
@@ -233,7 +248,7 @@ class Search:
 
     def _go_near(self) -> bool:
         """The straight move to the nearest joint goal; whether it arrives."""
-        self.goals = shoot(self.problem, self.problem.joints0[None])
+        self.goals = joint_goals(self.problem, self.problem.joints0[None])
         self._go_to(self.goals.joints[0], 0)
         return self._arrived()
 
@@ -258,16 +273,18 @@ class Search:
         """Where every cheap way round fails: the quickest straight moves that end at the goal."""
         problem = self.problem
         there = self.goals.joints[self._there()]
-        for goal in sorted(there, key=lambda goal: straight_time(problem, goal))[: self.options.straight]:
-            self._go_to(goal, STIFF.iterations)
+        for goal in sorted(there, key=lambda goal: straight_time(problem, goal))[
+            : self.options.straight_moves
+        ]:
+            self._go_to(goal, STRAIGHT_STAGE.iterations)
             if self._arrived() or self._out_of_time():
                 break
 
     def _go_to(self, goal: FloatArray, iterations: int) -> None:
         model = self._fine
         p = model.qp.within(straight_moves(self.problem, model.spline, goal[None])[0])
-        motion = Candidates.start(model, p[None], STIFF.weights, STIFF.damping or 1.0)
-        self._land(model, descend(model, motion, STIFF.weights, iterations))
+        motion = Candidates.start(model, p[None], STRAIGHT_STAGE.weights, STRAIGHT_STAGE.damping or 1.0)
+        self._finish_on(model, descend(model, motion, STRAIGHT_STAGE.weights, iterations))
 
     def _arrived(self, cost: float = np.inf) -> bool:
         """Whether there is a plan that arrives, as cheap as this."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision
 from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.search import HASTE, Search
+from ffsms_pin.opt.horizon.search import QUICK, Search
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
@@ -50,5 +50,5 @@ def solve(
 
 
 def _reached(problem: Problem, options: SearchOptions | None) -> bool:
-    quick = replace(options or SearchOptions(), straight=2)
-    return Search(problem, quick).run(HASTE).reached
+    quick = replace(options or SearchOptions(), straight_moves=2)
+    return Search(problem, quick).run(QUICK).reached

@@ -69,9 +69,9 @@ class RateSpline:
     times : ndarray, shape (Q + 2,)
     weights : ndarray, shape (Q,)
         Of the quadrature over time.
-    part : ndarray, shape (m, g, g)
+    integral_to_points : ndarray, shape (m, g, g)
         Integration from an interval's start to its g points.
-    whole : ndarray, shape (m, g)
+    integral_over : ndarray, shape (m, g)
         Integration over the interval.
     sweep : ndarray, shape (Q + 2, Q)
         Integration from the start to every point.
@@ -79,8 +79,8 @@ class RateSpline:
         The interval that begins at 0.9 T.
     acceleration_points, position_points, rate_points : Map
         To the control points of the accelerations, of the positions (relative to the start) and of the rates.
-    roughness : ndarray, shape (M, M)
-        p^T roughness p is the integral of the squared acceleration of a motion from rest.
+    squared_acceleration : ndarray, shape (M, M)
+        p^T squared_acceleration p is the integral of the squared acceleration of a motion from rest.
     sites : ndarray, shape (M,)
         The free control points' places in time.
     at_sites : Map
@@ -94,14 +94,14 @@ class RateSpline:
     accelerations: Map
     times: FloatArray
     weights: FloatArray
-    part: FloatArray
-    whole: FloatArray
+    integral_to_points: FloatArray
+    integral_over: FloatArray
     sweep: FloatArray
     late_interval: int
     acceleration_points: Map
     position_points: Map
     rate_points: Map
-    roughness: FloatArray
+    squared_acceleration: FloatArray
     sites: FloatArray
     at_sites: Map
     free_end: bool
@@ -127,7 +127,7 @@ class RateSpline:
         return np.append(self.weights, [0.0, 0.0])
 
     @cached_property
-    def watch(self) -> FloatArray:
+    def limit_weights(self) -> FloatArray:
         """The weights for limits (Q + 2,): 0.9 T and T count as if they were all the time."""
         return np.append(self.weights, [self.times[-1]] * 2)
 
@@ -200,14 +200,14 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
         accelerations=_cut(_basis(knots[1:-1], 1, times) @ slope, free_end),
         times=times,
         weights=whole.ravel(),
-        part=part,
-        whole=whole,
+        integral_to_points=part,
+        integral_over=whole,
         sweep=sweep,
         late_interval=late,
         acceleration_points=accelerations,
         position_points=_cut(sums, free_end),
         rate_points=_cut(np.eye(len(sums))[1 : None if free_end else -1], free_end),
-        roughness=np.sum(lengths * (2.0 * squares + both + np.swapaxes(both, 1, 2)), axis=0),
+        squared_acceleration=np.sum(lengths * (2.0 * squares + both + np.swapaxes(both, 1, 2)), axis=0),
         sites=sites,
         at_sites=_cut(_basis(knots, 2, sites), free_end),
         free_end=free_end,

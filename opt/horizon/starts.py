@@ -1,9 +1,9 @@
 """Where the search starts: straight joint-space moves that end at the target, and greedy marches.
 
 A descent finds the nearest minimum, so what decides is where it starts. A joint goal whose straight move
-ends at the target, the base reacting, gives a start that arrives; a spread of goals gives the ways round
-that a single start would not see. A greedy march is free of cost wherever nothing stops it, and may arrive
-where no straight move does.
+ends at the target, the base reacting, gives a start that arrives; a spread_postures of goals gives the ways
+round that a single start would not see. A greedy march is free of cost wherever nothing stops it, and may
+arrive where no straight move does.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from ffsms_pin.opt.limits import BaseLimits
 from ffsms_pin.opt.problem import Problem
 
 __all__ = [
+    "GoalFromStart",
     "JointGoals",
-    "Seen",
     "halton",
+    "joint_goals",
     "joint_range",
-    "shoot",
-    "spread",
+    "spread_postures",
     "straight_moves",
     "straight_time",
 ]
@@ -52,7 +52,7 @@ class JointGoals(NamedTuple):
 
 
 def halton(first: int, count: int, dimensions: int) -> FloatArray:
-    """Evenly spread points (count, dimensions) in the unit cube, the same in every run.
+    """Evenly spread_postures points (count, dimensions) in the unit cube, the same in every run.
 
     Reference: J. H. Halton, "On the efficiency of certain quasi-random sequences of points", 1960.
     """
@@ -71,7 +71,7 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
     return out
 
 
-class Seen(NamedTuple):
+class GoalFromStart(NamedTuple):
     """The goal for a motion without momentum, from the centre of mass, base axes of the start.
 
     Attributes
@@ -85,7 +85,7 @@ class Seen(NamedTuple):
     rotation: FloatArray | None
 
     @classmethod
-    def of(cls, problem: Problem) -> Seen:
+    def of(cls, problem: Problem) -> GoalFromStart:
         """The problem's goal; with momentum, turned back by about as much as the momentum turns the base."""
         place, turn = problem.goal.place(problem.duration), problem.rotation0
         if problem.momentum is not None:
@@ -95,7 +95,7 @@ class Seen(NamedTuple):
         return cls(turn.T @ way, None if place.rotation is None else turn.T @ place.rotation)
 
 
-def spread(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
+def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
     """Joint positions (count, n), evenly spread over the joint range, or over what lies near the start.
 
     Parameters
@@ -114,7 +114,7 @@ def spread(problem: Problem, first: int, count: int, radius: float = np.inf) -> 
     return np.asarray(middle + _SHARE * half * (2.0 * halton(first, count, problem.sms.n) - 1.0))
 
 
-def shoot(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:
+def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:
     """Joint goals whose straight moves end near the goal: Newton's method through J*.
 
     Parameters
@@ -125,7 +125,7 @@ def shoot(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGo
     iterations : int
         At most; fewer where half of the moves end at the goal before.
     """
-    arm, seen, start = problem.stack, Seen.of(problem), problem.joints0
+    arm, seen, start = problem.stack, GoalFromStart.of(problem), problem.joints0
     low, high = joint_range(problem)
     inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
     goals = np.where(problem.free, joints, start)
@@ -176,7 +176,7 @@ def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> F
     """
     size = spline.size
     end = spline.position_points.free[-1]
-    system = np.block([[spline.roughness, end[:, None]], [end[None], np.zeros((1, 1))]])
+    system = np.block([[spline.squared_acceleration, end[:, None]], [end[None], np.zeros((1, 1))]])
     profile = np.linalg.solve(system, np.append(np.zeros(size), 1.0))[:-1]
     limits = problem.sms.limits
     # An arm that moves at the start first brakes, and goes the rest of the way.

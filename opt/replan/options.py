@@ -27,10 +27,10 @@ class ReplanOptions:
     long, middle, short : Grid
         Splines of the rest of the motion: while more than half of the whole time is left, more than a tenth,
         less.
-    no_cost : float
+    cost_until : float
         From this share of the whole time on the paper's cost is left out: so near to its end a motion has no
         room for ways round, and a cost that does not see speed only stirs an arm that comes to rest.
-    iterations, landings : int
+    iterations, corrections : int
         Iterations of the descent, and how many times these are made again, with a stiffer goal and stiffer
         limits, where these are not met. An iteration costs two to three milliseconds.
     weights : Weights
@@ -45,12 +45,12 @@ class ReplanOptions:
         And never fewer planning steps than these before it: a spline has to have steps to be sampled at.
     changed : float
         An estimated mass is taken over when it has changed by this share.
-    gain : float
+    return_rate : float
         [1/s] How fast a step comes back to the plan where a limit kept it away.
-    near : float
+    arrived_miss : float
         [m] A plan that ends within this arrives; a tenth of the paper's r_th, twice the tolerance of
         plans.
-    astray : float
+    follow_miss : float
         [m] Where the plan ends further away, single steps would only push against what is in the way: the
         plan is followed to its end.
     search_again : float
@@ -63,17 +63,17 @@ class ReplanOptions:
     long: Grid = _LONG
     middle: Grid = _MIDDLE
     short: Grid = _SHORT
-    no_cost: float = 0.1
+    cost_until: float = 0.1
     iterations: int = 3
-    landings: int = 2
+    corrections: int = 2
     weights: Weights = _WEIGHTS
     damping: float = 0.03
     handover: float = 0.1
     least_steps: int = 10
     changed: float = 2e-3
-    gain: float = 2.0
-    near: float = 2e-3
-    astray: float = 1e-2
+    return_rate: float = 2.0
+    arrived_miss: float = 2e-3
+    follow_miss: float = 1e-2
     search_again: float = 1.0
 
     def grid(self, share_left: float) -> Grid:

@@ -137,7 +137,7 @@ class Replanning:
         notes = [
             f"joint '{names[i]}' has failed" for i in np.flatnonzero(self._planner.failed & self.problem.free)
         ]
-        if np.isfinite(self.expected_miss) and self.expected_miss > self.options.near:
+        if np.isfinite(self.expected_miss) and self.expected_miss > self.options.arrived_miss:
             notes.append(f"no motion found that arrives: the target is missed by {self.expected_miss:.3g} m")
         if self.failed_steps:
             notes.append(f"the arm braked in {self.failed_steps} steps whose programme was not solved")
@@ -202,9 +202,9 @@ class Replanning:
     def _stepped(self, now: float, q: FloatArray, plan: JointPlan) -> Step:
         """The next step: along the plan, or to the goal."""
         dt, left = self.problem.dt, self.problem.duration - now
-        if self.mode == "plan" or plan.miss > self.options.astray:
+        if self.mode == "plan" or plan.miss > self.options.follow_miss:
             there, wanted = plan.sample(now + dt)
-            wanted = wanted + self.options.gain * (there - self._start - dt * wanted)
+            wanted = wanted + self.options.return_rate * (there - self._start - dt * wanted)
             position = self.problem.goal.place(now).position
             return self._stepper.advance(q, self._rates, position, left, prefer=wanted)
         position, rotation = _aim(self.problem, now)

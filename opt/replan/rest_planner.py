@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.diagnosis import start_in_collision, within_workspace
-from ffsms_pin.opt.horizon.search import EFFORTS, HASTE, Search
+from ffsms_pin.opt.horizon.search import QUICK, START_GROUPS, Search
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
@@ -90,7 +90,7 @@ class RestPlanner:
         if self.current is not None:
             share = rest.duration / whole.duration
             plan = replanned(rest, now, joints, self.current, options, share)
-            if plan.miss > options.near and now >= self._next_search:
+            if plan.miss > options.arrived_miss and now >= self._next_search:
                 plan = self._searched_again(rest, now, joints, plan)
         else:
             plan = JointPlan.of_trajectory(self._given or _searched(rest), now)
@@ -102,7 +102,7 @@ class RestPlanner:
     def _searched_again(self, rest: Problem, now: float, joints: FloatArray, plan: JointPlan) -> JointPlan:
         """A short search, where the rest of the plan does not arrive; the better of both."""
         self._next_search = now + max(self._options.search_again, 0.25 * rest.duration)
-        found = Search(rest).run(HASTE)
+        found = Search(rest).run(QUICK)
         other = JointPlan.of_trajectory(found, now)
         if found.broken or other.miss >= plan.miss:
             return plan
@@ -121,4 +121,4 @@ def _searched(problem: Problem) -> Trajectory:
     stays = start_in_collision(problem)
     if stays is not None:
         return stays
-    return Search(problem).run(EFFORTS if within_workspace(problem) else HASTE)
+    return Search(problem).run(START_GROUPS if within_workspace(problem) else QUICK)

@@ -50,14 +50,14 @@ def replanned(
     share : float
         Of the whole time that is left.
     """
-    if share <= options.no_cost:
+    if share <= options.cost_until:
         problem = replace(problem, terms=[term for term in problem.terms if not isinstance(term, Coupling)])
     model = Model.make(problem, options.grid(share))
     weights = options.weights
     motion = Candidates.start(model, _first(model, start, last)[None], weights, options.damping)
     motion = descend(model, motion, weights, options.iterations)
-    for _ in range(options.landings):
-        if motion.at.error[0] <= _END and motion.at.lack[0] <= _LACK:
+    for _ in range(options.corrections):
+        if motion.at.end_share[0] <= _END and motion.at.limit_share[0] <= _LACK:
             break
         weights = weights.stiffer()
         motion = Candidates.start(model, motion.p, weights, motion.damping)
@@ -68,7 +68,7 @@ def replanned(
     rates = spline.rates_at(nodes).of(p[0], problem.joint_rates)
     rates[0] = problem.joint_rates
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
-    return JointPlan.of_rates(start, problem.dt, joints, rates, miss, float(motion.at.lack[0]))
+    return JointPlan.of_rates(start, problem.dt, joints, rates, miss, float(motion.at.limit_share[0]))
 
 
 def _first(model: Model, start: float, last: JointPlan) -> FloatArray:

@@ -45,7 +45,7 @@ class Coupling(Term):
     def residual(self, motions: Motions) -> Residuals:
         """C~ - (1 - H_norm), smoothed as `motions.smoothing` says."""
         way, velocity, kappa = _way(motions), motions.velocity, self.kappa
-        slow, close = motions.smoothing
+        fade_speed, fade_distance = motions.smoothing
         length = np.sqrt(dot(way, way) + _TINY_WAY)
         speed = np.sqrt(dot(velocity, velocity) + _TINY_SPEED)
         d, e = way / length, velocity / speed
@@ -58,8 +58,8 @@ class Coupling(Term):
         across = np.sqrt(dot(rest, rest) + 1e-14)
         side = rest / across
 
-        fade = speed / np.hypot(speed, slow * motions.pace)
-        near = length / np.hypot(length, close)
+        fade = speed / np.hypot(speed, fade_speed * motions.mean_speed)
+        near = length / np.hypot(length, fade_distance)
         value = near * fade * exact
         # The slope of C~ by the cosine is the logistic function, written so that it cannot overflow.
         by_angle = -near * fade * np.exp(-np.logaddexp(0.0, -kappa * cosine)) * across / speed

@@ -27,7 +27,7 @@ class Effort(Term):
 
     weight: float = 1e-4
     name = "effort"
-    eases = True
+    tie_breaker = True
 
     def __post_init__(self) -> None:
         at_least_zero("weight", self.weight)

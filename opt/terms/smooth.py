@@ -27,7 +27,7 @@ class Smooth(Term):
 
     weight: float = 1e-5
     name = "smooth"
-    eases = True
+    tie_breaker = True
 
     def __post_init__(self) -> None:
         at_least_zero("weight", self.weight)

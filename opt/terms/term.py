@@ -36,13 +36,13 @@ class Term(ABC):
     ----------
     name : str
         Key of `Trajectory.shares`.
-    eases : bool
+    tie_breaker : bool
         Whether the term only decides between motions that are alike: it then weighs more at the beginning of
         a search, where it smooths.
     """
 
     name: str
-    eases: bool = False
+    tie_breaker: bool = False
 
     @abstractmethod
     def residual(self, motions: Motions) -> Residuals:

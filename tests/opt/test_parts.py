@@ -110,7 +110,7 @@ def finished(problem: opt.Problem, rates: FloatArray) -> Motions:
     motion = rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum, 0.9)
     place = problem.goal.place(problem.duration).position
     target = np.repeat(place[:, None], len(motion.times), axis=1)
-    return replace(motion, target=target, pace=problem.pace)
+    return replace(motion, target=target, mean_speed=problem.mean_speed)
 
 
 def use_of(problem: opt.Problem, rates: FloatArray) -> Use:

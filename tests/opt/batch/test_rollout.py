@@ -105,8 +105,8 @@ def test_weights_integrate_and_the_last_tenth_is_late(
     for power in range(4):  # Simpson's rule is exact up to cubics
         expected = T ** (power + 1) / (power + 1)
         assert motion.times**power @ motion.weights == pytest.approx(expected, rel=1e-12)
-    np.testing.assert_allclose(motion.times[motion.late[0]], 0.9 * T)
-    assert motion.late[-1] == motion.last
+    np.testing.assert_allclose(motion.times[motion.last_tenth[0]], 0.9 * T)
+    assert motion.last_tenth[-1] == motion.last
 
 
 def test_motions_are_taken_by_their_index(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:

@@ -71,7 +71,7 @@ def test_slopes_and_errors(sms: ffsms.SpaceManipulator, name: str, rng: np.rando
     if place.spin is not None:
         errors.append(float(np.linalg.norm(place.spin - at.spin[:, 0, end])))
     assert len(errors) == {"position": 1, "velocity": 2, "pose": 2}.get(name, 4)
-    assert found.error[0] == pytest.approx(max(errors) / goal.tolerance, rel=1e-9)
+    assert found.end_share[0] == pytest.approx(max(errors) / goal.tolerance, rel=1e-9)
 
 
 def test_near_enough_is_worth_nothing(planar: ffsms.SpaceManipulator) -> None:
@@ -85,4 +85,4 @@ def test_near_enough_is_worth_nothing(planar: ffsms.SpaceManipulator) -> None:
         found = arrival(goal, motions(problem, spline, np.zeros((1, spline.size, 3))))
         assert all(not one.value.any() for one in found.end) == zero
         assert not any(one.value.any() for one in found.tail)
-        assert found.error[0] == pytest.approx(off / 1e-3)
+        assert found.end_share[0] == pytest.approx(off / 1e-3)

@@ -10,8 +10,8 @@ from horizon_parts import planar_problem, told
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.opt.horizon.correction import arrival_error, corrected_goal
 from ffsms_pin.opt.horizon.diagnosis import explain, reach_range, start_in_collision, within_workspace
-from ffsms_pin.opt.horizon.landing import aimed, arrival_error
 from ffsms_pin.opt.horizon.starts import JointGoals
 
 
@@ -90,15 +90,15 @@ def test_a_landing_aims_by_as_much_as_the_plan_missed(planar: ffsms.SpaceManipul
     problem = planar_problem(planar, goal=[0.75, 0.5, 0.0])
     plan = opt.solve(problem)
     assert plan.reached
-    assert aimed(problem, problem.goal, plan) is None
+    assert corrected_goal(problem, problem.goal, plan) is None
     moved = planar_problem(planar, goal=[0.753, 0.498, 0.0])
     missed = told(moved, plan.joint_rates)
-    goal = aimed(moved, moved.goal, missed)
+    goal = corrected_goal(moved, moved.goal, missed)
     assert goal is not None
     wanted = moved.goal.place(6.0).position
     np.testing.assert_allclose(goal.place(6.0).position - wanted, wanted - plan.end_effector[-1], atol=1e-12)
     # The next miss adds to it.
-    again = aimed(moved, goal, missed)
+    again = corrected_goal(moved, goal, missed)
     assert again is not None
     np.testing.assert_allclose(
         again.place(6.0).position - wanted, 2.0 * (wanted - plan.end_effector[-1]), atol=1e-12
@@ -114,7 +114,7 @@ def test_a_landing_turns_back_by_as_much_as_the_plan_is_turned(planar: ffsms.Spa
     rates = np.zeros((problem.steps + 1, 3))
     rates[1:-1] = [0.01, -0.02, 0.015]
     plan = told(problem, rates)
-    goal = aimed(problem, problem.goal, plan)
+    goal = corrected_goal(problem, problem.goal, plan)
     assert goal is not None
     wanted = goal.place(6.0).rotation
     assert wanted is not None

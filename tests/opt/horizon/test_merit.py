@@ -16,7 +16,7 @@ from ffsms_pin.opt.horizon.merit import Linearisation, Weights, linearise
 from ffsms_pin.opt.horizon.spline import RateSpline
 
 SOFT = Weights(1e2, 10.0, 1.0, 0.3, 0.03)
-STIFF = Weights(1.0, 1e3, 10.0)
+STRAIGHT_STAGE = Weights(1.0, 1e3, 10.0)
 
 
 def check_gradient(
@@ -37,7 +37,7 @@ def check_gradient(
 
 
 @pytest.mark.parametrize("posed", [False, True])
-@pytest.mark.parametrize("weights", [SOFT, STIFF])
+@pytest.mark.parametrize("weights", [SOFT, STRAIGHT_STAGE])
 def test_gradient_of_the_merit(
     planar: ffsms.SpaceManipulator, weights: Weights, posed: bool, rng: np.random.Generator
 ) -> None:
@@ -51,7 +51,7 @@ def test_gradient_of_the_merit(
     spline = spline_of(problem)
     p = rng.uniform(-0.15, 0.15, (1, spline.size, 3))
     at = check_gradient(problem, spline, p, weights, rng)
-    assert at.lack[0] > 5.0  # in margins
+    assert at.limit_share[0] > 5.0  # in margins
     # What is not worth derivatives gets none; what is beside it gets its own.
     both = np.concatenate([1.1 * p, p])
     pair = linearise(problem, problem.goal, spline, both, weights, np.array([0.0, np.inf]))
@@ -86,7 +86,16 @@ def test_lines_are_alike_whatever_stands_beside_them(
     for i in range(3):
         alone = linearise(problem, problem.goal, spline, p[[i]], SOFT)
         taken = together.take([i])
-        for name in ("merit", "objective", "cost", "error", "tail", "lack", "gradient", "hessian"):
+        for name in (
+            "merit",
+            "objective",
+            "cost",
+            "end_share",
+            "late_share",
+            "limit_share",
+            "gradient",
+            "hessian",
+        ):
             np.testing.assert_allclose(
                 getattr(taken, name), getattr(alone, name), rtol=1e-9, atol=1e-12, err_msg=name
             )
@@ -107,7 +116,7 @@ def test_it_says_what_the_finished_motion_says(
     plan = told(problem, node_rates(problem, spline, p[0]))
     assert at.cost[0] == pytest.approx(plan.shares["coupling"], rel=0.02)
     assert at.objective[0] == pytest.approx(sum(plan.shares.values()), rel=0.02)
-    assert at.error[0] == pytest.approx(plan.position_error[-1] / 1e-3, rel=1e-3)
+    assert at.end_share[0] == pytest.approx(plan.position_error[-1] / 1e-3, rel=1e-3)
     late = plan.t >= 0.9 * 6.0 - 1e-9
-    assert at.tail[0] == pytest.approx(plan.position_error[late].max() / 0.02, rel=1e-2)
-    assert (at.lack[0] > 1.0) == ("clearance" in plan.broken)
+    assert at.late_share[0] == pytest.approx(plan.position_error[late].max() / 0.02, rel=1e-2)
+    assert (at.limit_share[0] > 1.0) == ("clearance" in plan.broken)

@@ -49,7 +49,7 @@ def test_maps_of_the_spline(free_end: bool, rate0: float, rng: np.random.Generat
     # The last of them is where the motion ends.
     assert of(spline.position_points)[-1] == pytest.approx(places[-1], abs=1e-6)
     if rate0 == 0.0:
-        squares = float((p.T @ spline.roughness @ p)[0, 0])
+        squares = float((p.T @ spline.squared_acceleration @ p)[0, 0])
         assert np.sum(acceleration**2 * np.diff(t)) == pytest.approx(squares, rel=1e-3)
 
 
@@ -66,7 +66,7 @@ def test_the_quadrature_integrates() -> None:
     np.testing.assert_allclose(spline.sweep @ spline.times[:count], spline.times**2 / 2.0, atol=1e-12)
     # Limits watch 0.9 T and the deadline as well; integrals do not.
     np.testing.assert_array_equal(spline.over_time[count:], [0.0, 0.0])
-    np.testing.assert_array_equal(spline.watch[count:], [6.0, 6.0])
+    np.testing.assert_array_equal(spline.limit_weights[count:], [6.0, 6.0])
 
 
 @pytest.mark.parametrize("free_end", [False, True])

@@ -13,9 +13,9 @@ from ffsms_pin.opt.horizon.marches import cone_marches, free_marches, march_star
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.starts import (
     halton,
+    joint_goals,
     joint_range,
-    shoot,
-    spread,
+    spread_postures,
     straight_moves,
     straight_time,
 )
@@ -32,13 +32,13 @@ def test_halton_points_are_the_known_ones() -> None:
 def test_seeds_are_spread_over_the_joints_or_near_the_start(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar)
     low, high = joint_range(problem)
-    seeds, near = spread(problem, 0, 32), spread(problem, 0, 32, 0.3)
+    seeds, near = spread_postures(problem, 0, 32), spread_postures(problem, 0, 32, 0.3)
     assert (seeds >= low).all()
     assert (seeds <= high).all()
     assert (np.ptp(seeds, axis=0) > 0.8 * (high - low)).all()
     assert (np.abs(near - problem.joints0) <= 0.3).all()
     locked = planar_problem(planar, locked=["joint_2"])
-    np.testing.assert_allclose(spread(locked, 0, 8)[:, 1], problem.joints0[1], atol=1e-15)
+    np.testing.assert_allclose(spread_postures(locked, 0, 8)[:, 1], problem.joints0[1], atol=1e-15)
 
 
 @pytest.mark.parametrize("posed", [False, True])
@@ -49,7 +49,7 @@ def test_straight_moves_end_where_the_shooting_says(planar: ffsms.SpaceManipulat
         q, _ = roll_out(planar, problem.q0, np.array([0.5, -0.9, 0.8]), np.zeros((400, 3)), 1.0 / 400)
         problem = planar_problem(planar, goal=planar.at(q[-1]).end_effector_pose)
     place = problem.goal.place(6.0)
-    goals = shoot(problem, spread(problem, 0, 12))
+    goals = joint_goals(problem, spread_postures(problem, 0, 12))
     near = goals.distance < tolerance
     assert near.sum() >= (1 if posed else 4)
     for joints in goals.joints[near]:
@@ -83,7 +83,7 @@ def test_straight_moves_of_an_arm_that_moves_begin_with_its_rates(planar: ffsms.
 
 def test_shooting_moves_no_locked_joint(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, locked=["joint_1"])
-    goals = shoot(problem, spread(problem, 0, 8))
+    goals = joint_goals(problem, spread_postures(problem, 0, 8))
     np.testing.assert_array_equal(goals.joints[:, 0], np.full(8, problem.joints0[0]))
 
 
@@ -91,7 +91,7 @@ def test_goals_that_leave_the_base_as_it_was_are_preferred(planar: ffsms.SpaceMa
     turned = {}
     for name, limits in (("free", []), ("held", [opt.BaseLimits(final_attitude=0.01)])):
         problem = planar_problem(planar, limits=[opt.JointLimits(), *limits])
-        goals = shoot(problem, spread(problem, 0, 12))
+        goals = joint_goals(problem, spread_postures(problem, 0, 12))
         turns = []
         for joints in goals.joints:
             q, _ = roll_out(planar, problem.q0, joints - problem.joints0, np.zeros((100, 3)), 0.01)

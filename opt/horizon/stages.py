@@ -14,13 +14,23 @@ from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
 from ffsms_pin.opt.horizon.merit import Weights
 from ffsms_pin.opt.horizon.spline import embedded
 
-__all__ = ["EARLY", "LATE", "STIFF", "Round", "best", "follow", "keep_limits", "land", "run"]
+__all__ = [
+    "EARLY_STAGES",
+    "FINE_STAGES",
+    "STRAIGHT_STAGE",
+    "Stage",
+    "distinct_best",
+    "follow",
+    "prefer_limits",
+    "run",
+    "tighten",
+]
 
 # Motions whose joints stay this near to each other everywhere [rad or m] have come together.
 _APART = 0.05
 # Weight of the true objective beside the smoothed merit when motions are compared: the smoothing hides cost.
 _HONEST = 0.3
-_LANDINGS = 5
+_TIGHTENINGS = 5
 # Shares of tolerance, reach and margin at which a motion has landed.
 _END, _TAIL, _LACK = 0.8, 0.975, 0.5
 # How much softer the goal is made, in turn, where it and the limits cannot both be had.
@@ -28,7 +38,7 @@ _HOLDS = (1e-1, 1e-2, 1e-3, 1e-4)
 
 
 @dataclass(frozen=True)
-class Round:
+class Stage:
     """Keep the best motions, then iterate under these weights.
 
     Attributes
@@ -36,7 +46,7 @@ class Round:
     keep, iterations : int
     weights : Weights
     damping : float or None
-        To start from; None: as the last round left it.
+        To start from; None: as the last stage left it.
     """
 
     keep: int
@@ -45,26 +55,26 @@ class Round:
     damping: float | None = None
 
 
-def _weights(end: float, slow: float, close: float, ease: float = 10.0) -> Weights:
-    return Weights(end, max(1e3, 0.1 * end), ease, slow, close)
+def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: float = 10.0) -> Weights:
+    return Weights(end, max(1e3, 0.1 * end), tie_break, fade_speed, fade_distance)
 
 
-# Made with every start, on the coarse spline. The end's weight grows from round to round, by ten each: a
-# stiff end from the start would hold motions on the wrong way round. The smoothing is taken back meanwhile.
-EARLY = (
-    Round(99, 3, _weights(1e2, 0.3, 0.03), 0.3),
-    Round(6, 2, _weights(1e2, 0.1, 0.03)),
+# Made with every start, on the coarse spline. The end's weight grows from stage to stage, by ten each: a
+# stiff end from the start would hold motions on the wrong way stage. The smoothing is taken back meanwhile.
+EARLY_STAGES = (
+    Stage(99, 3, _weights(1e2, 0.3, 0.03), 0.3),
+    Stage(6, 2, _weights(1e2, 0.1, 0.03)),
 )
-_COARSE = Round(4, 3, _weights(1e3, 0.03, 0.01), 0.03)
-LATE = (
-    Round(3, 3, _weights(1e4, 0.03, 0.002), 0.03),
-    Round(1, 5, _weights(1e5, 0.0, 0.0, 1.0), 0.03),
+_COARSE = Stage(4, 3, _weights(1e3, 0.03, 0.01), 0.03)
+FINE_STAGES = (
+    Stage(3, 3, _weights(1e4, 0.03, 0.002), 0.03),
+    Stage(1, 5, _weights(1e5, 0.0, 0.0, 1.0), 0.03),
 )
 # For a straight move that ends at the target and shall go on doing so, whatever it costs.
-STIFF = Round(1, 10, _weights(1e6, 0.0, 0.0, 1.0), 1.0)
+STRAIGHT_STAGE = Stage(1, 10, _weights(1e6, 0.0, 0.0, 1.0), 1.0)
 
 
-def best(model: Model, motions: Candidates, keep: int) -> Candidates:
+def distinct_best(model: Model, motions: Candidates, keep: int) -> Candidates:
     """The `keep` best motions; of those that came together only the best."""
     chosen: list[int] = []
     places = model.spline.travel.free @ motions.p
@@ -77,12 +87,12 @@ def best(model: Model, motions: Candidates, keep: int) -> Candidates:
 
 
 def run(
-    model: Model, motions: Candidates, rounds: tuple[Round, ...], weights: Weights | None = None
+    model: Model, motions: Candidates, stages: tuple[Stage, ...], weights: Weights | None = None
 ) -> Candidates:
-    """Rounds on one spline; `weights` are those under which the motions were linearised, if any."""
-    for r in rounds:
+    """Stages on one spline; `weights` are those under which the motions were linearised, if any."""
+    for r in stages:
         if weights is not None:
-            motions = best(model, motions, r.keep)
+            motions = distinct_best(model, motions, r.keep)
         if r.weights is not weights:
             damping = motions.damping if r.damping is None else r.damping
             motions, weights = Candidates.start(model, motions.p, r.weights, damping), r.weights
@@ -91,42 +101,42 @@ def run(
 
 
 def follow(
-    coarse: Model, fine: Model, pool: Candidates, keep: tuple[int, int, int], patience: int = 1
+    coarse: Model, fine: Model, pool: Candidates, keep: tuple[int, int, int], repeats: int = 1
 ) -> Candidates:
     """From the pool of early motions to a few on the fine spline, the best first.
 
-    `keep` motions go on: on the coarse spline, on the fine one, and there to the end. `patience`: how many
+    `keep` motions go on: on the coarse spline, on the fine one, and there to the end. `repeats`: how many
     times the usual iterations they make.
     """
-    rounds = (
-        replace(r, keep=k, iterations=patience * r.iterations)
-        for r, k in zip((_COARSE, *LATE), keep, strict=True)
+    stages = (
+        replace(r, keep=k, iterations=repeats * r.iterations)
+        for r, k in zip((_COARSE, *FINE_STAGES), keep, strict=True)
     )
-    early, first, last = rounds
-    motions = run(coarse, pool, (early,), EARLY[-1].weights)
-    kept = best(coarse, motions, first.keep).p
+    early, first, last = stages
+    motions = run(coarse, pool, (early,), EARLY_STAGES[-1].weights)
+    kept = distinct_best(coarse, motions, first.keep).p
     p = embedded(coarse.spline, fine.spline, kept, fine.problem.joint_rates)
     motions = Candidates.start(fine, p, first.weights, first.damping or 0.03)
-    return best(fine, run(fine, motions, (first, last), first.weights), last.keep)
+    return distinct_best(fine, run(fine, motions, (first, last), first.weights), last.keep)
 
 
-def land(model: Model, motion: Candidates) -> Candidates:
+def tighten(model: Model, motion: Candidates) -> Candidates:
     """Make goal and limits stiffer where the terms pull harder than they do."""
-    weights = LATE[-1].weights
-    for _ in range(_LANDINGS):
+    weights = FINE_STAGES[-1].weights
+    for _ in range(_TIGHTENINGS):
         at = motion.at
-        if at.lack[0] <= _LACK and at.error[0] <= _END and at.tail[0] <= _TAIL:
+        if at.limit_share[0] <= _LACK and at.end_share[0] <= _END and at.late_share[0] <= _TAIL:
             break
         weights = weights.stiffer()
         motion = descend(model, Candidates.start(model, motion.p, weights, motion.damping), weights, 4)
     return motion
 
 
-def keep_limits(model: Model, motion: Candidates) -> Candidates:
+def prefer_limits(model: Model, motion: Candidates) -> Candidates:
     """Where limits and goal cannot both be had: within the limits, as near to the goal as they allow."""
-    stiff = LATE[-1].weights
+    stiff = FINE_STAGES[-1].weights
     for softer in _HOLDS:
-        if motion.at.lack[0] <= _LACK:
+        if motion.at.limit_share[0] <= _LACK:
             break
         weights = stiff._replace(end=softer * stiff.end, limits=10.0 * stiff.limits)
         motion = descend(model, Candidates.start(model, motion.p, weights, 0.03), weights, 15)

@@ -1,4 +1,4 @@
-"""What a landing must aim at so that the finished motion does what the problem asks.
+"""What the descent must aim at so that the finished motion does what the problem asks.
 
 The descent sees the motion at the instants of a quadrature; the finished one is rolled out at its nodes.
 Where the two differ, by a millimetre at a long arm's end or by a corner of the base between two instants, the
@@ -15,7 +15,7 @@ from ffsms_pin.opt.goals import Goal, Shifted
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
-__all__ = ["aimed", "arrival_error"]
+__all__ = ["arrival_error", "corrected_goal"]
 
 
 def arrival_error(plan: Trajectory) -> float:
@@ -23,7 +23,7 @@ def arrival_error(plan: Trajectory) -> float:
     return max(float(plan.position_error[-1]), float(plan.orientation_error[-1]))
 
 
-def aimed(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
+def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
     """The next goal, after a landing at `goal` gave this plan; None where the plan arrives."""
     if plan.reached and arrival_error(plan) <= problem.goal.tolerance:
         return None
