@@ -24,7 +24,9 @@ def sms(request: pytest.FixtureRequest) -> ffsms.SpaceManipulator:
 def goals(sms: ffsms.SpaceManipulator, q0: Any) -> dict[str, opt.Goal]:
     """Kinds of goals, away from where the end effector starts."""
     here = sms.at(q0).end_effector_pose
-    there = pin.SE3(pin.exp3(np.array([0.3, 0.2, -0.1])) @ here.rotation, here.translation + [0.2, 0.1, 0.1])
+    there = pin.SE3(
+        pin.exp3(np.array([0.3, 0.2, -0.1])) @ here.rotation, here.translation + np.array([0.2, 0.1, 0.1])
+    )
 
     def path(t: float) -> Any:
         turned = pin.exp3(np.array([0.02 * t, 0.0, 0.05 * t])) @ there.rotation

@@ -108,7 +108,7 @@ def test_the_straight_time_is_that_of_the_slowest_joint(planar: ffsms.SpaceManip
     assert straight_time(problem, problem.joints0 + way) == pytest.approx(expected)
     short = 0.1 * limits.velocity[0] ** 2 / limits.acceleration[0]
     expected = 2.0 * np.sqrt(short / limits.acceleration[0])
-    assert straight_time(problem, problem.joints0 + [short, 0.0, 0.0]) == pytest.approx(expected)
+    assert straight_time(problem, problem.joints0 + np.array([short, 0.0, 0.0])) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("posed", [False, True])
