@@ -24,7 +24,7 @@ def motions(problem: Problem, spline: RateSpline, p: FloatArray, smoothing: Smoo
 
 def values_of(residuals: Residuals, shape: tuple[int, int, int]) -> FloatArray:
     """All residuals of one motion in one vector; entries that are left out are zero."""
-    n, _, instants = shape
+    _, _, instants = shape
     rows = []
     for residual in residuals:
         if isinstance(residual, JointResidual):

@@ -51,7 +51,7 @@ class Use(NamedTuple):
     rates: FloatArray  # the largest (n,)
 
 
-# A limit that a motion breaks: from what that motion does, and the robot, which is tightened for joint limits.
+# A limit that a motion breaks: from what that motion does. Joint limits are tightened in the robot.
 Tight = Callable[[ffsms.SpaceManipulator, Use], tuple[ffsms.SpaceManipulator, opt.Limit]]
 
 
@@ -167,7 +167,7 @@ def check_slopes(
     differences = by_differences(problem, spline, p, residual_of)
     size = float(np.abs(differences).max())
     assert size > 1e-4
-    # In space the turn of the base follows by a quadrature of its own, which is off by what it leaves out.
+    # In space the turn of the base follows by a quadrature of its own, which leaves something out.
     tolerance = 1e-5 if problem.sms.n == 3 else 2e-3
     np.testing.assert_allclose(slopes, differences, rtol=0.0, atol=tolerance * max(size, 1e-2))
     return residuals

@@ -60,7 +60,7 @@ def test_slopes_and_errors(sms: ffsms.SpaceManipulator, name: str, rng: np.rando
         differences = by_differences(problem, spline, p, residuals)
         size = float(np.abs(differences).max())
         assert size > 0.1
-        # In space the turn of the base follows by a quadrature of its own, which is off by what it leaves out.
+        # In space the turn of the base follows by a quadrature of its own, which leaves something out.
         np.testing.assert_allclose(slopes, differences, atol=2e-7 if sms.n == 3 else 1e-3 * size)
 
     place, end = goal.place(8.0), at.last
