@@ -1,9 +1,9 @@
-"""How long a warm re-plan takes, and how near the arm ends on plants that are not the model, as a Markdown table.
+"""How long a warm re-plan takes, and how near the arm ends on wrong plants, as a Markdown table.
 
-Run from the repository's root: python benchmarks/replan.py [--plants 10] [--seed 1]
-The problems are those of benchmarks/robustness.py; every re-plan of every run counts, the first plan apart. The unit
-of the last two columns is one linearisation of a motion on the spline that a re-plan begins with, measured in the same
-run: on another or a busy machine both change alike.
+Run from the repository's root: python benchmarks/replan.py [--plants 10] [--seed 1] The problems are those of
+benchmarks/robustness.py; every re-plan of every run counts, the first plan apart. The unit of the last two
+columns is one linearisation of a motion on the spline that a re-plan begins with, measured in the same run:
+on another or a busy machine both change alike.
 """
 
 from __future__ import annotations

@@ -1,8 +1,18 @@
 """Coupling-informed planning: problems made of terms and limits, and solvers that only stack them."""
 
+from ffsms_pin.opt.batch import JointResidual, Motions, Residual
 from ffsms_pin.opt.goals import Goal, Moving, Pose, Position
 from ffsms_pin.opt.horizon import SearchOptions, solve
-from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, Rows, Violation
+from ffsms_pin.opt.limits import (
+    UNBOUNDED,
+    AlphaBox,
+    BaseLimits,
+    Clearance,
+    JointLimits,
+    Limit,
+    Rows,
+    Violation,
+)
 from ffsms_pin.opt.planning.many import plan_each, plan_many
 from ffsms_pin.opt.planning.plan import METHODS, plan
 from ffsms_pin.opt.problem import Problem
@@ -16,6 +26,7 @@ from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = [
     "METHODS",
+    "UNBOUNDED",
     "AlphaBox",
     "BaseLimits",
     "BaseTurn",
@@ -24,12 +35,15 @@ __all__ = [
     "Effort",
     "Goal",
     "JointLimits",
+    "JointResidual",
     "Limit",
+    "Motions",
     "Moving",
     "Pose",
     "Position",
     "Problem",
     "Replanning",
+    "Residual",
     "Rows",
     "SearchOptions",
     "Smooth",

@@ -23,6 +23,7 @@ __all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem"]
 
 ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
 MOST_STEPS = 1_000_000  # some 400 MB for seven joints
+_STEPS = 100  # at least, of a problem with another duration
 _LEAST_WAY = 0.02  # [m] a target this near, or nearer, is gone to as slowly as one at this distance
 
 
@@ -114,8 +115,8 @@ class Problem:
         _check_start(self)
 
     def lasting(self, duration: float) -> Problem:
-        """The same problem with another duration, in the same number of steps."""
-        return replace(self, duration=duration, dt=duration / self.steps)
+        """The same problem with another duration, in as many steps, or in a hundred where it has fewer."""
+        return replace(self, duration=duration, dt=duration / max(self.steps, _STEPS))
 
     @property
     def steps(self) -> int:
@@ -180,6 +181,8 @@ def _check_parts(name: str, parts: Sequence[Any], kind: type) -> None:
     for part in parts:
         if not isinstance(part, kind):
             raise InvalidValue(name, part, f"must be a sequence of opt.{kind.__name__}")
+        if not isinstance(getattr(part, "name", None), str):
+            raise InvalidValue(name, part, "must have a `name` each, a text")
     names = [part.name for part in parts]
     for one in names:
         if names.count(one) > 1:

@@ -1,4 +1,4 @@
-"""A term and a limit of one's own, as docs/own-parts.md says: written outside of the package."""
+"""A term and a limit of one's own, as docs/own-parts.md says: outside of the package, from public names."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class LookAt(opt.Term):
     name = "look at"
 
     def residual(self, motions: Motions) -> Residuals:
-        """The axis less the direction to the point; half of its square is 1 - cos."""
+        """sqrt(weight) |axis - direction to the point| / sqrt(2): squared, the weight times 1 - cos."""
         way = np.reshape(self.point, (3, 1, 1)) - motions.end_effector
         distance = np.sqrt(dot(way, way))
         towards, axis = way / distance, motions.attitude[:, 0]
@@ -41,7 +41,7 @@ class LookAt(opt.Term):
         eye = np.eye(3)
         residuals: Residuals = []
         for i in range(3):
-            # A turn w moves the axis by w x axis; a shift of the end effector turns the direction.
+            # A turn w moves the axis by w x axis; a shift d the direction by its part across.
             unit = np.broadcast_to(eye[i][:, None, None], axis.shape)
             by_turn = np.sqrt(0.5 * self.weight) * cross(axis, unit)
             by_tip = np.sqrt(0.5 * self.weight) * (unit - towards[i] * towards) / distance

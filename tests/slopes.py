@@ -24,8 +24,8 @@ def motions(problem: Problem, spline: RateSpline, p: FloatArray, smoothing: Smoo
 
 def values_of(residuals: Residuals, shape: tuple[int, int, int]) -> FloatArray:
     """All residuals of one motion in one vector; entries that are left out are zero."""
-    _, _, instants = shape
-    rows = []
+    _n, _, instants = shape
+    rows: list[FloatArray] = []
     for residual in residuals:
         if isinstance(residual, JointResidual):
             rows.append(np.broadcast_to(residual.value, shape)[:, 0].ravel())
@@ -33,7 +33,8 @@ def values_of(residuals: Residuals, shape: tuple[int, int, int]) -> FloatArray:
             rows.append(residual.value[0])
         else:
             # Several entries may stand at one instant (pairs of points): their squares add up.
-            rows.append(np.bincount(residual.instants, residual.value**2, minlength=instants))
+            at = np.arange(instants)[residual.instants]
+            rows.append(np.bincount(at, residual.value**2, minlength=instants).astype(np.float64))
     return np.concatenate(rows) if rows else np.zeros(0)
 
 
@@ -61,7 +62,8 @@ def by_slopes(problem: Problem, spline: RateSpline, p: FloatArray, residuals: Re
         else:
             squared = np.zeros((instants, n * size))
             assert isinstance(residual, Residual)
-            np.add.at(squared, residual.instants, (2.0 * residual.value * jacobian.rows(residual)).T)
+            where = np.arange(instants)[residual.instants]
+            np.add.at(squared, where, (2.0 * residual.value * jacobian.rows(residual)).T)
             rows.append(squared)
     return np.vstack(rows) if rows else np.zeros((0, n * size))
 

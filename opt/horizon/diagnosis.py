@@ -23,7 +23,7 @@ _CLOSE = 1.08
 _MORE_THAN_STRAIGHT = (
     1.1  # than the straight move to the nearest goal found, the first duration that is tried
 )
-_LONGEST = 64.0  # times the failed duration
+_LONGER, _DOUBLINGS = 1.25, 3  # than the failed duration; how often a duration that does not do is doubled
 
 
 def start_in_collision(problem: Problem) -> Trajectory | None:
@@ -83,7 +83,7 @@ def explain(
     if binding:
         names = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
         words.append(f"binding: {', '.join(names)}")
-    shortest = _sufficient(problem, goals, attempt)
+    shortest = _sufficient(problem, goals, binding, attempt)
     if shortest > 0.0:
         words.append(f"a duration of {shortest:.2f} s would do")
     else:
@@ -126,20 +126,30 @@ def reach_range(problem: Problem) -> tuple[float, float]:
     return found[0], found[1]
 
 
-def _sufficient(problem: Problem, goals: JointGoals, attempt: Callable[[Problem], bool]) -> float:
-    """The least duration [s] found for which the goal is met, by bisection; 0: none found."""
-    if problem.goal.moves:
-        return 0.0  # another deadline is another goal
-    longer = 1.25 * problem.duration
+def _sufficient(
+    problem: Problem,
+    goals: JointGoals,
+    binding: list[tuple[str, int]],
+    attempt: Callable[[Problem], bool],
+) -> float:
+    """The least duration [s] found for which the goal is met, by bisection; 0: none found.
+
+    Without momentum a path can be gone in any time that the rates and accelerations of the joints allow. So
+    where none of these binds, more time does not help.
+    """
+    quick = any(kind in ("rate", "acceleration") for kind, _ in binding)
+    if problem.goal.moves or not (quick or problem.momentum is not None):
+        return 0.0  # another deadline is another goal, for one that moves
     near = goals.distance <= 0.05 * problem.stack.length
-    if near.any():
-        quickest = min(straight_time(problem, joints) for joints in goals.joints[near])
-        longer = max(longer, _MORE_THAN_STRAIGHT * quickest / ARRIVAL_SHARE)
-    most, shorter = _LONGEST * max(problem.duration, longer), problem.duration
-    while not attempt(problem.lasting(longer)):
+    straight = [straight_time(problem, joints) for joints in goals.joints[near]]
+    shorter = problem.duration
+    longer = max(_LONGER * problem.duration, _MORE_THAN_STRAIGHT * min(straight, default=0.0) / ARRIVAL_SHARE)
+    for _ in range(_DOUBLINGS):
+        if attempt(problem.lasting(longer)):
+            break
         shorter, longer = longer, 2.0 * longer
-        if longer > most:
-            return 0.0
+    else:
+        return 0.0
     while longer > _CLOSE * shorter:
         between = float(np.sqrt(longer * shorter))
         if attempt(problem.lasting(between)):

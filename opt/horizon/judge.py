@@ -83,11 +83,14 @@ class Judge:
     def best(self, found: Sequence[Found]) -> Found:
         """Of those that arrive at no more than the least cost and the tolerance, the one of least objective.
 
-        Where none arrives, the one that misses least.
+        The cost is here that of all terms but those that only decide between motions that are alike
+        (`Term.eases`). Where none arrives, the one that misses least.
         """
         arrived = [one for one in found if self.arrives(one.plan)]
         if not arrived:
             return min(found, key=lambda one: self.misses(one.plan))
-        most = self.least_cost(found) + self._options.cost_tolerance * self.scale
-        cheap = [one for one in arrived if cost_of(one.plan) <= most]
+        counted = [term.name for term in self._problem.terms if not term.eases]
+        costs = [sum(one.plan.shares[name] for name in counted) for one in arrived]
+        most = min(costs) + self._options.cost_tolerance * self.scale
+        cheap = [one for one, cost in zip(arrived, costs, strict=True) if cost <= most]
         return min(cheap, key=lambda one: sum(one.plan.shares.values()))

@@ -48,8 +48,8 @@ class SearchOptions:
         A motion with more changes of sign a joint than `turns` chatters; smaller products of rates than
         `still` [(rad/s)^2] do not count.
     widest : float
-        By how much C~ may exceed max(0, cos(theta_a)), log 2 / kappa, for marches to be tried as plans: with a
-        smaller kappa the cone is so wide that a march spirals and misses the deadline.
+        By how much C~ may exceed max(0, cos(theta_a)), log 2 / kappa, for marches to be tried as plans: with
+        a smaller kappa the cone is so wide that a march spirals and misses the deadline.
     march_steps : int
         Steps of the marches that are starts.
     """

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
@@ -113,7 +114,9 @@ class Search:
             self._follow(effort)
             if self._arrived(effort.content(self.problem.kappa) * scale) or self._out_of_time() or outside:
                 break
-        if math.log(2.0) / self.problem.kappa < self.options.widest:
+            if turn and not self._arrived() and not self._there().any():
+                break  # neither motions of any shape nor straight moves end at the goal
+        if efforts != HASTE and math.log(2.0) / self.problem.kappa < self.options.widest:
             self._march(self.options.nearly_free * scale)
         if not self._arrived() and not self._out_of_time():
             self._go_straight()
@@ -149,6 +152,10 @@ class Search:
         first = EARLY[0].weights
         early = run(coarse, Candidates.start(coarse, p, first, EARLY[0].damping or 0.3), EARLY, first)
         self._pool = early if self._pool is None else self._pool.join(early)
+
+    def _there(self) -> NDArray[np.bool_]:
+        """Which of the joint goals have straight moves that end at the goal."""
+        return self.goals.distance <= self.options.there * self.problem.stack.length
 
     def _none_near(self) -> bool:
         """Whether no straight move ends near the goal."""
@@ -239,6 +246,8 @@ class Search:
         least = self._judge.least_cost(self.found)
         if least <= cheap or not any(isinstance(term, Coupling) for term in self.problem.terms):
             return
+        if least == np.inf and not self._there().any():
+            return
         best = self.best()
         for rates in free_marches(self.problem, least - self.options.cost_tolerance * self._judge.scale):
             self.found.append(best._replace(plan=measure(self.problem, rates)))
@@ -248,7 +257,7 @@ class Search:
     def _go_straight(self) -> None:
         """Where every cheap way round fails: the quickest straight moves that end at the goal."""
         problem = self.problem
-        there = self.goals.joints[self.goals.distance <= self.options.there * problem.stack.length]
+        there = self.goals.joints[self._there()]
         for goal in sorted(there, key=lambda goal: straight_time(problem, goal))[: self.options.straight]:
             self._go_to(goal, STIFF.iterations)
             if self._arrived() or self._out_of_time():

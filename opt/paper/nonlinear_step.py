@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import minimize
 
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.coupling import cosine
@@ -59,6 +58,8 @@ class NonlinearStepper:
         rotation: FloatArray | None = None,
     ) -> Step:
         """Joint rates for the next step; arguments as for `Stepper.advance`."""
+        from scipy.optimize import minimize  # slow to load
+
         if rotation is not None:
             raise InvalidValue(
                 "target", rotation, "must be a position for the paper's way: it has no attitude"

@@ -27,7 +27,8 @@ class JointPlan:
     miss : float
         Distance to the goal at the deadline, as foreseen [m].
     lack : float
-        The largest residual of a limit as a share of the limit's margin; from 1 on the limit itself is broken.
+        The largest residual of a limit as a share of the limit's margin; from 1 on the limit itself is
+        broken.
     """
 
     start: float

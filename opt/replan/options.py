@@ -9,6 +9,9 @@ from ffsms_pin.opt.horizon.spline import Grid
 
 __all__ = ["ReplanOptions"]
 
+_LONG, _MIDDLE, _SHORT = Grid(12, 5, 3), Grid(8, 4, 2), Grid(4, 3, 2)
+_WEIGHTS = Weights(end=1e5, limits=1e4)
+
 
 @dataclass(frozen=True)
 class ReplanOptions:
@@ -17,21 +20,22 @@ class ReplanOptions:
     Attributes
     ----------
     period : float
-        Between two re-plans [s]. Each takes some ten milliseconds, and a base that moves by a few centimetres a
-        second is nowhere astray in a tenth of one.
+        Between two re-plans [s]. Each takes some ten milliseconds, and a base that moves by a few centimetres
+        a second is nowhere astray in a tenth of one.
     share : float
         The period is never more than this share of the time left: near the deadline errors matter at once.
     long, middle, short : Grid
-        Splines of the rest of the motion: while more than half of the whole time is left, more than a tenth, less.
+        Splines of the rest of the motion: while more than half of the whole time is left, more than a tenth,
+        less.
     no_cost : float
-        From this share of the whole time on the paper's cost is left out: so near to its end a motion has no room
-        for ways round, and a cost that does not see speed only stirs an arm that comes to rest.
+        From this share of the whole time on the paper's cost is left out: so near to its end a motion has no
+        room for ways round, and a cost that does not see speed only stirs an arm that comes to rest.
     iterations, landings : int
-        Iterations of the descent, and how many times these are made again, with a stiffer goal and stiffer limits,
-        where these are not met. An iteration costs two to three milliseconds.
+        Iterations of the descent, and how many times these are made again, with a stiffer goal and stiffer
+        limits, where these are not met. An iteration costs two to three milliseconds.
     weights : Weights
-        Of the goal and of the limits: those with which a search ends. No smoothing: the rest of a plan is near its
-        minimum.
+        Of the goal and of the limits: those with which a search ends. No smoothing: the rest of a plan is
+        near its minimum.
     damping : float
         That a descent starts from.
     handover : float
@@ -44,26 +48,25 @@ class ReplanOptions:
     gain : float
         [1/s] How fast a step comes back to the plan where a limit kept it away.
     near : float
-        [m] A plan that ends within this arrives; a twentieth of the paper's r_th, twice the tolerance of plans.
+        [m] A plan that ends within this arrives; a tenth of the paper's r_th, twice the tolerance of
+        plans.
     astray : float
-        [m] Where the plan ends further away, single steps would only push against what is in the way: the plan is
-        followed to its end.
+        [m] Where the plan ends further away, single steps would only push against what is in the way: the
+        plan is followed to its end.
     search_again : float
-        [s] Where the rest of a plan does not arrive, a whole search is made, at most once in this time, and at most
-        once in a quarter of the time left.
-    search_time : float
-        [s] What such a search may take.
+        [s] Where the rest of a plan does not arrive, a whole search is made, at most once in this time, and
+        at most once in a quarter of the time left.
     """
 
     period: float = 0.1
     share: float = 0.1
-    long: Grid = Grid(12, 5, 3)
-    middle: Grid = Grid(8, 4, 2)
-    short: Grid = Grid(4, 3, 2)
+    long: Grid = _LONG
+    middle: Grid = _MIDDLE
+    short: Grid = _SHORT
     no_cost: float = 0.1
     iterations: int = 3
     landings: int = 2
-    weights: Weights = Weights(1e5, 1e4)
+    weights: Weights = _WEIGHTS
     damping: float = 0.03
     handover: float = 0.1
     least_steps: int = 10
@@ -72,7 +75,6 @@ class ReplanOptions:
     near: float = 2e-3
     astray: float = 1e-2
     search_again: float = 1.0
-    search_time: float = 0.5
 
     def grid(self, share_left: float) -> Grid:
         """The spline for a share of the whole time."""

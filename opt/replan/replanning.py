@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -11,15 +10,10 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray, number
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.search import HASTE, Search
-from ffsms_pin.opt.horizon.solve import solve
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.replan.reaction import ReactionEstimate
-from ffsms_pin.opt.replan.rest import rest_of
-from ffsms_pin.opt.replan.warm import replanned
+from ffsms_pin.opt.replan.rest_planner import RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step.stepper import Stepper
@@ -29,7 +23,8 @@ from ffsms_pin.system import SpaceManipulator
 __all__ = ["Replanning"]
 
 _STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
-# Ten times a step's own price of redundant motion: a goal at the edge of the workspace is not worth fast joints.
+# Ten times a step's own price of redundant motion: a goal at the edge of the workspace is not worth fast
+# joints.
 _GENTLE = StepWeights(effort=1e-5)
 _DEADLINE = 0.5  # steps before the deadline that count as the deadline
 
@@ -37,16 +32,18 @@ _DEADLINE = 0.5  # steps before the deadline that count as the deadline
 class Replanning:
     """Joint motion to a goal, planned anew from the measured state while it is under way.
 
-    A closed loop calls `observe` with what it measures, then `sample`. Every `ReplanOptions.period` the whole rest
-    of the motion is planned again, from the rest of the last plan: with the base where it is measured, the joints as
-    they were commanded (so that they stay within their limits and without jumps), the masses as the motion shows them
-    (`ReactionEstimate`), and without the joints that have failed. In between, steps follow the plan under the limits;
-    shortly before the deadline, and after it, steps go straight to the goal from the measured state.
+    A closed loop calls `observe` with what it measures, then `sample`. Every `ReplanOptions.period` the whole
+    rest of the motion is planned again, from the rest of the last plan: with the base where it is measured,
+    the joints as they were commanded (so that they stay within their limits and without jumps), the masses as
+    the motion shows them (`ReactionEstimate`), and without the joints that have failed. In between, steps
+    follow the plan under the limits; shortly before the deadline, and after it, steps go straight to the goal
+    from the measured state.
 
     Parameters
     ----------
     problem : Problem
-        What the motion should do. It begins in the first state that is measured, whatever the problem's start.
+        What the motion should do. It begins in the first state that is measured, whatever the problem's
+        start.
     hold : float
         Time for which the goal is held after the deadline [s].
     plan : Trajectory, optional
@@ -61,10 +58,6 @@ class Replanning:
         Time to arrive and to hold [s].
     failed_steps, failed_in_a_row : int
         Steps whose programme was not solved, and how many of them up to now in a row; the arm braked in each.
-    expected_miss : float
-        Distance to the goal at the deadline as last foreseen [m].
-    computing_time : float
-        That the last re-plan took [s].
     """
 
     def __init__(
@@ -90,18 +83,14 @@ class Replanning:
             "resolved-rate",
             problem.momentum,
         )
-        self._estimate, self._robot = ReactionEstimate(sms), sms
-        self._known: FloatArray = np.ones(n + 1)
-        self._failed: NDArray[np.bool_] = ~problem.free
-        self._limp = np.zeros(n, dtype=bool)
-        self._given, self._plan = plan, None
-        self._base_start: FloatArray = problem.q0[:7]
-        self._step, self._planned_at, self._next = -1, 0.0, 0.0
-        self._next_search = 0.0
+        self._planner = RestPlanner(problem, self.options, plan)
+        self._robot = sms
+        if problem.locked:
+            self._renew_stepper()
+        self._step = -1
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = 0
-        self.expected_miss, self.computing_time = np.inf, 0.0
 
     @property
     def target(self) -> Any:
@@ -114,11 +103,23 @@ class Replanning:
     @property
     def momentum(self) -> FloatArray | None:
         """Total momentum that is reckoned with (6,); None: zero."""
-        return self.problem.momentum
+        momentum: FloatArray | None = self.problem.momentum
+        return momentum
+
+    @property
+    def expected_miss(self) -> float:
+        """Distance to the goal at the deadline as last foreseen [m]; infinite before the first plan."""
+        plan = self._planner.current
+        return np.inf if plan is None else plan.miss
+
+    @property
+    def computing_time(self) -> float:
+        """Time that the last plan took [s]."""
+        return self._planner.computing_time
 
     @property
     def mode(self) -> Literal["plan", "step", "hold"]:
-        """What the steps follow at present: the plan; the measured way to the goal; likewise after the deadline."""
+        """What the steps follow at present: the plan; the way to the goal; likewise after the deadline."""
         left = self._left
         if left <= _DEADLINE * self.problem.dt:
             return "hold"
@@ -127,13 +128,15 @@ class Replanning:
     @property
     def plan_age(self) -> float:
         """Time since the present plan was made, at the last planning step [s]."""
-        return max(self._step, 0) * self.problem.dt - self._planned_at
+        return max(self._step, 0) * self.problem.dt - self._planner.made
 
     @property
     def note(self) -> str:
         """What stands in the way, as foreseen; empty where nothing does."""
         names = self.problem.sms.joint_names
-        notes = [f"joint '{names[i]}' has failed" for i in np.flatnonzero(self._failed & self.problem.free)]
+        notes = [
+            f"joint '{names[i]}' has failed" for i in np.flatnonzero(self._planner.failed & self.problem.free)
+        ]
         if np.isfinite(self.expected_miss) and self.expected_miss > self.options.near:
             notes.append(f"no motion found that arrives: the target is missed by {self.expected_miss:.3g} m")
         if self.failed_steps:
@@ -141,7 +144,7 @@ class Replanning:
         return "; ".join(notes)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Plan the next step from the measured state, where one is due, and the whole rest, where that is due.
+        """Plan the next step from the measured state, and the whole rest, where they are due.
 
         Parameters
         ----------
@@ -154,22 +157,23 @@ class Replanning:
         step = int(t / dt + 1e-6)
         if step == self._step:
             return
-        if self._estimate.observe(q, v):
-            self._next = 0.0  # a body was captured: the plan is of another robot
+        planner = self._planner
+        planner.observe(q, v)
         if self._step < 0:
-            self._begin(q, v)
+            self._start, self._rates = self.problem.sms.layout.positions(q), v[6:].copy()
+            self._stepper.reset(base_start=q[:7].copy())
         else:
             self._start, self._rates, _ = self._after((step - self._step) * dt)
-        failed = self._failed
-        if failed.any():
-            measured = self.problem.sms.layout.positions(q)
-            self._start, self._rates = self._start.copy(), self._rates.copy()
-            self._start[failed], self._rates[failed] = measured[failed], 0.0
-        self._step = step
-        now = step * dt
-        if self._plan is None or (self._left > self._handover and now >= self._next - 1e-9):
-            self._plan = self._planned(now, q)
-        chosen = self._stepped(now, q, self._plan)
+        failed = planner.failed
+        self._start = np.where(failed, self.problem.sms.layout.positions(q), self._start)
+        self._rates = np.where(failed, 0.0, self._rates)
+        self._step, now = step, step * dt
+        plan = planner.current
+        if plan is None or (self._left > self._handover and now >= planner.due - 1e-9):
+            plan = planner.plan(now, q, self._start, self._rates)
+            if planner.robot is not self._robot:
+                self._renew_stepper()
+        chosen = self._stepped(now, q, plan)
         self.failed_in_a_row = 0 if chosen.solved else self.failed_in_a_row + 1
         self.failed_steps += not chosen.solved
         rates = np.where(failed, 0.0, chosen.joint_rates)
@@ -184,11 +188,8 @@ class Replanning:
 
         A limp joint is taken to stay where it is measured, anew at every re-plan.
         """
-        self._failed[joint], self._limp[joint] = True, not locked
-        self._next = self._next_search = 0.0
+        self._planner.without(joint)
         self._renew_stepper()
-
-    # -- the whole rest --------------------------------------------------------------------------------
 
     @property
     def _left(self) -> float:
@@ -198,73 +199,23 @@ class Replanning:
     def _handover(self) -> float:
         return max(self.options.handover, self.options.least_steps * self.problem.dt)
 
-    def _begin(self, q: FloatArray, v: FloatArray) -> None:
-        self._start, self._rates = self.problem.sms.layout.positions(q), v[6:].copy()
-        self._base_start = q[:7].copy()
-        self._stepper.reset(base_start=self._base_start)
-
-    def _planned(self, now: float, q: FloatArray) -> JointPlan:
-        """The rest of the motion, planned again; the first time from nothing."""
-        begun, options = time.perf_counter(), self.options
-        self._learn()
-        names = self.problem.sms.joint_names
-        locked = [names[i] for i in np.flatnonzero(self._failed)]
-        rest = rest_of(self.problem, self._robot, now, q, self._start, self._rates, self._base_start, locked)
-        if self._plan is not None:
-            plan = replanned(
-                rest, now, self._start, self._plan, options, rest.duration / self.problem.duration
-            )
-        elif self._given is not None:
-            plan = JointPlan.of_trajectory(self._given)
-        else:
-            plan = JointPlan.of_trajectory(solve(rest), now)
-        self.computing_time = time.perf_counter() - begun
-        if plan.miss > options.near and self._plan is not None and now >= self._next_search:
-            plan = self._searched(rest, now, plan)
-        self.expected_miss, self._planned_at = plan.miss, now
-        left = rest.duration
-        self._next = now + max(min(options.period, options.share * left), self.problem.dt)
-        return plan
-
-    def _searched(self, rest: Problem, now: float, plan: JointPlan) -> JointPlan:
-        """A whole search, where the rest of the plan does not arrive; the better of both."""
-        options = self.options
-        self._next_search = now + max(options.search_again, 0.25 * rest.duration)
-        found = Search(rest, SearchOptions(time_limit=options.search_time)).run(HASTE)
-        other = JointPlan.of_trajectory(found, now)
-        if found.broken or other.miss >= plan.miss:
-            return plan
-        # Joints that turn without end are counted from where they are.
-        return replace(other, positions=other.positions + self._start - other.positions[0])
-
-    def _learn(self) -> None:
-        """Take over the estimated masses, where they have changed."""
-        factors = self._estimate.solve()
-        if np.abs(factors - self._known).max() > self.options.changed:
-            self._known, self._robot = factors, self._estimate.robot()
-            self._renew_stepper()
-
-    # -- single steps ----------------------------------------------------------------------------------
-
     def _stepped(self, now: float, q: FloatArray, plan: JointPlan) -> Step:
         """The next step: along the plan, or to the goal."""
-        dt, goal = self.problem.dt, self.problem.goal
-        left = self.problem.duration - now
-        place = goal.place(now if goal.moves else self.problem.duration)
-        if self.mode == "plan" or self.expected_miss > self.options.astray:
+        dt, left = self.problem.dt, self.problem.duration - now
+        if self.mode == "plan" or plan.miss > self.options.astray:
             there, wanted = plan.sample(now + dt)
             wanted = wanted + self.options.gain * (there - self._start - dt * wanted)
-            return self._stepper.advance(q, self._rates, place.position, left, prefer=wanted)
-        ahead = np.zeros(3)
-        if goal.moves and place.velocity is not None:
-            ahead = _lead(place.velocity, left, dt)
-        return self._stepper.advance(q, self._rates, place.position + ahead, left, place.rotation)
+            position = self.problem.goal.place(now).position
+            return self._stepper.advance(q, self._rates, position, left, prefer=wanted)
+        position, rotation = _aim(self.problem, now)
+        return self._stepper.advance(q, self._rates, position, left, rotation)
 
     def _renew_stepper(self) -> None:
         """Go on with a stepper for the robot as it is known now."""
-        robot, base_start = self._robot, self._stepper.base_start
-        if self._failed.any():
-            robot = _without(robot, self._failed)
+        base_start, failed = self._stepper.base_start, self._planner.failed
+        robot = self._robot = self._planner.robot
+        if failed.any():
+            robot = _without(robot, failed)
         self._stepper = self._stepper.like(sms=robot)
         self._stepper.reset(base_start=base_start)
 
@@ -287,11 +238,20 @@ def _without(sms: SpaceManipulator, failed: NDArray[np.bool_]) -> SpaceManipulat
     return sms.with_limits(replace(limits, velocity=velocity, acceleration=acceleration))
 
 
-def _lead(velocity: FloatArray, left: float, dt: float) -> FloatArray:
-    """How far ahead of a moving goal a step has to aim (3,) [m].
+def _aim(problem: Problem, now: float) -> tuple[FloatArray, FloatArray | None]:
+    """Where a step has to aim, ahead of a goal that moves: a position (3,) [m], and an attitude or None.
 
-    A step's speed is 2.5 times the way over the time left, each a little later (`reference_speed`). Aimed ahead by
-    that time's share of the goal's velocity, what is left of the way shrinks as for a goal at rest, and the end
-    effector arrives with that velocity.
+    A step's speed is 2.5 times the way over the time left, each a little later (`reference_speed`). Aimed
+    ahead by that time's share of the goal's velocity, what is left of the way shrinks as for a goal at rest,
+    and the end effector arrives with that velocity. A goal that stays, but asks for a velocity at the
+    deadline, counts as passing by with it.
     """
-    return np.asarray(velocity * ((max(left - dt, 0.0) + 3.25 * dt) / 2.5 + 0.5 * dt))
+    dt, left = problem.dt, problem.duration - now
+    place = problem.goal.place(now if problem.goal.moves else problem.duration)
+    position, velocity = place.position, place.velocity
+    if velocity is None or (left <= 0.0 and not problem.goal.moves):
+        return position, place.rotation
+    if not problem.goal.moves:
+        position = position - left * velocity
+    ahead = velocity * ((max(left - dt, 0.0) + 3.25 * dt) / 2.5 + 0.5 * dt)
+    return position + ahead, place.rotation

@@ -1,4 +1,4 @@
-"""The paper's step for use inside a control loop, and the reference that plans again: one short name for both."""
+"""The paper's step for use inside a control loop, and the reference that plans again."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ __all__ = ["StepPlanner"]
 class StepPlanner:
     """One step of the paper's method after the other, with the limits of the paper.
 
-    A short name for a `Stepper` with the joints' limits, a clearance, the paper's |alpha_i| <= 1 and limits on the
-    base; see there for what a step does.
+    A short name for a `Stepper` with the joints' limits, a clearance, the paper's |alpha_i| <= 1 and limits
+    on the base; see there for what a step does.
 
     Parameters
     ----------
@@ -45,8 +45,8 @@ class StepPlanner:
     base_limits : BaseLimits, optional
         How far and how fast the base may move, from where it is at the first step after a `reset`.
     momentum : array_like, shape (6,), optional
-        Total momentum [linear; angular], inertial axes, about the system's centre of mass, as in `sms.velocity`.
-        Default zero.
+        Total momentum [linear; angular], inertial axes, about the system's centre of mass, as in
+        `sms.velocity`. Default zero.
     limits : sequence of Limit, optional
         In place of those that the other arguments describe.
     terms : sequence of Term
@@ -137,8 +137,8 @@ class StepPlanner:
         Parameters
         ----------
         target : array_like, shape (3,), pinocchio.SE3, callable, or Goal
-            Inertial axes [m], or a function of time [s] that gives one: it is then met at its place at the deadline
-            with its velocity, and followed from there on.
+            Inertial axes [m], or a function of time [s] that gives one: it is then met at its place at the
+            deadline with its velocity, and followed from there on.
         duration : float
             Time to arrive [s].
         hold : float

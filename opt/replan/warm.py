@@ -1,7 +1,7 @@
 """A warm re-plan: the solver of the whole horizon, started from the rest of the last plan.
 
-One motion instead of a search, a coarse spline, and a few iterations: the last plan is near the minimum, and what has
-changed since, the base's place or an estimated mass, has changed by little.
+One motion instead of a search, a coarse spline, and a few iterations: the last plan is near the minimum, and
+what has changed since, the base's place or an estimated mass, has changed by little.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ def replanned(
     start : float
         When it begins [s].
     joints : ndarray, shape (n,)
-        Joint positions there, continuous in time: those of a configuration are not, where joints turn without end.
+        Joint positions there, continuous in time: those of a configuration are not, where joints turn without
+        end.
     last : JointPlan
         The last plan; what is left of it is the first guess.
     options : ReplanOptions

@@ -51,7 +51,7 @@ class Use(NamedTuple):
     rates: FloatArray  # the largest (n,)
 
 
-# A limit that a motion breaks: from what that motion does. Joint limits are tightened in the robot.
+# A limit that a motion breaks: from what that motion does, and the robot, tightened for joint limits.
 Tight = Callable[[ffsms.SpaceManipulator, Use], tuple[ffsms.SpaceManipulator, opt.Limit]]
 
 
@@ -358,7 +358,7 @@ def test_a_step_alone_keeps_the_papers_box(planar: ffsms.SpaceManipulator) -> No
 
 
 def test_no_two_packaged_parts_share_a_name() -> None:
-    parts = [opt.Coupling, opt.Smooth, opt.Effort, opt.BaseTurn]
-    limits = [opt.JointLimits, opt.Clearance, BaseLimits, opt.AlphaBox]
-    names = [part.name for part in (*parts, *limits)]
+    parts: list[type[opt.Term]] = [opt.Coupling, opt.Smooth, opt.Effort, opt.BaseTurn]
+    limits: list[type[opt.Limit]] = [opt.JointLimits, opt.Clearance, BaseLimits, opt.AlphaBox]
+    names = [part.name for part in parts] + [limit.name for limit in limits]
     assert len(set(names)) == len(names)

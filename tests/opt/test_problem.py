@@ -62,7 +62,7 @@ def test_defaults_are_the_documented_ones(planar: ffsms.SpaceManipulator, q0: Fl
 def test_it_is_frozen_and_takes_no_part_in_what_it_was_made_of(
     planar: ffsms.SpaceManipulator, q0: FloatArray
 ) -> None:
-    given, rates, terms = q0.copy(), np.array([0.1, 0.0, 0.0]), [opt.Coupling()]
+    given, rates, terms = q0.copy(), np.array([0.1, 0.0, 0.0]), list[opt.Term]([opt.Coupling()])
     problem = opt.Problem(planar, given, GOAL, joint_rates=rates, terms=terms)
     given[7:], rates[:] = 9.0, 9.0
     terms.append(opt.Smooth())
@@ -294,7 +294,7 @@ def test_a_moving_goal_is_met_with_its_velocity(planar: ffsms.SpaceManipulator, 
 def test_methods_of_single_steps_know_no_moving_goals(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
     for change in ({"target": lambda t: GOAL}, {"target": GOAL, "locked": ["joint_1"]}):
         with pytest.raises(InvalidValue, match="take 'horizon'"):
-            opt.plan(planar, q0, **change, method="step")  # type: ignore[arg-type]
+            opt.plan(planar, q0, **change, method="step")
 
 
 def test_a_time_limit_returns_the_best_so_far(planar: ffsms.SpaceManipulator) -> None:

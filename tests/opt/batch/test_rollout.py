@@ -1,4 +1,4 @@
-"""Rolled-out motions against the step-by-step roll-out and Pinocchio, and their quantities one by one."""
+"""Rolled-out motions against the step-by-step roll-out, against Pinocchio, and their quantities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The quadratic programme of a step of the descent: its rows, its solution, and starts beyond limits."""
+"""The quadratic programme of a step of the descent: its rows, its solution, and starts at limits."""
 
 from __future__ import annotations
 

@@ -192,6 +192,17 @@ def test_moving_target_is_met_with_its_velocity_and_held(planar: ffsms.SpaceMani
     assert tracking.position_error[tracking.t > 8.5].max() < 1e-3
 
 
+def test_a_goal_that_asks_for_a_velocity_is_passed_with_it(planar: ffsms.SpaceManipulator) -> None:
+    wanted = np.array([0.0, 0.03, 0.0])
+    goal = opt.Position([0.75, 0.5, 0.0], velocity=wanted)
+    _, tracking = run(planar, goal, 6.0, hold=2.0, plant=perturb(planar, arm_mass=1.1))
+    k = int(np.searchsorted(tracking.t, 6.0))
+    assert tracking.position_error[k] < 2e-3
+    velocity = np.gradient(tracking.position_error[k - 50 : k + 1], tracking.t[k - 50 : k + 1])
+    assert np.abs(velocity[:25] + 0.03).max() < 5e-3  # it comes near at that speed
+    assert tracking.position_error[-1] < 2e-3  # and returns
+
+
 def test_target_is_held_after_arrival(planar: ffsms.SpaceManipulator) -> None:
     reference, tracking = run(planar, CASES[1], 10.0, hold=3.0)
     assert tracking.position_error[tracking.t >= 10.0].max() < 1e-3
@@ -275,6 +286,20 @@ def test_limits_of_the_base_are_kept_in_the_loop() -> None:
     assert free > 1.2 * limit
     assert 0.5 * limit < held <= limit
     assert max(miss.values()) < 2e-3
+
+
+def test_a_limit_of_the_base_that_bends_the_way() -> None:
+    """Half a metre with the base within 3 degrees, on a wrong plant."""
+    sms, limit = ffsms.load("satellite_panda"), 3.0 * DEGREE
+    q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
+    target = sms.at(q0).end_effector_pose.translation + np.array([-0.15, 0.35, -0.25])
+    plant = list(random_plants(sms, np.random.default_rng(1), 10))[9]
+    reference = opt.StepPlanner(sms, 0.02, base_limits=opt.BaseLimits(attitude=limit)).track(target, 12.0)
+    track = simulate(sms, reference, ComputedTorque(sms, 100.0, 20.0), dt=4e-3, q0=q0, plant=plant)
+    first = pin.XYZQUATToSE3(q0[:7]).rotation.T
+    turns = [pin.log3(first @ pin.XYZQUATToSE3(q[:7]).rotation) for q in track.q[::10]]
+    assert 0.5 * limit < np.linalg.norm(turns, axis=1).max() <= limit
+    assert track.position_error[-1] < 5e-3
 
 
 def test_a_drifting_satellite(planar: ffsms.SpaceManipulator) -> None:

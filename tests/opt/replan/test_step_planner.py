@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -73,6 +74,7 @@ def test_tracking_takes_over_the_settings(planar: ffsms.SpaceManipulator) -> Non
 
 
 def test_what_is_wrong_is_refused(planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]) -> None:
-    refused(lambda: opt.StepPlanner(planar, base_limits=0.1), InvalidValue, "base_limits")  # type: ignore[arg-type]
+    wrong: Any = 0.1
+    refused(lambda: opt.StepPlanner(planar, base_limits=wrong), InvalidValue, "base_limits")
     refused(lambda: opt.StepPlanner(planar, aim="sideways"), InvalidValue, "must be one of")
     refused(lambda: opt.StepPlanner(planar, dt=0.0), InvalidValue, "dt")

@@ -50,7 +50,7 @@ def plan(problem: opt.Problem) -> opt.Trajectory:
 def again(
     problem: opt.Problem, plan: opt.Trajectory, t: float, **given: Any
 ) -> tuple[opt.Problem, JointPlan]:
-    """The rest of a problem from a node of its plan on, and its warm re-plan; `given` replaces what is known."""
+    """The rest of a problem from a node of its plan on, re-planned; `given` replaces what is known."""
     k = round(t / problem.dt)
     known = {
         "sms": problem.sms,
@@ -138,9 +138,9 @@ def test_base_limits_count_from_the_start_of_the_whole_motion(
 ) -> None:
     start = pin.XYZQUATToSE3(plan.q[0, :7]).rotation
     turns = [np.linalg.norm(pin.log3(start.T @ pin.XYZQUATToSE3(q[:7]).rotation)) for q in plan.q]
-    limit, k = 0.9 * max(turns), 120
+    limit, k = 0.9 * float(max(turns)), 120
     held = replace(problem, limits=[*problem.limits, opt.BaseLimits(attitude=limit)])
-    # The free plan breaks it, and is told so at the right size, although its rest alone turns the base by less.
+    # The free plan breaks it, and is told so at the right size, although its rest alone turns the base less.
     rest, _ = again(held, plan, k * DT)
     assert measure(rest, plan.joint_rates[k:]).broken["base"] == pytest.approx(max(turns) - limit, rel=0.05)
     within = opt.solve(held)
@@ -162,7 +162,9 @@ def test_a_moving_goal_is_seen_from_the_later_time(planar: ffsms.SpaceManipulato
 
     goal = Later(opt.Moving(path), 2.0)
     np.testing.assert_allclose(goal.place(1.0).position, [0.73, 0.3, 0.0])
-    np.testing.assert_allclose(goal.place(1.0).velocity, [0.01, 0.0, 0.0], atol=1e-9)
+    velocity = goal.place(1.0).velocity
+    assert velocity is not None
+    np.testing.assert_allclose(velocity, [0.01, 0.0, 0.0], atol=1e-9)
     count = len(asked)
     goal.place(1.0)
     assert len(asked) == count  # a place is asked for once

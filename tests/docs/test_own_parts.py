@@ -1,0 +1,161 @@
+"""docs/own-parts.md: its code runs as it stands, its parts do what it says, and their slopes are right."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ffsms_pin import opt
+from ffsms_pin.cli import main
+from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
+from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.scenarios import scenario
+
+PAGE = Path(__file__).parents[2] / "docs" / "own-parts.md"
+BLOCKS = re.findall(r"^```(python|toml)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.S | re.M)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimpleNamespace]:
+    """What the page's blocks define, run one after the other in a folder with the files that they name."""
+    folder = tmp_path_factory.mktemp("own-parts")
+    names: dict[str, Any] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.syspath_prepend(folder)
+        for kind, text in BLOCKS:
+            title = re.match(r"# (\w+\.\w+)\n", text)
+            if title:
+                (folder / title[1]).write_text(text, encoding="utf-8")
+            if kind == "python":
+                exec(compile(text, str(PAGE), "exec"), names)
+        yield SimpleNamespace(**names, folder=folder)
+    for name in ("gaze_term", "above_limit"):
+        sys.modules.pop(name, None)
+
+
+def test_every_block_is_run() -> None:
+    assert [kind for kind, _ in BLOCKS].count("python") == 5
+    assert [kind for kind, _ in BLOCKS].count("toml") == 1
+
+
+def off_axis(page: SimpleNamespace, plan: opt.Trajectory) -> float:
+    """Mean angle between the camera's axis and the direction of the point [rad], by Pinocchio."""
+    angles = []
+    for q in plan.q[::10]:
+        pose = page.sms.at(q).end_effector_pose
+        way = np.array(page.gaze.at) - pose.translation
+        angles.append(np.arccos(np.clip(pose.rotation[:, 0] @ way / np.linalg.norm(way), -1.0, 1.0)))
+    return float(np.mean(angles))
+
+
+def lowest(page: SimpleNamespace, plan: opt.Trajectory) -> float:
+    """Least height above the plane [m]."""
+    return float((plan.end_effector @ np.array(page.above.normal)).min() - page.above.height)
+
+
+def test_the_plan_keeps_the_limit_and_looks_where_it_should(page: SimpleNamespace) -> None:
+    assert page.plain.reached
+    assert page.plan.reached
+    assert lowest(page, page.plain) < -0.01
+    assert lowest(page, page.plan) > -1e-6
+    assert off_axis(page, page.plan) < 0.7 * off_axis(page, page.plain)
+    assert page.plan.shares["gaze"] > 0.0
+
+
+def test_a_limit_that_is_broken_says_so(page: SimpleNamespace) -> None:
+    rates = page.plain.joint_rates
+    motion = rolled_out(page.sms, page.problem.stack, page.q0, rates, page.plain.dt, None, ARRIVAL_SHARE)
+    broken = page.above.violation(motion)
+    assert broken.amount == pytest.approx(-lowest(page, page.plain), abs=1e-5)
+    assert "mm below the plane" in broken.note
+    over = (page.plain.end_effector @ np.array(page.above.normal)) - page.above.height
+    assert set(np.round(page.plain.t[over < 1e-3], 6)) <= set(np.round(broken.instants, 6))
+
+
+def test_a_part_without_a_name_is_refused(page: SimpleNamespace, refused: Callable[..., FfsmsError]) -> None:
+    class Nameless(opt.Term):
+        def residual(self, motions: opt.Motions) -> list[Any]:
+            return []
+
+    refused(
+        lambda: opt.Problem(page.sms, page.q0, page.goal, terms=[Nameless()]), InvalidValue, "terms", "`name`"
+    )
+
+
+def test_the_step_takes_both(page: SimpleNamespace) -> None:
+    assert page.step.solved
+    joints = np.zeros(3)
+    over = page.above.over(page.sms.at(page.q0).end_effector_pose.translation)
+    raised = page.above.tightened(over + 0.05)
+    pushed = opt.StepPlanner(page.sms, limits=[*page.parts[:3], raised]).step(page.q0, joints, page.goal, 8.0)
+    free = opt.StepPlanner(page.sms, limits=page.parts[:3]).step(page.q0, joints, page.goal, 8.0)
+    up = np.array(page.above.normal) @ page.sms.at(page.q0).J_star[:3]
+    assert up @ pushed.joint_rates > up @ free.joint_rates
+    assert np.abs(page.step.joint_rates - free.joint_rates).max() > 1e-6
+
+
+def test_re_planning_arrives_above_the_plane_on_a_wrong_plant(page: SimpleNamespace) -> None:
+    assert page.track.position_error[-1] < 2e-3
+    tips = np.array([page.heavier.at(q).end_effector_pose.translation for q in page.track.q[::50]])
+    assert (tips @ np.array(page.above.normal)).min() - page.above.height > -2e-3
+
+
+def test_the_scenario_file_gives_the_same_parts(page: SimpleNamespace) -> None:
+    assert page.planned.reached
+    assert lowest(page, page.planned) > -1e-6
+    assert set(page.planned.shares) == {"coupling", "smooth", "effort", "gaze"}
+    made = page.scenario.problem(page.scenario.load())
+    effort = next(term for term in made.terms if term.name == "effort")
+    assert effort == opt.Effort(1e-3)
+
+
+def test_the_command_line_imports_only_when_told(
+    page: SimpleNamespace, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = page.folder / "camera.toml", page.folder / "out"
+    plain = scenario(file)
+    sms = plain.load()
+    with pytest.raises(InvalidScenario, match="allow_import"):
+        plain.problem(sms)
+    assert main(["run", str(file), "--out", str(out), "--no-figures"]) == 2
+    assert "--allow-import" in capsys.readouterr().err
+    assert main(["run", str(file), "--out", str(out), "--no-figures", "--allow-import"]) == 0
+
+
+def test_the_slopes_are_those_of_finite_differences(page: SimpleNamespace) -> None:
+    """A shift and a turn of the end effector, at random: both parts see its pose alone."""
+    rng = np.random.default_rng(3)
+    attitude = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    place = np.array([0.4, 0.3, 0.1])
+    for part in (page.gaze, page.above):
+
+        def residuals(shift: Any, turn: Any, part: Any = part) -> list[opt.Residual]:
+            turned = pin.exp3(np.asarray(turn)) @ attitude
+            seen = SimpleNamespace(
+                end_effector=(place + shift)[:, None, None],
+                attitude=turned[:, :, None, None],
+                stack=SimpleNamespace(length=1.5),
+            )
+            found: list[opt.Residual] = part.residual(seen)
+            return found
+
+        exact, h, none = residuals(np.zeros(3), np.zeros(3)), 1e-6, np.zeros(3)
+        for j, unit in enumerate(np.eye(3)):
+            for name, up, down in (
+                ("by_tip", residuals(h * unit, none), residuals(-h * unit, none)),
+                ("by_turn", residuals(none, h * unit), residuals(none, -h * unit)),
+            ):
+                for one, high, low in zip(exact, up, down, strict=True):
+                    slope = getattr(one, name)
+                    slope = 0.0 if slope is None else slope[j, 0, 0]
+                    assert slope == pytest.approx((high.value - low.value)[0, 0] / (2.0 * h), abs=1e-7)

@@ -1,0 +1,262 @@
+"""Terms and limits that a scenario file names, the keys of [plan] for them, and joint rates at the start."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scenario_files import QUICK, write
+
+from ffsms_pin import opt
+from ffsms_pin.cli import main
+from ffsms_pin.errors import FfsmsError, InvalidScenario
+from ffsms_pin.scenarios import run, scenario, summary
+from ffsms_pin.scenarios.compare import compare
+from ffsms_pin.scenarios.references import planned, replanning
+
+MODULE = """
+from dataclasses import dataclass
+import numpy as np
+from ffsms_pin import opt
+from ffsms_pin.opt.batch import JointResidual
+
+@dataclass(frozen=True)
+class Quiet(opt.Term):
+    joint: int
+    weight: float = 1.0
+    places: tuple = ()
+    name = "quiet"
+
+    def __post_init__(self):
+        if self.weight < 0:
+            raise ValueError("a weight below\\nzero")
+
+    def residual(self, motions):
+        one = np.zeros((motions.joints.shape[0], 1, 1))
+        one[self.joint] = self.weight**0.5
+        return [JointResidual(one * motions.rates, by_rate=one)]
+
+class Nameless(opt.Term):
+    def residual(self, motions):
+        return []
+
+class Nothing(opt.Limit):
+    name = "nothing"
+    def rows(self, step):
+        return None
+    def residual(self, motions):
+        return []
+    def violation(self, motion):
+        return opt.Violation()
+
+answer = 42
+"""
+
+
+class _Looked(Exception):
+    """The search was about to begin."""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Iterator[Path]:
+    """A folder with modules of a user's own, which are forgotten afterwards."""
+    (tmp_path / "my_parts.py").write_text(MODULE)
+    (tmp_path / "broken_parts.py").write_text("import no_such_package")
+    yield tmp_path
+    for name in ("my_parts", "broken_parts"):
+        sys.modules.pop(name, None)
+
+
+def made(path: Path, **options: Any) -> opt.Problem:
+    chosen = scenario(path, **options)
+    return chosen.problem(chosen.load())
+
+
+def test_parts_by_short_names_stand_in_for_the_defaults(tmp_path: Path) -> None:
+    plain = made(write(tmp_path, QUICK))
+    assert [term.name for term in plain.terms] == ["coupling", "smooth", "effort"]
+    assert [limit.name for limit in plain.limits] == ["joints", "clearance"]
+    more = (
+        '[[term]]\nuse = "coupling"\nkappa = 5.0\n[[term]]\nuse = "base-turn"\nweight = 0.2\n'
+        '[[limit]]\nuse = "base"\nattitude_deg = 10.0\n[[limit]]\nuse = "alpha-box"\n'
+        '[[limit]]\nuse = "clearance"\nclearance = 0.02\ncollision = "shapes"\n'
+    )
+    problem = made(write(tmp_path, QUICK + more))
+    assert problem.terms == (opt.Smooth(), opt.Effort(), opt.Coupling(5.0), opt.BaseTurn(0.2))
+    assert problem.kappa == 5.0
+    joints, base, box, clearance = problem.limits
+    assert isinstance(joints, opt.JointLimits)
+    assert isinstance(base, opt.BaseLimits)
+    assert base.attitude == pytest.approx(np.radians(10.0))
+    assert isinstance(box, opt.AlphaBox)
+    assert isinstance(clearance, opt.Clearance)
+    assert (clearance.clearance, clearance.collision) == (0.02, "shapes")
+
+
+def test_plan_keys_describe_the_same_parts(tmp_path: Path) -> None:
+    keys = 'dt = 0.05\neffort = 1e-3\nbase = 0.2\ntime_limit = 9.0\nlocked = ["joint_2"]'
+    path = write(tmp_path, QUICK.replace("dt = 0.05", keys, 1))
+    problem = made(path)
+    assert problem.terms == (opt.Coupling(), opt.Smooth(), opt.Effort(1e-3), opt.BaseTurn(0.2))
+    assert problem.locked == ("joint_2",)
+    case = scenario(path)
+    sms = case.load()
+    plan = planned(case, sms, case.start_configuration(sms), None)
+    assert np.ptp(plan.joint_positions[:, 1]) == 0.0
+    assert np.ptp(plan.joint_positions[:, 0]) > 0.01
+
+
+def test_the_time_limit_reaches_the_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[float | None] = []
+
+    def look(problem: Any, method: str, options: opt.SearchOptions, progress: Any) -> None:
+        seen.append(options.time_limit)
+        raise _Looked
+
+    monkeypatch.setattr("ffsms_pin.scenarios.references.plan_problem", look)
+    for text in (QUICK, QUICK.replace("dt = 0.05", "dt = 0.05\ntime_limit = 0.5", 1)):
+        case = scenario(write(tmp_path, text))
+        sms = case.load()
+        with pytest.raises(_Looked):
+            planned(case, sms, case.start_configuration(sms), None)
+    assert seen == [None, 0.5]
+
+
+def test_joint_rates_at_the_start_are_the_plans_and_the_plants(tmp_path: Path) -> None:
+    moving = QUICK.replace("[target]", "joint_rates_deg = [1.0, -2.0, 0.5]\n[target]").replace(
+        "offset_deg = [0.5, 0.0, -0.5]\n", ""
+    )
+    outcome = run(scenario(write(tmp_path, moving)))
+    rates = np.radians([1.0, -2.0, 0.5])
+    np.testing.assert_allclose(outcome.trajectory.joint_rates[0], rates, atol=1e-15)
+    np.testing.assert_allclose(outcome.tracking.v[0, 6:], rates, atol=1e-15)
+    assert outcome.trajectory.reached
+    again = scenario(write(tmp_path, moving + '[reference]\nkind = "re-planning"\n'))
+    assert replanning(again, again.load()).sample(0.0)[1] == pytest.approx(rates)
+
+
+def test_own_parts_are_planned_with(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(folder / "elsewhere")
+    before = list(sys.path)
+    more = (
+        '[[term]]\nuse = "my_parts:Quiet"\njoint = 0\nweight = 10.0\nplaces = [[1, 2], [3]]\n'
+        '[[limit]]\nuse = "my_parts:Nothing"\n'
+    )
+    path = write(folder, QUICK + more)
+    problem = made(path, allow_import=True)
+    quiet = problem.terms[-1]
+    assert (quiet.joint, quiet.weight, quiet.places) == (0, 10.0, ((1, 2), (3,)))  # type: ignore[attr-defined]
+    assert problem.limits[-1].name == "nothing"
+    assert sys.path == before
+    with_term = run(scenario(path, allow_import=True))
+    without = run(scenario(write(folder, QUICK, "plain.toml")))
+    assert with_term.trajectory.shares["quiet"] > 0.0
+    travel = [np.abs(outcome.trajectory.joint_rates[:, 0]).mean() for outcome in (with_term, without)]
+    assert travel[0] < 0.8 * travel[1]
+    described = summary(with_term)["conditions"]
+    assert described["term"].startswith("use my_parts:Quiet, joint 0")
+
+
+def test_nothing_is_imported_unless_allowed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write(folder, QUICK + '[[term]]\nuse = "my_parts:Quiet"\njoint = 0\n')
+    chosen = scenario(path)
+    sms = chosen.load()
+    with pytest.raises(InvalidScenario, match=r"would run the code .* allow_import=True"):
+        chosen.problem(sms)
+    for command in (["run"], ["compare", "--methods", "horizon"], ["laws", "--laws", "pd"], ["robustness"]):
+        assert main([command[0], str(path), *command[1:], "--out", str(folder / "out")]) == 2
+        assert "--allow-import" in capsys.readouterr().err
+    assert "my_parts" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[[term]]\nweight = 1\n", ["[[term]] 1 use is missing"]),
+        ("[[term]]\nuse = 3\n", ["[[term]] 1 use must be a text"]),
+        (
+            '[[term]]\nuse = "efort"\n',
+            ["'efort' is no term of ours", "did you mean 'effort'?"],
+        ),
+        ('[[limit]]\nuse = "effort"\n', ["'effort' is no limit of ours"]),
+        ('[[term]]\nuse = "effort"\nwieght = 1\n', ["'wieght' in [[term]] 1", "did you mean 'weight'?"]),
+        ('[[term]]\nuse = "effort"\nweight = -1\n', ["[[term]] 1 weight must not be negative"]),
+        ('[[term]]\nuse = "smooth"\n[[term]]\nuse = "smooth"\n', ["terms", "one part of each name"]),
+        ('[[limit]]\nuse = "base"\nattitude = 0\n', ["[[limit]] 1 attitude must be above zero"]),
+        ('[[term]]\nuse = "..my_parts:Quiet"\n', ["must be written package.module:Class"]),
+        ('[[term]]\nuse = "my_parts:"\n', ["must be written package.module:Class"]),
+        ('[[term]]\nuse = "no_parts:Quiet"\n', ["cannot be imported", "No module named 'no_parts'"]),
+        (
+            '[[term]]\nuse = "broken_parts:Quiet"\n',
+            ["cannot be imported", "'no_such_package'"],
+        ),
+        ('[[term]]\nuse = "my_parts:Loud"\n', ["module 'my_parts' has no Loud"]),
+        ('[[term]]\nuse = "my_parts:answer"\n', ["is no subclass of opt.Term"]),
+        ('[[term]]\nuse = "my_parts:Nothing"\n', ["is no subclass of opt.Term"]),
+        ('[[limit]]\nuse = "my_parts:Quiet"\njoint = 0\n', ["is no subclass of opt.Limit"]),
+        ('[[term]]\nuse = "my_parts:Quiet"\n', ["does not take these keys", "'joint'", "joint, weight"]),
+        ('[[term]]\nuse = "my_parts:Quiet"\njoint = 0\nloud = 1\n', ["does not take these keys", "'loud'"]),
+        (
+            '[[term]]\nuse = "my_parts:Quiet"\njoint = 0\nweight = -1\n',
+            ["a weight below zero"],
+        ),
+        ('[[term]]\nuse = "my_parts:Nameless"\n', ["has no `name`"]),
+        (
+            '[[limit]]\nuse = "my_parts:Nothing"\n[[limit]]\nuse = "my_parts:Nothing"\n',
+            ["one part of each name"],
+        ),
+    ],
+)
+def test_a_part_that_cannot_be_used_is_one_line(
+    folder: Path, refused: Callable[..., FfsmsError], text: str, words: list[str]
+) -> None:
+    path = write(folder, QUICK + text)
+    refused(lambda: made(path, allow_import=True), InvalidScenario, str(path), *words)
+
+
+@pytest.mark.parametrize(
+    ("key", "part"),
+    [
+        ("kappa = 5.0", '[[term]]\nuse = "coupling"\n'),
+        ("effort = 1e-3", '[[term]]\nuse = "effort"\n'),
+        ("base = 0.1", '[[term]]\nuse = "base-turn"\n'),
+        ("clearance = 0.02", '[[limit]]\nuse = "clearance"\n'),
+        ('collision = "off"', '[[limit]]\nuse = "clearance"\n'),
+        ("base_limits = {attitude = 0.1}", '[[limit]]\nuse = "base"\n'),
+    ],
+)
+def test_what_is_said_twice_is_refused(
+    tmp_path: Path, refused: Callable[..., FfsmsError], key: str, part: str
+) -> None:
+    path = write(tmp_path, QUICK.replace("dt = 0.05", f"dt = 0.05\n{key}", 1) + part)
+    refused(lambda: scenario(path), InvalidScenario, str(path), key.split()[0], "say the same; keep one")
+
+
+def test_a_module_of_the_same_name_elsewhere_is_not_taken_for_it(
+    folder: Path, refused: Callable[..., FfsmsError]
+) -> None:
+    text = QUICK + '[[term]]\nuse = "my_parts:Quiet"\njoint = 0\n'
+    made(write(folder, text), allow_import=True)
+    other = folder / "other"
+    other.mkdir()
+    (other / "my_parts.py").write_text(MODULE.replace("joint: int", "joint: float"))
+    path = write(other, text)
+    refused(lambda: made(path, allow_import=True), InvalidScenario, "another module 'my_parts' is loaded")
+
+
+def test_the_clearance_of_a_limit_is_the_one_reported(tmp_path: Path) -> None:
+    text = QUICK + '[[limit]]\nuse = "clearance"\nclearance = 0.03\n'
+    assert summary(run(scenario(write(tmp_path, text))))["clearance"]["wanted_m"] == 0.03
+    text = QUICK + '[[limit]]\nuse = "clearance"\ncollision = "off"\n'
+    assert summary(run(scenario(write(tmp_path, text))))["clearance"]["checked"] == "off"
+
+
+def test_methods_that_do_not_know_a_part_are_left_out(tmp_path: Path) -> None:
+    locked = QUICK.replace("dt = 0.05", 'dt = 0.05\nlocked = ["joint_3"]', 1)
+    left = compare(scenario(write(tmp_path, locked))).left_out
+    assert set(left) == set(opt.METHODS) - {"horizon"}
+    assert left["step"] == "knows no locked"
