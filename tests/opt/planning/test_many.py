@@ -37,7 +37,8 @@ def same(a: Any, b: Any) -> bool:
 def alike(one: Any, other: Any) -> bool:
     """Arrays by their bits, dictionaries entry by entry, in their order."""
     if isinstance(one, np.ndarray):
-        return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+        same_kind = one.dtype == other.dtype and one.shape == other.shape
+        return bool(same_kind and one.tobytes() == other.tobytes())
     if isinstance(one, dict):
         return list(one) == list(other) and all(alike(one[key], other[key]) for key in one)
     return bool(one == other)
