@@ -76,6 +76,6 @@ def test_opt_and_urdf_are_relative_links_to_the_top_level() -> None:
 
 def test_no_class_exists_twice() -> None:
     """`opt` and `urdf` are reached through the package only."""
-    assert ffsms_pin.opt.StepPlanner.__module__ == "ffsms_pin.opt.step_planner"
+    assert ffsms_pin.opt.StepPlanner.__module__ == "ffsms_pin.opt.replan.step_planner"
     assert "opt" not in sys.modules
     assert "urdf" not in sys.modules

@@ -128,15 +128,11 @@ class BaseLimits(Limit):
         span = float(np.diff(motion.times).max())
         linear = np.gradient(motion.base_position[:, 0], motion.times, axis=1)
         for by, sizes, _, most in self._used(motion):
-            # Between two instants the path leaves the straight line between them by the change of its
-            # velocity times the span over 8; the line itself lies within any ball that holds its ends.
             velocity = {"by_base_turn": motion.base_spin[:, 0], "by_base": linear}.get(by)
-            bulge = 0.0
-            if velocity is not None:
-                bulge = float(np.linalg.norm(np.diff(velocity, axis=1), axis=0).max()) * span / 8.0
             name, size = names[by], sizes[0]
+            largest = float(size.max()) if velocity is None else _between(size, velocity, span)
             binds |= size > (1.0 - _BINDING) * most
-            checks = [(name, float(size.max()) + bulge, getattr(self, name))]
+            checks = [(name, largest, getattr(self, name))]
             if by == "by_base_turn":
                 checks.append(("final_attitude", float(size[motion.last]), self.final_attitude))
             for limit, largest, allowed in checks:
@@ -146,3 +142,16 @@ class BaseLimits(Limit):
                     notes.append(f"{limit} {allowed:.4g} {unit}, the largest found is {largest:.4g} {unit}")
         note = f"the base limit is broken: {'; '.join(notes)}" if notes else ""
         return Violation(worst, motion.times[binds], note)
+
+
+def _between(sizes: FloatArray, velocity: FloatArray, span: float) -> float:
+    """The largest size of a vector on its path, from sizes (K,) and velocities (3, K) a span apart.
+
+    Between two instants the path leaves the straight line by a parabola, whose height is the change of the
+    velocity times the span over 8; on the line the size rises or falls at most evenly.
+    """
+    start, end = sizes[:-1], sizes[1:]
+    height = np.linalg.norm(np.diff(velocity, axis=1), axis=0) * span / 8.0
+    rise = end - start
+    top = 0.5 * (start + end) + height + rise**2 / np.maximum(16.0 * height, 1e-300)
+    return float(np.where(np.abs(rise) < 4.0 * height, top, np.maximum(start, end)).max())

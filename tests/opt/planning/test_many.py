@@ -31,14 +31,17 @@ TARGETS = [(1.0, 0.15, 0.0), (0.45, 0.75, 0.0), (0.9, -0.3, 0.0), (0.8, 0.5, 0.0
 
 def same(a: Any, b: Any) -> bool:
     """Equal to the last bit in every field."""
-    for field in fields(a):
-        one, other = getattr(a, field.name), getattr(b, field.name)
-        if isinstance(one, np.ndarray):
-            if one.dtype != other.dtype or one.shape != other.shape or one.tobytes() != other.tobytes():
-                return False
-        elif one != other:
-            return False
-    return True
+    return all(alike(getattr(a, field.name), getattr(b, field.name)) for field in fields(a))
+
+
+def alike(one: Any, other: Any) -> bool:
+    """Arrays by their bits, dictionaries entry by entry, in their order."""
+    if isinstance(one, np.ndarray):
+        same_kind = one.dtype == other.dtype and one.shape == other.shape
+        return bool(same_kind and one.tobytes() == other.tobytes())
+    if isinstance(one, dict):
+        return list(one) == list(other) and all(alike(one[key], other[key]) for key in one)
+    return bool(one == other)
 
 
 @pytest.fixture(scope="module")

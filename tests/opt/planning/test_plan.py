@@ -108,11 +108,12 @@ def test_the_base_follows_the_momentum_equation(
 
     start = trajectory.q[0]
     stop = 200  # two seconds are enough to tell
-    found = solve_ivp(
-        twist, (0.0, trajectory.t[stop]), [start[0], start[1], 0.0], rtol=1e-11, atol=1e-13, max_step=0.02
-    )
+    base = np.array([start[0], start[1], 0.0])
+    for k in range(stop):  # the accelerations jump from step to step
+        span = (trajectory.t[k], trajectory.t[k + 1] - 1e-12)
+        base = solve_ivp(twist, span, base, rtol=1e-11, atol=1e-13).y[:, -1]
     yaw = 2.0 * np.arctan2(trajectory.q[stop, 5], trajectory.q[stop, 6])
-    np.testing.assert_allclose(found.y[:, -1], [*trajectory.q[stop, :2], yaw], atol=1e-9)
+    np.testing.assert_allclose(base, [*trajectory.q[stop, :2], yaw], atol=1e-10)
 
 
 def test_measures_are_those_of_the_state(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory) -> None:
