@@ -81,16 +81,16 @@ class Judge:
         return min((cost_of(one.plan) for one in found if self.arrives(one.plan)), default=np.inf)
 
     def best(self, found: Sequence[Found]) -> Found:
-        """Of those that arrive at no more than the least cost and the tolerance, the one of least objective.
+        """Of those that arrive at no more than the least objective and the tolerance, the one of least effort.
 
-        The cost is here that of all terms but those that only decide between motions that are alike
-        (`Term.tie_breaker`). Where none arrives, the one that misses least.
+        The objective is that of all terms, the effort that of those which only decide between motions that are
+        alike (`Term.tie_breaker`). Where none arrives, the one that misses least.
         """
         arrived = [one for one in found if self.arrives(one.plan)]
         if not arrived:
             return min(found, key=lambda one: self.misses(one.plan))
-        counted = [term.name for term in self._problem.terms if not term.tie_breaker]
-        costs = [sum(one.plan.shares[name] for name in counted) for one in arrived]
-        most = min(costs) + self._options.cost_tolerance * self.scale
-        cheap = [one for one, cost in zip(arrived, costs, strict=True) if cost <= most]
-        return min(cheap, key=lambda one: sum(one.plan.shares.values()))
+        objectives = [sum(one.plan.shares.values()) for one in arrived]
+        most = min(objectives) + self._options.cost_tolerance * self.scale
+        alike = [one for one, objective in zip(arrived, objectives, strict=True) if objective <= most]
+        breakers = [term.name for term in self._problem.terms if term.tie_breaker]
+        return min(alike, key=lambda one: sum(one.plan.shares[name] for name in breakers))
