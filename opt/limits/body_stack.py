@@ -105,21 +105,22 @@ class BodyStack:
         """Clearances (V,) of one pair each at joint positions (n, V); those below `floor` by the shapes."""
         poses = Poses.make(*self._arm.poses(positions))
         entries = np.arange(len(columns))
-        found = self._pairs.nearest(poses, (columns, entries), self._pairs.bounds(poses, np.inf)).distance
+        found = self._pairs.nearest(poses, (columns, entries)).distance
         low = np.flatnonzero(found < floor)
         if self.refines and low.size:
-            poses = poses.take(low)
-            bounds = self._shapes.bounds(poses, np.inf)
-            exact = self._shapes.nearest(poses, (columns[low], np.arange(low.size)), bounds).distance
+            exact = self._shapes.nearest(poses, (columns[low], low)).distance
             # Shapes that overlap may be measured as touching.
             found[low] = np.where(exact > 0.0, np.maximum(found[low], exact), np.minimum(found[low], exact))
         return found
 
-    def slopes_at(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """All clearances (m,) and their gradients (m, n) at joint positions (n,)."""
-        poses = Poses.make(*self._arm.poses(positions[:, None]))
-        columns = np.arange(len(self._names))
-        value, gradient = self._pairs.slopes(poses, (columns, np.zeros_like(columns)))
+    def slopes_at(self, q: FloatArray, near: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """All clearances (m,) and their gradients (m, n) at q (nq,).
+
+        Beyond `near` (m,) a clearance may be a bound from below, with a gradient of zero.
+        """
+        poses = Poses.make(*self._arm.poses(self._sms.layout.positions(q)[:, None]))
+        near = np.full(len(self._names), np.inf) if near is None else near
+        value, gradient = self._pairs.near_slopes(poses, near)
         return value, gradient.T
 
     def _named(self, bodies: list[tuple[int, int]]) -> list[str]:
@@ -153,10 +154,9 @@ class BodyStack:
         doubtful = np.flatnonzero((values < clearance).all(axis=1) | (values[:, :2] < 0.0).any(axis=1))
         kept = np.ones(len(values), dtype=bool)
         by_shapes = np.zeros(len(values), dtype=bool)
-        bounds = self._shapes.bounds(poses, np.inf)
         for m in doubtful.tolist():
             columns, at = np.full(poses.axes.shape[-1], m), np.arange(poses.axes.shape[-1])
-            exact = self._shapes.nearest(poses, (columns, at), bounds).distance
+            exact = self._shapes.nearest(poses, (columns, at)).distance
             kept[m] = (exact >= clearance).any()
             by_shapes[m] = bool(((values[m, :2] < 0.0) & (exact[:2] > 0.0)).any())
         return kept, by_shapes

@@ -22,6 +22,8 @@ __all__ = ["Nearest", "PartPairs", "Poses"]
 
 _TOUCHING = 1e-9  # [m] nearer than this two points have no direction from one to the other
 
+_CHUNK = 256  # configurations that are bounded together
+
 
 class Poses(NamedTuple):
     """Bodies at B configurations, base axes; the base itself comes last, so that -1 is its index.
@@ -83,6 +85,61 @@ class Nearest(NamedTuple):
     normal: FloatArray
 
 
+class Covers:
+    """A ball and a box around each of P things that are fixed to bodies, the ball's centre being the box's."""
+
+    def __init__(
+        self, body: Indices, centre: FloatArray, radius: FloatArray, axes: FloatArray, half: FloatArray
+    ) -> None:
+        self._body, self._centre, self._radius, self._axes, self._half = body, centre, radius, axes, half
+
+    @classmethod
+    def of_parts(cls, parts: Sequence[Part]) -> Covers:
+        """Around each part."""
+        return cls(
+            np.array([part.body for part in parts], dtype=np.intp),
+            np.array([part.centre for part in parts]),
+            np.array([part.radius for part in parts]),
+            np.array([part.axes for part in parts]),
+            np.array([part.half for part in parts]),
+        )
+
+    @classmethod
+    def of_bodies(cls, parts: Sequence[Part], bodies: Sequence[int]) -> Covers:
+        """Around all parts of each body, boxes along the body's axes."""
+        centres, radii, halves = [], [], []
+        for body in bodies:
+            own = [part for part in parts if part.body == body]
+            reach = [np.abs(part.axes) @ part.half for part in own]
+            low = np.min([part.centre - far for part, far in zip(own, reach, strict=True)], axis=0)
+            high = np.max([part.centre + far for part, far in zip(own, reach, strict=True)], axis=0)
+            centre = 0.5 * (low + high)
+            centres.append(centre)
+            radii.append(max(float(np.linalg.norm(part.centre - centre)) + part.radius for part in own))
+            halves.append(0.5 * (high - low))
+        axes = np.tile(np.eye(3), (len(bodies), 1, 1))
+        body = np.array(bodies, dtype=np.intp)
+        return cls(body, np.array(centres), np.array(radii), axes, np.array(halves))
+
+    def bounds(self, poses: Poses, first: Indices, second: Indices, at: Indices, near: float) -> FloatArray:
+        """Bounds (V,) from below on the distances of things at configurations `at`; the better ones below `near`."""
+        R, body, radius = poses.rotations, self._body, self._radius
+        centres = poses.origins[:, body] + np.einsum("xypb,py->xpb", R[:, :, body], self._centre)
+        way = centres[:, second, at] - centres[:, first, at]
+        bounds = np.sqrt(dot(way, way)) - radius[first] - radius[second]
+        close = np.flatnonzero(bounds < near)
+        way, at, found = way[:, close], at[close], bounds[close]
+        # The ball of one against the box of the other.
+        first, second = first[close], second[close]
+        for boxed, ball in ((first, second), (second, first)):
+            local = np.einsum("xyv,xv->yv", R[:, :, body[boxed], at], way)
+            local = np.einsum("vyz,yv->zv", self._axes[boxed], local)
+            outside = np.maximum(np.abs(local) - self._half[boxed].T, 0.0)
+            np.maximum(found, np.sqrt(dot(outside, outside)) - radius[ball], out=found)
+        bounds[close] = found
+        return bounds
+
+
 class PartPairs:
     """Pairs of bodies, each a list of pairs of parts.
 
@@ -98,78 +155,69 @@ class PartPairs:
         self, stack: ArmStack, parts: Sequence[Part], pairs: Sequence[Sequence[tuple[int, int]]]
     ) -> None:
         self._stack, self._parts = stack, list(parts)
-        self._body = np.array([part.body for part in parts], dtype=np.intp)
-        self._centre = np.array([part.centre for part in parts]).reshape(-1, 3)
-        self._radius = np.array([part.radius for part in parts])
-        self._axes = np.array([part.axes for part in parts]).reshape(-1, 3, 3)
-        self._half = np.array([part.half for part in parts]).reshape(-1, 3)
         flat = [pair for group in pairs for pair in group]
         self._first, self._second = (np.array([pair[i] for pair in flat], dtype=np.intp) for i in (0, 1))
-        counts = [len(group) for group in pairs]
-        self._ends = np.cumsum(counts)
-        self._starts = self._ends - counts
+        self._counts = np.array([len(group) for group in pairs], dtype=np.intp)
+        self._starts = np.cumsum(self._counts) - self._counts
         #: Bodies of each pair.
         self.bodies = np.array(
             [[parts[group[0][0]].body, parts[group[0][1]].body] for group in pairs], dtype=np.intp
         ).reshape(-1, 2)
+        used = sorted(set(self.bodies.ravel().tolist()))
+        self._covers = Covers.of_parts(parts)
+        self._body_covers = Covers.of_bodies(parts, used)
+        self._ends = np.searchsorted(used, self.bodies)  # of each pair, as indices of the bodies' covers
         #: carried[b, j]: joint j moves body b; the last row is the base's.
         self._carried = np.vstack([stack.carries.T, np.zeros(stack.n)])
 
     def values(self, poses: Poses, near: float) -> FloatArray:
         """Distances (m, B) of pairs of bodies: exact below `near`, else a bound from below that is not."""
-        bounds = self.bounds(poses, near)
-        least = np.minimum.reduceat(bounds, self._starts, axis=0)
-        where = np.nonzero(least < near)
-        least[where] = self.nearest(poses, where, bounds, near).distance
-        return least
+        pairs, count = len(self.bodies), poses.origins.shape[-1]
+        values = np.empty((pairs, count))
+        for start in range(0, count, _CHUNK):
+            here = poses.take(slice(start, start + _CHUNK))
+            values[:, start : start + _CHUNK] = self._values(here, near)
+        return values
 
-    def bounds(self, poses: Poses, near: float) -> FloatArray:
-        """Bounds (M, B) from below on the distances of pairs of parts."""
-        R, body, first, second = poses.rotations, self._body, self._first, self._second
-        centres = poses.origins[:, body] + np.einsum("xypb,py->xpb", R[:, :, body], self._centre)
-        apart = centres[:, second] - centres[:, first]
-        radii = self._radius
-        bounds = np.sqrt(dot(apart, apart)) - (radii[first] + radii[second])[:, None]
-        pair, at = np.nonzero(bounds < near)
-        way = apart[:, pair, at]
-        found = bounds[pair, at]
-        # The ball of one against the box of the other.
-        for boxed, ball in ((first[pair], second[pair]), (second[pair], first[pair])):
-            local = np.einsum("xyv,xv->yv", R[:, :, body[boxed], at], way)
-            local = np.einsum("vyz,yv->zv", self._axes[boxed], local)
-            outside = np.maximum(np.abs(local) - self._half[boxed].T, 0.0)
-            np.maximum(found, np.sqrt(dot(outside, outside)) - radii[ball], out=found)
-        bounds[pair, at] = found
-        return bounds
+    def _values(self, poses: Poses, near: float) -> FloatArray:
+        pairs, count = len(self.bodies), poses.origins.shape[-1]
+        first, second = np.repeat(self._ends, count, axis=0).T
+        bounds = self._body_covers.bounds(poses, first, second, np.tile(np.arange(count), pairs), near)
+        values = bounds.reshape(pairs, count)
+        where = np.nonzero(values < near)
+        values[where] = self.nearest(poses, where, near).distance
+        return values
 
-    def nearest(
-        self, poses: Poses, where: tuple[Indices, ...], bounds: FloatArray, near: float = np.inf
-    ) -> Nearest:
+    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: float = np.inf) -> Nearest:
         """Nearest points at V entries (pair of bodies, configuration).
 
-        Where no part comes nearer than `near`, the distance is a bound from below that is not less either.
+        Where no part comes nearer than `near`, `near` stands for the distance.
         """
         columns, at = where
+        counts = self._counts[columns]
+        begins = np.cumsum(counts) - counts
+        flat = np.arange(int(counts.sum())) + np.repeat(self._starts[columns] - begins, counts)
+        bounds = self._covers.bounds(
+            poses, self._first[flat], self._second[flat], np.repeat(at, counts), near
+        )
+        distance = np.full(len(columns), near)
+        local = np.zeros((3, len(columns), 3))
+        close = np.flatnonzero(np.minimum.reduceat(bounds, begins) < near) if len(columns) else columns
         a, b = self.bodies[columns].T
         R, origins = poses.rotations, poses.origins
         R_a, o_a = R[:, :, a, at], origins[:, a, at]
-        turns = np.einsum("xyv,xzv->vyz", R_a, R[:, :, b, at])
-        ways = np.einsum("xyv,xv->vy", R_a, origins[:, b, at] - o_a)
-        count = len(columns)
-        distance = np.empty(count)
-        local = np.zeros((3, count, 3))
+        turns = np.einsum("xyv,xzv->vyz", R_a[..., close], R[:, :, b[close], at[close]])
+        ways = np.einsum("xyv,xv->vy", R_a[..., close], origins[:, b[close], at[close]] - o_a[:, close])
+        starts, counted, begun = self._starts[columns].tolist(), counts.tolist(), begins.tolist()
         parts, request, result = self._parts, coal.DistanceRequest(), coal.DistanceResult()
-        starts, ends = self._starts[columns].tolist(), self._ends[columns].tolist()
-        for v, k in enumerate(at.tolist()):
-            relative = coal.Transform3s(turns[v], ways[v])
-            start = starts[v]
-            lows = bounds[start : ends[v], k]
+        for k, v in enumerate(close.tolist()):
+            relative = coal.Transform3s(turns[k], ways[k])
+            lows = bounds[begun[v] : begun[v] + counted[v]]
             best = near
-            for i in np.argsort(lows).tolist():
-                low = lows[i]
-                if low >= best:
+            for i in lows.argsort().tolist():
+                if lows[i] >= best:
                     break
-                one, other = parts[self._first[start + i]], parts[self._second[start + i]]
+                one, other = parts[self._first[starts[v] + i]], parts[self._second[starts[v] + i]]
                 result.clear()
                 found = coal.distance(
                     one.shape, one.place, other.shape, relative * other.place, request, result
@@ -188,14 +236,23 @@ class PartPairs:
     def slopes(self, poses: Poses, where: tuple[Indices, ...]) -> tuple[FloatArray, FloatArray]:
         """Distances (V,) and their gradients (n, V) by the joints, base held still, at entries."""
         columns, at = where
-        some, back = np.unique(at, return_inverse=True)
-        here = poses.take(some)
-        found = self.nearest(here, (columns, back), self.bounds(here, np.inf))
+        found = self.nearest(poses, where)
         a, b = self.bodies[columns].T
         axes, velocities = poses.axes[..., at], poses.velocities[..., at]
         moves = (velocities + cross(axes, found.there[:, None])) * self._carried[b].T
         moves -= (velocities + cross(axes, found.here[:, None])) * self._carried[a].T
         return found.distance, dot(moves, found.normal[:, None])
+
+    def near_slopes(self, poses: Poses, near: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances (m,) and gradients (n, m) at one configuration; those beyond `near` (m,) are bounds and zero."""
+        first, second = self._ends.T
+        at = np.zeros(len(first), dtype=np.intp)
+        value = self._body_covers.bounds(poses, first, second, at, float(near.max()))
+        gradient = np.zeros((self._stack.n, len(value)))
+        columns = np.flatnonzero(value < near)
+        if columns.size:
+            value[columns], gradient[:, columns] = self.slopes(poses, (columns, at[columns]))
+        return value, gradient
 
     def reaches(self, slides: FloatArray) -> FloatArray:
         """How fast each distance can change at most by a unit rate of each joint (m, n) [m/rad].
