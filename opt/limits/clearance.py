@@ -26,6 +26,7 @@ MODES = ("auto", "points", "hulls", "shapes", "off")
 
 # [m] Clearances of finished motions are looked at twice a step; what they can lose in between is a few micrometres.
 _BETWEEN = 1e-5
+_BODY_MARGIN = 3e-3  # [arm lengths] `Clearance.margin` between bodies
 _BINDING = 1e-3  # [m] with less than this left the limit binds
 
 
@@ -45,9 +46,9 @@ class Clearance(Limit):
 
     clearance: float = 0.01
     collision: CollisionMode = "auto"
-    name = "clearance"
     # [arm lengths] A penalty gives way, and only some instants of a whole motion are watched.
-    margin = 0.01
+    margin: float = 0.01
+    name = "clearance"
     _stack: ClearanceStack | None = None
     _model: Any = None
     _length: float = 1.0
@@ -64,7 +65,9 @@ class Clearance(Limit):
         if stack is None:
             return replace(self, _stack=None, _model=None)
         model = BodyModel(stack) if isinstance(stack, BodyStack) else clearance_model(sms, mode)
-        return replace(self, _stack=stack, _model=model)
+        # Neighbours but one are hardly further apart than this in any posture, so bodies are given less than points.
+        margin = _BODY_MARGIN if isinstance(stack, BodyStack) else self.margin
+        return replace(self, _stack=stack, _model=model, margin=margin)
 
     @property
     def left_out(self) -> list[str]:
