@@ -135,7 +135,9 @@ class Covers:
             local = np.einsum("xyv,xv->yv", R[:, :, body[boxed], at], way)
             local = np.einsum("vyz,yv->zv", self._axes[boxed], local)
             outside = np.maximum(np.abs(local) - self._half[boxed].T, 0.0)
-            np.maximum(found, np.sqrt(dot(outside, outside)) - radius[ball], out=found)
+            far = np.sqrt(dot(outside, outside))
+            # A ball whose centre is in the box may be deeper in it than its radius.
+            np.maximum(found, np.where(far > 0.0, far - radius[ball], -np.inf), out=found)
         bounds[close] = found
         return bounds
 
