@@ -14,6 +14,7 @@ from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.limits.body_stack import BodyStack, body_pairs
 from ffsms_pin.opt.limits.clearance_rows import BodyModel
 from ffsms_pin.opt.limits.clearance_stack import chosen_mode
+from ffsms_pin.opt.trajectory import measure
 
 ARMS = ["satellite_panda", "satellite_ur10"]
 
@@ -167,45 +168,42 @@ def test_between_two_instants(name: str) -> None:
     limit = opt.Clearance(0.01, "hulls")
     rng = np.random.default_rng(6)
     stack, arm, meshes = BodyStack(sms, "hulls", 0.01), ArmStack(sms), Meshes(sms)
-    found = False
-    for _ in range(400):
+    for _ in range(2000):
         ends = places(sms, 2, int(rng.integers(1 << 30)))
-        way = np.linspace(0.0, 1.0, 41)
-        path = ends[:, :1] + way * (ends[:, 1:] - ends[:, :1])
-        least = stack.values(path, arm.evaluate(path), 0.05).min(axis=0)
-        if (least[[0, 20, 40]] > 0.03).all() and least.min() < -0.02:
-            found = True
-            break
-    assert found
+        path = ends[:, :1] + np.linspace(0.0, 1.0, 41) * (ends[:, 1:] - ends[:, :1])
+        watched = path[:, [0, 20, 40]]
+        if stack.values(watched, arm.evaluate(watched), 0.02).min() > 0.012:
+            least = stack.values(path, arm.evaluate(path), 0.02).min()
+            if least < -0.01:
+                break
+    assert least < -0.01
     rates = np.tile((ends[:, 1] - ends[:, 0]) / 1.0, (2, 1))
     problem = opt.Problem(
         sms, sms.configuration(ends[:, 0]), np.ones(3), duration=1.0, dt=1.0, limits=[limit]
     )
-    from ffsms_pin.opt.trajectory import measure
-
     plan = measure(problem, rates)
     assert not plan.clear
     assert "clearance" in plan.broken
     assert not any(meshes.collide(sms.configuration(path[:, k])) for k in (0, 20, 40))
 
 
-@pytest.mark.parametrize(("name", "turn"), [("satellite_panda", 1.4), ("satellite_ur10", 2.2)])
+@pytest.mark.parametrize(("name", "turn"), [("satellite_panda", 1.0), ("satellite_ur10", 1.0)])
 def test_plans_do_not_penetrate(name: str, turn: float) -> None:
     """Exact meshes at nodes and middles, of plans to places that the arm can be at."""
     sms, rng = ffsms.load(name), np.random.default_rng(7)
     stack, arm, meshes = BodyStack(sms, "hulls", 0.01), ArmStack(sms), Meshes(sms)
-    middle = 0.5 * (sms.limits.lower + sms.limits.upper)
-    start = middle if name == "satellite_panda" else np.array([0.0, -1.2, 1.0, -0.8, 0.8, 0.0])
+    drawn = places(sms, 60, 8)
+    start = drawn[:, stack.values(drawn, arm.evaluate(drawn), 0.05).min(axis=0) >= 0.04][:, 0]
     clear = 0
-    while clear < 2:
+    for _ in range(100):
         goal = (start + rng.uniform(-turn, turn, sms.n))[:, None]
-        if stack.values(goal, arm.evaluate(goal), 0.1).min() < 0.03:
+        inside = (goal[:, 0] > sms.limits.lower).all() and (goal[:, 0] < sms.limits.upper).all()
+        if not inside or stack.values(goal, arm.evaluate(goal), 0.05).min() < 0.04:
             continue
         q0 = sms.configuration(start)
         target = sms.at(sms.configuration(goal[:, 0])).end_effector_pose.translation
         plan = opt.plan(sms, q0, target, 12.0, 0.02)
-        if not plan.clear:
-            continue
+        assert plan.clear, plan.note
         clear += 1
         h = 0.5 * plan.dt
         between = plan.joint_positions[:-1] + h * (
@@ -213,3 +211,6 @@ def test_plans_do_not_penetrate(name: str, turn: float) -> None:
         )
         for row in np.concatenate([plan.joint_positions[::3], between[::3]]):
             assert not meshes.collide(sms.configuration(row))
+        if clear == 2:
+            return
+    raise AssertionError("no goals were found")
