@@ -65,7 +65,13 @@ def run(name: str, count: int, seed: int) -> None:
             target = sms.at(sms.configuration(goal)).end_effector_pose.translation
             begin = time.process_time()
             plan = opt.plan(
-                sms, sms.configuration(start), target, SLACK * float(need), DT, clearance=CLEARANCE, collision=mode
+                sms,
+                sms.configuration(start),
+                target,
+                SLACK * float(need),
+                DT,
+                clearance=CLEARANCE,
+                collision=mode,
             )
             spent.append(time.process_time() - begin)
             clear, reached = clear + plan.clear, reached + plan.reached
@@ -76,7 +82,10 @@ def run(name: str, count: int, seed: int) -> None:
             f"{np.mean(spent):.2f} s a plan (median {np.median(spent):.2f})",
             flush=True,
         )
-    print(f"{name:18s} time over that with points: {seconds['auto'].sum() / seconds['points'].sum():.2f}", flush=True)
+    print(
+        f"{name:18s} time over that with points: {seconds['auto'].sum() / seconds['points'].sum():.2f}",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

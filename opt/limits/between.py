@@ -87,16 +87,16 @@ def _between(
         found = stack.at(joints[:, k] + middle * (u[:, k] + 0.5 * middle * slope), pair, floor)
         worst = int(np.argmin(found))
         if found[worst] < floor:
-            return Least(float(found[worst]), int(pair[worst]), float(times[k[worst]] + middle[worst]), times[:0])
+            return Least(
+                float(found[worst]), int(pair[worst]), float(times[k[worst]] + middle[worst]), times[:0]
+            )
         change, length = 0.5 * change, 0.5 * length
         halves = [(first, found, begin), (found, last, middle)]
         kept = [0.5 * (a + b - change) < floor for a, b, _ in halves]
         first, last, begin = (
             np.concatenate([half[i][keep] for half, keep in zip(halves, kept, strict=True)]) for i in range(3)
         )
-        pair, k, step, length, change = (
-            _both(one, kept) for one in (pair, k, step, length, change)
-        )
+        pair, k, step, length, change = (_both(one, kept) for one in (pair, k, step, length, change))
     low = 0.5 * (first + last - change)
     worst = int(np.argmin(low)) if low.size else 0
     if not low.size:

@@ -78,7 +78,9 @@ class BodyModel:
         """Clearances (m,) [m] and their gradients (m, n) by the joints [m/rad] at q (nq,)."""
         return self._stack.slopes_at(q)
 
-    def near_gradients(self, q: FloatArray, kept: float, fastest: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def near_gradients(
+        self, q: FloatArray, kept: float, fastest: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """The same; where joint rates up to `fastest` (n,) close too slowly for a row to bind, the gradient is zero."""
         return self._stack.slopes_at(q, kept + self._stack.reaches @ fastest / CLOSING_RATE)
 

@@ -69,7 +69,9 @@ def chosen_mode(sms: SpaceManipulator) -> str:
     stack = ArmStack(sms)
     _, _, axes, _ = stack.poses(np.zeros((sms.n, 1)))
     along = axes[:, :, 0].T
-    planar = all(stack.revolute) and float(np.linalg.norm(np.cross(along, along[:1]), axis=1).max()) < _PARALLEL
+    planar = (
+        all(stack.revolute) and float(np.linalg.norm(np.cross(along, along[:1]), axis=1).max()) < _PARALLEL
+    )
     if planar or sms.description is None:
         return "points"
     return "hulls" if body_pairs(sms, whole_shapes(sms.geometry("collision"))) else "points"

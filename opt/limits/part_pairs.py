@@ -228,7 +228,7 @@ class PartPairs:
                     best = found
                     here, there = result.getNearestPoint1(), result.getNearestPoint2()
                     # coal leaves the normal of meshes unset.
-                    exact = one.convex and other.convex or abs(found) < _TOUCHING
+                    exact = (one.convex and other.convex) or abs(found) < _TOUCHING
                     normal = result.normal if exact else (there - here) / found
                     local[:, v] = here, there, normal
             distance[v] = best

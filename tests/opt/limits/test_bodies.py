@@ -58,9 +58,7 @@ class Meshes:
         return np.array([min(found[k] for k in self.of[name]) for name in names])
 
     def collide(self, q: FloatArray) -> bool:
-        return bool(
-            pin.computeCollisions(self.sms.model, self.data, self.geometry, self.placed, q, True)
-        )
+        return bool(pin.computeCollisions(self.sms.model, self.data, self.geometry, self.placed, q, True))
 
 
 def test_parts_are_never_further_apart_than_shapes(robot: ffsms.SpaceManipulator) -> None:
@@ -206,9 +204,7 @@ def test_plans_do_not_penetrate(name: str, turn: float) -> None:
         assert plan.clear, plan.note
         clear += 1
         h = 0.5 * plan.dt
-        between = plan.joint_positions[:-1] + h * (
-            plan.joint_rates[:-1] + 0.5 * h * plan.joint_accelerations
-        )
+        between = plan.joint_positions[:-1] + h * (plan.joint_rates[:-1] + 0.5 * h * plan.joint_accelerations)
         for row in np.concatenate([plan.joint_positions[::3], between[::3]]):
             assert not meshes.collide(sms.configuration(row))
         if clear == 2:
