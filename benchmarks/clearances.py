@@ -15,7 +15,7 @@ from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.limits.body_stack import BodyStack
 
 DT, CLEARANCE = 0.01, 0.01  # [s], [m]
-SPARE = 0.03  # [m] Starts and joint goals keep so much: targets of which some motion may be had.
+SPARE = 0.015  # [m] Starts and joint goals keep so much. Some neighbours but one are always within 0.02 m.
 SLACK = 1.5  # durations, over what the joints need
 EVERY = 5  # of the instants, nodes and middles, at which meshes are tested
 

@@ -190,13 +190,13 @@ def test_plans_do_not_penetrate(name: str, turn: float) -> None:
     """Exact meshes at nodes and middles, of plans to places that the arm can be at."""
     sms, rng = ffsms.load(name), np.random.default_rng(7)
     stack, arm, meshes = BodyStack(sms, "hulls", 0.01), ArmStack(sms), Meshes(sms)
-    drawn = places(sms, 60, 8)
-    start = drawn[:, stack.values(drawn, arm.evaluate(drawn), 0.05).min(axis=0) >= 0.04][:, 0]
+    drawn = places(sms, 200, 8)
+    start = drawn[:, stack.values(drawn, arm.evaluate(drawn), 0.05).min(axis=0) >= 0.015][:, 0]
     clear = 0
     for _ in range(100):
         goal = (start + rng.uniform(-turn, turn, sms.n))[:, None]
         inside = (goal[:, 0] > sms.limits.lower).all() and (goal[:, 0] < sms.limits.upper).all()
-        if not inside or stack.values(goal, arm.evaluate(goal), 0.05).min() < 0.04:
+        if not inside or stack.values(goal, arm.evaluate(goal), 0.05).min() < 0.015:
             continue
         q0 = sms.configuration(start)
         target = sms.at(sms.configuration(goal[:, 0])).end_effector_pose.translation
