@@ -8,7 +8,6 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.body_stack import BodyStack
 
 __all__ = ["TOLERANCE", "Least", "least_of_bodies"]
@@ -96,13 +95,12 @@ def _between(
         first, last, begin = (
             np.concatenate([half[i][keep] for half, keep in zip(halves, kept, strict=True)]) for i in range(3)
         )
-        pair, k, step, length, change = (_both(one, kept) for one in (pair, k, step, length, change))
+        pair, k = (np.concatenate([one[keep] for keep in kept]) for one in (pair, k))
+        step, length, change = (
+            np.concatenate([one[keep] for keep in kept]) for one in (step, length, change)
+        )
     low = 0.5 * (first + last - change)
     worst = int(np.argmin(low)) if low.size else 0
     if not low.size:
         return None
     return Least(float(low[worst]), int(pair[worst]), float(times[k[worst]] + begin[worst]), times[:0])
-
-
-def _both(values: FloatArray | Indices, kept: list[FloatArray]) -> FloatArray:
-    return np.concatenate([values[one] for one in kept])

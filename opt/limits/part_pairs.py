@@ -118,8 +118,8 @@ class Covers:
             radii.append(max(float(np.linalg.norm(part.centre - centre)) + part.radius for part in own))
             halves.append(0.5 * (high - low))
         axes = np.tile(np.eye(3), (len(bodies), 1, 1))
-        body = np.array(bodies, dtype=np.intp)
-        return cls(body, np.array(centres), np.array(radii), axes, np.array(halves))
+        carriers = np.array(bodies, dtype=np.intp)
+        return cls(carriers, np.array(centres), np.array(radii), axes, np.array(halves))
 
     def bounds(self, poses: Poses, first: Indices, second: Indices, at: Indices, near: float) -> FloatArray:
         """Bounds (V,) from below on the distances of things at configurations `at`; the better ones below `near`."""
