@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, instance, one_of, pose, vector
 from ffsms_pin.errors import GeometryError, InvalidInertia, InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
+from ffsms_pin.system.convex_parts import Part, convex_parts
 from ffsms_pin.system.limits import JointLimits, limits_of
 from ffsms_pin.system.mechanism import Mechanism, scratch
 from ffsms_pin.system.shapes import Description, ShapeKind
@@ -244,6 +245,13 @@ class SpaceManipulator(Mechanism):
         if kind not in self._geometry:
             self._geometry[kind] = self.description.geometry(self.model, kind)
         return self._geometry[kind]
+
+    def convex_parts(self) -> list[Part]:
+        """The collision shapes, meshes in convex parts; made when first asked for, then kept."""
+        if "parts" not in self._geometry:
+            self._geometry["parts"] = convex_parts(self.geometry("collision"))
+        parts: list[Part] = self._geometry["parts"]
+        return parts
 
     def _check_inertia(self) -> None:
         for j in range(1, self.model.njoints):

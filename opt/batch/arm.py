@@ -52,6 +52,8 @@ class ArmValues:
         The paper's C_bm, in base axes.
     points : ndarray, shape (3, n + 1, ...)
         Joint origins and end effector.
+    rotations : ndarray, shape (3, 3, n, ...)
+        Attitudes of the bodies, as Pinocchio's joint frames.
     """
 
     axes: FloatArray
@@ -70,6 +72,7 @@ class ArmValues:
     jstar: FloatArray
     coupling: FloatArray
     points: FloatArray
+    rotations: FloatArray
 
     @property
     def rho(self) -> FloatArray:
@@ -147,7 +150,7 @@ class ArmStack:
 
     def evaluate(self, positions: FloatArray) -> ArmValues:
         """The arm at joint positions (n, ...)."""
-        rotations, origins, axes, velocities = self._poses(positions)
+        rotations, origins, axes, velocities = self.poses(positions)
         n, shape = self.n, positions.shape[1:]
 
         def along(values: FloatArray) -> FloatArray:
@@ -201,9 +204,10 @@ class ArmStack:
             jstar=root + cross(spin, t) + arm,
             coupling=np.concatenate([root - cross(along(self.base_com[:, None]), spin), spin]),
             points=np.concatenate([origins, t], axis=1),
+            rotations=rotations,
         )
 
-    def _poses(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def poses(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Rotations (3, 3, n, ...), origins (3, n, ...) and twists of the joints on a fixed base."""
         shape, positions = positions.shape, positions.reshape(self.n, -1)
         n, count = positions.shape

@@ -81,10 +81,10 @@ class Judge:
         return min((cost_of(one.plan) for one in found if self.arrives(one.plan)), default=np.inf)
 
     def best(self, found: Sequence[Found]) -> Found:
-        """Of those that arrive at no more than the least objective and the tolerance, the one of least effort.
+        """Of those that arrive within the tolerance of the least objective, the one of least effort.
 
-        The objective is that of all terms, the effort that of those which only decide between motions that are
-        alike (`Term.tie_breaker`). Where none arrives, the one that misses least.
+        The objective is that of all terms, the effort that of those which only decide between motions that
+        are alike (`Term.tie_breaker`). Where none arrives, the one that misses least.
         """
         arrived = [one for one in found if self.arrives(one.plan)]
         if not arrived:

@@ -11,8 +11,10 @@ from ffsms_pin.checks import number
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residual, Residuals
-from ffsms_pin.opt.limits.clearance_rows import clearance_model, clearance_rows
-from ffsms_pin.opt.limits.clearance_stack import ClearanceStack, clearance_stack
+from ffsms_pin.opt.limits.between import TOLERANCE, Least, least_of_bodies
+from ffsms_pin.opt.limits.body_stack import BodyStack
+from ffsms_pin.opt.limits.clearance_rows import BodyModel, clearance_model, clearance_rows
+from ffsms_pin.opt.limits.clearance_stack import ClearanceStack, chosen_mode, clearance_stack
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.system import SpaceManipulator
@@ -20,11 +22,12 @@ from ffsms_pin.system import SpaceManipulator
 __all__ = ["Clearance", "CollisionMode"]
 
 CollisionMode = str
-MODES = ("points", "shapes", "off")
+MODES = ("auto", "points", "hulls", "shapes", "off")
 
 # [m] Clearances of finished motions are looked at twice a step; what they can lose in between is a few
 # micrometres.
 _BETWEEN = 1e-5
+_BODY_MARGIN = 3e-3  # [arm lengths] `Clearance.margin` between bodies
 _BINDING = 1e-3  # [m] with less than this left beside the margin the limit binds
 
 
@@ -36,16 +39,17 @@ class Clearance(Limit):
     ----------
     clearance : float
         The paper's d_safe, and the margin to the base [m].
-    collision : {"points", "shapes", "off"}
-        What is kept apart: the paper's points and the base's box (const4 to const7), the URDF's collision
-        shapes, or nothing.
+    collision : {"auto", "points", "hulls", "shapes", "off"}
+        What is kept apart: the paper's points and the base's box (const4 to const7); the URDF's collision
+        shapes in convex parts ("hulls"), or as they are ("shapes"), which takes much longer; or nothing.
+        "auto": hulls where bodies with shapes can meet, points where none can and for planar arms.
     """
 
     clearance: float = 0.01
-    collision: CollisionMode = "points"
-    name = "clearance"
+    collision: CollisionMode = "auto"
     # [arm lengths] A penalty gives way, and only some instants of a whole motion are watched.
-    margin = 0.01
+    margin: float = 0.01
+    name = "clearance"
     _stack: ClearanceStack | None = None
     _model: Any = None
     _length: float = 1.0
@@ -57,10 +61,20 @@ class Clearance(Limit):
 
     def for_robot(self, sms: SpaceManipulator) -> Clearance:
         """With the robot's points or shapes."""
-        stack = clearance_stack(sms, self.collision)
+        mode = chosen_mode(sms) if self.collision == "auto" else self.collision
+        stack = clearance_stack(sms, mode, self.clearance)
         if stack is None:
             return replace(self, _stack=None, _model=None)
-        return replace(self, _stack=stack, _model=clearance_model(sms, self.collision))
+        model = BodyModel(stack) if isinstance(stack, BodyStack) else clearance_model(sms, mode)
+        # Neighbours but one are hardly further apart than this in any posture, so bodies are given less than
+        # points.
+        margin = _BODY_MARGIN if isinstance(stack, BodyStack) else self.margin
+        return replace(self, _stack=stack, _model=model, margin=margin)
+
+    @property
+    def left_out(self) -> list[str]:
+        """Pairs of bodies that are nearer than the clearance by construction, and so are not kept apart."""
+        return list(self._stack.left_out) if isinstance(self._stack, BodyStack) else []
 
     def tightened(self, by: float) -> Clearance:
         """With a greater clearance."""
@@ -83,7 +97,8 @@ class Clearance(Limit):
         if self._stack is None:
             return []
         length = motions.stack.length
-        lack = self.clearance + self.margin * length - self._stack.values(motions.joints, motions.arm)
+        kept = self.clearance + self.margin * length
+        lack = kept - self._stack.values(motions.joints, motions.arm, kept)
         where = np.nonzero(lack > 0.0)
         if not where[0].size:
             return []
@@ -94,15 +109,19 @@ class Clearance(Limit):
         """The largest lack of clearance at the nodes and in the middles between them."""
         if self._stack is None:
             return Violation()
-        values = self._stack.values(motion.joints, motion.arm)[:, 0]
-        which, k = np.unravel_index(int(np.argmin(values)), values.shape)
-        lack = self.clearance - float(values[which, k])
-        kept = self.clearance + self.margin * motion.stack.length
-        near = motion.times[values.min(axis=0) < kept + _BINDING]
-        if lack <= -_BETWEEN:
-            return Violation(0.0, near)
+        near = self.margin * motion.stack.length + _BINDING
+        if isinstance(self._stack, BodyStack):
+            found = least_of_bodies(self._stack, motion, self.clearance, near)
+        else:
+            values = self._stack.values(motion.joints, motion.arm)[:, 0]
+            which, k = np.unravel_index(int(np.argmin(values)), values.shape)
+            instants = motion.times[values.min(axis=0) < self.clearance + near]
+            found = Least(float(values[which, k]), int(which), float(motion.times[k]), instants)
+        lack = self.clearance - found.value
+        if lack <= -_BETWEEN or (isinstance(self._stack, BodyStack) and lack <= TOLERANCE):
+            return Violation(0.0, found.near)
         note = (
-            f"a clearance is broken: {self._stack.names()[which]} is {1e3 * values[which, k]:.1f} mm at "
-            f"{motion.times[k]:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
+            f"a clearance is broken: {self._stack.names()[found.pair]} is {1e3 * found.value:.1f} mm at "
+            f"{found.time:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
         )
-        return Violation(max(lack, _BETWEEN), near, note)
+        return Violation(max(lack, _BETWEEN), found.near, note)

@@ -8,9 +8,9 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.limits.body_stack import BodyStack
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.points import Points
-from ffsms_pin.opt.limits.shapes import Shapes
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.system import SpaceManipulator
 
@@ -40,19 +40,49 @@ class ClearanceModel(Protocol):
         """Clearances (m,) [m] and their gradients (m, n) by the joints [m/rad] at q (nq,)."""
 
 
-def clearance_model(sms: SpaceManipulator, collision: str) -> ClearanceModel | None:
+def clearance_model(sms: SpaceManipulator, collision: str, clearance: float = 0.0) -> ClearanceModel | None:
     """The clearances that a mode keeps, with scratch memory for one thread; None for "off".
 
     Raises
     ------
     InvalidValue
-        The mode is not known, or the robot has no base box ("points") or no shapes that can meet ("shapes").
+        The mode is not known, or the robot has no base box ("points") or no shapes that can meet.
     """
     if collision == "off":
         return None
-    if collision not in ("points", "shapes"):
-        raise InvalidValue("collision", collision, 'must be "points", "shapes" or "off"')
-    return Points(sms) if collision == "points" else Shapes(sms)
+    if collision not in ("points", "hulls", "shapes"):
+        raise InvalidValue("collision", collision, 'must be "points", "hulls", "shapes" or "off"')
+    return Points(sms) if collision == "points" else BodyModel(BodyStack(sms, collision, clearance))
+
+
+class BodyModel:
+    """Distances between bodies at one configuration (see `BodyStack`)."""
+
+    def __init__(self, stack: BodyStack) -> None:
+        self._stack = stack
+
+    @property
+    def count(self) -> int:
+        """Number of clearances, m: one a pair of bodies."""
+        return len(self._stack.names())
+
+    def names(self) -> list[str]:
+        """What each clearance is between, in order."""
+        return self._stack.names()
+
+    def values(self, q: FloatArray) -> FloatArray:
+        """Clearances (m,) at q (nq,) [m], negative where bodies overlap."""
+        return self._stack.slopes_at(q)[0]
+
+    def gradients(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Clearances (m,) [m] and their gradients (m, n) by the joints [m/rad] at q (nq,)."""
+        return self._stack.slopes_at(q)
+
+    def near_gradients(
+        self, q: FloatArray, kept: float, fastest: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The same; the gradient is zero where rates up to `fastest` (n,) are too slow for a row to bind."""
+        return self._stack.slopes_at(q, kept + self._stack.reaches @ fastest / CLOSING_RATE)
 
 
 def clearance_rows(model: ClearanceModel, kept: float, step: StepState) -> Rows:
@@ -65,6 +95,11 @@ def clearance_rows(model: ClearanceModel, kept: float, step: StepState) -> Rows:
         What is to be kept [m].
     step : StepState
     """
-    value, gradient = model.gradients(step.q)
+    if isinstance(model, BodyModel):
+        limits = step.sms.limits
+        fastest = np.minimum(np.abs(step.rates) + limits.acceleration * step.dt, limits.velocity)
+        value, gradient = model.near_gradients(step.q, kept + MARGIN, fastest)
+    else:
+        value, gradient = model.gradients(step.q)
     least = CLOSING_RATE * (kept + MARGIN - value)
     return Rows(gradient, least, np.full(least.size, UNBOUNDED), give=1.0)

@@ -5,21 +5,23 @@ from __future__ import annotations
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
 from ffsms_pin.opt.batch.stacks import cross, dot
+from ffsms_pin.opt.limits.body_stack import BodyStack, body_pairs
 from ffsms_pin.opt.limits.points import Points
-from ffsms_pin.opt.limits.shapes import Shapes
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.convex_parts import whole_shapes
 
 # Of entries of an array.
 Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
-__all__ = ["ClearanceStack", "clearance_stack"]
+__all__ = ["ClearanceStack", "chosen_mode", "clearance_stack"]
+
+_PARALLEL = 1e-6  # Axes whose cross product is shorter are parallel.
 
 
 class ClearanceStack(Protocol):
@@ -30,8 +32,8 @@ class ClearanceStack(Protocol):
     def names(self) -> list[str]:
         """What each clearance is between, in order."""
 
-    def values(self, positions: FloatArray, arm: ArmValues) -> FloatArray:
-        """Clearances (m, ...) [m] at joint positions (n, ...)."""
+    def values(self, positions: FloatArray, arm: ArmValues, near: float = np.inf) -> FloatArray:
+        """Clearances (m, ...) [m] at joint positions (n, ...); beyond `near` bounds from below may do."""
 
     def gradients(
         self, stack: ArmStack, positions: FloatArray, arm: ArmValues, where: tuple[Indices, ...]
@@ -39,14 +41,40 @@ class ClearanceStack(Protocol):
         """Gradients (n, V) of the clearances at V entries of `values`."""
 
 
-def clearance_stack(sms: SpaceManipulator, collision: str) -> ClearanceStack | None:
-    """The clearances that a mode keeps; None for "off", and where nothing can come near anything."""
+def clearance_stack(sms: SpaceManipulator, collision: str, clearance: float = 0.0) -> ClearanceStack | None:
+    """The clearances that a mode keeps; None for "off", and where nothing can come near anything.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    collision : {"points", "hulls", "shapes", "off"}
+        See `Clearance`; "auto" is chosen by `chosen_mode`.
+    clearance : float
+        What is asked for: pairs of bodies that are always nearer are left out [m].
+    """
     if collision == "off":
         return None
-    if collision not in ("points", "shapes"):
-        raise InvalidValue("collision", collision, 'must be "points", "shapes" or "off"')
-    stack = PointStack(sms) if collision == "points" else ShapeStack(sms)
+    if collision not in ("points", "hulls", "shapes"):
+        raise InvalidValue("collision", collision, 'must be "points", "hulls", "shapes" or "off"')
+    points = collision == "points"
+    stack: ClearanceStack = PointStack(sms) if points else BodyStack(sms, collision, clearance)
     return stack if stack.names() else None
+
+
+def chosen_mode(sms: SpaceManipulator) -> str:
+    """What "auto" stands for: "hulls" where bodies with collision shapes can meet, else the paper's "points".
+
+    Of an arm that moves in one plane the points are kept clear, as in the paper.
+    """
+    stack = ArmStack(sms)
+    _, _, axes, _ = stack.poses(np.zeros((sms.n, 1)))
+    along = axes[:, :, 0].T
+    planar = (
+        all(stack.revolute) and float(np.linalg.norm(np.cross(along, along[:1]), axis=1).max()) < _PARALLEL
+    )
+    if planar or sms.description is None:
+        return "points"
+    return "hulls" if body_pairs(sms, whole_shapes(sms.geometry("collision"))) else "points"
 
 
 class PointStack:
@@ -68,7 +96,7 @@ class PointStack:
         """What each clearance is between, in order."""
         return self._points.names()
 
-    def values(self, positions: FloatArray, arm: ArmValues) -> FloatArray:
+    def values(self, positions: FloatArray, arm: ArmValues, near: float = np.inf) -> FloatArray:
         """Distances of pairs of points, then distances outside the base box."""
         points = arm.points
         apart = points[:, self._first] - points[:, self._second]
@@ -102,40 +130,3 @@ class PointStack:
         """Points (3, ...) in the box's own axes, from its centre."""
         centre = self._centre.reshape(3, *(1,) * (points.ndim - 1))
         return np.asarray(np.einsum("xi,x...->i...", self._rotation, points - centre))
-
-
-class ShapeStack:
-    """Exact distances of the URDF's shapes (see `Shapes`): one configuration after the other."""
-
-    mode: str = "shapes"
-
-    def __init__(self, sms: SpaceManipulator) -> None:
-        self._sms = sms
-        self._shapes = Shapes(sms)
-        self._q = pin.neutral(sms.model)
-
-    def names(self) -> list[str]:
-        """What each clearance is between, in order."""
-        return self._shapes.names()
-
-    def values(self, positions: FloatArray, arm: ArmValues) -> FloatArray:
-        """Distances of pairs of bodies."""
-        sms, places = self._sms, positions.reshape(len(positions), -1).T
-        out = np.empty((self._shapes.count, len(places)))
-        for k, place in enumerate(places):
-            sms.layout.set_positions(self._q, place)
-            out[:, k] = self._shapes.values(self._q)
-        return out.reshape(-1, *positions.shape[1:])
-
-    def gradients(
-        self, stack: ArmStack, positions: FloatArray, arm: ArmValues, where: tuple[Indices, ...]
-    ) -> FloatArray:
-        """Gradients (n, V) of the distances at V entries of `values`."""
-        columns, *rest = where
-        out = np.empty((len(positions), len(columns)))
-        stacked = np.ravel_multi_index(tuple(rest), positions.shape[1:])
-        for entry in np.unique(stacked):
-            here = stacked == entry
-            self._sms.layout.set_positions(self._q, positions.reshape(len(positions), -1)[:, entry])
-            out[:, here] = self._shapes.gradients(self._q)[1][columns[here]].T
-        return out

@@ -42,7 +42,7 @@ def plan(
     kappa: float = 10.0,
     *,
     clearance: float = 0.01,
-    collision: str = "points",
+    collision: str = "auto",
     method: str = "horizon",
     base_limits: BaseLimits | None = None,
     momentum: ArrayLike | None = None,
@@ -74,9 +74,11 @@ def plan(
     kappa : float
         Sharpness of C~. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)).
     clearance : float
-        The paper's d_safe [m], between points of the arm and from them to the base box.
-    collision : {"points", "shapes", "off"}
-        What is kept clear: the paper's points (const4 to const7), the collision shapes, or nothing.
+        The paper's d_safe [m], within the arm and from the arm to the base.
+    collision : {"auto", "points", "hulls", "shapes", "off"}
+        What is kept clear: the paper's points (const4 to const7), the collision shapes in convex parts, the
+        shapes as they are, or nothing. "auto": hulls where bodies with shapes can meet, else points (see
+        `Clearance`).
     method : str
         "horizon": the whole motion at once, from several starts (see docs/horizon.md). The default: it
         reaches what the step marches past, and its cost is that of a full nonlinear programme.

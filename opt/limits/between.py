@@ -1,0 +1,108 @@
+"""What bodies keep apart of a finished motion: at its instants, and proven between them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.limits.body_stack import BodyStack
+
+__all__ = ["TOLERANCE", "Least", "least_of_bodies"]
+
+TOLERANCE = 1e-5  # [m] So much less than the asked clearance counts as kept.
+# How often an interval between two instants is halved, and how many clearances are measured in between at
+# most.
+_HALVINGS, _MOST = 12, 5000
+
+
+class Least(NamedTuple):
+    """The least clearance of a motion.
+
+    Attributes
+    ----------
+    value : float
+        [m]; a bound from below where it lies between instants and could not be proven kept.
+    pair : int
+        Which clearance.
+    time : float
+        [s]
+    near : ndarray, shape (k,)
+        Instants at which a clearance is nearly used up [s].
+    """
+
+    value: float
+    pair: int
+    time: float
+    near: FloatArray
+
+
+def least_of_bodies(stack: BodyStack, motion: Motions, clearance: float, binding: float) -> Least:
+    """The least clearance of one motion at its nodes, in the middles, and between them.
+
+    Between two instants a distance changes by no more than the joints' way times their reach; where that
+    leaves the clearance in question, the interval is halved. What convex parts find broken is measured on the
+    shapes.
+    """
+    times, u = motion.times, motion.rates[:, 0]
+    step = np.diff(times)
+    # Rates are linear in between, so no joint goes further than this.
+    way = step * np.maximum(np.abs(u[:, :-1]), np.abs(u[:, 1:]))
+    change = stack.reaches @ way
+    most = 0.5 * float(change.max(initial=0.0))
+    near, floor = clearance + binding + most, clearance - TOLERANCE
+    values = stack.values(motion.joints[:, 0], motion.arm, near)
+    low = np.nonzero(values < floor)
+    if low[0].size:
+        values[low] = stack.at(motion.joints[:, 0, low[1]], low[0], floor)
+    which, k = np.unravel_index(int(np.argmin(values)), values.shape)
+    close = times[values.min(axis=0) < clearance + binding]
+    least = Least(float(values[which, k]), int(which), float(times[k]), close)
+    if least.value < floor:
+        return least
+    between = _between(stack, motion, values, change, floor)
+    return least if between is None else between._replace(near=close)
+
+
+def _between(
+    stack: BodyStack, motion: Motions, values: FloatArray, change: FloatArray, floor: float
+) -> Least | None:
+    """What is broken, or cannot be proven kept, between instants; None: nothing."""
+    times, joints, u = motion.times, motion.joints[:, 0], motion.rates[:, 0]
+    bound = 0.5 * (values[:, :-1] + values[:, 1:] - change)
+    pair, k = np.nonzero(bound < floor)
+    step = np.diff(times)[k]
+    first, last = values[pair, k], values[pair, k + 1]
+    begin, length, change = np.zeros(len(k)), step.copy(), change[pair, k]
+    measured = 0
+    for _ in range(_HALVINGS):
+        if not k.size:
+            return None
+        measured += k.size
+        if measured > _MOST:
+            break
+        middle = begin + 0.5 * length
+        slope = (u[:, k + 1] - u[:, k]) / step
+        found = stack.at(joints[:, k] + middle * (u[:, k] + 0.5 * middle * slope), pair, floor)
+        worst = int(np.argmin(found))
+        if found[worst] < floor:
+            return Least(
+                float(found[worst]), int(pair[worst]), float(times[k[worst]] + middle[worst]), times[:0]
+            )
+        change, length = 0.5 * change, 0.5 * length
+        halves = [(first, found, begin), (found, last, middle)]
+        kept = [0.5 * (a + b - change) < floor for a, b, _ in halves]
+        first, last, begin = (
+            np.concatenate([half[i][keep] for half, keep in zip(halves, kept, strict=True)]) for i in range(3)
+        )
+        pair, k = (np.concatenate([one[keep] for keep in kept]) for one in (pair, k))
+        step, length, change = (
+            np.concatenate([one[keep] for keep in kept]) for one in (step, length, change)
+        )
+    low = 0.5 * (first + last - change)
+    worst = int(np.argmin(low)) if low.size else 0
+    if not low.size:
+        return None
+    return Least(float(low[worst]), int(pair[worst]), float(times[k[worst]] + begin[worst]), times[:0])

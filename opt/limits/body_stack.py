@@ -1,0 +1,162 @@
+"""Clearances between bodies with collision shapes, at many configurations at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
+from ffsms_pin.opt.batch.residual import Indices
+from ffsms_pin.opt.limits.part_pairs import PartPairs, Poses
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.convex_parts import Part, whole_shapes
+
+__all__ = ["BodyStack", "body_pairs"]
+
+_SAMPLES = 6  # postures, beside zero and the middle, in which a pair that can be apart is looked for
+
+
+def body_pairs(sms: SpaceManipulator, parts: list[Part]) -> list[tuple[int, int]]:
+    """Bodies with shapes that can meet: all pairs but those that one joint connects; -1 is the base."""
+    model = sms.model
+    bodies = sorted({part.body for part in parts})
+    return [
+        (a, b) for i, a in enumerate(bodies) for b in bodies[i + 1 :] if int(model.parents[b + 2]) - 2 != a
+    ]
+
+
+class BodyStack:
+    """Distances of pairs of bodies, by convex parts of their shapes ("hulls") or by these ("shapes").
+
+    A convex part is a little larger than what it stands for. Where parts overlap at zero or in the middle of
+    the joint range although the shapes are apart, the pair is judged by the shapes. A pair whose shapes are
+    nearer than the clearance in every posture that was looked at is so by construction, and is left out.
+
+    It is for one thread.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    mode : {"hulls", "shapes"}
+    clearance : float
+        What is asked for [m].
+
+    Attributes
+    ----------
+    left_out, by_shapes : list of str
+        Pairs that are left out, and pairs that are judged by the shapes in place of their parts.
+
+    Raises
+    ------
+    InvalidValue
+        No two bodies with shapes can meet.
+    """
+
+    def __init__(self, sms: SpaceManipulator, mode: str, clearance: float) -> None:
+        self.mode, self._sms, self._clearance = mode, sms, clearance
+        self._arm = ArmStack(sms)
+        whole = whole_shapes(sms.geometry("collision"))
+        parts = sms.convex_parts() if mode == "hulls" else whole
+        bodies = body_pairs(sms, parts)
+        if not bodies:
+            raise InvalidValue(
+                "the collision shapes", len(whole), "must give at least one pair of bodies that can meet"
+            )
+        self._shapes = self._make(whole, bodies)
+        kept, by_shapes = self._judge(self._make(parts, bodies), clearance)
+        names = self._named(bodies)
+        self.left_out = [name for name, keep in zip(names, kept, strict=True) if not keep]
+        self.by_shapes = [name for name, one in zip(names, by_shapes, strict=True) if one]
+        bodies = [pair for pair, keep in zip(bodies, kept, strict=True) if keep]
+        self._names = self._named(bodies)
+        self._shapes = self._make(whole, bodies)
+        self._pairs = self._make(parts, bodies, whole, by_shapes[kept])
+        low, high = sms.limits.lower, sms.limits.upper
+        slides = np.maximum(np.abs(low), np.abs(high))
+        #: How fast clearances can change at most by a unit rate of each joint (m, n) [m/rad].
+        self.reaches = self._pairs.reaches(np.where(np.isfinite(slides), slides, 0.0))
+        #: Whether shapes can tell more than their parts.
+        self.refines = mode == "hulls" and not all(part.convex for part in whole)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return BodyStack, (self._sms, self.mode, self._clearance)  # a copy has data of its own
+
+    def names(self) -> list[str]:
+        """What each clearance is between, in order."""
+        return self._names
+
+    def values(self, positions: FloatArray, arm: ArmValues, near: float = np.inf) -> FloatArray:
+        """Clearances (m, ...) [m], exact below `near`, else bounds from below that are not."""
+        values = self._pairs.values(Poses.of(arm), near)
+        return values.reshape(-1, *positions.shape[1:])
+
+    def gradients(
+        self, stack: ArmStack, positions: FloatArray, arm: ArmValues, where: tuple[Indices, ...]
+    ) -> FloatArray:
+        """Gradients (n, V) of the clearances at V entries of `values`."""
+        columns, *rest = where
+        at = np.ravel_multi_index(tuple(rest), positions.shape[1:])
+        return self._pairs.slopes(Poses.of(arm), (columns, at))[1]
+
+    def at(self, positions: FloatArray, columns: Indices, floor: float) -> FloatArray:
+        """Clearances (V,) of one pair each at joint positions (n, V); those below `floor` by the shapes."""
+        poses = Poses.make(*self._arm.poses(positions))
+        entries = np.arange(len(columns))
+        found = self._pairs.nearest(poses, (columns, entries)).distance
+        low = np.flatnonzero(found < floor)
+        if self.refines and low.size:
+            exact = self._shapes.nearest(poses, (columns[low], low)).distance
+            # Shapes that overlap may be measured as touching.
+            found[low] = np.where(exact > 0.0, np.maximum(found[low], exact), np.minimum(found[low], exact))
+        return found
+
+    def slopes_at(self, q: FloatArray, near: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """All clearances (m,) and their gradients (m, n) at q (nq,).
+
+        Beyond `near` (m,) a clearance may be a bound from below, with a gradient of zero.
+        """
+        poses = Poses.make(*self._arm.poses(self._sms.layout.positions(q)[:, None]))
+        near = np.full(len(self._names), np.inf) if near is None else near
+        value, gradient = self._pairs.near_slopes(poses, near)
+        return value, gradient.T
+
+    def _named(self, bodies: list[tuple[int, int]]) -> list[str]:
+        body, model = self._sms.layout.body_name, self._sms.model
+        return [f"{body(model, a + 2)} - {body(model, b + 2)}" for a, b in bodies]
+
+    def _make(
+        self, parts: list[Part], bodies: list[tuple[int, int]], whole: list[Part] | None = None, use: Any = ()
+    ) -> PartPairs:
+        """Pairs of parts; of the pairs of bodies in `use` the whole shapes."""
+        every = [*parts, *(whole or [])]
+        of: dict[tuple[int, bool], list[int]] = {}
+        for i, part in enumerate(every):
+            of.setdefault((part.body, i >= len(parts)), []).append(i)
+        uses = list(use) or [False] * len(bodies)
+        groups = [
+            [(i, j) for i in of[a, bool(one)] for j in of[b, bool(one)]]
+            for (a, b), one in zip(bodies, uses, strict=True)
+        ]
+        return PartPairs(self._arm, every, groups)
+
+    def _judge(self, pairs: PartPairs, clearance: float) -> tuple[Any, Any]:
+        """Which pairs can be apart (m,), and which of them need the shapes themselves (m,)."""
+        limits, rng = self._sms.limits, np.random.default_rng(0)
+        low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
+        high = np.where(np.isfinite(limits.upper), limits.upper, np.pi)
+        rest = np.array([np.clip(0.0, low, high), 0.5 * (low + high)])
+        drawn = rng.uniform(low, high, (_SAMPLES, len(low)))
+        poses = Poses.make(*self._arm.poses(np.concatenate([rest, drawn]).T))
+        values = pairs.values(poses, clearance)
+        doubtful = np.flatnonzero((values < clearance).all(axis=1) | (values[:, :2] < 0.0).any(axis=1))
+        kept = np.ones(len(values), dtype=bool)
+        by_shapes = np.zeros(len(values), dtype=bool)
+        for m in doubtful.tolist():
+            columns, at = np.full(poses.axes.shape[-1], m), np.arange(poses.axes.shape[-1])
+            exact = self._shapes.nearest(poses, (columns, at)).distance
+            kept[m] = (exact >= clearance).any()
+            by_shapes[m] = bool(((values[m, :2] < 0.0) & (exact[:2] > 0.0)).any())
+        return kept, by_shapes

@@ -1,0 +1,300 @@
+"""Distances between the parts of bodies at many configurations at once.
+
+Balls around the parts first, then a ball against the other's box: in numpy, for the whole stack. coal
+measures only what these bounds leave in question.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
+from ffsms_pin.opt.batch.residual import Indices
+from ffsms_pin.opt.batch.stacks import cross, dot
+from ffsms_pin.system.convex_parts import Part
+
+__all__ = ["Nearest", "PartPairs", "Poses"]
+
+_TOUCHING = 1e-9  # [m] nearer than this two points have no direction from one to the other
+
+_CHUNK = 256  # configurations that are bounded together
+
+
+class Poses(NamedTuple):
+    """Bodies at B configurations, base axes; the base itself comes last, so that -1 is its index.
+
+    Attributes
+    ----------
+    rotations, origins : ndarray, shape (3, 3, n + 1, B), (3, n + 1, B)
+    axes, velocities : ndarray, shape (3, n, B)
+        Twist of the joints, as in `ArmValues`.
+    """
+
+    rotations: FloatArray
+    origins: FloatArray
+    axes: FloatArray
+    velocities: FloatArray
+
+    @classmethod
+    def make(
+        cls, rotations: FloatArray, origins: FloatArray, axes: FloatArray, velocities: FloatArray
+    ) -> Poses:
+        """Of what `ArmStack.poses` gives; the stack's axes become one."""
+        n = axes.shape[1]
+        R, o = rotations.reshape(3, 3, n, -1), origins.reshape(3, n, -1)
+        count = R.shape[-1]
+        still = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, 1, count))
+        return cls(
+            np.concatenate([R, still], axis=2),
+            np.concatenate([o, np.zeros((3, 1, count))], axis=1),
+            axes.reshape(3, n, -1),
+            velocities.reshape(3, n, -1),
+        )
+
+    @classmethod
+    def of(cls, arm: ArmValues) -> Poses:
+        """Of an arm at a stack of configurations."""
+        return cls.make(arm.rotations, arm.points[:, :-1], arm.axes, arm.velocities)
+
+    def take(self, index: Any) -> Poses:
+        """At some of the configurations."""
+        return Poses(*(values[..., index] for values in self))
+
+
+class Nearest(NamedTuple):
+    """Nearest points of V pairs of bodies, base axes.
+
+    Attributes
+    ----------
+    distance : ndarray, shape (V,)
+        Negative where parts overlap.
+    here, there : ndarray, shape (3, V)
+        On the first body and on the second.
+    normal : ndarray, shape (3, V)
+        The unit direction along which the distance grows when the second body moves.
+    """
+
+    distance: FloatArray
+    here: FloatArray
+    there: FloatArray
+    normal: FloatArray
+
+
+class Covers:
+    """A ball and a box around each of P things that are fixed to bodies, with one centre."""
+
+    def __init__(
+        self, body: Indices, centre: FloatArray, radius: FloatArray, axes: FloatArray, half: FloatArray
+    ) -> None:
+        self._body, self._centre, self._radius, self._axes, self._half = body, centre, radius, axes, half
+
+    @classmethod
+    def of_parts(cls, parts: Sequence[Part]) -> Covers:
+        """Around each part."""
+        return cls(
+            np.array([part.body for part in parts], dtype=np.intp),
+            np.array([part.centre for part in parts]),
+            np.array([part.radius for part in parts]),
+            np.array([part.axes for part in parts]),
+            np.array([part.half for part in parts]),
+        )
+
+    @classmethod
+    def of_bodies(cls, parts: Sequence[Part], bodies: Sequence[int]) -> Covers:
+        """Around all parts of each body, boxes along the body's axes."""
+        centres, radii, halves = [], [], []
+        for body in bodies:
+            own = [part for part in parts if part.body == body]
+            reach = [np.abs(part.axes) @ part.half for part in own]
+            low = np.min([part.centre - far for part, far in zip(own, reach, strict=True)], axis=0)
+            high = np.max([part.centre + far for part, far in zip(own, reach, strict=True)], axis=0)
+            centre = 0.5 * (low + high)
+            centres.append(centre)
+            radii.append(max(float(np.linalg.norm(part.centre - centre)) + part.radius for part in own))
+            halves.append(0.5 * (high - low))
+        axes = np.tile(np.eye(3), (len(bodies), 1, 1))
+        carriers = np.array(bodies, dtype=np.intp)
+        return cls(carriers, np.array(centres), np.array(radii), axes, np.array(halves))
+
+    def bounds(self, poses: Poses, first: Indices, second: Indices, at: Indices, near: float) -> FloatArray:
+        """Bounds (V,) from below on distances of things at configurations `at`; better ones below `near`."""
+        R, body, radius = poses.rotations, self._body, self._radius
+        centres = poses.origins[:, body] + np.einsum("xypb,py->xpb", R[:, :, body], self._centre)
+        way = centres[:, second, at] - centres[:, first, at]
+        bounds = np.sqrt(dot(way, way)) - radius[first] - radius[second]
+        close = np.flatnonzero(bounds < near)
+        way, at, found = way[:, close], at[close], bounds[close]
+        # The ball of one against the box of the other.
+        first, second = first[close], second[close]
+        for boxed, ball in ((first, second), (second, first)):
+            local = np.einsum("xyv,xv->yv", R[:, :, body[boxed], at], way)
+            local = np.einsum("vyz,yv->zv", self._axes[boxed], local)
+            outside = np.maximum(np.abs(local) - self._half[boxed].T, 0.0)
+            far = np.sqrt(dot(outside, outside))
+            # A ball whose centre is in the box may be deeper in it than its radius.
+            np.maximum(found, np.where(far > 0.0, far - radius[ball], -np.inf), out=found)
+        bounds[close] = found
+        return bounds
+
+
+class PartPairs:
+    """Pairs of bodies, each a list of pairs of parts.
+
+    Parameters
+    ----------
+    stack : ArmStack
+    parts : sequence of Part
+    pairs : sequence of sequence of (int, int)
+        For each pair of bodies the pairs of parts, as indices; the first part of each belongs to the first
+        body.
+    """
+
+    def __init__(
+        self, stack: ArmStack, parts: Sequence[Part], pairs: Sequence[Sequence[tuple[int, int]]]
+    ) -> None:
+        self._stack, self._parts = stack, list(parts)
+        flat = [pair for group in pairs for pair in group]
+        self._first, self._second = (np.array([pair[i] for pair in flat], dtype=np.intp) for i in (0, 1))
+        self._counts = np.array([len(group) for group in pairs], dtype=np.intp)
+        self._starts = np.cumsum(self._counts) - self._counts
+        #: Bodies of each pair.
+        self.bodies = np.array(
+            [[parts[group[0][0]].body, parts[group[0][1]].body] for group in pairs], dtype=np.intp
+        ).reshape(-1, 2)
+        used = sorted(set(self.bodies.ravel().tolist()))
+        self._covers = Covers.of_parts(parts)
+        self._body_covers = Covers.of_bodies(parts, used)
+        self._ends = np.searchsorted(used, self.bodies)  # of each pair, as indices of the bodies' covers
+        #: carried[b, j]: joint j moves body b; the last row is the base's.
+        self._carried = np.vstack([stack.carries.T, np.zeros(stack.n)])
+
+    def values(self, poses: Poses, near: float) -> FloatArray:
+        """Distances (m, B) of pairs of bodies: exact below `near`, else a bound from below that is not."""
+        pairs, count = len(self.bodies), poses.origins.shape[-1]
+        values = np.empty((pairs, count))
+        for start in range(0, count, _CHUNK):
+            here = poses.take(slice(start, start + _CHUNK))
+            values[:, start : start + _CHUNK] = self._values(here, near)
+        return values
+
+    def _values(self, poses: Poses, near: float) -> FloatArray:
+        pairs, count = len(self.bodies), poses.origins.shape[-1]
+        first, second = np.repeat(self._ends, count, axis=0).T
+        bounds = self._body_covers.bounds(poses, first, second, np.tile(np.arange(count), pairs), near)
+        values = bounds.reshape(pairs, count)
+        where = np.nonzero(values < near)
+        values[where] = self.nearest(poses, where, near).distance
+        return values
+
+    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: float = np.inf) -> Nearest:
+        """Nearest points at V entries (pair of bodies, configuration).
+
+        Where no part comes nearer than `near`, `near` stands for the distance.
+        """
+        columns, at = where
+        counts = self._counts[columns]
+        begins = np.cumsum(counts) - counts
+        flat = np.arange(int(counts.sum())) + np.repeat(self._starts[columns] - begins, counts)
+        bounds = self._covers.bounds(
+            poses, self._first[flat], self._second[flat], np.repeat(at, counts), near
+        )
+        distance = np.full(len(columns), near)
+        local = np.zeros((3, len(columns), 3))
+        close = np.flatnonzero(np.minimum.reduceat(bounds, begins) < near) if len(columns) else columns
+        a, b = self.bodies[columns].T
+        R, origins = poses.rotations, poses.origins
+        R_a, o_a = R[:, :, a, at], origins[:, a, at]
+        turns = np.einsum("xyv,xzv->vyz", R_a[..., close], R[:, :, b[close], at[close]])
+        ways = np.einsum("xyv,xv->vy", R_a[..., close], origins[:, b[close], at[close]] - o_a[:, close])
+        starts, counted, begun = self._starts[columns].tolist(), counts.tolist(), begins.tolist()
+        parts, request, result = self._parts, coal.DistanceRequest(), coal.DistanceResult()
+        for k, v in enumerate(close.tolist()):
+            relative = coal.Transform3s(turns[k], ways[k])
+            lows = bounds[begun[v] : begun[v] + counted[v]]
+            best = near
+            for i in lows.argsort().tolist():
+                if lows[i] >= best:
+                    break
+                one, other = parts[self._first[starts[v] + i]], parts[self._second[starts[v] + i]]
+                result.clear()
+                found = coal.distance(
+                    one.shape, one.place, other.shape, relative * other.place, request, result
+                )
+                if found < best:
+                    best = found
+                    here, there = result.getNearestPoint1(), result.getNearestPoint2()
+                    # coal leaves the normal of meshes unset.
+                    exact = (one.convex and other.convex) or abs(found) < _TOUCHING
+                    normal = result.normal if exact else (there - here) / found
+                    local[:, v] = here, there, normal
+            distance[v] = best
+        here, there, normal = np.einsum("xyv,ivy->ixv", R_a, local)
+        return Nearest(distance, here + o_a, there + o_a, normal)
+
+    def slopes(self, poses: Poses, where: tuple[Indices, ...]) -> tuple[FloatArray, FloatArray]:
+        """Distances (V,) and their gradients (n, V) by the joints, base held still, at entries."""
+        columns, at = where
+        found = self.nearest(poses, where)
+        a, b = self.bodies[columns].T
+        axes, velocities = poses.axes[..., at], poses.velocities[..., at]
+        moves = (velocities + cross(axes, found.there[:, None])) * self._carried[b].T
+        moves -= (velocities + cross(axes, found.here[:, None])) * self._carried[a].T
+        return found.distance, dot(moves, found.normal[:, None])
+
+    def near_slopes(self, poses: Poses, near: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances (m,), gradients (n, m) at one configuration; beyond `near` (m,) bounds and zero."""
+        first, second = self._ends.T
+        at = np.zeros(len(first), dtype=np.intp)
+        value = self._body_covers.bounds(poses, first, second, at, float(near.max()))
+        gradient = np.zeros((self._stack.n, len(value)))
+        columns = np.flatnonzero(value < near)
+        if columns.size:
+            value[columns], gradient[:, columns] = self.slopes(poses, (columns, at[columns]))
+        return value, gradient
+
+    def reaches(self, slides: FloatArray) -> FloatArray:
+        """How fast each distance can change at most by a unit rate of each joint (m, n) [m/rad].
+
+        A joint between two bodies moves one of them as seen from the other, and either can be taken as the
+        one: the distance changes by no more than the way of the points of the body that is nearer to the
+        joint's axis.
+
+        Parameters
+        ----------
+        slides : ndarray, shape (n,)
+            How far joints that slide can be from zero [m].
+        """
+        stack, n = self._stack, self._stack.n
+        # Of any point of a body from any joint that carries it: along the links, stretched.
+        size = np.zeros(n + 1)
+        for part in self._parts:
+            far = float(np.linalg.norm(part.centre)) + part.radius
+            size[part.body] = max(size[part.body], far)
+        # Between the origins of joints, along the tree; -1: the base's.
+        steps = np.array([float(np.linalg.norm(offset)) for offset in stack.offset])
+        steps += np.where(stack.revolute, 0.0, slides)
+        reach = np.zeros((len(self.bodies), n))
+        for m, (a, b) in enumerate(self.bodies.tolist()):
+            for j in np.flatnonzero(self._carried[a] != self._carried[b]):
+                if not stack.revolute[j]:
+                    reach[m, j] = 1.0
+                    continue
+                reach[m, j] = min(self._way(body, int(j), steps) + size[body] for body in (a, b))
+        return reach
+
+    def _way(self, body: int, joint: int, steps: FloatArray) -> float:
+        """Length of the links from a joint's origin to a body's."""
+        parents = self._stack.parents
+        up, far, j = {-1: 0.0}, 0.0, body
+        while j >= 0:
+            up[j] = far
+            far, j = far + float(steps[j]), parents[j]
+        up[-1], far, j = far, 0.0, joint
+        while j not in up:
+            far, j = far + float(steps[j]), parents[j]
+        return far + up[j]
