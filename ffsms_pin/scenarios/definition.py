@@ -112,7 +112,7 @@ class Scenario:
     def clearance(self) -> tuple[float, str]:
         """The clearance that the plan keeps [m], and between what."""
         (said,) = [part for part in self.limit if part["use"] == "clearance"][:1] or [self.plan]
-        return float(said.get("clearance", 0.01)), str(said.get("collision", "points"))
+        return float(said.get("clearance", 0.01)), str(said.get("collision", "auto"))
 
     def load(self) -> SpaceManipulator:
         """The robot, with the limits that the scenario sets.

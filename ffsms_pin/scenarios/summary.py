@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.opt.limits.clearance_rows import clearance_model
+from ffsms_pin.opt.limits.clearance_stack import chosen_mode
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.described import described
 from ffsms_pin.scenarios.extremes import base_numbers, clearances_along, least_clearances, position_range
@@ -131,6 +132,7 @@ def _joints(outcome: Outcome) -> list[dict[str, Any]]:
 def _clearance(outcome: Outcome) -> dict[str, Any]:
     """Least clearances, of what the planner kept clear; nothing where that was switched off."""
     wanted, mode = outcome.scenario.clearance
+    mode = chosen_mode(outcome.sms) if mode == "auto" else mode
     model = clearance_model(outcome.sms, mode)
     if model is None or model.count == 0:
         return {"checked": mode, "wanted_m": None, "least_m": None, "pairs_m": {}}
@@ -146,7 +148,8 @@ def _clearance(outcome: Outcome) -> dict[str, Any]:
 
 def _tracked_clearance(outcome: Outcome) -> float | None:
     """Least clearance of the simulated motion, at every planning step: the loop does not follow the plan."""
-    model = clearance_model(outcome.plant, outcome.scenario.clearance[1])
+    mode = outcome.scenario.clearance[1]
+    model = clearance_model(outcome.plant, chosen_mode(outcome.plant) if mode == "auto" else mode)
     if model is None or model.count == 0:
         return None
     tracking = outcome.tracking

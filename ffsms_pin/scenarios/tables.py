@@ -95,7 +95,7 @@ _SHIFTS = either(numbers(3), matrix(None, 3))
 _WEIGHT = {"weight": not_negative}
 _CLEARANCE: Mapping[str, Parser] = {
     "clearance": not_negative,
-    "collision": one_of("points", "shapes", "off"),
+    "collision": one_of("auto", "points", "hulls", "shapes", "off"),
 }
 _BASE_LIMITS = Table(
     {"attitude": _SIZE, "attitude_rate": _SIZE, "translation": _SIZE, "final_attitude": _SIZE},

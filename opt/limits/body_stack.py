@@ -17,6 +17,7 @@ from ffsms_pin.system.convex_parts import Part, whole_shapes
 __all__ = ["BodyStack", "body_pairs"]
 
 _SAMPLES = 6  # postures, beside zero and the middle, in which a pair that can be apart is looked for
+_FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are given the whole margin
 
 
 def body_pairs(sms: SpaceManipulator, parts: list[Part]) -> list[tuple[int, int]]:
@@ -78,6 +79,8 @@ class BodyStack:
         slides = np.maximum(np.abs(low), np.abs(high))
         #: How fast clearances can change at most by a unit rate of each joint (m, n) [m/rad].
         self.reaches = self._pairs.reaches(np.where(np.isfinite(slides), slides, 0.0))
+        #: The largest distance of each pair in some postures (m,) [m], cut off 5 cm beyond the clearance.
+        self.largest = self._pairs.values(self._postures(), clearance + _FAR).max(axis=1)
         #: Whether shapes can tell more than their parts.
         self.refines = mode == "hulls" and not all(part.convex for part in whole)
 
@@ -88,7 +91,7 @@ class BodyStack:
         """What each clearance is between, in order."""
         return self._names
 
-    def values(self, positions: FloatArray, arm: ArmValues, near: float = np.inf) -> FloatArray:
+    def values(self, positions: FloatArray, arm: ArmValues, near: float | FloatArray = np.inf) -> FloatArray:
         """Clearances (m, ...) [m], exact below `near`, else bounds from below that are not."""
         values = self._pairs.values(Poses.of(arm), near)
         return values.reshape(-1, *positions.shape[1:])
@@ -142,14 +145,18 @@ class BodyStack:
         ]
         return PartPairs(self._arm, every, groups)
 
-    def _judge(self, pairs: PartPairs, clearance: float) -> tuple[Any, Any]:
-        """Which pairs can be apart (m,), and which of them need the shapes themselves (m,)."""
+    def _postures(self) -> Poses:
+        """The arm at zero, in its middle posture, and in some that are drawn."""
         limits, rng = self._sms.limits, np.random.default_rng(0)
         low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
         high = np.where(np.isfinite(limits.upper), limits.upper, np.pi)
         rest = np.array([np.clip(0.0, low, high), 0.5 * (low + high)])
         drawn = rng.uniform(low, high, (_SAMPLES, len(low)))
-        poses = Poses.make(*self._arm.poses(np.concatenate([rest, drawn]).T))
+        return Poses.make(*self._arm.poses(np.concatenate([rest, drawn]).T))
+
+    def _judge(self, pairs: PartPairs, clearance: float) -> tuple[Any, Any]:
+        """Which pairs can be apart (m,), and which of them need the shapes themselves (m,)."""
+        poses = self._postures()
         values = pairs.values(poses, clearance)
         doubtful = np.flatnonzero((values < clearance).all(axis=1) | (values[:, :2] < 0.0).any(axis=1))
         kept = np.ones(len(values), dtype=bool)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import number
+from ffsms_pin.checks import FloatArray, number
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residual, Residuals
@@ -97,8 +97,11 @@ class Clearance(Limit):
         if self._stack is None:
             return []
         length = motions.stack.length
-        kept = self.clearance + self.margin * length
-        lack = kept - self._stack.values(motions.joints, motions.arm, kept)
+        kept: FloatArray = np.full(len(self._stack.names()), self.clearance + self.margin * length)
+        if isinstance(self._stack, BodyStack):
+            # Bodies that are near each other in every posture cannot be asked for the whole margin.
+            kept = np.minimum(kept, 0.5 * (self.clearance + self._stack.largest))
+        lack = kept[:, None, None] - self._stack.values(motions.joints, motions.arm, kept)
         where = np.nonzero(lack > 0.0)
         if not where[0].size:
             return []

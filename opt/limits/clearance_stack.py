@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
 from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
 from ffsms_pin.opt.batch.stacks import cross, dot
 from ffsms_pin.opt.limits.body_stack import BodyStack, body_pairs
@@ -32,7 +33,7 @@ class ClearanceStack(Protocol):
     def names(self) -> list[str]:
         """What each clearance is between, in order."""
 
-    def values(self, positions: FloatArray, arm: ArmValues, near: float = np.inf) -> FloatArray:
+    def values(self, positions: FloatArray, arm: ArmValues, near: float | FloatArray = np.inf) -> FloatArray:
         """Clearances (m, ...) [m] at joint positions (n, ...); beyond `near` bounds from below may do."""
 
     def gradients(
@@ -64,7 +65,8 @@ def clearance_stack(sms: SpaceManipulator, collision: str, clearance: float = 0.
 def chosen_mode(sms: SpaceManipulator) -> str:
     """What "auto" stands for: "hulls" where bodies with collision shapes can meet, else the paper's "points".
 
-    Of an arm that moves in one plane the points are kept clear, as in the paper.
+    Of an arm that moves in one plane the points are kept clear, as in the paper; and where the shapes cannot be
+    read, with a warning.
     """
     stack = ArmStack(sms)
     _, _, axes, _ = stack.poses(np.zeros((sms.n, 1)))
@@ -74,7 +76,14 @@ def chosen_mode(sms: SpaceManipulator) -> str:
     )
     if planar or sms.description is None:
         return "points"
-    return "hulls" if body_pairs(sms, whole_shapes(sms.geometry("collision"))) else "points"
+    try:
+        shapes = whole_shapes(sms.geometry("collision"))
+    except GeometryError as error:
+        warnings.warn(
+            f"the paper's points are kept clear instead of shapes: {error}", FfsmsWarning, stacklevel=2
+        )
+        return "points"
+    return "hulls" if body_pairs(sms, shapes) else "points"
 
 
 class PointStack:
@@ -96,7 +105,7 @@ class PointStack:
         """What each clearance is between, in order."""
         return self._points.names()
 
-    def values(self, positions: FloatArray, arm: ArmValues, near: float = np.inf) -> FloatArray:
+    def values(self, positions: FloatArray, arm: ArmValues, near: float | FloatArray = np.inf) -> FloatArray:
         """Distances of pairs of points, then distances outside the base box."""
         points = arm.points
         apart = points[:, self._first] - points[:, self._second]

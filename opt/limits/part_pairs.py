@@ -173,39 +173,45 @@ class PartPairs:
         #: carried[b, j]: joint j moves body b; the last row is the base's.
         self._carried = np.vstack([stack.carries.T, np.zeros(stack.n)])
 
-    def values(self, poses: Poses, near: float) -> FloatArray:
-        """Distances (m, B) of pairs of bodies: exact below `near`, else a bound from below that is not."""
+    def values(self, poses: Poses, near: float | FloatArray) -> FloatArray:
+        """Distances (m, B) of pairs of bodies: exact below `near`, a number or (m,), else bounds."""
         pairs, count = len(self.bodies), poses.origins.shape[-1]
         values = np.empty((pairs, count))
         for start in range(0, count, _CHUNK):
             here = poses.take(slice(start, start + _CHUNK))
-            values[:, start : start + _CHUNK] = self._values(here, near)
+            values[:, start : start + _CHUNK] = self._values(here, np.broadcast_to(near, pairs))
         return values
 
-    def _values(self, poses: Poses, near: float) -> FloatArray:
+    def _values(self, poses: Poses, near: FloatArray) -> FloatArray:
         pairs, count = len(self.bodies), poses.origins.shape[-1]
         first, second = np.repeat(self._ends, count, axis=0).T
-        bounds = self._body_covers.bounds(poses, first, second, np.tile(np.arange(count), pairs), near)
+        bounds = self._body_covers.bounds(
+            poses, first, second, np.tile(np.arange(count), pairs), float(near.max())
+        )
         values = bounds.reshape(pairs, count)
-        where = np.nonzero(values < near)
-        values[where] = self.nearest(poses, where, near).distance
+        where = np.nonzero(values < near[:, None])
+        values[where] = self.nearest(poses, where, near[where[0]]).distance
         return values
 
-    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: float = np.inf) -> Nearest:
+    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: float | FloatArray = np.inf) -> Nearest:
         """Nearest points at V entries (pair of bodies, configuration).
 
-        Where no part comes nearer than `near`, `near` stands for the distance.
+        Where no part comes nearer than `near`, one number or (V,), `near` stands for the distance.
         """
         columns, at = where
         counts = self._counts[columns]
         begins = np.cumsum(counts) - counts
         flat = np.arange(int(counts.sum())) + np.repeat(self._starts[columns] - begins, counts)
         bounds = self._covers.bounds(
-            poses, self._first[flat], self._second[flat], np.repeat(at, counts), near
+            poses,
+            self._first[flat],
+            self._second[flat],
+            np.repeat(at, counts),
+            float(np.max(near, initial=0.0)),
         )
-        distance = np.full(len(columns), near)
+        distance = np.array(np.broadcast_to(near, columns.shape))
         local = np.zeros((3, len(columns), 3))
-        close = np.flatnonzero(np.minimum.reduceat(bounds, begins) < near) if len(columns) else columns
+        close = np.flatnonzero(np.minimum.reduceat(bounds, begins) < distance) if len(columns) else columns
         a, b = self.bodies[columns].T
         R, origins = poses.rotations, poses.origins
         R_a, o_a = R[:, :, a, at], origins[:, a, at]
@@ -216,7 +222,7 @@ class PartPairs:
         for k, v in enumerate(close.tolist()):
             relative = coal.Transform3s(turns[k], ways[k])
             lows = bounds[begun[v] : begun[v] + counted[v]]
-            best = near
+            best = distance[v]
             for i in lows.argsort().tolist():
                 if lows[i] >= best:
                     break
