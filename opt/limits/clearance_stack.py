@@ -65,8 +65,8 @@ def clearance_stack(sms: SpaceManipulator, collision: str, clearance: float = 0.
 def chosen_mode(sms: SpaceManipulator) -> str:
     """What "auto" stands for: "hulls" where bodies with collision shapes can meet, else the paper's "points".
 
-    Of an arm that moves in one plane the points are kept clear, as in the paper; and where the shapes cannot be
-    read, with a warning.
+    Of an arm that moves in one plane the points are kept clear, as in the paper; and where the shapes cannot
+    be read, with a warning.
     """
     stack = ArmStack(sms)
     _, _, axes, _ = stack.poses(np.zeros((sms.n, 1)))
