@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, frozen, positive, vector
+from ffsms_pin.checks import FloatArray, frozen, number, positive, vector
 from ffsms_pin.errors import InvalidValue
 
 __all__ = [
@@ -104,6 +104,7 @@ class Position(Goal):
 
     def place(self, t: float) -> Place:
         """The same at all times."""
+        number("t", t)
         return Place(self.position, None, self.velocity)
 
 
@@ -140,6 +141,7 @@ class Pose(Goal):
 
     def place(self, t: float) -> Place:
         """The same at all times."""
+        number("t", t)
         return self._place
 
 
@@ -165,6 +167,8 @@ class Moving(Goal):
 
     def __post_init__(self) -> None:
         _check(self)
+        if not callable(self.path):
+            raise InvalidValue("path", self.path, "must be a function of time [s]")
         self.place(0.0)
 
     @property
@@ -174,6 +178,7 @@ class Moving(Goal):
 
     def place(self, t: float) -> Place:
         """Where the path is, and how fast."""
+        t = number("t", t)
         here = as_goal(self.path(t)).place(t)
         ahead, behind = (as_goal(self.path(t + h)).place(t) for h in (self._STEP, -self._STEP))
         velocity = (ahead.position - behind.position) / (2.0 * self._STEP)

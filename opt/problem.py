@@ -19,7 +19,7 @@ from ffsms_pin.opt.limits import Clearance, JointLimits, Limit
 from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem"]
+__all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem", "check_parts"]
 
 ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
 MOST_STEPS = 1_000_000  # some 400 MB for seven joints
@@ -85,10 +85,10 @@ class Problem:
             raise InvalidValue(
                 "duration", duration, f"must be at most {MOST_STEPS} steps of {dt:g} s; take a longer dt"
             )
-        terms = (Coupling(), Smooth(), Effort()) if self.terms is None else tuple(self.terms)
-        limits = (JointLimits(), Clearance()) if self.limits is None else tuple(self.limits)
-        _check_parts("terms", terms, Term)
-        _check_parts("limits", limits, Limit)
+        terms = (Coupling(), Smooth(), Effort()) if self.terms is None else self.terms
+        limits = (JointLimits(), Clearance()) if self.limits is None else self.limits
+        check_parts("terms", terms, Term)
+        check_parts("limits", limits, Limit)
         n = self.sms.n
         rates = np.zeros(n)
         if self.joint_rates is not None:
@@ -96,6 +96,8 @@ class Problem:
         momentum = None if self.momentum is None else vector("momentum", self.momentum, 6)
         if momentum is not None and not momentum.any():
             momentum = None
+        if isinstance(self.locked, str) or not isinstance(self.locked, Sequence):
+            raise InvalidValue("locked", self.locked, "must be a sequence of joint names")
         for name in self.locked:
             if name not in self.sms.joint_names:
                 raise InvalidValue("locked", name, f"must be a joint: {', '.join(self.sms.joint_names)}")
@@ -104,7 +106,7 @@ class Problem:
             "goal": as_goal(self.goal),
             "duration": duration,
             "dt": duration / round(duration / dt),
-            "terms": terms,
+            "terms": tuple(terms),
             "limits": tuple(limit.for_robot(self.sms) for limit in limits),
             "joint_rates": frozen(rates),
             "momentum": None if momentum is None else frozen(momentum),
@@ -116,6 +118,7 @@ class Problem:
 
     def lasting(self, duration: float) -> Problem:
         """The same problem with another duration, in as many steps, or in a hundred where it has fewer."""
+        duration = positive("duration", duration, "s")
         return replace(self, duration=duration, dt=duration / max(self.steps, _STEPS))
 
     @property
@@ -177,7 +180,10 @@ class Problem:
         return max(float(np.linalg.norm(way)), _LEAST_WAY) / self.duration
 
 
-def _check_parts(name: str, parts: Sequence[Any], kind: type) -> None:
+def check_parts(name: str, parts: Any, kind: type) -> None:
+    """Raise `InvalidValue` where parts are not a sequence of named parts of one kind."""
+    if not isinstance(parts, Sequence):
+        raise InvalidValue(name, parts, f"must be a sequence of opt.{kind.__name__}")
     for part in parts:
         if not isinstance(part, kind):
             raise InvalidValue(name, part, f"must be a sequence of opt.{kind.__name__}")

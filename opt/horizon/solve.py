@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import QUICK, Search
@@ -39,6 +40,9 @@ def solve(
         `reached` says whether the goal was met; `note` what stood in the way; `shares` what each term came
         to; `binding` when each limit binds.
     """
+    instance("problem", problem, Problem)
+    instance("options", options, SearchOptions, optional=True)
+    optional_callable("progress", progress)
     refused = start_in_collision(problem)
     if refused is not None:
         return refused

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import Problem, check_parts
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
 from ffsms_pin.opt.step.result import Step
@@ -78,6 +78,8 @@ class StepPlanner:
         if limits is None:
             kept: list[Limit] = [JointLimits(), Clearance(clearance, collision), AlphaBox()]
             limits = kept if base_limits is None else [*kept, base_limits]
+        check_parts("limits", limits, Limit)
+        check_parts("terms", terms, Term)
         self.clearance, self.base_limits = clearance, base_limits
         self.limits, self.terms = tuple(limits), tuple(terms)
         self._weights = weights

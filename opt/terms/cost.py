@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from ffsms_pin.checks import number, positive
+
 __all__ = ["ideal_cosine", "soft_assistance", "step_cost"]
 
 
@@ -17,14 +19,15 @@ def soft_assistance(cos_theta: float, kappa: float) -> float:
     kappa : float
         Sharpness, above zero; of any size.
     """
-    x = kappa * cos_theta
+    kappa = positive("kappa", kappa)
+    x = kappa * number("cos_theta", cos_theta)
     # log(1 + exp(x)) without overflow, as numpy's logaddexp(0, x).
     return (max(x, 0.0) + math.log1p(math.exp(-abs(x)))) / kappa
 
 
 def step_cost(cos_theta: float, entropy: float, kappa: float) -> float:
     """The summand (C~ - (1 - H_norm))^2 of the paper's cost (Eq. optimal_cost)."""
-    return (soft_assistance(cos_theta, kappa) - (1.0 - entropy)) ** 2
+    return (soft_assistance(cos_theta, kappa) - (1.0 - number("entropy", entropy))) ** 2
 
 
 def ideal_cosine(entropy: float, kappa: float) -> float:
@@ -40,7 +43,8 @@ def ideal_cosine(entropy: float, kappa: float) -> float:
     kappa : float
         Sharpness, above zero; of any size.
     """
-    x = kappa * (1.0 - entropy)
+    kappa = positive("kappa", kappa)
+    x = kappa * (1.0 - number("entropy", entropy))
     if x <= 0.0:
         return -1.0
     # log(exp(x) - 1) = x + log(1 - exp(-x)), without overflow.

@@ -77,7 +77,7 @@ LIMITS: dict[str, Tight] = {
     "attitude_rate": lambda sms, use: (sms, BaseLimits(attitude_rate=0.6 * use.attitude_rate)),
     "translation": lambda sms, use: (sms, BaseLimits(translation=0.9 * use.translation)),
     "final_attitude": lambda sms, use: (sms, BaseLimits(final_attitude=0.5 * use.final_attitude)),
-    "points": lambda sms, use: (sms, opt.Clearance(use.least("points") + 0.015)),
+    "points": lambda sms, use: (sms, opt.Clearance(use.least("points") + 0.015, "points")),
     "shapes": lambda sms, use: (sms, opt.Clearance(use.least("shapes") + 0.015, "shapes")),
     "own": beside_the_chord,
 }
