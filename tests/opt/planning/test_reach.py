@@ -110,7 +110,8 @@ def test_poses_in_space_are_reached_exactly(name: str, indices: tuple[int, ...])
     tasks = moves(sms, start, max(indices) + 1)
     for index in indices:
         pose, duration = tasks[index]
-        plan = opt.plan(sms, sms.configuration(start), pose, duration)
+        # The targets are reachable with the points kept clear.
+        plan = opt.plan(sms, sms.configuration(start), pose, duration, collision="points")
         check(sms, plan)
         end = sms.at(plan.q[-1]).end_effector_pose
         assert np.linalg.norm(end.translation - pose.translation) <= 1e-3
