@@ -19,9 +19,9 @@ from ffsms_pin.opt.limits.step_state import StepState
 __all__ = ["BaseLimits"]
 
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
-# Share of a limit kept in hand: a penalty gives way, only some instants of a whole motion are watched, and the
-# steps that follow a plan let the base come nearer to its limit only slowly. With half of it re-planned motions
-# ended up to 5 mm off their targets under a limit of 1 degree, with this a hundredth of that.
+# Share of a limit kept in hand: a penalty gives way, only some instants of a whole motion are watched, and
+# the steps that follow a plan let the base come nearer to its limit only slowly. With half of it re-planned
+# motions ended up to 5 mm off their targets under a limit of 1 degree, with this a hundredth of that.
 _SHARE = 0.08
 # What a whole limit weighs: as much as a lack of clearance of this many arm lengths.
 _SCALE = 0.03
