@@ -78,7 +78,7 @@ def test_a_misspelt_table_is_named(tmp_path: Path) -> None:
         (
             "dt = 0.05",
             'collision = "sometimes"',
-            ["[plan] collision", '"points", "shapes", "off"', "sometimes"],
+            ["[plan] collision", '"auto", "points", "hulls", "shapes", "off"', "sometimes"],
         ),
         ("dt = 0.05", "collision = [1]", ["[plan] collision", "[1]"]),
         ("position = [0.75, 0.5, 0.0]", "position = [0.75, 0.5]", ["[target] position", "3 numbers"]),

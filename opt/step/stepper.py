@@ -266,12 +266,13 @@ class Stepper:
             raise InvalidValue(
                 "target", target, "must stand still for a step: give the place where it is now"
             )
+        time_left = number("time_left", time_left)
         place = goal.place(time_left)
         return (
             self.sms.checked_configuration("q", q),
             vector("joint_rates", joint_rates, self.sms.n, "rad/s"),
             place.position,
-            number("time_left", time_left),
+            time_left,
             place.rotation,
         )
 
