@@ -16,10 +16,10 @@ from ffsms_pin.opt.horizon.control_qp import ControlQP
 from ffsms_pin.opt.horizon.merit import Linearisation, Weights, linearise
 from ffsms_pin.opt.horizon.spline import Grid, RateSpline, rate_spline
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.terms.term import REFERENCE_TIME
 
 __all__ = ["Candidates", "Model", "descend"]
 
-_TIME = 8.0  # [s] The weights and dampings are those of a motion this long
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4
 _HOPELESS = 1e3  # a step that fails even under this damping will not be found
 _STALL = 1e-3  # the relative gain below which a motion drops out
@@ -55,7 +55,7 @@ class Model:
     @property
     def time(self) -> float:
         """Scale of times: 1 for a motion of 8 s."""
-        return self.problem.duration / _TIME
+        return self.problem.duration / REFERENCE_TIME
 
 
 @dataclass

@@ -12,11 +12,10 @@ from ffsms_pin.opt.horizon.correction import arrival_error
 from ffsms_pin.opt.horizon.descent import Model
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.terms.term import REFERENCE_TIME
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = ["Found", "Judge", "cost_of"]
-
-_TIME = 8.0  # [s] costs are given for motions up to so long
 
 
 class Found(NamedTuple):
@@ -57,7 +56,7 @@ class Judge:
 
     def __init__(self, problem: Problem, options: SearchOptions) -> None:
         self._problem, self._options = problem, options
-        self.scale = max(1.0, problem.duration / _TIME)
+        self.scale = max(1.0, problem.duration / REFERENCE_TIME)
         place = problem.goal.place(problem.duration)
         self._rests = place.velocity is None and place.spin is None
 

@@ -20,6 +20,7 @@ from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.starts import joint_range
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.step.direction import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.march import start_sides
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import advance
@@ -27,8 +28,6 @@ from ffsms_pin.system.base_motion import advance
 __all__ = ["cone_marches", "free_marches", "march_starts"]
 
 _DAMPING = 0.003  # [arm lengths] of the least squares, near singular postures
-_POWER = 2.5  # the distance left shrinks as (time left)^2.5, as for the step
-_LEAST_COSINE = 0.2  # below, the path would be a spiral; its length is then taken as if at this cosine
 _SHARE = 0.8  # of the rate limits
 
 
@@ -88,9 +87,9 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
         lateral = lateral / (np.sqrt(dot(lateral, lateral)) + 1e-12)
         e = cosine * d + np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * lateral
         left = problem.duration - k * dt
-        share = _POWER / (left + 0.5 * _POWER * dt)
+        share = ARRIVAL_POWER / (left + 0.5 * ARRIVAL_POWER * dt)
         speed = np.minimum(
-            share * distance / np.maximum(cosine, _LEAST_COSINE), speed + _gain(problem, steps, distance)
+            share * distance / np.maximum(cosine, LEAST_APPROACH), speed + _gain(problem, steps, distance)
         )
         J, wanted = apply(R, arm.jstar), speed * e - problem.drift[:, None]
         if place.rotation is not None:
@@ -108,7 +107,9 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
 
 def _gain(problem: Problem, steps: int, distance: FloatArray) -> FloatArray:
     """How much the speed may rise in a step: over a tenth of the time to its mean [m/s]."""
-    return np.asarray(10.0 / steps * np.maximum(problem.mean_speed, distance / problem.duration) * _POWER)
+    return np.asarray(
+        10.0 / steps * np.maximum(problem.mean_speed, distance / problem.duration) * ARRIVAL_POWER
+    )
 
 
 def _ideal_cosine(arm: ArmValues, kappa: float) -> FloatArray:

@@ -21,10 +21,9 @@ from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms import Coupling
+from ffsms_pin.opt.terms.term import time_scale
 
 __all__ = ["Linearisation", "Weights", "linearise"]
-
-_TIME = 8.0  # [s] The weights are those of a motion this long
 
 
 class Weights(NamedTuple):
@@ -151,7 +150,7 @@ def _measured(
             cost = term.cost(motions)
             objective += term.weight * cost
     at_goal = arrival(goal, motions)
-    end = weights.end * motions.duration / _TIME / problem.stack.length**2
+    end = weights.end * time_scale(motions) / problem.stack.length**2
     for ones, share in ((at_goal.end, 1.0), (at_goal.tail, 0.1)):
         for one in ones:
             scaled = one.scaled(float(np.sqrt(share * end)))

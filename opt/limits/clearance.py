@@ -52,7 +52,6 @@ class Clearance(Limit):
     name = "clearance"
     _stack: ClearanceStack | None = None
     _model: Any = None
-    _length: float = 1.0
 
     def __post_init__(self) -> None:
         number("clearance", self.clearance)

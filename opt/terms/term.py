@@ -14,16 +14,16 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.batch.residual import Residuals
     from ffsms_pin.opt.limits.step_state import StepState
 
-__all__ = ["Term", "time_scale"]
+__all__ = ["REFERENCE_TIME", "Term", "time_scale"]
 
 # [s] Weights of motion are those of a motion this long. Times count in eighths of the duration, so that the
 # same joint motion, done in any time, has the same proportion between its cost integral and what it weighs.
-_TIME = 8.0
+REFERENCE_TIME = 8.0
 
 
 def time_scale(motions: Motions) -> float:
     """The unit of time in which motion is weighed: 1 for a motion of 8 s."""
-    return motions.duration / _TIME
+    return motions.duration / REFERENCE_TIME
 
 
 class Term(ABC):
