@@ -20,7 +20,13 @@ author = "The ffsms-pin developers"
 copyright = author
 release = version = __version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax", "sphinx_copybutton"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx_copybutton",
+]
 html_theme = "furo"
 html_title = f"ffsms-pin {__version__}"
 exclude_patterns = ["_build", "lessons/README.md"]

@@ -141,11 +141,11 @@ class GeometryError(FfsmsError, RuntimeError):
 
 
 class DependencyMissing(FfsmsError, ImportError):
-    """A package that only some robots need is not installed."""
+    """A package that only parts of the library need is not installed."""
 
-    def __init__(self, package: str, needed_for: str) -> None:
-        super().__init__(f"{needed_for} needs the package '{package}': pip install {package}")
-        self.package = package
+    def __init__(self, package: str, needed_for: str, extra: str) -> None:
+        super().__init__(f"{needed_for} needs the package '{package}': pip install 'ffsms-pin[{extra}]'")
+        self.package, self.extra = package, extra
 
 
 class InvalidScenario(FfsmsError, ValueError):

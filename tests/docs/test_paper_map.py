@@ -16,9 +16,9 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).parents[2]
-ROWS: list[dict[str, Any]] = tomllib.loads(
-    (ROOT / "docs" / "paper-map.toml").read_text(encoding="utf-8")
-)["row"]
+ROWS: list[dict[str, Any]] = tomllib.loads((ROOT / "docs" / "paper-map.toml").read_text(encoding="utf-8"))[
+    "row"
+]
 EQUATIONS = 53  # displayed in the paper, its appendix included
 TABLES = 2
 
@@ -55,7 +55,7 @@ def test_the_test_is_there(name: str) -> None:
 
 
 def test_labels_that_docstrings_quote_are_in_the_map() -> None:
-    """"(paper Eq. DC_GJM)" in a docstring is a label of the map, without its prefix."""
+    """ "(paper Eq. DC_GJM)" in a docstring is a label of the map, without its prefix."""
     labels = {re.sub(r"^(Eq_|eqn?:|eqn_)", "", row.get("label", "")) for row in ROWS}
     quoted = set()
     for folder in ("ffsms_pin", "opt"):
