@@ -14,7 +14,7 @@ else:
 ROWS = Path(__file__).with_name("paper-map.toml")
 HEAD = """# From the paper to the code
 
-Each numbered equation of Das, Choi and Kim (AAS 25-705), in order, and each of its tables: what it says, where
+Each equation of Das, Choi and Kim (AAS 25-705), in order, and each of its tables: what it says, where
 it is computed, and the test that checks it. The names in brackets are the labels in the paper's source, which
 the docstrings quote. Numbers count the displayed equations from the first to the last, the appendix included.
 

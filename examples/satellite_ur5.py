@@ -12,7 +12,7 @@ from ffsms_pin import opt
 sms = ffsms.load("satellite_ur5")
 q0 = sms.configuration([0.0, -1.2, 1.4, -0.6, 1.5, 0.0])
 here = sms.at(q0).end_effector_pose
-target = pin.SE3(here.rotation, here.translation + [-0.1, 0.15, 0.05])
+target = pin.SE3(here.rotation, here.translation + np.array([-0.1, 0.15, 0.05]))
 plan = opt.plan(sms, q0, target, duration=8.0)
 track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=2e-3)
 turn = np.degrees(plan.base_rotation.max())
