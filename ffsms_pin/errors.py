@@ -65,7 +65,7 @@ class InvalidValue(FfsmsError, ValueError):
 
 
 def meant(name: str | Path, known: Sequence[str]) -> str:
-    """ "did you mean 'x'?" for the known name that is most like another, or nothing where none is."""
+    """A question with the known name that is most like another, or nothing where none is."""
     near = get_close_matches(str(name), known, n=1)
     return f"did you mean '{near[0]}'?" if near else ""
 
