@@ -11,6 +11,7 @@ from typing import Any
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
+import agreement  # noqa: E402
 import paper_map  # noqa: E402
 
 from ffsms_pin.version import __version__  # noqa: E402
@@ -52,6 +53,7 @@ napoleon_use_ivar = True  # attributes are described in the class, once
 # The lessons are the notebooks of the repository; Sphinx reads files below its own folder only.
 shutil.copytree(HERE.parent / "notebooks", HERE / "lessons", dirs_exist_ok=True)
 (HERE / "paper-map.md").write_text(paper_map.page(), encoding="utf-8")
+(HERE / "agreement.md").write_text(agreement.page(), encoding="utf-8")
 
 
 def setup(app: Any) -> None:

@@ -15,7 +15,7 @@ from ffsms_pin.cli.main import parser
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 OWN_TEST = {"own-parts.md"}  # writes files and uses them: tests/docs/test_own_parts.py
-GENERATED = {"paper-map.md"}
+GENERATED = {"agreement.md", "paper-map.md"}
 NAMES = [path.name for path in PAGES if path.name not in OWN_TEST | GENERATED]
 PYTHON = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
 SHELL = re.compile(r"^```sh\n(.*?)^```$", re.S | re.M)
