@@ -1,4 +1,4 @@
-"""What other engines make of a robot at a state, in our convention; used by tests and by the page of agreement."""
+"""What other engines make of a robot at a state, in our convention; for tests and the page of agreement."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Found(NamedTuple):
 
 def reduced(H: Array, bias: Array, J: Array) -> Found:
     """The paper's quantities from the inertia matrix, the bias and the end effector's Jacobian (6, 6 + n)."""
-    C_bm = -np.linalg.solve(H[:6, :6], H[:6, 6:])
+    C_bm: Array = np.asarray(-np.linalg.solve(H[:6, :6], H[:6, 6:]), dtype=np.float64)
     return Found(
         H, bias, C_bm, J[:, 6:] + J[:, :6] @ C_bm, H[6:, 6:] + H[6:, :6] @ C_bm, bias[6:] + C_bm.T @ bias[:6]
     )
@@ -50,7 +50,7 @@ def ours(sms: ffsms.SpaceManipulator, q: Array, v: Array) -> Found:
 
 
 def to_base_com(sms: ffsms.SpaceManipulator, q: Array) -> Array:
-    """Velocity [of the root's origin, inertial axes; omega, inertial axes; rates] from the paper's (6 + n)."""
+    """Matrix from the paper's velocity to [of the root's origin; omega; rates], inertial axes."""
     R = pin.XYZQUATToSE3(q[:7]).rotation
     T = np.eye(6 + sms.n)
     T[:3, 3:6] = pin.skew(R @ sms.base_com)
@@ -67,7 +67,7 @@ class Mujoco:
         self.site = mj.mj_name2id(self.model, mj.mjtObj.mjOBJ_SITE, "end_effector")
 
     def set(self, q: Array, v: Array) -> None:
-        """Take Pinocchio's q and v: MuJoCo's quaternion begins with w, its linear velocity has inertial axes."""
+        """Take q and v: MuJoCo's quaternion begins with w, its linear velocity has inertial axes."""
         R = pin.XYZQUATToSE3(q[:7]).rotation
         self.data.qpos[:] = np.concatenate([q[:3], q[[6, 3, 4, 5]], q[7:]])
         self.data.qvel[:] = np.concatenate([R @ v[:3], v[3:]])

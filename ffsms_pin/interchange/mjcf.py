@@ -74,7 +74,8 @@ def to_mjcf(sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = Tru
 
 def _inertial(inertia: Any) -> str:
     entries = [inertia.inertia[a, b] for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    return f'<inertial pos="{_numbers(inertia.lever)}" mass="{inertia.mass!r}" fullinertia="{_numbers(entries)}"/>'
+    pos, full = _numbers(inertia.lever), _numbers(entries)
+    return f'<inertial pos="{pos}" mass="{inertia.mass!r}" fullinertia="{full}"/>'
 
 
 def _place(pose: Any) -> str:
