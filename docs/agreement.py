@@ -19,9 +19,9 @@ HEAD = f"""# Agreement with other engines
 
 What MuJoCo and adam make of the same robots at {STATES} random states (a tumbling base anywhere, moving
 joints): the largest difference from ours, relative to the largest entry. Each engine's results were turned
-into the paper's convention first. These numbers were computed while this page was built. `tests/validation` keeps
-them below 1e-11, and compares ten seconds of motion under the same torques with MuJoCo's Runge-Kutta: joint
-rates agree to 1e-9 rad/s.
+into the paper's convention first. These numbers were computed while this page was built. `tests/validation`
+keeps them below 1e-11, and compares ten seconds of motion under the same torques with MuJoCo's Runge-Kutta:
+joint rates agree to 1e-9 rad/s.
 
 adam reads a URDF, so it has the robots that are one file.
 

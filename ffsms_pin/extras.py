@@ -13,6 +13,7 @@ EXTRAS = {
     "plot": ("matplotlib",),
     "view": ("meshcat", "tornado"),
     "robots": ("example_robot_data",),
+    "gym": ("gymnasium",),
     "cluster": ("dask", "distributed", "xarray", "zarr", "pyarrow", "pandas"),
 }
 
