@@ -23,7 +23,7 @@ def test_the_same_seed_is_the_same_episode() -> None:
         env.reset(seed=4)
         rng = np.random.default_rng(1)
         runs.append(np.array([env.step(rng.uniform(-1, 1, 3).astype(np.float32))[0] for _ in range(5)]))
-    np.testing.assert_array_equal(*runs)
+    np.testing.assert_array_equal(runs[0], runs[1])
 
 
 def test_full_actions_stop_at_the_limits_and_momentum_stays_zero() -> None:
