@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
 
-.PHONY: demo test trials lint bench clean
+.PHONY: demo test trials lint docs bench clean
 
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -28,6 +28,9 @@ lint: $(READY)  ## ruff, import contracts, mypy
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
+docs: $(READY)  ## build the site into docs/_build, every lesson run, warnings as errors
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build
+
 # A peer that cannot be installed is named as not measured; the others still are.
 PEERS = adam-robotics casadi mujoco pin-pink
 bench: $(READY)  ## measure speed, reach and cost on one core; make bench BENCH="--only step state peers"
@@ -36,4 +39,4 @@ bench: $(READY)  ## measure speed, reach and cost on one core; make bench BENCH=
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python benchmarks/run.py $(BENCH)
 
 clean:
-	rm -rf $(VENV) build dist results .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) build dist results docs/_build docs/lessons docs/paper-map.md docs/agreement.md .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

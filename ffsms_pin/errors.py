@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -63,13 +64,19 @@ class InvalidValue(FfsmsError, ValueError):
         self.value = value
 
 
+def meant(name: str | Path, known: Sequence[str]) -> str:
+    """A question with the known name that is most like another, or nothing where none is."""
+    near = get_close_matches(str(name), known, n=1)
+    return f"did you mean '{near[0]}'?" if near else ""
+
+
 class ModelNotFound(FfsmsError, FileNotFoundError):
     """Neither a packaged model nor a file has that name."""
 
     def __init__(self, name: str | Path, packaged: Sequence[str]) -> None:
         super().__init__(
             f"no robot '{name}': it is neither a file nor a packaged model "
-            f"(packaged: {', '.join(packaged)}); check the path"
+            f"(packaged: {', '.join(packaged)}); {meant(name, packaged) or 'check the path'}"
         )
         self.model = str(name)
         self.packaged = list(packaged)
@@ -141,11 +148,11 @@ class GeometryError(FfsmsError, RuntimeError):
 
 
 class DependencyMissing(FfsmsError, ImportError):
-    """A package that only some robots need is not installed."""
+    """A package that only parts of the library need is not installed."""
 
-    def __init__(self, package: str, needed_for: str) -> None:
-        super().__init__(f"{needed_for} needs the package '{package}': pip install {package}")
-        self.package = package
+    def __init__(self, package: str, needed_for: str, extra: str) -> None:
+        super().__init__(f"{needed_for} needs the package '{package}': pip install 'ffsms-pin[{extra}]'")
+        self.package, self.extra = package, extra
 
 
 class InvalidScenario(FfsmsError, ValueError):

@@ -62,3 +62,8 @@ __all__ = [
     "solve",
     "step_cost",
 ]
+
+
+def __dir__() -> list[str]:
+    """What is public, and nothing else: `dir(opt)` is a table of contents."""
+    return __all__

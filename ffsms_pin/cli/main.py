@@ -23,7 +23,7 @@ from ffsms_pin.cli import (
 )
 from ffsms_pin.errors import FfsmsError
 
-__all__ = ["main"]
+__all__ = ["main", "parser"]
 
 # Exit codes; 0 and 1 are the commands' own.
 BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
@@ -77,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         Arguments; default: those of the process.
     """
     try:
-        arguments = _parser().parse_args(argv)
+        arguments = parser().parse_args(argv)
     except SystemExit as stop:  # --help, --version, or arguments that cannot be used
         return int(stop.code or 0)
     try:
@@ -123,16 +123,17 @@ def _ended_by_sigterm() -> Iterator[None]:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+def parser() -> argparse.ArgumentParser:
+    """The parser of all commands."""
+    whole = _Parser(
         prog="ffsms-pin",
         description=_DESCRIPTION,
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"ffsms-pin {ffsms_pin.__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+    whole.add_argument("--version", action="version", version=f"ffsms-pin {ffsms_pin.__version__}")
+    commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
     for name, command in _COMMANDS.items():
         command.add_parser(commands)
         commands.choices[name].set_defaults(run=command.run)
-    return parser
+    return whole

@@ -14,6 +14,7 @@ from ffsms_pin.cli.output import output_console
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder
 from ffsms_pin.cli.summary_table import summary_table
+from ffsms_pin.extras import installed
 from ffsms_pin.scenarios import run, scenario, summary
 from ffsms_pin.scenarios.own_files import writes_files
 from ffsms_pin.storage import write_content
@@ -62,13 +63,15 @@ def run_scenario(
         numbers = summary(outcome)
         text = json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         write_content(staging / "summary.json", text)
-        if figures:
+        if figures and installed("plot"):
             from ffsms_pin.plotting import save_figures
 
             save_figures(outcome, staging, progress=lambda share: progress("figures", share))
     output.print(summary_table(numbers))
     output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
-    if show and figures:
+    if figures and not installed("plot"):
+        errors.print("no figures: they need matplotlib (pip install 'ffsms-pin[plot]')", markup=False)
+    elif show and figures:
         _show(folder / "motion.png", output)
     return outcome.trajectory.reached and bool(numbers["tracking"]["arrived"])
 

@@ -70,4 +70,4 @@ def _robots_folder(name: str) -> Path:
 
         return Path(os.path.abspath(getModelPath(ARMS[name].file)))
     except (ImportError, OSError):
-        raise DependencyMissing(PACKAGE, f"the arm '{name}'") from None
+        raise DependencyMissing(PACKAGE, f"the arm '{name}'", "robots") from None

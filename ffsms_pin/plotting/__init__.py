@@ -1,5 +1,10 @@
 """Figures: each function draws one panel, on axes that are given or on a new figure, and returns the axes."""
 
+from ffsms_pin.extras import require
+
+require("plot", "drawing figures")
+
+# ruff: noqa: E402  # the check comes first, so that its message is the one that is seen
 from ffsms_pin.plotting.bands import plot_bands, plot_error_bands, plot_torque_bands
 from ffsms_pin.plotting.base import (
     plot_base_angular_velocity,

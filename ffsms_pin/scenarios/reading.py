@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.errors import InvalidScenario, meant
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -40,8 +40,11 @@ def read(source: Path) -> dict[str, Any]:
         return tomllib.loads(source.read_bytes().decode("utf-8-sig"))
     except (FileNotFoundError, NotADirectoryError):
         packaged = ", ".join(scenario_names())
+        guess = meant(source, scenario_names())
         raise InvalidScenario(
-            source, f"there is no such file, nor a packaged scenario of that name ({packaged})"
+            source,
+            f"there is no such file, nor a packaged scenario of that name ({packaged})"
+            + (f"; {guess}" if guess else ""),
         ) from None
     except OSError as error:
         raise InvalidScenario(source, f"cannot be read ({error.strerror})") from None

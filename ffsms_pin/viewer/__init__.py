@@ -1,5 +1,10 @@
 """Animated scenes of planned and simulated motions, on Pinocchio's Meshcat visualizer."""
 
+from ffsms_pin.extras import require
+
+require("view", "the viewer")
+
+# ruff: noqa: E402  # the check comes first, so that its message is the one that is seen
 from ffsms_pin.viewer._meshcat import meshcat  # first of all
 from ffsms_pin.viewer.layers import LAYERS
 from ffsms_pin.viewer.live import LiveView

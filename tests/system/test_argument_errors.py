@@ -122,7 +122,7 @@ ONE_OF_EACH = [
     errors.FrameNotFound("a", ["b", "c"]),
     errors.AmbiguousEndEffector(["a", "b"]),
     errors.GeometryError("the mesh 'a.stl' is not there"),
-    errors.DependencyMissing("a-package", "the arm 'b'"),
+    errors.DependencyMissing("a-package", "the arm 'b'", "robots"),
     errors.InvalidScenario("a.toml", "has no robot"),
     errors.SolverError("the step", "infeasible"),
     errors.SimulationDiverged(0.5),

@@ -1,0 +1,65 @@
+"""How Sphinx builds the documentation: `make docs`."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+
+import agreement  # noqa: E402
+import paper_map  # noqa: E402
+
+from ffsms_pin.version import __version__  # noqa: E402
+
+project = "ffsms-pin"
+author = "The ffsms-pin developers"
+copyright = author
+release = version = __version__
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx_copybutton",
+]
+html_theme = "furo"
+html_title = f"ffsms-pin {__version__}"
+exclude_patterns = ["_build", "lessons/README.md"]
+suppress_warnings = [
+    "mystnb.unknown_mime_type",  # Meshcat's scenes; the page shows the HTML beside it
+    "ref.python",  # `duration` alone may mean several attributes; such words are not links here
+]
+
+myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
+myst_heading_anchors = 3
+
+# Every lesson runs while the site is built, unless NOTEBOOKS=off asks for a quick look.
+nb_execution_mode = os.environ.get("NOTEBOOKS", "force")
+nb_execution_timeout = 600  # [s] a cell that hangs
+nb_execution_raise_on_error = True
+nb_merge_streams = True
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # the docstrings say types with shapes and units
+napoleon_google_docstring = False
+napoleon_use_ivar = True  # attributes are described in the class, once
+
+# The lessons are the notebooks of the repository; Sphinx reads files below its own folder only.
+shutil.copytree(HERE.parent / "notebooks", HERE / "lessons", dirs_exist_ok=True)
+(HERE / "paper-map.md").write_text(paper_map.page(), encoding="utf-8")
+(HERE / "agreement.md").write_text(agreement.page(), encoding="utf-8")
+
+
+def setup(app: Any) -> None:
+    """|x| in a docstring is a length, not a substitution of reStructuredText."""
+    app.connect("autodoc-process-docstring", _bars)
+
+
+def _bars(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    lines[:] = [line.replace("|", "\\|") for line in lines]

@@ -1,0 +1,132 @@
+"""A Gymnasium environment: reach a place with a floating arm, by joint rates that a control law tracks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.control import ComputedTorque
+from ffsms_pin.simulation.integrators import rk4_step
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["ReachEnv"]
+
+Observation = NDArray[np.float32]
+
+
+class ReachEnv(gym.Env[Observation, Observation]):
+    """Bring the end effector to a random place while the base reacts.
+
+    An action is a share of each joint's rate limit, in [-1, 1]. The rates go there with the joints'
+    acceleration limits and stop at the position limits; a control law turns the reference into torques, and
+    the forward dynamics of the floating robot answer. Nothing acts on the base.
+
+    An observation holds sine and cosine of the joints, joint rates over their limits, the target from the end
+    effector in base axes [m], and the base's twist in its own axes [m/s; rad/s].
+
+    The reward of a step is the way that the end effector came nearer [m], less a small price on the action,
+    and 1 for arriving. An episode ends within `near` of the target, and is cut off after `duration`.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    start : array_like, shape (n,), optional
+        Joint positions at the start of an episode [rad]; default: the middle of the limits.
+    controller : optional
+        Anything with `torque(q, v, q_d, qd_d, qdd_d)`; default computed torque.
+    dt : float
+        Time between actions [s].
+    substeps : int
+        Control steps between actions.
+    duration : float
+        Longest episode [s].
+    near : float
+        Distance that counts as arrived [m]; the default is the paper's r_th.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own name and form)
+    _PRICE = 1e-3  # of an action at its limits: a fraction of what a step can gain
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        start: ArrayLike | None = None,
+        controller: Any = None,
+        dt: float = 0.05,
+        substeps: int = 10,
+        duration: float = 20.0,
+        near: float = 0.02,
+    ) -> None:
+        self.sms, self.limits = sms, sms.limits
+        self.lower = np.maximum(self.limits.lower, -np.pi)
+        self.upper = np.minimum(self.limits.upper, np.pi)
+        self.start = 0.5 * (self.lower + self.upper) if start is None else np.asarray(start, dtype=np.float64)
+        self.controller = ComputedTorque(sms) if controller is None else controller
+        self.dt, self.substeps = positive("dt", dt, "s"), max(int(substeps), 1)
+        self.duration, self.near = positive("duration", duration, "s"), positive("near", near, "m")
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (sms.n,), np.float32)
+        self.observation_space = gym.spaces.Box(-np.inf, np.inf, (3 * sms.n + 9,), np.float32)
+        self._data = sms.model.createData()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode; `options={"target": (3,)}` sets the target [m], inertial axes.
+
+        The target is where a random straight move of the joints ends, so it can be reached.
+        """
+        super().reset(seed=seed)
+        self.q = self.sms.configuration(self.start)
+        self.v = np.zeros(self.sms.nv)
+        self.q_d, self.qd_d, self.t = self.start.copy(), np.zeros(self.sms.n), 0.0
+        if options and "target" in options:
+            self.target = np.asarray(options["target"], dtype=np.float64)
+        else:
+            share = self.np_random.uniform(0.1, 0.9, self.sms.n)
+            end = self.sms.configuration(self.lower + share * (self.upper - self.lower))
+            self.target = np.asarray(self.sms.at(end).end_effector_pose.translation)
+        self.distance = self._distance()
+        return self._observation(), {"distance": self.distance}
+
+    def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Follow an action for `dt`."""
+        wanted = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0) * self.limits.velocity
+        h = self.dt / self.substeps
+        for _ in range(self.substeps):
+            before = self.qd_d
+            self.qd_d = self._allowed(wanted, h)
+            qdd_d = (self.qd_d - before) / h
+            tau = self.controller.torque(self.q, self.v, self.q_d, before, qdd_d)
+            force = np.concatenate([np.zeros(6), np.clip(tau, -self.limits.torque, self.limits.torque)])
+            self.q, self.v, _ = rk4_step(self.sms.model, self._data, self.q, self.v, force, h)
+            self.q_d = self.q_d + 0.5 * h * (before + self.qd_d)
+        self.t += self.dt
+        last, self.distance = self.distance, self._distance()
+        arrived = self.distance <= self.near
+        price = self._PRICE * float(np.mean(np.square(action)))
+        reward = last - self.distance - price + (1.0 if arrived else 0.0)
+        over = self.t >= self.duration - 1e-9
+        return self._observation(), float(reward), arrived, over, {"distance": self.distance, "time": self.t}
+
+    def _allowed(self, wanted: FloatArray, h: float) -> FloatArray:
+        """Joint rates as near to the wanted as accelerations allow, slow enough to stop at the limits."""
+        a = self.limits.acceleration
+        rates = self.qd_d + np.clip(wanted - self.qd_d, -a * h, a * h)
+        up = np.sqrt(np.maximum(2.0 * a * (self.upper - self.q_d), 0.0)) - a * h
+        down = np.sqrt(np.maximum(2.0 * a * (self.q_d - self.lower), 0.0)) - a * h
+        return np.asarray(np.clip(rates, -np.maximum(down, 0.0), np.maximum(up, 0.0)))
+
+    def _distance(self) -> float:
+        tip = self.sms.at(self.q).end_effector_pose.translation
+        return float(np.linalg.norm(self.target - tip))
+
+    def _observation(self) -> Observation:
+        state = self.sms.at(self.q, self.v)
+        joints = self.sms.joint_positions(self.q)
+        way = state.base_pose.rotation.T @ (self.target - state.end_effector_pose.translation)
+        parts = [np.sin(joints), np.cos(joints), self.v[6:] / self.limits.velocity, way, self.v[:6]]
+        return np.concatenate(parts).astype(np.float32)

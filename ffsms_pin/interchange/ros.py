@@ -1,0 +1,48 @@
+"""A trajectory as text of the ROS 2 message trajectory_msgs/JointTrajectory, without ROS."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["to_joint_trajectory"]
+
+
+def to_joint_trajectory(sms: SpaceManipulator, plan: Trajectory, every: int = 1, frame: str = "") -> str:
+    """YAML text of the message, as `ros2 topic pub` takes it and `yaml.safe_load` reads it.
+
+    Positions [rad], velocities [rad/s] and accelerations [rad/s^2] at the nodes; the message knows nothing of
+    the base, which a controller of joints cannot command.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    plan : Trajectory
+    every : int
+        Take each so many nodes, and the last one.
+    frame : str
+        `header.frame_id`.
+    """
+    nodes = sorted({*range(0, len(plan.t), max(int(every), 1)), len(plan.t) - 1})
+    acceleration = np.vstack([plan.joint_accelerations, np.zeros((1, sms.n))])
+    lines = [
+        "header:",
+        "  stamp: {sec: 0, nanosec: 0}",
+        f"  frame_id: {json.dumps(frame)}",
+        f"joint_names: {json.dumps(list(sms.joint_names))}",
+        "points:",
+    ]
+    for k in nodes:
+        seconds, nanoseconds = divmod(round(plan.t[k] * 1e9), 1_000_000_000)
+        lines += [
+            f"- positions: {json.dumps(plan.joint_positions[k].tolist())}",
+            f"  velocities: {json.dumps(plan.v[k, 6:].tolist())}",
+            f"  accelerations: {json.dumps(acceleration[k].tolist())}",
+            "  effort: []",
+            f"  time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}",
+        ]
+    return "\n".join(lines) + "\n"

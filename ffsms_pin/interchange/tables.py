@@ -1,0 +1,116 @@
+"""Motions as CSV and Parquet files, pandas data frames and xarray datasets."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.extras import require
+from ffsms_pin.interchange.columns import columns, trajectory
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.simulation import Tracking
+from ffsms_pin.storage import write_content
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["read_csv", "read_parquet", "to_csv", "to_dataframe", "to_parquet", "to_xarray"]
+
+
+def to_csv(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.PathLike[str]) -> None:
+    """Write a motion as CSV, one row a node; numbers keep all their digits."""
+    table = columns(sms, motion)
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(table)
+    rows.writerows([repr(float(x)) for x in row] for row in zip(*table.values(), strict=True))
+    write_content(Path(path), text.getvalue())
+
+
+def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
+    """The trajectory of a CSV file with the columns that `to_csv` writes; others are ignored.
+
+    The first row gives the start and the joint rates the motion; the base follows the momentum equation.
+
+    Raises
+    ------
+    ResultError
+        The file cannot be read.
+    InvalidValue
+        A column is missing or holds something else than numbers in even time steps.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ResultError(path, f"cannot be read as CSV ({error})") from None
+    if len(rows) < 2 or any(len(row) != len(rows[0]) for row in rows):
+        raise ResultError(path, "must have a line of names and lines of as many numbers")
+    try:
+        numbers = np.array(rows[1:], dtype=np.float64)
+    except ValueError as error:
+        raise InvalidValue(str(path), "a cell", f"must hold numbers ({error})") from None
+    return trajectory(sms, dict(zip(rows[0], numbers.T, strict=True)), str(path))
+
+
+def to_dataframe(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:
+    """A pandas.DataFrame, one row a node."""
+    require("cluster", "a data frame")
+    import pandas as pd
+
+    return pd.DataFrame(columns(sms, motion))
+
+
+def to_parquet(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.PathLike[str]) -> None:
+    """Write a motion as Parquet, one row a node."""
+    require("cluster", "a Parquet file")
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    sink = io.BytesIO()
+    pq.write_table(pa.table(columns(sms, motion)), sink)
+    write_content(Path(path), sink.getvalue())
+
+
+def read_parquet(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
+    """The trajectory of a Parquet file; see `read_csv`."""
+    require("cluster", "a Parquet file")
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        raise ResultError(path, f"cannot be read as Parquet ({error})") from None
+    found = {name: np.asarray(table[name].to_numpy()) for name in table.column_names}
+    return trajectory(sms, found, str(path))
+
+
+def to_xarray(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:
+    """An xarray.Dataset over time [s], with `position` and `rate` by joint, and units as attributes."""
+    require("cluster", "a dataset")
+    import xarray as xr
+
+    joints = np.stack([sms.joint_positions(q) for q in motion.q])
+    data = {
+        "position": (("time", "joint"), joints, {"units": "rad"}),
+        "rate": (("time", "joint"), motion.v[:, 6:], {"units": "rad/s"}),
+        "base_position": (
+            ("time", "axis"),
+            motion.q[:, :3],
+            {"units": "m", "frame": "inertial, root origin"},
+        ),
+        "base_quaternion": (("time", "part"), motion.q[:, 3:7], {"order": "x, y, z, w"}),
+        "position_error": (("time",), motion.position_error, {"units": "m"}),
+    }
+    coordinates = {
+        "time": ("time", motion.t, {"units": "s"}),
+        "joint": sms.joint_names,
+        "axis": list("xyz"),
+        "part": list("xyzw"),
+    }
+    return xr.Dataset(data, coordinates, attrs={"robot": sms.model.name, "end_effector": sms.end_effector})
