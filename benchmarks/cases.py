@@ -22,7 +22,7 @@ from ffsms_pin.scenarios import scenario
 from ffsms_pin.scenarios.references import planned
 
 CASES = ("case-1", "case-2")
-NUDGE = 1e-12  # relative, of one joint's rate limit; the i-th run takes i of them
+NUDGE = 1e-12  # relative, of one joint's acceleration limit; the i-th run takes i of them
 DURATIONS, STEPS, KAPPAS = (10.0, 12.0, 20.0), (0.01, 0.02, 0.05), (5.0, 10.0, 20.0)
 
 
@@ -31,9 +31,9 @@ def plans(name: str, method: str, runs: int) -> list[opt.Trajectory]:
     case = scenario(name)
     sms, made = case.load(), []
     for i in range(runs):
-        velocity = sms.limits.velocity.copy()
-        velocity[i % sms.n] *= 1.0 + i * NUDGE
-        robot = sms.with_limits(replace(sms.limits, velocity=velocity))
+        acceleration = sms.limits.acceleration.copy()
+        acceleration[i % sms.n] *= 1.0 + i * NUDGE
+        robot = sms.with_limits(replace(sms.limits, acceleration=acceleration))
         made.append(planned(case, robot, case.start_configuration(robot), None, method))
     return made
 
