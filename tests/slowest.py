@@ -43,7 +43,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Collect the times, where the table is printed."""
     if report.when == "teardown":
-        _times[report.nodeid] = dict(report.user_properties).get("cpu", 0.0)
+        _times[report.nodeid] = float(str(dict(report.user_properties).get("cpu", 0.0)))
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

@@ -67,7 +67,7 @@ class Seen(opt.Term):
     def __init__(self) -> None:
         self.threads: set[int] = set()
 
-    def residual(self, motions: opt.Motions) -> list[opt.Residual]:
+    def residual(self, motions: opt.Motions) -> list[opt.Residual | opt.JointResidual]:
         """None, but look."""
         self.threads.update(blas_threads())
         return []

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
+from functools import partial
 from threading import Barrier
 from typing import Any
 
@@ -108,9 +109,13 @@ def test_one_state_in_several_threads(arm7: ffsms.SpaceManipulator) -> None:
     for _ in range(20):
         state = arm7.at(q, v)
         # Each thread begins with another quantity, so that all of them are made somewhere first.
-        for found in together(lambda i, state=state: quantities(state, ARRAYS[i::THREADS] + ARRAYS)):
+        for found in together(partial(_quantities_from, state)):
             for name in ARRAYS:
                 np.testing.assert_array_equal(found[name], alone[name], err_msg=name)
+
+
+def _quantities_from(state: ffsms.State, index: int) -> dict[str, Any]:
+    return quantities(state, ARRAYS[index::THREADS] + ARRAYS)
 
 
 def test_one_plan_followed_in_several_threads(planar: ffsms.SpaceManipulator) -> None:
