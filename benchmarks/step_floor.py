@@ -62,7 +62,7 @@ def run(repeats: int = 7) -> dict[str, Any]:
 
 
 def march(name: str) -> Task:
-    """The paper's Case 2, or a reach of similar size with another robot."""
+    """A long reach of the planar arm, or one of similar size with another robot."""
     sms = ffsms.load(name)
     if name == "planar_3r":
         q, duration = sms.configuration(np.deg2rad([1.0, 1.0, 1.0])), 12.0

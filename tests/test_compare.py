@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from scenario_files import IN_RADIANS
 from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.scenarios import scenario
-from ffsms_pin.scenarios.compare import Comparison, compare, comparison_numbers
+from ffsms_pin.scenarios.compare import Comparison, compare, comparison_numbers, why_not_reached
 
 SCENARIO = f"""{IN_RADIANS}\
 [plan]
@@ -88,6 +89,26 @@ def test_the_papers_method_is_left_out_where_it_does_not_know_what_is_asked_for(
     assert "left out: paper, which knows no momentum" in printed
     assert set(json.loads((out / "comparison.json").read_text())) == set(opt.METHODS) - {"paper"}
     assert main(["compare", str(path), "--out", str(out), "--methods", "paper"]) == 2  # asked for by name
+
+
+def test_why_a_method_has_not_reached_is_said(
+    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "hasty.toml"
+    path.write_text(file.read_text().replace("duration = 4.0", "duration = 1.5"))
+    out = tmp_path / "results"
+    assert main(["compare", str(path), "--out", str(out), "--methods", "step"]) == 0
+    plan = compare(scenario(path), ("step",)).plans["step"]
+    late = plan.position_error[plan.t >= 0.9 * 1.5 - 1e-9]
+    assert not plan.reached
+    wanted = f"up to {1e3 * late.max():.3g} mm from the target in the last tenth"
+    printed = capsys.readouterr().out
+    assert f"step has not reached: it is {wanted}" in printed
+    assert f"ends {1e3 * plan.position_error[-1]:.3g} mm off" in printed
+    assert wanted in json.loads((out / "comparison.json").read_text())["step"]["note"]
+    turned = dataclasses.replace(plan, reach=1.0, orientation_error=np.full(len(plan.t), 0.5))
+    assert why_not_reached(turned).startswith("it is turned by up to 28.6 deg")
+    assert why_not_reached(dataclasses.replace(plan, reach=1.0)) == ""
 
 
 def test_an_unknown_method_is_one_line_and_exit_code_2(

@@ -72,18 +72,12 @@ def run(arguments: argparse.Namespace) -> int:
     for method, row in numbers.items():
         if not row["reached"]:
             output.print(
-                f"{method} is not reached: {row['note'] or _missed(row)}", markup=False, highlight=False
+                f"{method} has not reached: {row['note']}", markup=False, highlight=False, soft_wrap=True
             )
     for method, why in comparison.left_out.items():
         output.print(f"left out: {method}, which {why}", markup=False, highlight=False)
     output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
     return 0
-
-
-def _missed(row: dict[str, Any]) -> str:
-    """Why a motion without a note is not reached."""
-    end = f"{1e3 * row['final_error_m']:.3g} mm off"
-    return f"it does not stay near the target in the last tenth (it ends {end})"
 
 
 def _table(name: str, numbers: dict[str, dict[str, Any]]) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ffsms_pin.control.reduced_dynamics import reduced_dynamics
 from ffsms_pin.opt import METHODS, Trajectory
+from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.closed_loop import named
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.extremes import base_numbers
@@ -18,7 +19,7 @@ from ffsms_pin.scenarios.references import planned
 from ffsms_pin.scenarios.run import stage
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Comparison", "compare", "comparison_numbers"]
+__all__ = ["Comparison", "compare", "comparison_numbers", "why_not_reached"]
 
 # Keys of [plan] that the paper's method has no place for, and those that only "horizon" knows.
 _NOT_FOR_PAPER = ("base_limits", "momentum")
@@ -95,6 +96,8 @@ def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
 
     `path_over_straight` is the length of the end effector's path over the straight line between its ends.
 
+    `note` says why a motion has not reached, else what there is to say about it.
+
     Joint effort is the integral of the squared joint rates; torque effort that of the squared joint torques
     H_q qdd + C_q which the plan needs.
     """
@@ -110,10 +113,31 @@ def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
             **base_numbers(comparison.sms, made.q),
             "peak_rate_rad_per_s": float(np.abs(made.joint_rates).max()),
             "planning_s": comparison.times[method],
-            "note": made.note,
+            "note": why_not_reached(made) or made.note,
         }
         for method, made in comparison.plans.items()
     }
+
+
+def why_not_reached(made: Trajectory) -> str:
+    """Why a motion is not `reached`, in words: how far off it is, and its own note; empty where it is."""
+    if made.reached:
+        return ""
+    late = made.t >= ARRIVAL_SHARE * made.duration - 1e-9
+    found, farthest = [], float(made.position_error[late].max())
+    if farthest > made.reach:
+        end = float(made.position_error[-1])
+        found.append(
+            f"it is up to {1e3 * farthest:.3g} mm from the target in the last tenth of the time, where"
+            f" {1e3 * made.reach:.3g} mm are allowed, and ends {1e3 * end:.3g} mm off"
+        )
+    turned = float(made.orientation_error[late].max())
+    if turned > made.orientation_reach:
+        found.append(
+            f"it is turned by up to {np.degrees(turned):.3g} deg there, where"
+            f" {np.degrees(made.orientation_reach):.3g} deg are allowed"
+        )
+    return "; ".join(filter(None, [*found, made.note]))
 
 
 def _joint_effort(made: Trajectory) -> float:

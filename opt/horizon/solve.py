@@ -11,10 +11,12 @@ from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import QUICK, Search
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.threads import one_blas_thread
 
 __all__ = ["solve"]
 
 
+@one_blas_thread()
 def solve(
     problem: Problem,
     options: SearchOptions | None = None,

@@ -20,6 +20,7 @@ from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.threads import one_blas_thread
 
 __all__ = ["METHODS", "plan", "plan_problem"]
 
@@ -140,6 +141,7 @@ def plan(
     return plan_problem(problem, method, SearchOptions(time_limit=time_limit), progress)
 
 
+@one_blas_thread()
 def plan_problem(
     problem: Problem,
     method: str = "horizon",

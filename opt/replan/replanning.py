@@ -12,6 +12,7 @@ from ffsms_pin.checks import FloatArray, number
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.joint_plan import JointPlan
+from ffsms_pin.opt.replan.one_thread import OneThread
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest_planner import RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
@@ -87,6 +88,7 @@ class Replanning:
         self._robot = sms
         if problem.locked:
             self._renew_stepper()
+        self._thread = OneThread()
         self._step = -1
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
@@ -152,7 +154,13 @@ class Replanning:
             [s]
         q, v : ndarray, shape (nq,), (6 + n,)
             Measured state.
+
+        Raises
+        ------
+        ReferenceInUse
+            Another thread has begun.
         """
+        self._thread.check()
         dt = self.problem.dt
         step = int(t / dt + 1e-6)
         if step == self._step:

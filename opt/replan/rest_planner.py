@@ -18,6 +18,7 @@ from ffsms_pin.opt.replan.reaction import ReactionEstimate
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.replan.warm import replanned
 from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.threads import one_blas_thread
 
 __all__ = ["RestPlanner"]
 
@@ -69,6 +70,7 @@ class RestPlanner:
         self.failed[joint] = True
         self.due = self._next_search = 0.0
 
+    @one_blas_thread()
     def plan(self, now: float, q: FloatArray, joints: FloatArray, rates: FloatArray) -> JointPlan:
         """Plan the rest of the motion.
 

@@ -18,7 +18,7 @@ from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.step.stepper import Stepper
 
-CASES = {"case-1": [1.00, 0.15, 0.0], "case-2": [0.45, 0.75, 0.0]}
+CASES = {"case-1": [1.00, 0.15, 0.0], "case-2": [0.45, 0.65, 0.0]}
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from ffsms_pin.simulation import JointFault, Sensors, Tracking, Watchdog, pertur
 
 Array = NDArray[np.float64]
 START = np.deg2rad([1.0, 1.0, 1.0])
-CASES = {1: np.array([1.00, 0.15, 0.0]), 2: np.array([0.45, 0.75, 0.0])}
+CASES = {1: np.array([1.00, 0.15, 0.0]), 2: np.array([0.45, 0.65, 0.0])}
 DEGREE = np.pi / 180.0
 
 

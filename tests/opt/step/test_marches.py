@@ -37,7 +37,7 @@ def missed(sms: ffsms.SpaceManipulator, q: FloatArray, target: FloatArray) -> fl
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda", "satellite_xarm7"])
 def test_marches_arrive_within_all_limits(name: str) -> None:
-    """The paper's Case 2, and reaches of similar size with arms of seven joints."""
+    """A long reach of the planar arm, and reaches of similar size with arms of seven joints."""
     sms, dt = ffsms.load(name), 0.02
     middle, half = 0.5 * (sms.limits.upper + sms.limits.lower), 0.5 * (sms.limits.upper - sms.limits.lower)
     if name == "planar_3r":

@@ -1,0 +1,103 @@
+"""What Case 1 and Case 2 come to, as ranges: each planned again and again with a limit moved by 1e-12.
+
+Run by hand, with one thread:
+
+    OMP_NUM_THREADS=1 python benchmarks/cases.py [--runs 12] [--methods paper horizon] [--settings]
+
+The paper's plain method picks one of many minima in each step, so what it comes to can depend on the last
+digits of its numbers. Quote its ranges, never one run. `--settings` also plans by it with other durations,
+steps and kappa.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+
+import numpy as np
+
+from ffsms_pin import opt
+from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.scenarios import scenario
+from ffsms_pin.scenarios.references import planned
+
+CASES = ("case-1", "case-2")
+NUDGE = 1e-12  # relative, of one joint's acceleration limit; the i-th run takes i of them
+DURATIONS, STEPS, KAPPAS = (10.0, 12.0, 20.0), (0.01, 0.02, 0.05), (5.0, 10.0, 20.0)
+
+
+def plans(name: str, method: str, runs: int) -> list[opt.Trajectory]:
+    """The case's plans, one a nudge."""
+    case = scenario(name)
+    sms, made = case.load(), []
+    for i in range(runs):
+        acceleration = sms.limits.acceleration.copy()
+        acceleration[i % sms.n] *= 1.0 + i * NUDGE
+        robot = sms.with_limits(replace(sms.limits, acceleration=acceleration))
+        made.append(planned(case, robot, case.start_configuration(robot), None, method))
+    return made
+
+
+def numbers(plan: opt.Trajectory) -> dict[str, float]:
+    """What the paper says of a case, in numbers; the signs of cos(theta_a) before const8 begins to count."""
+    before = plan.cos_theta[plan.t[:-1] < ARRIVAL_SHARE * plan.duration]
+    base = np.linalg.norm(plan.q[:, :3] - plan.q[0, :3], axis=1)
+    return {
+        "final error [mm]": 1e3 * float(plan.position_error[-1]),
+        "cost integral [s]": plan.cost_integral,
+        "base turn, largest [deg]": float(np.degrees(plan.base_rotation.max())),
+        "base shift, largest [mm]": 1e3 * float(base.max()),
+        "least cos(theta_a)": float(before.min()),
+        "time with cos(theta_a) < 0 [%]": 100.0 * float((before < 0.0).mean()),
+        "joint travel [rad]": plan.joint_travel,
+    }
+
+
+def print_ranges(methods: list[str], runs: int) -> None:
+    """One table a case: smallest to largest of the runs."""
+    for name in CASES:
+        found = {method: plans(name, method, runs) for method in methods}
+        print(f"\n{name}, {runs} runs a method\n\n| | {' | '.join(methods)} |\n|---{'|---' * len(methods)}|")
+        reached = [f"{sum(plan.reached for plan in made)} of {runs}" for made in found.values()]
+        print(f"| reached | {' | '.join(reached)} |")
+        rows = {method: [numbers(plan) for plan in made] for method, made in found.items()}
+        for label in rows[methods[0]][0]:
+            ranges = [_range([row[label] for row in rows[method]]) for method in methods]
+            print(f"| {label} | {' | '.join(ranges)} |")
+
+
+def print_settings() -> None:
+    """The paper's method with other durations, steps and kappa: what is reached, and how near it ends."""
+    for name in CASES:
+        case = scenario(name)
+        sms, errors, count = case.load(), [], 0
+        q0 = case.start_configuration(sms)
+        for duration in DURATIONS:
+            for dt in STEPS:
+                for kappa in KAPPAS:
+                    target = case.target["position"]
+                    plan = opt.plan(sms, q0, target, duration, dt, kappa, method="paper", collision="points")
+                    count += plan.reached
+                    errors.append(1e3 * float(plan.position_error[-1]))
+        print(f"\n{name}, other settings: {count} of {len(errors)} reached, final error {_range(errors)} mm")
+
+
+def _range(values: list[float]) -> str:
+    low, high = (f"{value:.2g}" for value in (min(values), max(values)))
+    return low if low == high else f"{low} to {high}"
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description="Ranges of the cases over tiny changes of a limit.")
+    parser.add_argument("--runs", type=int, default=12)
+    parser.add_argument("--methods", nargs="+", default=["paper", "horizon"], choices=opt.METHODS)
+    parser.add_argument("--settings", action="store_true", help="also other durations, steps and kappa")
+    arguments = parser.parse_args()
+    print_ranges(arguments.methods, arguments.runs)
+    if arguments.settings:
+        print_settings()
+
+
+if __name__ == "__main__":
+    main()

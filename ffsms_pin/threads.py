@@ -1,0 +1,105 @@
+"""One BLAS thread while the library works, so that results do not depend on how many there are.
+
+Two threads share out a product of matrices otherwise than one does, and so round otherwise; an optimisation
+then ends at other digits. The matrices here are small: a second thread takes more time than it saves.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+__all__ = ["one_blas_thread"]
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Work with one BLAS thread; also a decorator, `@one_blas_thread()`.
+
+    It takes some 15 microseconds, and 3 within another one. So it stands around whole plans and simulations;
+    single steps have matrices so small that BLAS never shares them out.
+    """
+    own = _libraries().own
+    before = [library.num_threads for library in own]
+    _set(own, [1] * len(own))
+    _limit.begin()
+    try:
+        yield
+    finally:
+        _limit.end()
+        _set(own, before)
+
+
+class _Limit:
+    """The limit on libraries that have one number of threads for the whole process.
+
+    It lasts from the first of the calls that are under way to the end of the last. If each call set back what
+    it had found, a call that ends would take the limit from another one that still goes on in another thread.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._calls = 0
+        self._before: list[int] = []
+
+    def begin(self) -> None:
+        """Count one more call."""
+        with self._lock:
+            if self._calls == 0:
+                shared = _libraries().shared
+                self._before = [library.num_threads for library in shared]
+                _set(shared, [1] * len(shared))
+            self._calls += 1
+
+    def end(self) -> None:
+        """Count one call less; after the last one set back what was found."""
+        with self._lock:
+            self._calls -= 1
+            if self._calls == 0:
+                _set(_libraries().shared, self._before)
+
+
+_limit = _Limit()
+
+
+class _Libraries(NamedTuple):
+    """BLAS libraries (threadpoolctl's controllers) by what their number of threads holds for.
+
+    Attributes
+    ----------
+    shared : list
+        The whole process.
+    own : list
+        Each thread: OpenBLAS on OpenMP.
+    """
+
+    shared: list[Any]
+    own: list[Any]
+
+
+@lru_cache(maxsize=1)
+def _libraries() -> _Libraries:
+    """The BLAS libraries of numpy and scipy; found once, which takes some milliseconds."""
+    import scipy.linalg  # noqa: F401 - brings a library of its own, which must be there to be found
+    from threadpoolctl import ThreadpoolController
+
+    found = _Libraries([], [])
+    for library in ThreadpoolController().select(user_api="blas").lib_controllers:
+        on_openmp = library.internal_api == "openblas" and library.threading_layer == "openmp"
+        (found.own if on_openmp else found.shared).append(library)
+    return found
+
+
+def _set(libraries: list[Any], numbers: list[int]) -> None:
+    for library, number in zip(libraries, numbers, strict=True):
+        # From 3.8 on threadpoolctl heeds only the thread that was first to set a number, and only until told
+        # otherwise. Here calls are counted instead, and whichever ends last sets it.
+        release = getattr(library, "clear_controlling_thread", None)
+        if release is not None:
+            release(force=True)
+        library.set_num_threads(number)
+        if release is not None:
+            release(force=True)
