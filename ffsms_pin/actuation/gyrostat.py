@@ -1,10 +1,10 @@
 """The model in which wheels are joints: what a simulation integrates.
 
-A wheel that is balanced and symmetric acts on its satellite by its spin alone. With the wheels' masses and the
-rest of their inertias counted for the base, a wheel is a body without mass whose only inertia is I about its
-axis. The base then has to be without it: its inertia is that of the standing wheels less the sum of I a a^T. In
-this model the articulated-body algorithm is exact: with h = I (W + a . w), W the wheel's speed against the base
-and w the base's angular velocity,
+A wheel that is balanced and symmetric acts on its satellite by its spin alone. With the wheels' masses and
+the rest of their inertias counted for the base, a wheel is a body without mass whose only inertia is I about
+its axis. The base then has to be without it: its inertia is that with standing wheels less the sum of
+I a a^T. In this model the articulated-body algorithm is exact: with h = I (W + a . w), W the wheel's speed
+against the base and w the base's angular velocity,
 
     h' = tau,   and the base feels   -a tau - w x (a h)
 

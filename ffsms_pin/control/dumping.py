@@ -17,9 +17,9 @@ __all__ = ["MomentumDump"]
 class MomentumDump:
     """From when to when thrusters work against the wheels' momentum, and how fast.
 
-    The moment on the base is -a h / time_constant, with a h the wheels' momentum as a vector; the attitude law
-    has the wheels make it good, so that they slow down. Source: F. L. Markley, J. L. Crassidis, "Fundamentals
-    of Spacecraft Attitude Determination and Control", Springer 2014, section 7.
+    The moment on the base is -a h / time_constant, with a h the wheels' momentum as a vector; the attitude
+    law has the wheels make it good, so that they slow down. Source: M. J. Sidi, "Spacecraft Dynamics and
+    Control", Cambridge University Press 1997, chapter 7.
 
     Parameters
     ----------

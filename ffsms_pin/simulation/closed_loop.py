@@ -71,8 +71,8 @@ def simulate(
     step's start, and its torque is held over the step. The plant moves by its articulated-body dynamics with
     the generalised force [0 (6); tau], so nothing acts on the base, integrated by one Runge-Kutta step of
     order 4 (see `rk4_step`). With a `base_controller` the plant's wheels and thrusters act on the base as
-    well, and the wheels' speeds are part of the state. The other keyword options below each add one imperfection; what is recorded is the
-    plant's true motion and the torque that acts.
+    well, and the wheels' speeds are part of the state. The other keyword options below each add one
+    imperfection; what is recorded is the plant's true motion and the torque that acts.
 
     Parameters
     ----------
