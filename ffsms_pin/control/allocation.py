@@ -8,32 +8,47 @@ from scipy.optimize import nnls
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["ThrusterAllocation", "wheel_torques"]
+__all__ = ["ThrusterAllocation", "WheelAllocation"]
 
 
-def wheel_torques(
-    wheels: ReactionWheels, torque: FloatArray, spin: FloatArray, turn: FloatArray, momentum: FloatArray
-) -> FloatArray:
-    """Motor torques (w,) [N m] that put a torque on the base, gyroscopic torque made good.
-
-    The wheels' momenta h against the base have to change so that -a h' - w x (a h) is the wanted torque: h'
-    is the least that does, by the pseudo-inverse of the axes (what no axis can give is left out). A motor
-    also turns its wheel with the base: tau = h' + I a . w'.
+class WheelAllocation:
+    """Motor torques of wheels for a wanted torque on the base.
 
     Parameters
     ----------
     wheels : ReactionWheels
-    torque : ndarray, shape (3,)
-        Wanted on the base with the wheels standing still [N m], root axes.
-    spin, turn : ndarray, shape (3,)
-        Angular velocity [rad/s] and wanted acceleration [rad/s^2] of the base, root axes.
-    momentum : ndarray, shape (w,)
-        Of the wheels against the base [N m s].
     """
-    wanted = torque + np.cross(spin, wheels.total(momentum))
-    change: FloatArray = -np.linalg.pinv(wheels.axes.T) @ wanted
-    result: FloatArray = change + wheels.inertia * (wheels.axes @ turn)
-    return result
+
+    def __init__(self, wheels: ReactionWheels) -> None:
+        self.wheels = wheels
+        self._change = np.linalg.pinv(wheels.axes.T)
+
+    def changes(self, torque: FloatArray) -> FloatArray:
+        """Least changes of momentum (w,) [N m] whose sum is `torque` (3,), less what no axis can give."""
+        change: FloatArray = self._change @ torque
+        return change
+
+    def torques(
+        self, torque: FloatArray, spin: FloatArray, turn: FloatArray, momentum: FloatArray
+    ) -> FloatArray:
+        """Motor torques (w,) [N m] that put a torque on the base, gyroscopic torque made good.
+
+        The wheels' momenta h against the base have to change so that -a h' - w x (a h) is the wanted torque.
+        A motor also turns its wheel with the base: tau = h' + I a . w'.
+
+        Parameters
+        ----------
+        torque : ndarray, shape (3,)
+            Wanted on the base with the wheels standing still [N m], root axes.
+        spin, turn : ndarray, shape (3,)
+            Angular velocity [rad/s] and wanted acceleration [rad/s^2] of the base, root axes.
+        momentum : ndarray, shape (w,)
+            Of the wheels against the base [N m s].
+        """
+        wheels = self.wheels
+        change = -self.changes(torque + np.cross(spin, wheels.total(momentum)))
+        result: FloatArray = change + wheels.inertia * (wheels.axes @ turn)
+        return result
 
 
 class ThrusterAllocation:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray, number, positive
+from ffsms_pin.control.allocation import WheelAllocation
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["MomentumDump"]
@@ -18,7 +18,8 @@ class MomentumDump:
     """From when to when thrusters work against the wheels' momentum, and how fast.
 
     The moment on the base is -a h / time_constant, with a h the wheels' momentum as a vector; the attitude
-    law has the wheels make it good, so that they slow down. Source: M. J. Sidi, "Spacecraft Dynamics and
+    law has the wheels make it good, so that they slow down. It is cut down where a wheel would need more than
+    half of its largest torque to follow. Source: M. J. Sidi, "Spacecraft Dynamics and
     Control", Cambridge University Press 1997, chapter 7.
 
     Parameters
@@ -45,8 +46,13 @@ class MomentumDump:
         """Forget the last run."""
         self._on = False
 
-    def moment(self, wheels: ReactionWheels, momentum: FloatArray) -> FloatArray:
+    def moment(self, allocation: WheelAllocation, momentum: FloatArray) -> FloatArray:
         """Wanted moment of the thrusters (3,) [N m], root axes, at wheel momenta (w,); zero where idle."""
+        wheels = allocation.wheels
         share = float((np.abs(momentum) / wheels.momentum).max())
         self._on = share > (self.below if self._on else self.above)
-        return -wheels.total(momentum) / self.time_constant if self._on else np.zeros(3)
+        if not self._on:
+            return np.zeros(3)
+        wanted = -wheels.total(momentum) / self.time_constant
+        needed = float((np.abs(allocation.changes(wanted)) / (0.5 * wheels.torque)).max())
+        return wanted / max(1.0, needed)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, one_of
-from ffsms_pin.control.allocation import ThrusterAllocation, wheel_torques
+from ffsms_pin.control.allocation import ThrusterAllocation, WheelAllocation
 from ffsms_pin.control.attitude import AttitudeHold, base_torque, held_dynamics
 from ffsms_pin.control.base_command import BaseCommand, BaseView
 from ffsms_pin.control.dumping import MomentumDump
@@ -69,6 +69,7 @@ class QuaternionFeedback:
         self.sms, self.dump = sms, dump
         self.hold = AttitudeHold(bandwidth, damping, attitude)
         self.feedforward = one_of("feedforward", feedforward, ("torque", "plan", "none"))
+        self._wheels = None if sms.wheels is None else WheelAllocation(sms.wheels)
         self._thrusters = None if sms.thrusters is None else ThrusterAllocation(sms.thrusters, sms.base_com)
 
     def reset(self, dt: float) -> None:
@@ -84,18 +85,17 @@ class QuaternionFeedback:
 
     def shared(self, view: BaseView, turn: FloatArray, torque: FloatArray) -> BaseCommand:
         """The command that puts `torque` (3,) [N m] on the base and so turns it by `turn` (3,) [rad/s^2]."""
-        nothing = np.zeros(0 if self.sms.thrusters is None else len(self.sms.thrusters))
-        if self.sms.wheels is None:
+        if self._wheels is None:
             assert self._thrusters is not None  # `__init__` asks for it
             return BaseCommand(np.empty(0), self._thrusters.forces(np.zeros(3), torque))
-        forces = nothing
+        forces = np.zeros(0 if self.sms.thrusters is None else len(self.sms.thrusters))
         if self.dump is not None and self._thrusters is not None:
-            moment = self.dump.moment(self.sms.wheels, view.wheel_momentum)
+            moment = self.dump.moment(self._wheels, view.wheel_momentum)
             if moment.any():
                 forces = self._thrusters.forces(np.zeros(3), moment)
                 torque = torque - self._thrusters.moment(forces)
-        spin: Any = view.v[3:6]
-        return BaseCommand(wheel_torques(self.sms.wheels, torque, spin, turn, view.wheel_momentum), forces)
+        spin: FloatArray = view.v[3:6]
+        return BaseCommand(self._wheels.torques(torque, spin, turn, view.wheel_momentum), forces)
 
     def _torque(self, view: BaseView, turn: FloatArray) -> FloatArray:
         if self.feedforward == "plan":
