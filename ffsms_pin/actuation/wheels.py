@@ -88,7 +88,8 @@ class ReactionWheels:
     def friction_torque(self, speed: FloatArray) -> FloatArray:
         """Torque of the friction on the wheels (w,) [N m] at speeds (w,) [rad/s] against the base."""
         dry: FloatArray = self.coulomb * np.tanh(speed / self.transition)
-        return -(self.friction * speed + dry)
+        torque: FloatArray = -(self.friction * speed + dry)
+        return torque
 
     def total(self, momentum: FloatArray) -> FloatArray:
         """Sum of the wheels' momenta, (w,) or (N, w), as a vector (3,) or (N, 3) [N m s], root axes."""

@@ -88,7 +88,8 @@ class Coordinated(JointLaw):
         return self.base.shared(view, turn, torque)
 
     def _wanted(self, motion: Motion) -> FloatArray:
-        return motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
+        wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
+        return wanted
 
     def _law(self, motion: Motion) -> FloatArray:
         turn = self.base.hold.acceleration(motion.q, motion.v)

@@ -113,7 +113,7 @@ def test_wheels_heavier_than_their_satellite(planar: ffsms.SpaceManipulator, ref
         "wheels.inertia",
         "counts the wheels",
     )
-    refused(lambda: planar.with_actuators(wheels=3), InvalidValue, "wheels", "ReactionWheels")
+    refused(lambda: planar.with_actuators(wheels=3), InvalidValue, "wheels", "ReactionWheels")  # type: ignore[arg-type]
 
 
 def test_a_wheel_is_a_gyrostat(rng: np.random.Generator) -> None:

@@ -121,7 +121,7 @@ def test_the_quaternion_has_two_signs(panda: ffsms.SpaceManipulator, state: tupl
 def test_what_the_feedforward_is_worth(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
     found = {}
     for kind in ("none", "plan", "torque"):
-        law = QuaternionFeedback(panda, feedforward=kind)  # type: ignore[arg-type]
+        law = QuaternionFeedback(panda, feedforward=kind)
         run = ffsms.simulate(panda, reach, ComputedTorque(panda), dt=4e-3, base_controller=law)
         assert run.note == ""
         found[kind] = errors(run).max()
