@@ -112,12 +112,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--out", default="results/wheels.json", help="file for all numbers")
     arguments = parser.parse_args()
-    results: dict[str, Any] = {"hour": an_hour(arguments.seconds, "rk4", 0.01)}
-    print("an hour:", results["hour"])
+    results: dict[str, Any] = {"hour": an_hour(arguments.seconds, "rk4", 2.5e-3)}
+    print("an hour:", results["hour"], flush=True)
     case = ffsms.scenario("case-2")
     small = case.load().with_actuators(wheels=SMALL)
     results["case-2"] = held(small, opt.solve(case.problem(small)))
-    print("case-2:", results["case-2"])
+    print("case-2:", results["case-2"], flush=True)
     results["panda"] = moves("satellite_panda", LARGE, arguments.targets, arguments.durations)
     for duration in arguments.durations:
         rows = [row for row in results["panda"] if row["duration"] == duration]

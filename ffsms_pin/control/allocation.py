@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
@@ -74,6 +73,8 @@ class ThrusterAllocation:
 
     def forces(self, force: FloatArray, moment: FloatArray) -> FloatArray:
         """Thruster forces (k,) [N] for a force [N] and a moment [N m] (3,) each, root axes."""
+        from scipy.optimize import nnls  # slow to load, and wheels do without
+
         wanted = np.concatenate([force * self._length, moment])
         if not np.isfinite(wanted).all():
             return np.full(len(self._largest), np.nan)
