@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-import numpy as np
-
 from ffsms_pin.checks import FloatArray
 
 __all__ = ["BaseCommand", "BaseLaw", "BaseView"]
@@ -41,14 +39,14 @@ class BaseCommand(NamedTuple):
 
     Attributes
     ----------
-    wheel_torque : ndarray, shape (w,)
-        Motor torques on the wheels [N m]; the base feels their opposite.
-    thruster_force : ndarray, shape (k,)
-        [N], at least zero.
+    wheel_torque : ndarray, shape (w,), optional
+        Motor torques on the wheels [N m]; the base feels their opposite. Default: none.
+    thruster_force : ndarray, shape (k,), optional
+        [N]; what is below zero counts as zero. Default: none.
     """
 
-    wheel_torque: FloatArray
-    thruster_force: FloatArray = np.empty(0)
+    wheel_torque: FloatArray | None = None
+    thruster_force: FloatArray | None = None
 
 
 class BaseLaw(Protocol):

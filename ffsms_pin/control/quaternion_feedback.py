@@ -87,8 +87,8 @@ class QuaternionFeedback:
         """The command that puts `torque` (3,) [N m] on the base and so turns it by `turn` (3,) [rad/s^2]."""
         if self._wheels is None:
             assert self._thrusters is not None  # `__init__` asks for it
-            return BaseCommand(np.empty(0), self._thrusters.forces(np.zeros(3), torque))
-        forces = np.zeros(0 if self.sms.thrusters is None else len(self.sms.thrusters))
+            return BaseCommand(thruster_force=self._thrusters.forces(np.zeros(3), torque))
+        forces = None
         if self.dump is not None and self._thrusters is not None:
             moment = self.dump.moment(self._wheels, view.wheel_momentum)
             if moment.any():

@@ -152,6 +152,8 @@ def _size(actuators: ReactionWheels | Thrusters | None) -> int:
 
 
 def _numbers(name: str, value: Any, size: int) -> FloatArray:
+    if value is None:
+        return np.zeros(size)
     array = np.asarray(value)
     if array.shape != (size,) or array.dtype.kind not in "fiu":
         raise InvalidValue(f"base_controller.command: {name}", value, f"must be numbers of shape ({size},)")

@@ -92,7 +92,7 @@ def test_an_hour_in_short(planar: ffsms.SpaceManipulator) -> None:
 
 def test_friction_slows_wheels_and_stays_inside(planar: ffsms.SpaceManipulator, swing: Swing) -> None:
     robot = wheeled(planar, friction=1e-5, coulomb=1e-3)
-    still = Say(lambda view: BaseCommand(np.zeros(4)))
+    still = Say(lambda view: BaseCommand())
     run = ffsms.simulate(robot, swing, ComputedTorque(robot), base_controller=still, wheel_momentum=START)
     size = np.linalg.norm(run.momentum[0])
     assert np.abs(run.momentum - run.momentum[0]).max() < 1e-12 * size
@@ -128,7 +128,7 @@ def test_thrusters_give_their_impulse(planar: ffsms.SpaceManipulator) -> None:
     )
     robot = planar.with_actuators(thrusters=thrusters)
     swing = Swing(robot, way=(0.0, 0.0, 0.0))
-    both = Say(lambda view: BaseCommand(np.empty(0), np.array([0.4, 9.0 if view.t < 1.0 else -1.0])))
+    both = Say(lambda view: BaseCommand(thruster_force=np.array([0.4, 9.0 if view.t < 1.0 else -1.0])))
     run = ffsms.simulate(robot, swing, ComputedTorque(robot), base_controller=both)
     np.testing.assert_allclose(run.thruster_force[[0, -1]], [[0.4, 0.5], [0.4, 0.0]])
     impulse = run.thruster_force.sum(axis=0) * 1e-3
