@@ -10,6 +10,7 @@ from ffsms_pin.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from ffsms_pin import opt
+    from ffsms_pin.actuation import ReactionWheels, Thrusters
     from ffsms_pin.control import SlidingModeController
     from ffsms_pin.scenarios import Scenario, scenario
     from ffsms_pin.simulation import Tracking, simulate, simulate_many
@@ -18,11 +19,13 @@ if TYPE_CHECKING:
 __all__ = [
     "FfsmsError",
     "JointLimits",
+    "ReactionWheels",
     "SatelliteBase",
     "Scenario",
     "SlidingModeController",
     "SpaceManipulator",
     "State",
+    "Thrusters",
     "Tracking",
     "load",
     "mount",
@@ -35,8 +38,10 @@ __all__ = [
 
 # Loaded when first used: whoever only wants a state need not wait for the solver.
 _LATER = {
+    "ReactionWheels": "ffsms_pin.actuation",
     "Scenario": "ffsms_pin.scenarios",
     "SlidingModeController": "ffsms_pin.control",
+    "Thrusters": "ffsms_pin.actuation",
     "Tracking": "ffsms_pin.simulation",
     "scenario": "ffsms_pin.scenarios",
     "simulate": "ffsms_pin.simulation",

@@ -11,8 +11,10 @@ from typing import Any
 import pytest
 from condition_files import QUICK
 
+import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin import simulation as sim
+from ffsms_pin.control import MomentumDump, QuaternionFeedback
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.scenarios import references, run, scenario
 from ffsms_pin.scenarios.tables import TABLES
@@ -28,6 +30,8 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         "capture": (sim.Capture, set()),
         "fault": (sim.JointFault, set()),
         "watchdog": (sim.Watchdog, set()),
+        "wheels": (ffsms.ReactionWheels, set()),
+        "thrusters": (ffsms.Thrusters, set()),
         "plant": (sim.InertialError, {"model", "end_effector"}),
     }
     for table, (kind, more) in kinds.items():
@@ -40,7 +44,11 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
     assert set(TABLES["plan"].keys) | {"base_limits", "joint_rates"} == options | {"reach"}
     assert "joint_rates" in TABLES["start"].keys
     said = {"reference", "controller", "plant", "friction", "actuator", "sensors", "watchdog"}  # tables
-    said |= {"disturbances", "events", "dt"}
+    said |= {"disturbances", "events", "dt", "base_controller"}
+    law = set(signature(QuaternionFeedback).parameters) - {"sms"}
+    attitude = TABLES["attitude"]
+    assert {*attitude.keys, *attitude.tables} == law | {"law"}
+    assert set(attitude.tables["dump"].keys) == set(signature(MomentumDump).parameters)
     said |= TABLES["simulation"].keys.keys()
     assert set(signature(sim.simulate).parameters) - {"sms", "progress"} == said
 

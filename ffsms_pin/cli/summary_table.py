@@ -113,6 +113,7 @@ def _add_tracking(table: Table, numbers: Mapping[str, Any]) -> None:
     for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
         if note:
             table.add_row(f"  {label}", escape(note), "")
+    _add_base(table, tracking)
     table.add_row(
         "  total momentum, largest",
         f"{tracking['momentum_linear_max_kg_m_per_s']:.1e} kg m/s, "
@@ -120,6 +121,19 @@ def _add_tracking(table: Table, numbers: Mapping[str, Any]) -> None:
         "",
     )
     table.add_row("  energy less work, relative", f"{tracking['energy_error_relative']:.1e}", "")
+
+
+def _add_base(table: Table, tracking: Mapping[str, Any]) -> None:
+    """What wheels and thrusters did."""
+    base = tracking["base"]
+    if "wheels" in tracking or "propellant_kg" in tracking:
+        turn = f"{base['rotation_max_deg']:.3g} / {base['rotation_final_deg']:.3g} deg"
+        table.add_row("  base rotation, max / final", turn, "")
+    for wheel in tracking.get("wheels", ()):
+        done = f"{wheel['momentum_max_Nms']:.3g} N m s, {wheel['torque_max_Nm']:.3g} N m"
+        table.add_row(escape(f"  {wheel['name']}: largest momentum, torque"), done, "")
+    if "propellant_kg" in tracking:
+        table.add_row("  propellant", f"{1e3 * tracking['propellant_kg']:.3g} g", "")
 
 
 def _final_error(run: Mapping[str, Any]) -> str:

@@ -1,10 +1,15 @@
-"""Control: joint torques that make a free-floating arm follow a joint motion, the base reacting."""
+"""Control: joint torques that make a free-floating arm follow a joint motion, and laws of the base."""
 
+from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView
 from ffsms_pin.control.computed_torque import ComputedTorque
+from ffsms_pin.control.coordinated import Coordinated
+from ffsms_pin.control.dumping import MomentumDump
 from ffsms_pin.control.gains import check_time_constants
 from ffsms_pin.control.law import JointLaw
+from ffsms_pin.control.modulation import PulseWidth
 from ffsms_pin.control.passivity import PassivitySlidingMode
 from ffsms_pin.control.pd import PD
+from ffsms_pin.control.quaternion_feedback import QuaternionFeedback
 from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics
 from ffsms_pin.control.sliding_mode import SlidingModeController
 from ffsms_pin.control.super_twisting import SuperTwisting
@@ -12,9 +17,16 @@ from ffsms_pin.control.super_twisting import SuperTwisting
 __all__ = [
     "LAWS",
     "PD",
+    "BaseCommand",
+    "BaseLaw",
+    "BaseView",
     "ComputedTorque",
+    "Coordinated",
     "JointLaw",
+    "MomentumDump",
     "PassivitySlidingMode",
+    "PulseWidth",
+    "QuaternionFeedback",
     "SlidingModeController",
     "SuperTwisting",
     "check_time_constants",

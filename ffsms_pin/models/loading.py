@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from numpy.typing import ArrayLike
 
 from ffsms_pin import system
-from ffsms_pin.errors import ModelNotFound
+from ffsms_pin.errors import InvalidValue, ModelNotFound
 from ffsms_pin.models.arms import ARMS
 from ffsms_pin.models.mounting import mount
 from ffsms_pin.system import SpaceManipulator
@@ -30,6 +30,7 @@ def load(
     base_size: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
+    wheels: Sequence[str] = (),
 ) -> SpaceManipulator:
     """Load a space manipulator: a free-flyer root joint, zero gravity.
 
@@ -52,6 +53,9 @@ def load(
     package_dirs : sequence of paths, optional
         Folders in which the `package://` names of meshes are looked for, besides those around the file. Only
         `SpaceManipulator.geometry` reads meshes.
+    wheels : sequence of str
+        Names of continuous joints of the URDF that are reaction wheels: they are no joints of the arm, and
+        the base counts their masses. Other wheels: `SpaceManipulator.with_actuators`.
 
     Returns
     -------
@@ -63,13 +67,15 @@ def load(
     DependencyMissing
         An arm of example-robot-data, which is not installed.
     InvalidValue
-        `base_size`, `acceleration` or `package_dirs` cannot be used.
+        `base_size`, `acceleration`, `package_dirs` or `wheels` cannot be used.
     """
     if isinstance(robot, str) and robot in satellite_names():
+        if wheels:
+            raise InvalidValue("wheels", wheels, "are joints of a URDF; here use with_actuators(wheels=...)")
         return mount(
             robot[len(_PREFIX) :], end_effector=end_effector, acceleration=acceleration, base_size=base_size
         )
     try:
-        return system.load(robot, end_effector, base_size, acceleration, package_dirs)
+        return system.load(robot, end_effector, base_size, acceleration, package_dirs, wheels)
     except ModelNotFound as error:
         raise ModelNotFound(error.model, [*model_names(), *satellite_names()]) from None

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import pose
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.models.arms import ARMS, find_arm
@@ -36,6 +37,8 @@ def mount(
     acceleration: ArrayLike | None = None,
     base_size: ArrayLike | None = None,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
+    wheels: ReactionWheels | None = None,
+    thrusters: Thrusters | None = None,
 ) -> SpaceManipulator:
     """Put an arm on a satellite.
 
@@ -68,6 +71,10 @@ def mount(
     package_dirs : sequence of paths, optional
         Folders in which the `package://` names of the arm's meshes are looked for, besides those around its
         file.
+    wheels : ReactionWheels, optional
+        Of the satellite; its mass and inertia count them. Default: none.
+    thrusters : Thrusters, optional
+        Default: none.
 
     Returns
     -------
@@ -99,7 +106,10 @@ def mount(
     urdf = UrdfFile(path, compose(name, base, path, joints, placement, folders(package_dirs)))
     if end_effector is None:
         end_effector = known.end_effector
-    return build(urdf, end_effector, base_size, acceleration, velocity, missing_velocity=DEFAULT_RATE)
+    sms = build(urdf, end_effector, base_size, acceleration, velocity, missing_velocity=DEFAULT_RATE)
+    if wheels is None and thrusters is None:
+        return sms
+    return sms.with_actuators(wheels=wheels, thrusters=thrusters)
 
 
 def face_placement(base: SatelliteBase) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import LAWS, JointLaw
 from ffsms_pin.models import load
+from ffsms_pin.scenarios.actuated import COORDINATED_WITH, base_law, coordinated
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.tables import DEGREES, radians
 from ffsms_pin.simulation import (
@@ -57,6 +58,10 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
         options["v0"] = simulation["v0"]
     else:  # a plan with momentum is one for a plant that has it
         options["momentum"] = simulation.get("momentum", scenario.plan.get("momentum"))
+    if (law := base_law(scenario.attitude, sms)) is not None:
+        options["base_controller"] = law
+    if "wheel_momentum" in simulation:
+        options["wheel_momentum"] = simulation["wheel_momentum"]
     if scenario.friction:
         options["friction"] = JointFriction(**radians(scenario.friction))
     if scenario.actuator:
@@ -76,6 +81,7 @@ def plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
     if "model" in given:
         path = scenario.robot_path(given.pop("model"))
         simulated = load(path, end_effector=given.pop("end_effector", sms.end_effector))
+        simulated = simulated.with_actuators(wheels=sms.wheels, thrusters=sms.thrusters)
         if simulated.joint_names == sms.joint_names:  # `simulate` refuses another plant
             simulated = simulated.with_limits(sms.limits)
     if given:
@@ -105,7 +111,8 @@ def controller(scenario: Scenario, sms: SpaceManipulator, law: str | None = None
     if law == "super-twisting":
         gains["dt"] = scenario.duration / control_steps(scenario)
     torque_limit = scenario.per_joint(sms, "control", "torque_limit")
-    return LAWS[law](sms, torque_limit=torque_limit, **gains)
+    both = coordinated(scenario.attitude, sms, torque_limit, gains) if law == COORDINATED_WITH else None
+    return LAWS[law](sms, torque_limit=torque_limit, **gains) if both is None else both
 
 
 def control_steps(scenario: Scenario) -> int:

@@ -25,6 +25,7 @@ from ffsms_pin.opt import (
     Smooth,
     Term,
 )
+from ffsms_pin.scenarios.actuated import with_actuators
 from ffsms_pin.scenarios.joint_units import joint_units, slides
 from ffsms_pin.scenarios.parts import made_part, with_parts
 from ffsms_pin.scenarios.reading import packaged_path, read, scenario_names
@@ -57,8 +58,8 @@ class Scenario:
         The closed loop under real conditions.
     disturbance, capture, fault : tuple of mappings
         What happens on the way.
-    watchdog : mapping of str to values, or None
-        None: no watchdog.
+    watchdog, wheels, thrusters, attitude : mapping of str to values, or None
+        None: there is none, and for `attitude` that the base is left to itself.
     term, limit : tuple of mappings
         Terms and limits of the plan beside, or in place of, those that `plan` describes.
     allow_import : bool
@@ -84,6 +85,9 @@ class Scenario:
     capture: tuple[Mapping[str, Any], ...] = ()
     fault: tuple[Mapping[str, Any], ...] = ()
     watchdog: Mapping[str, Any] | None = None
+    wheels: Mapping[str, Any] | None = None
+    thrusters: Mapping[str, Any] | None = None
+    attitude: Mapping[str, Any] | None = None
     term: tuple[Mapping[str, Any], ...] = ()
     limit: tuple[Mapping[str, Any], ...] = ()
     allow_import: bool = False
@@ -115,7 +119,7 @@ class Scenario:
         return float(said.get("clearance", 0.01)), str(said.get("collision", "auto"))
 
     def load(self) -> SpaceManipulator:
-        """The robot, with the limits that the scenario sets.
+        """The robot, with the limits, wheels and thrusters that the scenario sets.
 
         Raises
         ------
@@ -132,6 +136,7 @@ class Scenario:
             chosen = {name: value for name, value in limits.items() if value is not None}
             if chosen:
                 sms = sms.with_limits(replace(sms.limits, **chosen))
+            sms = with_actuators(sms, self.wheels, self.thrusters)
         except InvalidValue as error:
             raise InvalidScenario(self.source, str(error)) from None
         return sms

@@ -71,7 +71,8 @@ def own_files(scenario: Scenario, folder: Path | None = None, allow_outside: boo
 def expected_size(scenario: Scenario, sms: SpaceManipulator) -> float:
     """Upper bound of what plan and recording of a run take on disk [bytes]."""
     n, nq = sms.n, sms.nq
-    row = nq + (6 + n) + 3 * n + 10  # of a recording: see `Tracking`
+    w, k = (0 if one is None else len(one) for one in (sms.wheels, sms.thrusters))
+    row = nq + (6 + n) + 3 * n + 11 + 2 * w + k  # of a recording: see `Tracking`
     node = nq + (6 + n) + 3 * n + 9  # of a plan: see `Trajectory`
     steps = scenario.arrival / float(scenario.plan.get("dt", _PLAN_STEP))
     return _DOUBLE * (row * (control_steps(scenario) + 1.0) + node * (steps + 1.0))

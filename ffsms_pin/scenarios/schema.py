@@ -9,6 +9,7 @@ from typing import Any
 
 from ffsms_pin.control import LAWS
 from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.scenarios.actuated import COORDINATED_WITH
 from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, TABLES, Table, gains_of
 from ffsms_pin.scenarios.values import Unusable, frozen, text
 
@@ -51,6 +52,7 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     tables = {name: _table(source, name, table, content.get(name)) for name, table in TABLES.items()}
     _check_gains(source, tables)
     _check_alternatives(source, tables)
+    _check_base(source, tables)
     return tables
 
 
@@ -151,6 +153,29 @@ def _check_alternatives(source: Path, tables: Mapping[str, Any]) -> None:
         )
     if "end_effector" in tables["plant"] and "model" not in tables["plant"]:
         raise InvalidScenario(source, "[plant] end_effector needs a model, the plant's own")
+
+
+def _check_base(source: Path, tables: Mapping[str, Any]) -> None:
+    """Raise `InvalidScenario` where what acts on the base does not fit together."""
+    attitude, wheels = tables["attitude"], tables["wheels"]
+    if "wheels" in tables["robot"] and wheels is not None:
+        raise InvalidScenario(source, "[robot] wheels and [wheels] both give the wheels; keep one")
+    turning = wheels is not None or "wheels" in tables["robot"]
+    if attitude is None:
+        if "wheel_momentum" in tables["simulation"]:
+            raise InvalidScenario(source, "[simulation] wheel_momentum needs a table [attitude]")
+        return
+    if not turning and tables["thrusters"] is None:
+        raise InvalidScenario(source, "[attitude] needs [wheels] or [thrusters]")
+    if attitude.get("dump") is not None and not (turning and tables["thrusters"] is not None):
+        raise InvalidScenario(source, "[attitude.dump] needs [wheels] and [thrusters]")
+    if attitude.get("law") == "coordinated":
+        if tables["control"].get("law", DEFAULT_LAW) != COORDINATED_WITH:
+            raise InvalidScenario(
+                source, f'[attitude] law = "coordinated" needs [control] law = "{COORDINATED_WITH}"'
+            )
+        if "feedforward" in attitude:
+            raise InvalidScenario(source, '[attitude] feedforward is for law = "quaternion"')
 
 
 def _suggestion(word: str, allowed: Collection[str]) -> str:

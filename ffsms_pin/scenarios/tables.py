@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
 
 from ffsms_pin.control import LAWS
 from ffsms_pin.opt import METHODS
+from ffsms_pin.scenarios.base_tables import ATTITUDE, THRUSTERS, WHEELS
+from ffsms_pin.scenarios.table import DEGREES, Table, radians
 from ffsms_pin.scenarios.values import (
     Parser,
     either,
@@ -31,46 +30,7 @@ from ffsms_pin.simulation import INTEGRATORS
 
 __all__ = ["DEFAULT_LAW", "DEGREES", "TABLES", "Table", "gains_of", "radians"]
 
-DEGREES = "_deg"  # ending of the keys that give an angle in degrees
 DEFAULT_LAW = "sliding-mode"
-
-
-@dataclass(frozen=True)
-class Table:
-    """What may stand in a table.
-
-    Attributes
-    ----------
-    keys : mapping of str to parser
-    angles : frozenset of str
-        Keys that may be given in degrees as well, under their name with `_deg`.
-    required : tuple of str
-        Keys without a default.
-    tables : mapping of str to Table
-        Tables inside it.
-    several : bool
-        Whether it is an array of tables, [[name]].
-    none_if_absent : bool
-        Whether a table without keys is another thing than no table.
-    by_use : mapping of str to Table, or None
-        What may stand beside the key `use`, by its value; beside an import path anything may.
-    """
-
-    keys: Mapping[str, Parser]
-    angles: frozenset[str] = frozenset()
-    required: tuple[str, ...] = ()
-    tables: Mapping[str, Table] = field(default_factory=dict)
-    several: bool = False
-    none_if_absent: bool = False
-    by_use: Mapping[str, Table] | None = None
-
-
-def radians(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The same values with those in degrees in radians, under their names without `_deg`."""
-    return {
-        key.removesuffix(DEGREES): math.radians(value) if key.endswith(DEGREES) else value
-        for key, value in values.items()
-    }
 
 
 def gains_of(law: str) -> tuple[str, ...]:
@@ -104,7 +64,8 @@ _BASE_LIMITS = Table(
 
 TABLES: Mapping[str, Table] = {
     "robot": Table(
-        {"model": text, "end_effector": text, "base_size": numbers(3, positive)}, required=("model",)
+        {"model": text, "end_effector": text, "base_size": numbers(3, positive), "wheels": texts},
+        required=("model",),
     ),
     "start": Table(
         {"joints": numbers(), "joint_rates": per_joint()},
@@ -176,6 +137,7 @@ TABLES: Mapping[str, Table] = {
             "momentum": numbers(6),
             "q0": numbers(),
             "v0": numbers(),
+            "wheel_momentum": numbers(),
             "stream": text,
         }
     ),
@@ -202,6 +164,9 @@ TABLES: Mapping[str, Table] = {
             )
         },
     ),
+    "wheels": WHEELS,
+    "thrusters": THRUSTERS,
+    "attitude": ATTITUDE,
     "friction": Table(
         {"viscous": per_joint(not_negative), "coulomb": per_joint(not_negative), "transition": positive},
         frozenset({"transition"}),

@@ -57,7 +57,26 @@ def tracked_numbers(
         # Share of the largest kinetic energy: dimensionless.
         "energy_error_relative": energy / scale if scale > 0.0 else 0.0,
         "base": base_numbers(plant, tracking.q),
+        **_actuator_numbers(plant, tracking),
     }
+
+
+def _actuator_numbers(plant: SpaceManipulator, tracking: Tracking) -> dict[str, Any]:
+    """What wheels and thrusters did, where there are any with a law."""
+    numbers: dict[str, Any] = {}
+    if plant.wheels is not None and tracking.wheel_momentum.shape[1]:
+        numbers["wheels"] = [
+            {
+                "name": name,
+                "momentum_max_Nms": float(np.abs(tracking.wheel_momentum[:, i]).max()),
+                "momentum_final_Nms": float(tracking.wheel_momentum[-1, i]),
+                "torque_max_Nm": float(np.abs(tracking.wheel_torque[:, i]).max(initial=0.0)),
+            }
+            for i, name in enumerate(plant.wheels.names)
+        ]
+    if tracking.thruster_force.shape[1]:
+        numbers["propellant_kg"] = float(tracking.propellant[-1])
+    return numbers
 
 
 def end_effector_deviation(

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import MOST_STEPS, positive, step_count
+from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.errors import InvalidValue, ResultError, SimulationDiverged, SimulationStopped
+from ffsms_pin.simulation import base_actuators
 from ffsms_pin.simulation import disturbances as outside
 from ffsms_pin.simulation import events as happening
 from ffsms_pin.simulation.actuator import Actuator
@@ -62,14 +64,17 @@ def simulate(
     events: Event | Sequence[Event] = (),
     watchdog: Watchdog | None = None,
     stream: str | os.PathLike[str] | None = None,
+    base_controller: BaseLaw | None = None,
+    wheel_momentum: ArrayLike | None = None,
 ) -> Tracking:
     """Simulate the plant, from the start of the reference to its end, under the controller's torques.
 
     In each control step the controller is given the plant's state and the reference's joint motion at the
     step's start, and its torque is held over the step. The plant moves by its articulated-body dynamics with
     the generalised force [0 (6); tau], so nothing acts on the base, integrated by one Runge-Kutta step of
-    order 4 (see `rk4_step`). The keyword options below each add one imperfection; what is recorded is the
-    plant's true motion and the torque that acts.
+    order 4 (see `rk4_step`). With a `base_controller` the plant's wheels and thrusters act on the base as
+    well, and the wheels' speeds are part of the state. The other keyword options below each add one
+    imperfection; what is recorded is the plant's true motion and the torque that acts.
 
     Parameters
     ----------
@@ -112,6 +117,12 @@ def simulate(
         taken does not grow with the duration. What is returned then reads them from there. If the run is
         interrupted, `Tracking.load` of the same path reads what was recorded until then, or says how where an
         older complete file is there too; the next run to the same path keeps it.
+    base_controller : BaseLaw, optional
+        What the plant's wheels and thrusters do, such as `ffsms_pin.control.QuaternionFeedback`: anything
+        with a method ``command(view)``. Default: nothing; the wheels stand still and the base floats.
+    wheel_momentum : array_like, shape (w,), optional
+        Spin momenta of the wheels at the start [N m s], against the base; `momentum` does not count them.
+        Default: the wheels stand still.
 
     Returns
     -------
@@ -140,7 +151,8 @@ def simulate(
 
     q = start(plant, reference, q0)
     v = start_velocity(plant, reference, q, v0, momentum)
-    world = World(plant, integrator_named(integrator), friction, outside.checked(disturbances))
+    base = base_actuators.started(sms, plant, base_controller, dt, wheel_momentum)
+    world = World(plant, integrator_named(integrator), friction, outside.checked(disturbances), base)
     coming = happening.checked(events, plant, duration)
     drive = None if actuator is None else actuator.start(plant.n, dt, duration)
     sensing = None if sensors is None else sensors.start(plant, dt, duration)
@@ -154,7 +166,7 @@ def simulate(
     rows = None if stream is None else RowStream(stream)
     try:
         t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
-        record = Record(plant, t, target, rows)
+        record = Record(plant, t, target, rows, base)
     except MemoryError:
         raise InvalidValue(
             "dt", dt, f"makes {steps} steps, too many for this memory: use stream=..."
@@ -199,6 +211,11 @@ def simulate(
             if not np.isfinite(tau).all():
                 recorded, what = record.tracking(k + 1), "the controller's torque is not finite at"
                 raise SimulationDiverged(now, recorded, _save(watchdog, recorded), what)
+            if base is not None:
+                if not base.command(BaseView(now, seen_q, seen_v, base.wheel_momentum, wanted, tau)):
+                    recorded, what = record.tracking(k + 1), "the base controller's command is not finite at"
+                    raise SimulationDiverged(now, recorded, _save(watchdog, recorded), what)
+                record.add_base(k)
             record.tau[k] = tau
             q, v, done = world.step(now, q, v, tau, dt)
             work += done

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.simulation.base_actuators import BaseActuators
 from ffsms_pin.simulation.conservation import momentum_lost
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
@@ -32,6 +33,8 @@ class Record:
         Gives the target's position (3,) at a time [s].
     rows : RowStream, optional
         Where the rows go, if not into memory.
+    base : BaseActuators, optional
+        Wheels and thrusters, whose state is recorded with each row.
     """
 
     def __init__(
@@ -40,7 +43,9 @@ class Record:
         t: FloatArray,
         target: Callable[[float], FloatArray],
         rows: RowStream | None = None,
+        base: BaseActuators | None = None,
     ) -> None:
+        self._base = base
         self._plant, self._data, self._rows = plant, plant.model.createData(), rows
         self._target, self._error = target, plant.layout.difference
         self._targets: list[FloatArray] = []  # of the rows that are not complete
@@ -61,6 +66,15 @@ class Record:
         self.joint_error, self.joint_rate_error = made("joint_error", N, n), made("joint_rate_error", N, n)
         self.position_error, self.momentum = made("position_error", N), made("momentum", N, 6)
         self.kinetic_energy, self.work = made("kinetic_energy", N), made("work", N)
+        self._of_base: dict[str, FloatArray] = {}
+        if base is not None:
+            w, k = base.wheel_torque.size, base.thruster_force.size
+            self._of_base["propellant"] = made("propellant", N)
+            if w:
+                self._of_base["wheel_momentum"] = made("wheel_momentum", N, w)
+                self._of_base["wheel_torque"] = made("wheel_torque", N - 1, w)
+            if k:
+                self._of_base["thruster_force"] = made("thruster_force", N - 1, k)
 
     def happened(self, t: float, event: object, plant: SpaceManipulator) -> None:
         """Note an event, and record from the plant as it is after it."""
@@ -83,11 +97,23 @@ class Record:
         self.q[k], self.v[k], self.work[k] = q, v, work
         self.joint_error[k] = self._error(q, wanted[0])
         self.joint_rate_error[k] = v[6:] - wanted[1]
+        if self._base is not None:
+            self._of_base["propellant"][k] = self._base.propellant
+            if self._base.wheels is not None:
+                self._of_base["wheel_momentum"][k] = self._base.wheel_momentum
         self._targets.append(self._target(float(self.t[k])))
         if self._rows is not None:
             self._finish_rows()
             self._rows.added(k)
         return True
+
+    def add_base(self, k: int) -> None:
+        """Record what wheels and thrusters do in step k."""
+        assert self._base is not None
+        if self._base.wheels is not None:
+            self._of_base["wheel_torque"][k] = self._base.wheel_torque
+        if self._base.thrusters is not None:
+            self._of_base["thruster_force"][k] = self._base.thruster_force
 
     def _finish_rows(self) -> None:
         """Momentum, energy and distance of the rows that came since it was last done."""
@@ -96,9 +122,23 @@ class Record:
         for k, target in enumerate(self._targets, start=begin):
             self.momentum[k] = pin.computeCentroidalMomentum(model, data, self.q[k], self.v[k]).vector
             self.kinetic_energy[k] = pin.computeKineticEnergy(model, data)  # of the q and v just given
+            if "wheel_momentum" in self._of_base:
+                self._add_wheels(k)
             x, y, z = (target - pin.updateFramePlacement(model, data, frame).translation).tolist()
             self.position_error[k] = math.hypot(x, y, z)
         self._targets.clear()
+
+    def _add_wheels(self, k: int) -> None:
+        """Add to a row what spinning wheels have beyond standing ones: h = I W each, against the base.
+
+        Momentum a h; energy I (W + a . w)^2 / 2 less I (a . w)^2 / 2.
+        """
+        wheels = self._plant.wheels
+        assert wheels is not None
+        h = self._of_base["wheel_momentum"][k]
+        total = wheels.total(h)
+        self.momentum[k, 3:] += pin.Quaternion(self.q[k, 3:7]).toRotationMatrix() @ total
+        self.kinetic_energy[k] += 0.5 * float(h @ (h / wheels.inertia)) + float(total @ self.v[k, 3:6])
 
     def check_momentum(self, rows: int) -> None:
         """Note where the total momentum was not kept since the last event, up to the row before `rows`.
@@ -109,7 +149,12 @@ class Record:
         first, last = self._since, rows - 1
         if last <= first:
             return
-        energy = float(self.kinetic_energy[first:rows].max())
+        energies = self.kinetic_energy[first:rows]
+        if "wheel_momentum" in self._of_base and self._plant.wheels is not None:
+            # The spin's own energy, which would hide the rest.
+            spin = self._of_base["wheel_momentum"][first:rows]
+            energies = np.abs(energies - 0.5 * (spin**2 / self._plant.wheels.inertia).sum(axis=1))
+        energy = float(energies.max())
         lost = momentum_lost(self._plant, self.q[first], self.momentum[first], self.momentum[last], energy)
         if lost:
             self._notes.append(lost)
@@ -128,7 +173,11 @@ class Record:
             momentum=self.momentum[:rows],
             kinetic_energy=self.kinetic_energy[:rows],
             work=self.work[:rows],
-            note="; ".join(self._notes),
+            note="; ".join(self._notes + (self._base.notes() if self._base is not None else [])),
+            **{
+                name: array[: rows if len(array) == len(self.t) else max(rows - 1, 0)]
+                for name, array in self._of_base.items()
+            },
         )
         if self._rows is not None:
             self._rows.finish(tracking.save)

@@ -29,6 +29,14 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "kinetic_energy": ("N+1",),
     "work": ("N+1",),
 }
+_ABSENT = np.array(np.nan)  # in place of an array that a file does not have
+_OF_BASE: dict[str, tuple[str | int, ...]] = {
+    "wheel_momentum": ("N+1", "w"),
+    "wheel_torque": ("N", "w"),
+    "thruster_force": ("N", "k"),
+    "propellant": ("N+1",),
+}
+"""Left out, or of no columns, where nothing acts on the base."""
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
@@ -52,7 +60,8 @@ class Tracking:
     position_error : ndarray, shape (N + 1,)
         Distance from the plant's end effector to the target [m].
     momentum : ndarray, shape (N + 1, 6)
-        Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the centre of mass.
+        Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the centre of mass; that of
+        spinning wheels is in it.
     kinetic_energy : ndarray, shape (N + 1,)
         [J]
     work : ndarray, shape (N + 1,)
@@ -60,6 +69,15 @@ class Tracking:
         that captures and locking joints took.
     note : str
         What happened, and when; empty where nothing did.
+    wheel_momentum : ndarray, shape (N + 1, w)
+        Spin momenta of the base's wheels [N m s], inertia times speed against the base. w = 0 where there are
+        none, or where they stand still since the run has no law for the base.
+    wheel_torque : ndarray, shape (N, w)
+        Motor torques on the wheels [N m], each held over its step.
+    thruster_force : ndarray, shape (N, k)
+        Forces of the thrusters [N], each held over its step; k = 0 where there are none.
+    propellant : ndarray, shape (N + 1,)
+        Used since the start [kg].
     """
 
     t: FloatArray
@@ -73,8 +91,21 @@ class Tracking:
     kinetic_energy: FloatArray
     work: FloatArray
     note: str = ""
+    wheel_momentum: FloatArray = None  # type: ignore[assignment]
+    wheel_torque: FloatArray = None  # type: ignore[assignment]
+    thruster_force: FloatArray = None  # type: ignore[assignment]
+    propellant: FloatArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
+        N = len(self.tau)
+        for name, nothing in (
+            ("wheel_momentum", np.zeros((len(self.t), 0))),
+            ("wheel_torque", np.zeros((N, 0))),
+            ("thruster_force", np.zeros((N, 0))),
+            ("propellant", np.zeros(len(self.t))),
+        ):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, nothing)
         for field in _arrays():
             value = getattr(self, field.name)
             # The rows of a run that was streamed to disk stay there.
@@ -122,18 +153,28 @@ class Tracking:
         """
         path = path_like("path", path)
         instance("complete", complete, bool)
-        partial = None if complete else recorded(path, list(_SHAPES))
+        partial = None if complete else recorded(path, list(_SHAPES), list(_OF_BASE))
         if partial is not None:
-            check_shapes(path, partial, _SHAPES)
+            check_shapes(path, partial, _there(partial))
             return cls(**partial, note="interrupted: this is what was recorded until then")
 
-        def check(heads: Mapping[str, Any]) -> None:
-            check_shapes(path, heads, {**_SHAPES, "note": ()}, {"note": "U"})
+        absent: list[str] = []  # of an older file
 
-        arrays = load_arrays(path, _FORMAT, [field.name for field in fields(cls)], check=check)
+        def check(heads: Mapping[str, Any]) -> None:
+            absent.extend(name for name in _OF_BASE if heads[name] is _ABSENT)
+            there = {name: head for name, head in heads.items() if name not in absent}
+            check_shapes(path, there, {**_there(there), "note": ()}, {"note": "U"})
+
+        names = [field.name for field in fields(cls)]
+        arrays = load_arrays(path, _FORMAT, names, dict.fromkeys(_OF_BASE, _ABSENT), check)
         check_times(path, arrays["t"])
         note = str(arrays.pop("note"))
-        return cls(**arrays, note=note)
+        return cls(**{name: array for name, array in arrays.items() if name not in absent}, note=note)
+
+
+def _there(arrays: Mapping[str, Any]) -> dict[str, tuple[str | int, ...]]:
+    """Shapes of what every recording has, and of what there is of the base's actuators."""
+    return {**_SHAPES, **{name: _OF_BASE[name] for name in _OF_BASE if name in arrays}}
 
 
 def _arrays() -> list[Field[Any]]:

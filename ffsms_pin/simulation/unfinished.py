@@ -21,6 +21,7 @@ from ffsms_pin.storage.temporary import hidden_path, is_abandoned, locked_folder
 __all__ = ["ROWS", "begun", "check_stream", "given_up", "part_folder", "recorded"]
 
 ROWS = "rows"  # the array that says how many rows are done
+HELD = ("tau", "wheel_torque", "thruster_force")  # arrays with one row a step
 _MARK, _WORDS = "ffsms-pin-recording", "ffsms-pin: rows of a recording that is not complete\n"
 
 
@@ -85,7 +86,9 @@ def given_up(folder: Path) -> None:
     shutil.rmtree(hidden, ignore_errors=True)
 
 
-def recorded(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str, Any] | None:
+def recorded(
+    path: str | os.PathLike[str], names: Sequence[str], optional: Sequence[str] = ()
+) -> dict[str, Any] | None:
     """Arrays of the rows that an unfinished run left, mapped read-only; None where there are none.
 
     Parameters
@@ -94,6 +97,8 @@ def recorded(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str, An
         That of the result, or that of the folder.
     names : sequence of str
         The arrays to read.
+    optional : sequence of str
+        Those to read where they are there.
 
     Raises
     ------
@@ -117,13 +122,13 @@ def recorded(path: str | os.PathLike[str], names: Sequence[str]) -> dict[str, An
     rows = _rows(folder)
     if rows == 0:
         raise ResultError(path, "was left unfinished before its first row")
-    there = [name for name in names if (folder / f"{name}.npy").is_file()]
+    there = [name for name in (*names, *optional) if (folder / f"{name}.npy").is_file()]
     if missing := [name for name in names if name not in there]:
         raise ResultError(path, f"was left unfinished and lacks {', '.join(missing)}")
     try:
-        arrays = {name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in names}
-        # The torque of a step belongs to its end as well: the last row has none yet.
-        return {name: array[: rows - (name == "tau")] for name, array in arrays.items()}
+        arrays = {name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in there}
+        # What is held over a step belongs to its end as well: the last row has none yet.
+        return {name: array[: rows - (name in HELD)] for name, array in arrays.items()}
     except (OSError, EOFError, ValueError, IndexError):  # its run was killed while it made them
         raise ResultError(path, "was left unfinished, and its rows cannot be read") from None
 

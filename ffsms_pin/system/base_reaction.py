@@ -16,20 +16,23 @@ frame, v_root = A x_b where A = [[R^T, [c]x R^T], [0, R^T]]: the action on motio
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import lapack
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, one_of
 
 __all__ = [
+    "MODES",
     "WholeBody",
     "base_to_root",
     "cross_matrix",
     "floating_motion",
     "joint_torques",
+    "mode_coupling",
     "root_acceleration",
     "root_drift",
     "root_reaction",
@@ -134,6 +137,40 @@ def velocity_from_twist(base_to_root: Any, n: int) -> FloatArray:
     T.flat[:: 7 + n] = 1.0  # the diagonal
     T[:6, :6] = base_to_root.action
     return T
+
+
+MODES: Mapping[str, tuple[int, ...]] = {
+    "floating": (0, 1, 2, 3, 4, 5),
+    "rotation-floating": (0, 1, 2),
+    "rotation-flying": (0, 1, 2),
+    "translation-flying": (3, 4, 5),
+    "flying": (),
+}
+"""Rows of the base's twist that are free, by mode. "rotation-floating" holds the attitude by wheels,
+"rotation-flying" by thrusters: the base moves alike."""
+
+
+def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
+    """C_bm (6, n) of a mode: the base's twist a joint rate, where what the mode holds stands still.
+
+    Nothing acts along the rows that are free, so their momentum stays zero: with f these rows,
+    C_bm[f] = -H_b[f, f]^-1 H_bm[f], and the others are zero. Where the attitude is held the linear momentum
+    is zero; where the base's centre of mass is held, the angular momentum about it.
+
+    Parameters
+    ----------
+    H_b : ndarray, shape (6, 6)
+    H_bm : ndarray, shape (6, n)
+        Blocks of the paper's inertia matrix, as `State.H_b` and `State.H_bm`.
+    mode : str
+        One of `MODES`: M. Wilde, S. Kwok Choon, A. Grompone, M. Romano, "Equations of motion of free-floating
+        spacecraft-manipulator systems: an engineer's tutorial", Frontiers in Robotics and AI 5 (2018).
+    """
+    free = list(MODES[one_of("mode", mode, tuple(MODES))])
+    coupling = np.zeros_like(H_bm)
+    if free:
+        coupling[free] = -np.linalg.solve(H_b[np.ix_(free, free)], H_bm[free])
+    return coupling
 
 
 class WholeBody(NamedTuple):

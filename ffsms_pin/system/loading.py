@@ -16,6 +16,7 @@ from ffsms_pin.errors import AmbiguousEndEffector, InvalidUrdf, InvalidValue, Mo
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
+from ffsms_pin.system.wheel_joints import taken_out
 from ffsms_pin.urdf import model_names, model_path
 
 __all__ = ["build", "folders", "load"]
@@ -27,6 +28,7 @@ def load(
     base_size: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
+    wheels: Sequence[str] = (),
 ) -> SpaceManipulator:
     """Load a space manipulator: a URDF with a free-flyer root joint and zero gravity.
 
@@ -45,6 +47,9 @@ def load(
     package_dirs : sequence of paths, optional
         Folders in which the `package://` names of meshes are looked for, besides those around the file. Only
         `SpaceManipulator.geometry` reads meshes.
+    wheels : sequence of str
+        Names of continuous joints that are reaction wheels: they are no joints of the arm, and the base
+        counts their masses. See `ffsms_pin.ReactionWheels`.
 
     Returns
     -------
@@ -54,10 +59,13 @@ def load(
     ------
     ModelNotFound, InvalidUrdf, InvalidInertia, UnsupportedJoint, FrameNotFound, AmbiguousEndEffector
     InvalidValue
-        `base_size` or `acceleration` cannot be used.
+        `base_size`, `acceleration` or `wheels` cannot be used.
     """
-    urdf = UrdfFile(_path(robot))
-    return build(urdf, end_effector, base_size, acceleration, package_dirs=folders(package_dirs))
+    urdf, reaction_wheels = UrdfFile(_path(robot)), None
+    if wheels:
+        urdf, reaction_wheels = taken_out(urdf, wheels)
+    sms = build(urdf, end_effector, base_size, acceleration, package_dirs=folders(package_dirs))
+    return sms if reaction_wheels is None else sms.with_actuators(wheels=reaction_wheels)
 
 
 def build(

@@ -11,6 +11,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from ffsms_pin.actuation import ReactionWheels, Thrusters
+from ffsms_pin.actuation.gyrostat import check_inertia
 from ffsms_pin.checks import FloatArray, instance, one_of, pose, vector
 from ffsms_pin.errors import GeometryError, InvalidInertia, InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
@@ -24,7 +26,9 @@ __all__ = ["SpaceManipulator"]
 
 
 class SpaceManipulator(Mechanism):
-    """A satellite with an unactuated base and an arm; it does not change once it is made.
+    """A satellite with a floating base and an arm; it does not change once it is made.
+
+    Wheels and thrusters act in `simulate` alone; the base's inertia counts the wheels as standing still.
 
     Usually made by `ffsms_pin.load`; the constructor takes a Pinocchio model directly.
 
@@ -46,6 +50,8 @@ class SpaceManipulator(Mechanism):
         In place of the model's limits and `acceleration`.
     description : Description, optional
         The URDF behind the model, for its shapes.
+    wheels : ReactionWheels, optional
+    thrusters : Thrusters, optional
 
     Attributes
     ----------
@@ -64,6 +70,8 @@ class SpaceManipulator(Mechanism):
         Pose of the box's centre in the root frame.
     description : Description or None
         The URDF behind the model; None where the model was given directly.
+    wheels : ReactionWheels or None
+    thrusters : Thrusters or None
 
     Raises
     ------
@@ -80,6 +88,8 @@ class SpaceManipulator(Mechanism):
         *,
         limits: JointLimits | None = None,
         description: Description | None = None,
+        wheels: ReactionWheels | None = None,
+        thrusters: Thrusters | None = None,
     ) -> None:
         super().__init__(model, end_effector)
         if limits is None:
@@ -97,14 +107,20 @@ class SpaceManipulator(Mechanism):
         instance("description", description, Description, optional=True)
         self.base_box_placement = base_box_placement.copy()
         self.description = description
+        instance("wheels", wheels, ReactionWheels, optional=True)
+        instance("thrusters", thrusters, Thrusters, optional=True)
+        self.wheels, self.thrusters = wheels, thrusters
         self._geometry: dict[str, Any] = {}
         self._check_inertia()
+        if wheels is not None:
+            check_inertia(self.model, wheels)
         self._complete = True
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A copy is made anew: scratch data and geometry models stay here.
-        make = partial(SpaceManipulator, limits=self.limits, description=self.description)
-        return make, (self.model, self.end_effector, self.base_size, self.base_box_placement)
+        kept = {name: getattr(self, name) for name in ("limits", "description", "wheels", "thrusters")}
+        box = self.base_size, self.base_box_placement
+        return partial(SpaceManipulator, **kept), (self.model, self.end_effector, *box)
 
     @property
     def joint_names(self) -> list[str]:
@@ -112,9 +128,15 @@ class SpaceManipulator(Mechanism):
         return list(self.layout.names)
 
     def with_limits(self, limits: JointLimits) -> SpaceManipulator:
-        """The same robot with other joint limits; this one stays as it is."""
+        """The same robot with other joint limits."""
         instance("limits", limits, JointLimits)
-        return self._variant(self.model, limits)
+        return self._variant(self.model, limits=limits)
+
+    def with_actuators(
+        self, wheels: ReactionWheels | None = None, thrusters: Thrusters | None = None
+    ) -> SpaceManipulator:
+        """The same robot with these wheels and thrusters, and no others."""
+        return self._variant(self.model, wheels=wheels, thrusters=thrusters)
 
     def with_inertias(self, inertias: Any) -> SpaceManipulator:
         """The same robot with other inertias; limits, box and shapes are kept, and this one stays as it is.
@@ -142,13 +164,12 @@ class SpaceManipulator(Mechanism):
             raise InvalidValue("inertias", inertias, f"must be {self.n + 1} pinocchio.Inertia, base first")
         for joint, body in enumerate(bodies, start=1):
             model.inertias[joint] = body
-        return self._variant(model, self.limits)
+        return self._variant(model)
 
-    def _variant(self, model: Any, limits: JointLimits) -> SpaceManipulator:
-        box, place = self.base_size, self.base_box_placement
-        return SpaceManipulator(
-            model, self.end_effector, box, place, limits=limits, description=self.description
-        )
+    def _variant(self, model: Any, **others: Any) -> SpaceManipulator:
+        make, (_, *rest) = self.__reduce__()
+        made: SpaceManipulator = make(model, *rest, **others)
+        return made
 
     def at(self, q: ArrayLike, v: ArrayLike | None = None) -> State:
         """Kinematics, dynamics and coupling at one state.

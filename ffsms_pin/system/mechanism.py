@@ -72,7 +72,8 @@ class Mechanism:
     def _refuse(self, what: str, name: str) -> NoReturn:
         raise AttributeError(
             f"a robot cannot be changed (tried to {what} '{name}'); make another one:"
-            " with_limits(limits), with_inertias(inertias), or load it with other arguments"
+            " with_limits(limits), with_inertias(inertias), with_actuators(wheels, thrusters), or load it"
+            " with other arguments"
         )
 
 

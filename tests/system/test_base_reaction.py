@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from paper_sums import assert_near, paper, pinocchio_state, random_case, skew
 
 import ffsms_pin as ffsms
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
 
 Array = NDArray[np.float64]
@@ -49,6 +50,37 @@ def test_what_the_reaction_leaves_where_it_is(setting: tuple[Any, ...]) -> None:
     still = differences(sms, q, np.concatenate([np.zeros(6), case.rates]), h)
     assert np.abs(still).max() > 1e-2  # with the base held there is some
     np.testing.assert_allclose(momentum, 0.0, atol=1e-6 * np.abs(still).max())
+
+
+def test_modes_hold_what_they_say_and_leave_no_momentum(setting: tuple[Any, ...]) -> None:
+    """What is held stands still; the bodies' places show no momentum along what is free."""
+    _, sms, case, q, _ = setting
+    state, h = sms.at(q), 1e-6
+    assert_near("floating", base_reaction.mode_coupling(state.H_b, state.H_bm, "floating"), state.C_bm, 1e-10)
+    size = np.abs(differences(sms, q, np.concatenate([np.zeros(6), case.rates]), h)).max()
+    held = {
+        "rotation-floating": "spin",
+        "rotation-flying": "spin",
+        "translation-flying": "place",
+        "flying": "both",
+    }
+    to_root = base_reaction.base_to_root(q, sms.base_com).action
+    for mode, what in held.items():
+        twist = base_reaction.mode_coupling(state.H_b, state.H_bm, mode) @ case.rates
+        momentum = differences(sms, q, np.concatenate([to_root @ twist, case.rates]), h)
+        if what == "spin":
+            assert not twist[3:].any()
+            np.testing.assert_allclose(momentum[:3], 0.0, atol=1e-6 * size)
+            assert np.abs(momentum[3:]).max() > 1e-3 * size
+        elif what == "place":
+            assert not twist[:3].any()
+            about_base = momentum[3:] + np.cross(state.com - state.base_pose.translation, momentum[:3])
+            np.testing.assert_allclose(about_base, 0.0, atol=1e-5 * size)
+            assert np.abs(momentum[:3]).max() > 1e-3 * size
+        else:
+            assert not twist.any()
+    with pytest.raises(InvalidValue, match="rotation-floating"):
+        base_reaction.mode_coupling(state.H_b, state.H_bm, "drifting")
 
 
 def test_the_drift_has_the_momentum(setting: tuple[Any, ...]) -> None:

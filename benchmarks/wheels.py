@@ -1,0 +1,138 @@
+"""Bases that act: momentum over an hour of turning wheels, and the attitude held on the README's moves.
+
+`python benchmarks/wheels.py --targets 20`. The moves are those of `motions.py`, planned for a floating base
+by resolved rates or by `opt.plan`; here they are followed with the attitude held by four wheels.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.control import BaseCommand, BaseView, ComputedTorque, Coordinated
+from ffsms_pin.storage import write_content
+
+PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
+RPM = 2.0 * np.pi / 60.0
+# docs/bases-that-act.md says where the numbers are from.
+SMALL = ffsms.ReactionWheels(PYRAMID, 0.001364, 0.1, 0.001364 * 7000.0 * RPM)
+LARGE = ffsms.ReactionWheels(PYRAMID, 12.0 / (6000.0 * RPM), 0.2, 12.0)
+
+
+class Wave:
+    """Wheel torques that come and go."""
+
+    def command(self, view: BaseView) -> BaseCommand:
+        """Four sines."""
+        return BaseCommand(0.05 * np.sin(3.0 * view.t + np.arange(4.0)))
+
+
+class Swinging:
+    """Joints that swing for ever."""
+
+    def __init__(self, sms: ffsms.SpaceManipulator, duration: float) -> None:
+        self.q, self.duration, self.target = sms.configuration(np.zeros(sms.n))[None], duration, np.zeros(3)
+        self._size = 0.3 * np.ones(sms.n)
+
+    def sample(self, t: float) -> tuple[Any, Any, Any]:
+        """A sine in every joint."""
+        s, c = np.sin(0.5 * t), np.cos(0.5 * t)
+        return self._size * s, 0.5 * self._size * c, -0.25 * self._size * s
+
+
+def an_hour(seconds: float, integrator: str, dt: float) -> dict[str, float]:
+    """Relative error of the total momentum over an hour."""
+    sms = ffsms.load("planar_3r").with_actuators(wheels=SMALL)
+    start, began = [0.4, -0.3, 0.2, 0.5], time.process_time()
+    run = ffsms.simulate(
+        sms,
+        Swinging(sms, seconds),
+        ComputedTorque(sms, 4.0, 4.0),
+        dt,
+        base_controller=Wave(),
+        wheel_momentum=start,
+        integrator=integrator,
+    )
+    size = float(np.linalg.norm(run.momentum[0]))
+    return {
+        "seconds": seconds,
+        "momentum_error": float(np.abs(run.momentum - run.momentum[0]).max()) / size,
+        "cpu_s": time.process_time() - began,
+    }
+
+
+def held(sms: ffsms.SpaceManipulator, plan: Any) -> dict[str, Any]:
+    """Largest attitude error [deg], wheel torque [N m] and momentum [N m s] on a plan."""
+    law = Coordinated(sms)
+    run = ffsms.simulate(sms, plan, law, 2e-3, base_controller=law)
+    start = pin.Quaternion(run.q[0, 3:7])
+    turns = [start.angularDistance(pin.Quaternion(row)) for row in run.q[::5, 3:7]]
+    return {
+        "attitude_deg": float(np.degrees(max(turns))),
+        "torque": float(np.abs(run.wheel_torque).max()),
+        "momentum": float(np.abs(run.wheel_momentum).max()),
+        "floating_deg": float(np.degrees(plan.base_rotation.max())),
+        "note": run.note,
+    }
+
+
+def moves(
+    name: str, wheels: ffsms.ReactionWheels, count: int, durations: list[float]
+) -> list[dict[str, Any]]:
+    """The moves of `motions.py` with seed 1, each planned for several durations."""
+    sms, rng = ffsms.load(name).with_actuators(wheels=wheels), np.random.default_rng(1)
+    low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
+    found: list[dict[str, Any]] = []
+    while len(found) < count * len(durations):
+        q0 = sms.configuration(0.5 * (low + high) + 0.25 * (high - low) * rng.uniform(-1.0, 1.0, sms.n))
+        way = rng.normal(size=3)
+        way *= rng.uniform(0.1, 0.5) / np.linalg.norm(way)
+        target = sms.at(q0).end_effector_pose.translation + way
+        if not opt.plan(sms, q0, target, 12.0, 0.02, method="resolved-rate").reached:
+            continue
+        for duration in durations:
+            plan = opt.plan(sms, q0, target, duration, 0.02)
+            found.append({"duration": duration, **held(sms, plan)})
+    return found
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--targets", type=int, default=10)
+    parser.add_argument("--durations", type=float, nargs="+", default=[12.0, 24.0, 36.0])
+    parser.add_argument("--seconds", type=float, default=3600.0)
+    parser.add_argument("--out", default="results/wheels.json", help="file for all numbers")
+    arguments = parser.parse_args()
+    results: dict[str, Any] = {"hour": an_hour(arguments.seconds, "rk4", 2.5e-3)}
+    print("an hour:", results["hour"], flush=True)
+    case = ffsms.scenario("case-2")
+    small = case.load().with_actuators(wheels=SMALL)
+    results["case-2"] = held(small, opt.solve(case.problem(small)))
+    print("case-2:", results["case-2"], flush=True)
+    results["panda"] = moves("satellite_panda", LARGE, arguments.targets, arguments.durations)
+    for duration in arguments.durations:
+        rows = [row for row in results["panda"] if row["duration"] == duration]
+        errors = np.array([row["attitude_deg"] for row in rows])
+        print(
+            f"satellite_panda, {duration:g} s: within 0.1 deg {int((errors < 0.1).sum())} of {len(rows)}, "
+            f"median {np.median(errors):.2g}, largest {errors.max():.2g} deg; at the torque limit "
+            f"{sum('torque' in row['note'] for row in rows)}; momentum at most "
+            f"{max(row['momentum'] for row in rows):.2g} N m s; floating it turns by "
+            f"{np.median([row['floating_deg'] for row in rows]):.2g} deg (median)"
+        )
+    path = Path(arguments.out)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_content(path, json.dumps(results, indent=1))
+
+
+if __name__ == "__main__":
+    main()

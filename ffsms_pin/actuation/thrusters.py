@@ -1,0 +1,91 @@
+"""Thrusters of a satellite."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.actuation.rows import directions, one_each, rows
+from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, positive
+from ffsms_pin.errors import InvalidValue
+
+__all__ = ["STANDARD_GRAVITY", "Thrusters"]
+
+STANDARD_GRAVITY = 9.80665  # [m/s^2] by which a specific impulse in seconds is defined
+_PULSES = 10.0  # default period, in least on-times
+
+
+@dataclass(frozen=True, eq=False)
+class Thrusters:
+    """Thrusters that are fixed to the base; each pushes with a force from zero to its largest.
+
+    Parameters
+    ----------
+    places : array_like, shape (k, 3)
+        Where the forces act, in the root frame [m].
+    directions : array_like, shape (k, 3)
+        Of the forces on the satellite (against the jets), in the axes of the root frame; any length but zero.
+    force : array_like
+        Largest force [N]: one number, or (k,).
+    least_on_time : float
+        Shortest pulse [s]; for thrusters that are on or off.
+    proportional : bool
+        Whether the force can have any value; else a thruster is on or off, and a force in between is made by
+        pulses: see `ffsms_pin.control.PulseWidth`.
+    specific_impulse : float
+        [s]; default 220 s, of the order of hydrazine.
+    period : float, optional
+        Time from pulse to pulse [s]. Default: ten times `least_on_time`.
+
+    Raises
+    ------
+    InvalidValue
+        A wrong shape, or a number out of range.
+    """
+
+    places: Any
+    directions: Any
+    force: Any
+    least_on_time: float = 0.0
+    proportional: bool = False
+    specific_impulse: float = 220.0
+    period: float | None = None
+
+    def __post_init__(self) -> None:
+        self._set("places", rows("thrusters.places", self.places))
+        k = len(self.places)
+        self._set("directions", directions("thrusters.directions", self.directions, k))
+        self._set("force", one_each("thrusters.force", self.force, k, "N"))
+        self._set("least_on_time", at_least_zero("thrusters.least_on_time", self.least_on_time, "s"))
+        instance("thrusters.proportional", self.proportional, bool)
+        self._set("specific_impulse", positive("thrusters.specific_impulse", self.specific_impulse, "s"))
+        period = _PULSES * self.least_on_time if self.period is None else self.period
+        if not self.proportional and period <= self.least_on_time:
+            raise InvalidValue(
+                "thrusters.period",
+                self.period,
+                "must exceed least_on_time; give one of the two, or proportional=True",
+            )
+        self._set("period", period if self.proportional else positive("thrusters.period", period, "s"))
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        """Number of thrusters k."""
+        return len(self.places)
+
+    @property
+    def wrenches(self) -> FloatArray:
+        """Force and moment about the root's origin (6, k) of a unit force of each thruster, root axes."""
+        moments = np.cross(self.places, self.directions)
+        return frozen(np.concatenate([self.directions, moments], axis=1).T)
+
+    def flow(self, force: FloatArray) -> float:
+        """Propellant flow at forces (k,) [N]: [kg/s]."""
+        return float(force.sum()) / (self.specific_impulse * STANDARD_GRAVITY)
+
+    def __repr__(self) -> str:
+        return f"Thrusters({len(self)} of {np.array2string(self.force, precision=4)} N)"

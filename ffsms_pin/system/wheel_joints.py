@@ -1,0 +1,102 @@
+"""Reaction wheels that stand in a URDF: continuous joints on the base that are no joints of the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.actuation import ReactionWheels
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidUrdf, InvalidValue, UnsupportedJoint
+from ffsms_pin.system.robot_element import read_robot
+from ffsms_pin.system.urdf_edit import fix_joint
+from ffsms_pin.system.urdf_file import UrdfFile
+
+__all__ = ["taken_out"]
+
+_ROUNDING = 1e-4  # of a wheel's inertia: the digits of a file
+
+
+def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionWheels]:
+    """The same robot with these joints fixed, so that the base has the wheels' masses, and the wheels.
+
+    Spin inertia, axis, largest torque (the effort limit) and friction are those of the file; the largest
+    momentum is that at the velocity limit.
+
+    Parameters
+    ----------
+    urdf : UrdfFile
+    names : sequence of str
+        Of continuous joints between the base, or what is fixed to it, and a wheel.
+
+    Raises
+    ------
+    InvalidValue
+        A name is no joint of the file, or there is none.
+    UnsupportedJoint
+        A joint is not continuous, is not on the base, carries another joint, or its link is not balanced and
+        symmetric about its axis.
+    """
+    if isinstance(names, (str, bytes)) or not all(isinstance(name, str) for name in names) or not names:
+        raise InvalidValue("wheels", names, "must be a list of names of joints")
+    types = {joint.name: joint.type for joint in urdf.joints}
+    for name in names:
+        if name not in types:
+            raise InvalidValue("wheels", name, f"names no joint of the file ({', '.join(types)})")
+        if types[name] != "continuous":
+            raise UnsupportedJoint(
+                urdf.path, f"wheel '{name}' is {types[name]}; a wheel's joint is continuous"
+            )
+    try:
+        model = pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
+    except Exception as error:  # whatever the parser objects to that the checks before it did not
+        raise InvalidUrdf(urdf.path, f"Pinocchio cannot build a model from it ({error})") from None
+    wheels = _wheels(urdf, model, names)
+    robot = read_robot(urdf.path, urdf.full_text().encode())
+    for joint in robot.findall("joint"):
+        if joint.get("name") in names:
+            fix_joint(joint, 0.0)
+    return UrdfFile(urdf.path, ElementTree.tostring(robot, encoding="utf-8")), wheels
+
+
+def _wheels(urdf: UrdfFile, model: Any, names: Sequence[str]) -> ReactionWheels:
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    axes, inertias = [], []
+    indices = [model.getJointId(name) for name in names]
+    for name, j in zip(names, indices, strict=True):
+        if model.parents[j] != 1:
+            raise UnsupportedJoint(urdf.path, f"wheel '{name}' is not on the base")
+        if j in list(model.parents):
+            raise UnsupportedJoint(urdf.path, f"wheel '{name}' carries another joint")
+        local = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[3:, model.joints[j].idx_v]
+        inertias.append(_spin_inertia(urdf, name, model.inertias[j], local))
+        axes.append(data.oMi[j].rotation @ local)
+    rows = [model.joints[j].idx_v for j in indices]
+    largest = np.finfo(np.float64).max
+    torque, speed = (
+        np.where(limit[rows] < largest, limit[rows], np.inf)
+        for limit in (np.array(model.upperEffortLimit), np.array(model.upperVelocityLimit))
+    )
+    friction, coulomb = np.array(model.damping)[rows], np.array(model.upperDryFrictionLimit)[rows]
+    spin = np.array(inertias)
+    return ReactionWheels(axes, spin, torque, spin * speed, friction, coulomb, names=tuple(names))
+
+
+def _spin_inertia(urdf: UrdfFile, name: str, body: Any, axis: FloatArray) -> float:
+    """Inertia about the axis [kg m^2] of a body that is balanced and symmetric about it."""
+    tensor = np.array(body.inertia)
+    spin = float(axis @ tensor @ axis)
+    cross = (np.trace(tensor) - spin) / 2.0
+    symmetric = cross * np.eye(3) + (spin - cross) * np.outer(axis, axis)
+    if np.abs(tensor - symmetric).max() > _ROUNDING * np.abs(tensor).max():
+        raise UnsupportedJoint(urdf.path, f"wheel '{name}' is not symmetric about its axis")
+    off = float(np.linalg.norm(np.cross(axis, body.lever)))
+    if body.mass * off**2 > _ROUNDING * spin:
+        words = f"wheel '{name}' is not balanced: its centre is {off:.3g} m off its axis"
+        raise UnsupportedJoint(urdf.path, words)
+    return spin

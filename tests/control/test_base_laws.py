@@ -1,0 +1,276 @@
+"""Laws of the base: attitude held by wheels and thrusters, the arm's reaction fed forward, dumping."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from motions import Array, Swing
+
+import ffsms_pin as ffsms
+from ffsms_pin.control import (
+    BaseView,
+    ComputedTorque,
+    Coordinated,
+    MomentumDump,
+    PulseWidth,
+    QuaternionFeedback,
+)
+from ffsms_pin.control.allocation import ThrusterAllocation, WheelAllocation
+from ffsms_pin.control.attitude import AttitudeHold, base_torque, held_dynamics
+from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.simulation import Tracking
+
+Refused = Callable[..., FfsmsError]
+PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
+# Pairs on the faces of a cube of 1 m: every couple and every force can be given.
+PLACES = np.array([[0.5, s * 0.5, 0.0] for s in (1, -1)] + [[-0.5, s * 0.5, 0.0] for s in (1, -1)])
+PLACES = np.concatenate([PLACES, np.roll(PLACES, 1, axis=1), np.roll(PLACES, 2, axis=1)])
+WAYS = np.array([[-1.0, 0, 0]] * 2 + [[1.0, 0, 0]] * 2)
+WAYS = np.concatenate([WAYS, np.roll(WAYS, 1, axis=1), np.roll(WAYS, 2, axis=1)])
+
+
+def errors(run: Tracking, wanted: Any = None) -> Array:
+    """How far the base is turned from an attitude (3, 3) [deg]; default: from its start."""
+    start = pin.Quaternion(run.q[0, 3:7] if wanted is None else pin.Quaternion(wanted).coeffs())
+    return np.degrees([start.angularDistance(pin.Quaternion(row)) for row in run.q[:, 3:7]])
+
+
+@pytest.fixture(scope="module")
+def panda() -> ffsms.SpaceManipulator:
+    """On the default satellite, with wheels of 12 N m s and 0.2 N m."""
+    wheels = ffsms.ReactionWheels(PYRAMID, 12.0 / 628.3, 0.2, 12.0)
+    return ffsms.load("satellite_panda").with_actuators(wheels=wheels)
+
+
+@pytest.fixture(scope="module")
+def reach(panda: ffsms.SpaceManipulator) -> Swing:
+    """A quarter of a radian in every joint, in ten seconds."""
+    return Swing(panda, np.full(7, 0.25), 10.0, 0.5 * (panda.limits.lower + panda.limits.upper))
+
+
+@pytest.fixture
+def state(panda: ffsms.SpaceManipulator, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Any q and v."""
+    q = panda.configuration(0.5 * (panda.limits.lower + panda.limits.upper) + rng.uniform(-0.3, 0.3, 7))
+    q[3:7] = pin.Quaternion(rng.normal(size=4)).normalized().coeffs()
+    return q, rng.normal(size=13)
+
+
+def test_torques_that_turn_the_base_as_wanted(
+    panda: ffsms.SpaceManipulator, state: tuple[Array, Array], rng: np.random.Generator
+) -> None:
+    """The articulated-body algorithm says what they do."""
+    q, v = state
+    turn, qdd = rng.normal(size=3), rng.normal(size=7)
+    T, tau = held_dynamics(panda, q, v, turn, qdd)
+    model = panda.model
+    found = pin.aba(model, model.createData(), q, v, np.concatenate([np.zeros(3), T, tau]))
+    np.testing.assert_allclose(found[3:], np.concatenate([turn, qdd]), rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(base_torque(panda, q, v, turn, tau), T, rtol=1e-8)
+
+
+def test_wheels_give_the_torque_gyroscopic_part_and_all(rng: np.random.Generator) -> None:
+    wheels = ffsms.ReactionWheels(rng.normal(size=(4, 3)), 0.02)
+    T, spin, turn, h = rng.normal(size=3), rng.normal(size=3), rng.normal(size=3), rng.normal(size=4)
+    change = WheelAllocation(wheels).torques(T, spin, turn, h) - 0.02 * (wheels.axes @ turn)
+    np.testing.assert_allclose(-wheels.total(change) - np.cross(spin, wheels.total(h)), T, rtol=1e-12)
+
+
+def test_thrusters_give_a_couple_without_a_force(rng: np.random.Generator) -> None:
+    thrusters = ffsms.Thrusters(PLACES, WAYS, 5.0, proportional=True)
+    centre = rng.uniform(-0.1, 0.1, 3)
+    allocation, moment = ThrusterAllocation(thrusters, centre), rng.uniform(-1.0, 1.0, 3)
+    forces = allocation.forces(np.zeros(3), moment)
+    assert forces.min() >= 0.0
+    wrench = thrusters.wrenches @ forces
+    np.testing.assert_allclose(wrench, np.concatenate([np.zeros(3), moment]), atol=1e-12)
+    np.testing.assert_allclose(allocation.moment(forces), moment, rtol=1e-12)
+    weak = allocation.forces(np.zeros(3), 100.0 * moment)
+    assert weak.max() == pytest.approx(5.0)
+    np.testing.assert_allclose(weak, forces * (5.0 / forces.max()), rtol=1e-9)
+
+
+def test_a_small_error_dies_out_as_the_bandwidth_says(panda: ffsms.SpaceManipulator) -> None:
+    """Critically damped: (1 + b t) exp(-b t)."""
+    still = Swing(panda, np.zeros(7), 8.0, 0.5 * (panda.limits.lower + panda.limits.upper))
+    wanted = pin.exp3(np.radians([0.02, -0.03, 0.01]))
+    law = Coordinated(panda, bandwidth=0.8, attitude=wanted)
+    run = ffsms.simulate(panda, still, law, dt=0.01, base_controller=law)
+    found = errors(run, wanted)
+    expected = found[0] * (1.0 + 0.8 * run.t) * np.exp(-0.8 * run.t)
+    np.testing.assert_allclose(found, expected, atol=0.01 * found[0])
+    assert run.note == ""
+    assert np.abs(run.joint_error).max() < 1e-6
+
+
+def test_the_quaternion_has_two_signs(panda: ffsms.SpaceManipulator, state: tuple[Array, Array]) -> None:
+    q, v = state
+    hold = AttitudeHold(1.0, 1.0, np.eye(3))
+    other = np.concatenate([q[:3], -q[3:7], q[7:]])
+    np.testing.assert_allclose(hold.acceleration(q, v), hold.acceleration(other, v), rtol=1e-12)
+    still = hold.acceleration(q, 0.0 * v)
+    # It turns the shorter way: against the rotation vector.
+    assert still @ pin.log3(pin.Quaternion(q[3:7]).toRotationMatrix()) < 0.0
+
+
+def test_what_the_feedforward_is_worth(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
+    found = {}
+    for kind in ("none", "plan", "torque"):
+        law = QuaternionFeedback(panda, feedforward=kind)
+        run = ffsms.simulate(panda, reach, ComputedTorque(panda), dt=4e-3, base_controller=law)
+        assert run.note == ""
+        found[kind] = errors(run).max()
+    free = ffsms.simulate(panda, reach, ComputedTorque(panda), dt=4e-3)
+    assert errors(free).max() > 1.0
+    assert found["none"] > 0.05
+    assert found["plan"] < 0.05 * found["none"]
+    assert found["torque"] < 2e-3
+
+
+def test_coordinated_control_holds_both(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
+    law = Coordinated(panda)
+    run = ffsms.simulate(panda, reach, law, dt=4e-3, base_controller=law)
+    assert errors(run).max() < 1e-3
+    assert np.abs(run.joint_error).max() < 1e-5
+    # A law that counts on a base that gives way misses by more.
+    floating = ComputedTorque(panda)
+    other = ffsms.simulate(panda, reach, floating, dt=4e-3, base_controller=QuaternionFeedback(panda))
+    assert np.abs(other.joint_error).max() > 10.0 * np.abs(run.joint_error).max()
+    size = np.abs(run.wheel_momentum).max()
+    assert np.abs(run.momentum).max() < 1e-12 * size
+    # The wheels have what the arm has: with the base held, its momentum is minus theirs.
+    k = int(np.argmax(np.linalg.norm(run.wheel_momentum, axis=1)))
+    arm = panda.at(run.q[k], run.v[k]).momentum[3:]
+    assert panda.wheels is not None
+    turn = pin.Quaternion(run.q[k, 3:7]).toRotationMatrix()
+    np.testing.assert_allclose(turn @ panda.wheels.total(run.wheel_momentum[k]), -arm, atol=1e-10)
+
+
+def test_another_plant_and_wheels_that_turn_already(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
+    from ffsms_pin.simulation import perturb
+
+    plant, law = perturb(panda, arm_mass=1.2, base_mass=0.9), Coordinated(panda, bandwidth=2.0)
+    run = ffsms.simulate(
+        panda, reach, law, dt=2e-3, plant=plant, base_controller=law, wheel_momentum=[3.0, -5.0, 2.0, 8.0]
+    )
+    assert 1e-4 < errors(run).max() < 0.1
+    assert np.abs(run.momentum - run.momentum[0]).max() < 1e-12 * np.linalg.norm(run.momentum[0])
+
+
+def test_wheels_that_are_too_small_are_told(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
+    small = panda.with_actuators(wheels=ffsms.ReactionWheels(np.eye(3), 1e-3, 0.2, 0.05))
+    law = Coordinated(small)
+    run = ffsms.simulate(small, reach, law, dt=2e-3, base_controller=law)
+    assert "at its largest momentum of 0.05 N m s" in run.note
+    assert np.abs(run.wheel_momentum).max() < 0.05 + 1e-5
+    assert errors(run).max() > 0.5
+
+
+def test_case_2_with_wheels_of_its_size() -> None:
+    """Four wheels of 1 N m s and 0.1 N m, 0.9 kg each: docs/bases-that-act.md says where they are from."""
+    scenario = ffsms.scenario("case-2")
+    wheels = ffsms.ReactionWheels(PYRAMID, 0.001364, 0.1, 0.001364 * 7000.0 * 2.0 * np.pi / 60.0)
+    sms = scenario.load().with_actuators(wheels=wheels)
+    plan = ffsms.opt.solve(scenario.problem(sms))
+    law = Coordinated(sms)
+    run = ffsms.simulate(sms, plan, law, dt=2e-3, base_controller=law)
+    assert errors(run).max() < 0.1
+    assert run.note == ""
+    assert np.degrees(plan.base_rotation.max()) > 5.0  # with the base left to itself
+
+
+def test_momentum_is_dumped(panda: ffsms.SpaceManipulator) -> None:
+    wheels = ffsms.ReactionWheels(PYRAMID, 2e-3, 0.2, 1.2)
+    thrusters = ffsms.Thrusters(PLACES, WAYS, 1.0, least_on_time=0.02)
+    robot = panda.with_actuators(wheels=wheels, thrusters=thrusters)
+    still = Swing(robot, np.zeros(7), 40.0, 0.5 * (panda.limits.lower + panda.limits.upper))
+    start = [1.0, -0.4, 0.3, 0.1]
+    law = Coordinated(robot, dump=MomentumDump(above=0.7, below=0.1, time_constant=8.0))
+    run = ffsms.simulate(robot, still, law, dt=0.01, base_controller=law, wheel_momentum=start)
+    assert errors(run).max() < 0.1
+    share = np.abs(run.wheel_momentum).max(axis=1) / 1.2
+    # It stopped where it should, and the thrusters' couples took what the total lost.
+    assert 0.02 < share[-1] < 0.2
+    assert run.thruster_force[-500:].max() == 0.0
+    assert set(np.unique(run.thruster_force)) == {0.0, 1.0}
+    lost = np.linalg.norm(run.momentum[0, 3:] - run.momentum[-1, 3:])
+    assert lost > 0.5
+    impulse = run.thruster_force.sum() * 0.01
+    assert run.propellant[-1] == pytest.approx(impulse / (220.0 * 9.80665))
+    # Couples of two thrusters with an arm of half a metre each.
+    assert 1.0 <= impulse * 0.5 / lost < 2.0
+    assert np.linalg.norm(run.momentum[-1, :3]) < 0.02
+
+
+def test_thrusters_alone_hold_the_attitude(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
+    thrusters = ffsms.Thrusters(PLACES, WAYS, 1.0, least_on_time=0.01)
+    robot = panda.with_actuators(thrusters=thrusters)
+    law = Coordinated(robot, bandwidth=0.5)
+    run = ffsms.simulate(robot, reach, law, dt=2e-3, base_controller=law)
+    assert errors(run).max() < 0.3
+    assert run.propellant[-1] > 0.0
+
+
+def pulses(wanted: Array, least: float, period: float = 0.1) -> Array:
+    thrusters = ffsms.Thrusters([0, 0, 0], [1, 0, 0], 2.0, least_on_time=least, period=period)
+    modulator = PulseWidth(thrusters, 1e-3)
+    return np.array([modulator.apply(np.array([force]))[0] for force in wanted])
+
+
+@pytest.mark.parametrize("share", [0.03, 0.1, 0.5, 0.95, 1.0])
+def test_pulses_have_the_mean_and_the_least_length(share: float) -> None:
+    on = pulses(np.full(20_000, 2.0 * share), 0.01)
+    assert set(np.unique(on)) <= {0.0, 2.0}
+    assert on.mean() == pytest.approx(2.0 * share, abs=0.03)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0.0], on, [0.0]])))
+    assert np.diff(edges)[::2].min() >= 10
+    starts = edges[::2]
+    np.testing.assert_array_equal(starts % 100, 0)
+
+
+def test_pulses_stop_where_nothing_is_wanted() -> None:
+    on = pulses(np.concatenate([np.full(1000, 5.0), np.zeros(2000)]), 0.01)
+    assert on[100:1000].min() == 2.0
+    assert on[1300:].max() == 0.0  # what was missed is made good for a period, and no longer
+
+
+def torques(law: QuaternionFeedback, view: BaseView) -> float:
+    """Size of the wheels' torques [N m]."""
+    found = law.command(view).wheel_torque
+    assert found is not None
+    return float(np.abs(found).max())
+
+
+def test_copies_hold_their_own_attitude(panda: ffsms.SpaceManipulator, reach: Swing) -> None:
+    law = QuaternionFeedback(panda)
+    other = copy.deepcopy(law)
+    view = BaseView(0.0, reach.q[0], np.zeros(13), np.zeros(4), reach.sample(0.0), np.zeros(7))
+    law.command(view)
+    turned = reach.q[0].copy()
+    turned[3:7] = pin.Quaternion(pin.exp3(np.array([0.1, 0.0, 0.0]))).coeffs()
+    assert torques(other, view._replace(q=turned)) < 1e-12
+    assert torques(law, view._replace(q=turned)) > 0.1
+    law.reset(1e-3)
+    assert torques(law, view._replace(q=turned)) < 1e-12
+
+
+def test_laws_that_cannot_be(
+    panda: ffsms.SpaceManipulator, planar: ffsms.SpaceManipulator, refused: Refused
+) -> None:
+    refused(lambda: QuaternionFeedback(planar), InvalidValue, "with_actuators(wheels=...)")
+    refused(lambda: Coordinated(planar), InvalidValue, "with_actuators(wheels=...)")
+    refused(lambda: QuaternionFeedback(panda, bandwidth=0.0), InvalidValue, "bandwidth", "[rad/s]")
+    refused(lambda: QuaternionFeedback(panda, damping=-1.0), InvalidValue, "damping")
+    refused(lambda: QuaternionFeedback(panda, attitude=2.0 * np.eye(3)), InvalidValue, "attitude", "rotation")
+    refused(lambda: QuaternionFeedback(panda, feedforward="all"), InvalidValue, "feedforward")  # type: ignore[arg-type]
+    refused(lambda: Coordinated(panda, K_p=-1.0), InvalidValue, "K_p")
+    refused(lambda: Coordinated(panda, dump=MomentumDump()), InvalidValue, "dump", "thrusters")
+    refused(lambda: MomentumDump(above=0.1, below=0.2), InvalidValue, "below < above")
+    refused(lambda: MomentumDump(time_constant=0.0), InvalidValue, "time_constant")
+    thrusters = ffsms.Thrusters([0, 0, 0], [1, 0, 0], 1.0, least_on_time=1e-4)
+    refused(lambda: PulseWidth(thrusters, 0.01), InvalidValue, "thrusters.period", "0.01 s")

@@ -1,0 +1,129 @@
+"""Wheels, thrusters and an attitude law from a scenario file."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from condition_files import QUICK
+from rich.console import Console
+
+from ffsms_pin.cli.summary_table import summary_table
+from ffsms_pin.control import Coordinated, QuaternionFeedback
+from ffsms_pin.errors import FfsmsError, InvalidScenario
+from ffsms_pin.scenarios import Outcome, run, scenario, summary
+from ffsms_pin.scenarios.conditions import loop_options
+
+WHEELS = """
+[wheels]
+axes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+inertia = 0.0014
+torque = [0.1, 0.1, 2.0]
+momentum = 1.0
+friction = 1e-6
+names = ["x", "y", "z"]
+"""
+THRUSTERS = """
+[thrusters]
+places = [[0.2, 0.2, 0], [-0.2, -0.2, 0], [0.2, -0.2, 0], [-0.2, 0.2, 0]]
+directions = [[0, 1, 0], [0, -1, 0], [0, -1, 0], [0, 1, 0]]
+force = 2.0
+least_on_time = 0.01
+"""
+COORDINATED = '[attitude]\nlaw = "coordinated"\nbandwidth = 2.0\n'
+
+
+def ran(tmp_path: Path, content: str) -> Outcome:
+    path = tmp_path / "mine.toml"
+    path.write_text(QUICK + content, encoding="utf-8")
+    return run(scenario(path))
+
+
+def turn(outcome: Outcome) -> float:
+    """How far the base turned at most [deg]."""
+    start = pin.Quaternion(outcome.tracking.q[0, 3:7])
+    rows = outcome.tracking.q[:, 3:7]
+    return float(np.degrees(max(start.angularDistance(pin.Quaternion(row)) for row in rows)))
+
+
+def test_the_base_is_held(tmp_path: Path) -> None:
+    free = ran(tmp_path, WHEELS)
+    assert turn(free) > 1.0
+    assert free.tracking.wheel_momentum.shape[1] == 0
+    held = ran(tmp_path, WHEELS + COORDINATED + "[simulation]\nwheel_momentum = [0.1, 0.2, -0.3]\n")
+    assert turn(held) < 0.1
+    assert isinstance(held.controller, Coordinated)
+    np.testing.assert_allclose(held.tracking.wheel_momentum[0], [0.1, 0.2, -0.3])
+    by_quaternion = ran(tmp_path, WHEELS + "[attitude]\n")
+    assert turn(by_quaternion) < 0.1
+    by_thrusters = ran(tmp_path, THRUSTERS + "[attitude]\n")
+    assert turn(by_thrusters) < 0.5 * turn(free)
+    assert by_thrusters.tracking.propellant[-1] > 0.0
+
+
+def test_every_key_arrives(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    law = "[attitude]\nbandwidth = 2.0\ndamping = 0.7\nfeedforward = 'plan'\nattitude_deg = [0, 0, 90]\n"
+    path.write_text(QUICK + WHEELS + THRUSTERS + law + "[attitude.dump]\nabove = 0.5\n", encoding="utf-8")
+    made = scenario(path)
+    sms = made.load()
+    assert sms.wheels is not None
+    assert sms.thrusters is not None
+    assert sms.wheels.names == ("x", "y", "z")
+    np.testing.assert_array_equal(sms.wheels.torque, [0.1, 0.1, 2.0])
+    np.testing.assert_array_equal(sms.thrusters.force, np.full(4, 2.0))
+    assert sms.thrusters.period == pytest.approx(0.1)
+    options = loop_options(made, sms, made.start_configuration(sms))
+    base = options["base_controller"]
+    assert isinstance(base, QuaternionFeedback)
+    assert (base.hold.bandwidth, base.hold.damping, base.feedforward) == (2.0, 0.7, "plan")
+    np.testing.assert_allclose(base.hold.attitude, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+    assert base.dump is not None
+    assert (base.dump.above, base.dump.below) == (0.5, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("[attitude]\n", ["[attitude] needs [wheels] or [thrusters]"]),
+        (WHEELS + "[attitude]\n[attitude.dump]\n", ["[attitude.dump] needs", "[thrusters]"]),
+        (WHEELS + COORDINATED + "feedforward = 'plan'\n", ["feedforward", "quaternion"]),
+        (WHEELS + "[simulation]\nwheel_momentum = [0, 0, 0]\n", ["wheel_momentum", "[attitude]"]),
+        (WHEELS + COORDINATED + "[simulation]\nwheel_momentum = [0, 0]\n", ["wheel_momentum", "(3,)"]),
+        ("[wheels]\naxes = [[1, 0, 0]]\n", ["[wheels] inertia is missing"]),
+        ("[wheels]\naxes = [1, 0, 0]\ninertia = 1\n", ["[wheels] axes"]),
+        ("[wheels]\naxes = [[0, 0, 1]]\ninertia = 2.0\n", ["wheels.inertia", "counts the wheels"]),
+        (WHEELS + "[attitude]\nlaw = 'pid'\n", ["[attitude] law", '"coordinated"']),
+        (WHEELS + "[attitude]\nbandwith = 1\n", ["'bandwith' in [attitude]", "did you mean 'bandwidth'"]),
+        (THRUSTERS.replace("least_on_time = 0.01", ""), ["thrusters.period", "least_on_time"]),
+    ],
+)
+def test_what_does_not_fit_is_named(tmp_path: Path, content: str, words: list[str]) -> None:
+    with pytest.raises(FfsmsError) as caught:
+        ran(tmp_path, content)
+    assert type(caught.value) is InvalidScenario
+    for word in ["mine.toml", *words]:
+        assert word in str(caught.value)
+
+
+def test_coordinated_control_needs_its_law_of_the_joints(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(QUICK.replace("computed-torque", "pd") + WHEELS + COORDINATED, encoding="utf-8")
+    with pytest.raises(InvalidScenario, match="computed-torque"):
+        scenario(path)
+
+
+def test_the_summary_tells_what_wheels_did(tmp_path: Path) -> None:
+    told = summary(ran(tmp_path, WHEELS + THRUSTERS + COORDINATED))
+    console = Console(width=200, file=io.StringIO())
+    console.print(summary_table(told))
+    assert isinstance(console.file, io.StringIO)
+    shown = console.file.getvalue()
+    for word in ("x: largest momentum, torque", "propellant", "attitude", "coordinated"):
+        assert word in shown
+    assert [wheel["name"] for wheel in told["tracking"]["wheels"]] == ["x", "y", "z"]
+    assert told["tracking"]["wheels"][2]["torque_max_Nm"] > 0.01
+    assert "law coordinated" in told["conditions"]["attitude"]
