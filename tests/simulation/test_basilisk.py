@@ -7,14 +7,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from basilisk_robot import basilisk_run
 from motions import Array, Constant
 
 import ffsms_pin as ffsms
 from ffsms_pin.control import BaseCommand, BaseView
-
-pytest.importorskip("Basilisk", reason='Basilisk is not installed: pip install "ffsms-pin[validation]"')
-
-from basilisk_robot import basilisk_run
 
 
 class Motors:
