@@ -21,7 +21,7 @@ from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED, ControlMaps, ControlRows
 from ffsms_pin.opt.problem import Problem
 
-__all__ = ["AT_REST", "ControlQP", "braking"]
+__all__ = ["AT_REST", "ControlQP", "at_rest", "braking"]
 
 # [rad/s] At the last node: small enough to count as rest, large enough to have a direction.
 AT_REST = 8e-4
@@ -131,6 +131,11 @@ class ControlQP:
         return max(0.0, float(room.min(initial=1.0)))
 
 
+def at_rest(problem: Problem) -> FloatArray:
+    """Rates (n,) up to which the joints count as standing still at the deadline."""
+    return np.minimum(AT_REST, _REST_SHARE * problem.sms.limits.velocity)
+
+
 def braking(problem: Problem, spline: RateSpline) -> FloatArray:
     """Control points (M, n) of an arm that brakes from the rates it starts with."""
     rates, limit = problem.joint_rates, problem.sms.limits.acceleration
@@ -152,7 +157,7 @@ def _kinds(problem: Problem, spline: RateSpline) -> list[ControlRows]:
     )
     kinds = [row for limit in problem.limits for row in limit.control_rows(maps)]
     if not spline.free_end:
-        rest = np.minimum(AT_REST, _REST_SHARE * problem.sms.limits.velocity)
+        rest = at_rest(problem)
         last = spline.last_rate
         kinds.append(ControlRows("rest", 1.0, last.free, last.fixed[:, None] * rates0, -rest, rest))
     return kinds
