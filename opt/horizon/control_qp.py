@@ -102,9 +102,21 @@ class ControlQP:
         # Of order one: the solver's tolerances are absolute.
         scale = len(gradient) / float(np.trace(hessian))
         options = {"primal_tol": _TOLERANCE, "iter_limit": _MAX_ITERATIONS}
-        found, _, status, _ = daqp.solve(
-            scale * hessian, scale * gradient, self._free_rows, high, low, **options
-        )
+        hessian, gradient = scale * hessian, scale * gradient
+        # DAQP transforms every row that it is given, and few of them matter: those that its solution breaks
+        # are added until there is none.
+        rows, chosen = self._free_rows, (move > high) | (move < low)
+        while True:
+            found, _, status, _ = daqp.solve(
+                hessian, gradient, rows[chosen], high[chosen], low[chosen], **options
+            )
+            if status != 1:
+                break
+            beyond = rows @ found
+            broken = ((beyond > high + _TOLERANCE) | (beyond < low - _TOLERANCE)) & ~chosen
+            if not broken.any():
+                break
+            chosen |= broken
         if status != 1 or not np.isfinite(found).all():
             found = unbounded * self.share(move, low, high)
         step[free] = found
