@@ -247,7 +247,7 @@ def test_shares_are_integrals_of_squares(
         * np.sum(rates[1:] ** 2 + rates[:-1] ** 2 + 4.0 * middles**2)
         * plan.dt
         / 6.0,
-        "base turn": 100.0 * (T / 8.0) ** 2 * np.trapezoid(spins, plan.t),
+        "base turn": 32.0 * 100.0 * (T / 8.0) ** 2 * np.trapezoid(spins, plan.t),
         "own": 10.0 * np.trapezoid(looks, plan.t),
     }[name]
     assert plan.shares[term.name] == pytest.approx(expected, rel=2e-2 if name == "smooth" else 5e-3)
