@@ -21,6 +21,7 @@ __all__ = ["PeriodicIntegral", "amplitude_argument", "jacobi", "quarter_period"]
 # k' = 1e-15, where K = 36, some 300 of them are above rounding.
 _NODES = 1024
 _ROUNDING = 1e-17
+_COME_TOGETHER = 1e-9  # the means; the difference is squared with each, so the next is below rounding
 
 
 def quarter_period(k1: float) -> float:
@@ -40,7 +41,7 @@ def jacobi(u: FloatArray, k1: float) -> tuple[FloatArray, FloatArray, FloatArray
     """The functions sn, cn and dn at arguments of any shape, by the arithmetic-geometric mean."""
     a, b, c = 1.0, k1, float(np.sqrt((1.0 - k1) * (1.0 + k1)))
     means = []
-    while abs(c) > 1e-16 * a:
+    while abs(c) > _COME_TOGETHER * a:
         a, b, c = 0.5 * (a + b), float(np.sqrt(a * b)), 0.5 * (a - b)
         means.append((a, c))
     # Whole periods are taken off first: the amplitude would grow with them, and lose digits.
