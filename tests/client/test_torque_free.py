@@ -18,21 +18,23 @@ TILT = pin.rpy.rpyToMatrix(-0.4, 0.8, 0.6)
 
 
 def integrated(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> FloatArray:
-    """Attitudes at TIMES by DOP853: Euler's equations in body axes, and the quaternion's rate."""
+    """Attitudes (C, K, 3, 3) of C bodies at TIMES by DOP853: Euler's equations and the quaternion's rate."""
+    inverse = np.linalg.inv(inertia)
 
     def slope(t: float, y: FloatArray) -> FloatArray:
-        omega = y[:3]
-        rate = np.linalg.solve(inertia, np.cross(inertia @ omega, omega))
-        x, y_, z, w = y[3:]
-        p, q, r = omega
-        turn = [w * p + y_ * r - z * q, w * q + z * p - x * r, w * r + x * q - y_ * p]
-        return np.concatenate([rate, 0.5 * np.array([*turn, -x * p - y_ * q - z * r])])
+        state = y.reshape(-1, 7)
+        w = state[:, :3]
+        rate = np.einsum("cij,cj->ci", inverse, np.cross(np.einsum("cij,cj->ci", inertia, w), w))
+        v, s = state[:, 3:6], state[:, 6:]
+        turn = 0.5 * (s * w + np.cross(v, w))
+        return np.hstack([rate, turn, -0.5 * np.sum(v * w, axis=1, keepdims=True)]).ravel()
 
-    start = np.concatenate([attitude.T @ spin, Rotation.from_matrix(attitude).as_quat()])
-    done = solve_ivp(
-        slope, (0.0, TIMES[-1]), start, method="DOP853", rtol=1e-13, atol=1e-15, t_eval=TIMES, max_step=2.0
-    )
-    return Rotation.from_quat(done.y[3:].T).as_matrix()
+    omega = np.einsum("cji,cj->ci", attitude, spin)
+    start = np.hstack([omega, Rotation.from_matrix(attitude).as_quat()]).ravel()
+    span = (0.0, TIMES[-1])
+    done = solve_ivp(slope, span, start, "DOP853", TIMES, rtol=1e-13, atol=1e-16, max_step=1.0)
+    quaternions = done.y.reshape(-1, 7, len(TIMES))[:, 3:].swapaxes(1, 2)
+    return Rotation.from_quat(quaternions.reshape(-1, 4)).as_matrix().reshape(-1, len(TIMES), 3, 3)
 
 
 SPINS = {
@@ -55,30 +57,34 @@ MOMENTS = {
     "nearly prolate": [50.0, 110.0, 110.0 + 1e-6],
     "nearly a sphere": [90.0, 90.0 + 1e-5, 90.0 + 1e-4],
     "sphere": [90.0, 90.0, 90.0],
-    "rod": [0.5, 100.0, 100.2],
+    "rod": [20.0, 100.0, 104.0],
 }
 
 
-@pytest.mark.parametrize("moments", MOMENTS.values(), ids=MOMENTS)
-@pytest.mark.parametrize("spin", SPINS.values(), ids=SPINS)
-def test_attitude_is_that_of_an_independent_integration(moments: list[float], spin: list[float]) -> None:
-    direction = np.array(spin)
-    rate = 5.0 * DEG / max(float(np.linalg.norm(direction)), 1.0)
-    R = POSE.rotation
-    client = ffsms.Client(100.0, moments, POSE, np.concatenate([np.zeros(3), rate * R @ direction]))
-    expected = integrated(np.diag(moments), R, rate * R @ direction)
-    _, attitudes = client.poses(TIMES)
-    assert np.abs(attitudes - expected).max() < 1e-10
-
-
-@pytest.mark.parametrize("spin", [SPINS[k] for k in list(SPINS)[:5]], ids=list(SPINS)[:5])
-def test_principal_axes_that_are_not_the_body_axes(spin: list[float]) -> None:
-    inertia = TILT @ np.diag(MOMENTS["tri-axial"]) @ TILT.T
-    inertia = 0.5 * (inertia + inertia.T)
-    omega = 5.0 * DEG * POSE.rotation @ TILT @ np.array(spin) / np.linalg.norm(spin)
-    client = ffsms.Client(100.0, inertia, POSE, [0.01, 0.02, -0.03, *omega])
-    _, attitudes = client.poses(TIMES)
-    assert np.abs(attitudes - integrated(inertia, POSE.rotation, omega)).max() < 1e-10
+def test_attitudes_are_those_of_an_independent_integration() -> None:
+    # In turned attitudes only where rounding does not start a fall from the intermediate axis.
+    names, bodies, attitudes, spins = [], [], [], []
+    for body, moments in MOMENTS.items():
+        for motion, direction in SPINS.items():
+            R = np.eye(3) if motion.startswith("about") else POSE.rotation
+            names.append(f"{body}, {motion}")
+            bodies.append(np.diag(moments))
+            attitudes.append(R)
+            spins.append(5.0 * DEG / max(float(np.linalg.norm(direction)), 1.0) * R @ np.array(direction))
+            if body == "tri-axial" and not motion.startswith("about"):  # axes other than the body's
+                turned = TILT @ np.diag(moments) @ TILT.T
+                names.append(f"tilted, {motion}")
+                bodies.append(0.5 * (turned + turned.T))
+                attitudes.append(R)
+                spins.append(R @ TILT @ R.T @ spins[-1])
+    expected = integrated(np.array(bodies), np.array(attitudes), np.array(spins))
+    errors = {}
+    for i, name in enumerate(names):
+        pose = pin.SE3(attitudes[i], np.zeros(3))
+        client = ffsms.Client(100.0, bodies[i], pose, [0.0, 0.0, 0.0, *spins[i]])
+        errors[name] = float(np.abs(client.poses(TIMES)[1] - expected[i]).max())
+    worst = max(errors, key=lambda name: errors[name])
+    assert errors[worst] < 1e-10, f"{worst}: {errors[worst]:.1e}"
 
 
 def test_momentum_energy_and_the_twist_as_the_rate_of_the_pose() -> None:
