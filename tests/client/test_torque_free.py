@@ -42,7 +42,7 @@ SPINS = {
     "round the least": [2.0, 0.4, -0.7],
     "against the greatest": [0.3, -0.5, -2.0],
     "near the intermediate": [0.02, 1.0, -0.01],
-    "against the intermediate": [1e-3, -1.0, 2e-3],
+    "against the intermediate": [5e-3, -1.0, 8e-3],
     "about the greatest": [0.0, 0.0, 1.0],
     "about the intermediate": [0.0, 1.0, 0.0],
     "about the least": [-1.0, 0.0, 0.0],
@@ -57,7 +57,7 @@ MOMENTS = {
     "nearly prolate": [50.0, 110.0, 110.0 + 1e-6],
     "nearly a sphere": [90.0, 90.0 + 1e-5, 90.0 + 1e-4],
     "sphere": [90.0, 90.0, 90.0],
-    "rod": [20.0, 100.0, 104.0],
+    "rod": [20.0, 100.0, 100.4],
 }
 
 
