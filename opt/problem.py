@@ -46,7 +46,7 @@ class Problem:
         nearest that does.
     terms : sequence of Term, optional
         What the motion should be like. Default: the paper's cost with kappa 10, small accelerations, little
-        travel.
+        travel. Without the paper's cost where the goal sets the way (`Goal.coupled`).
     limits : sequence of Limit, optional
         What must hold. Default: the joints' limits, and a clearance of 0.01 m. Limits that belong to the
         goal, such as the corridor of `opt.Meet`, come to these by themselves.
@@ -86,11 +86,13 @@ class Problem:
             raise InvalidValue(
                 "duration", duration, f"must be at most {MOST_STEPS} steps of {dt:g} s; take a longer dt"
             )
-        terms = (Coupling(), Smooth(), Effort()) if self.terms is None else self.terms
+        goal = as_goal(self.goal)
+        terms = self.terms
+        if terms is None:
+            terms = (Coupling(), Smooth(), Effort()) if goal.coupled else (Smooth(), Effort())
         limits = (JointLimits(), Clearance()) if self.limits is None else self.limits
         check_parts("terms", terms, Term)
         check_parts("limits", limits, Limit)
-        goal = as_goal(self.goal)
         limits = (*(limit for limit in limits if not limit.of_goal), *goal.limits(duration))
         check_parts("limits", limits, Limit)
         n = self.sms.n

@@ -85,6 +85,14 @@ class Goal(ABC):
         """Whether a plan has reached the goal only with an end within the tolerance, velocities included."""
         return False
 
+    @property
+    def coupled(self) -> bool:
+        """Whether the paper's cost is a term by default.
+
+        It asks for ways across the one to the goal, so not of a goal that is approached along a line.
+        """
+        return True
+
     def positions(self, times: FloatArray) -> FloatArray:
         """Positions (3, K) [m] at times (K,) [s]."""
         if not self.moves:
@@ -96,6 +104,10 @@ class Goal(ABC):
         found = [self.place(t).rotation for t in (times.tolist() if self.moves else [0.0])]
         wanted = [one for one in found if one is not None]
         return np.stack(wanted, axis=-1) if wanted else None
+
+    def passing(self, duration: float) -> tuple[float, Place] | None:
+        """A time [s] and a place to come by on the way to a deadline, in motions to start a search from."""
+        return None
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
         """Limits that belong to the goal, for a motion to a deadline [s]; a problem takes them up."""

@@ -31,6 +31,9 @@ STANDOFF = 0.15
 # [rad] At the standoff the corridor is then 55 mm wide to each side, about as far as a gripper opens.
 HALF_ANGLE = math.radians(20.0)
 
+# Share of the time at which motions that a search starts from are at the corridor's mouth.
+_MOUTH = 0.75
+
 
 @dataclass(frozen=True, eq=False)
 class Meet(Goal):
@@ -104,6 +107,11 @@ class Meet(Goal):
         """A contact is no contact a centimetre away, nor one with a knock."""
         return True
 
+    @property
+    def coupled(self) -> bool:
+        """Only where no corridor sets the way."""
+        return self.standoff == 0.0
+
     def place(self, t: float) -> Place:
         """The grasp frame and its velocities."""
         body, twist = self.client.pose(t), self.client.twist(t)
@@ -121,11 +129,27 @@ class Meet(Goal):
         _, attitudes = self.client.poses(times)
         return np.moveaxis(attitudes @ self.grasp.rotation, 0, -1)
 
+    def passing(self, duration: float) -> tuple[float, Place] | None:
+        """The mouth of the corridor, where there is one."""
+        if self.standoff == 0.0:
+            return None
+        t = _MOUTH * duration
+        mouth = pin.SE3(np.eye(3), -self.standoff * self.axis)
+        pose = self.client.pose(t) * self.grasp * mouth
+        return t, Place(pose.translation, pose.rotation)
+
     def limits(self, duration: float) -> tuple[Limit, ...]:
         """The corridor, where there is one."""
         if self.standoff == 0.0:
             return ()
-        slack = self.tolerance  # what may be missed at the grasp
-        return (
-            Corridor(self.client, self.grasp, duration, self.standoff, self.half_angle, self.axis, slack),
+        one = Corridor(
+            client=self.client,
+            grasp=self.grasp,
+            deadline=duration,
+            length=self.standoff,
+            half_angle=self.half_angle,
+            axis=self.axis,
+            slack=self.tolerance,
+            inside=(1.0 - _MOUTH) * duration,
         )
+        return (one,)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
@@ -53,6 +54,9 @@ class Corridor(Limit):
     slack : float
         By how much the cone is wider than its tip at the grasp [m]: at the grasp the end effector may miss by
         so much.
+    inside: float
+        Whole motions are looked for that are in the corridor for so long before the deadline [s]: which
+        instants belong into it is then settled, and none is pushed out of the ball on the wrong side.
     """
 
     client: Client
@@ -62,6 +66,7 @@ class Corridor(Limit):
     half_angle: float
     axis: FloatArray
     slack: float
+    inside: float
     name = "corridor"
     margin = 1e-3  # [arm lengths]
     of_goal = True
@@ -85,7 +90,9 @@ class Corridor(Limit):
         """The depth and the margin, in arm lengths, where that is above zero."""
         length = motions.stack.length
         margin = self.margin * length
-        found = self._depth(motions.end_effector, *self._frames(self._times(motions)), margin)
+        times = self._times(motions)
+        late = times >= self.deadline - self.inside
+        found = self._depth(motions.end_effector, *self._frames(times), margin, late)
         s, k = np.nonzero(found.depth > 0.0)
         if not s.size:
             return []
@@ -116,8 +123,15 @@ class Corridor(Limit):
         grasps = positions + attitudes @ self.grasp.translation
         return grasps.T, (attitudes @ (self.grasp.rotation @ self.axis)).T
 
-    def _depth(self, tip: FloatArray, grasp: FloatArray, axis: FloatArray, margin: float) -> _Depth:
-        """Of positions (3, S, K), with so much in hand at the cone and round the ball."""
+    def _depth(
+        self,
+        tip: FloatArray,
+        grasp: FloatArray,
+        axis: FloatArray,
+        margin: float,
+        late: NDArray[np.bool_] | bool = False,
+    ) -> _Depth:
+        """Of positions (3, S, K), with so much in hand at the cone and round the ball; `late`: cone only."""
         way = tip - grasp[:, None]
         far = np.sqrt(dot(way, way))
         along = dot(way, axis[:, None])
@@ -131,5 +145,5 @@ class Corridor(Limit):
         unit = way / np.maximum(far, 1e-12)
         cone_slope = cone_slope + np.where(far < self.length, margin / self.length, 0.0) * unit
         out = self.length + margin - far
-        nearer = to_cone <= out
+        nearer = (to_cone <= out) | late
         return _Depth(np.where(nearer, to_cone, out), np.where(nearer, cone_slope, -unit))
