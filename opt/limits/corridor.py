@@ -57,6 +57,8 @@ class Corridor(Limit):
     inside: float
         Whole motions are looked for that are in the corridor for so long before the deadline [s]: which
         instants belong into it is then settled, and none is pushed out of the ball on the wrong side.
+    reserve : float
+        What they keep in hand beyond the margin [m].
     """
 
     client: Client
@@ -67,13 +69,14 @@ class Corridor(Limit):
     axis: FloatArray
     slack: float
     inside: float
+    reserve: float = 0.0
     name = "corridor"
-    margin = 1e-3  # [arm lengths]
+    margin = 4e-3  # [arm lengths] between two instants a path may cut the mouth's edge
     of_goal = True
 
     def tightened(self, by: float) -> Corridor:
-        """With a narrower cone, by an amount [m] that leaves the grasp itself inside."""
-        return replace(self, slack=max(self.slack - by, 0.5 * self.slack))
+        """With so much more [m] in hand at the cone and round the ball, in whole motions."""
+        return replace(self, reserve=self.reserve + by)
 
     def rows(self, step: StepState) -> Rows | None:
         """The end effector, seen from the client, goes no deeper than its depth allows: a row of one plane."""
@@ -89,7 +92,7 @@ class Corridor(Limit):
     def residual(self, motions: Motions) -> Residuals:
         """The depth and the margin, in arm lengths, where that is above zero."""
         length = motions.stack.length
-        margin = self.margin * length
+        margin = self.margin * length + self.reserve
         times = self._times(motions)
         late = times >= self.deadline - self.inside
         found = self._depth(motions.end_effector, *self._frames(times), margin, late)
