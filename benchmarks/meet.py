@@ -80,11 +80,9 @@ def main() -> None:
         speed, spin = np.linalg.norm(plan.contact_velocity[:3]), np.linalg.norm(plan.contact_velocity[3:])
         if plan.reached:
             worst = np.maximum(worst, [1e3 * speed, spin / DEG])
-        print(
-            f"{seed:4d} {'met   ' if plan.reached else 'failed'} {times[-1]:6.2f} s  "
-            f"{1e3 * plan.position_error[-1]:7.3f} mm  {1e3 * speed:7.3f} mm/s  {spin / DEG:7.3f} deg/s  {plan.note}",
-            flush=True,
-        )
+        row = f"{seed:4d} {'met   ' if plan.reached else 'failed'} {times[-1]:6.2f} s  "
+        row += f"{1e3 * plan.position_error[-1]:7.3f} mm  {1e3 * speed:7.3f} mm/s  {spin / DEG:7.3f} deg/s  "
+        print(row + plan.note, flush=True)
     print(
         f"{met} of {arguments.clients} met; processor time: median {np.median(times):.2f} s, "
         f"90 % within {np.quantile(times, 0.9):.2f} s; at most {worst[0]:.2f} mm/s and {worst[1]:.3f} deg/s"

@@ -16,6 +16,7 @@ from ffsms_pin.opt.limits import (
 )
 from ffsms_pin.opt.planning.many import plan_each, plan_many
 from ffsms_pin.opt.planning.plan import METHODS, plan
+from ffsms_pin.opt.planning.shortest import shortest
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.replan.step_planner import StepPlanner
@@ -61,6 +62,7 @@ __all__ = [
     "plan",
     "plan_each",
     "plan_many",
+    "shortest",
     "soft_assistance",
     "solve",
     "step_cost",

@@ -14,7 +14,7 @@ __all__ = ["contact_velocity", "missed"]
 
 
 def contact_velocity(place: Place, motion: Motions) -> FloatArray:
-    """Velocity and angular velocity (6,) of the end effector relative to a place at the deadline, of a motion.
+    """Velocity and angular velocity (6,) of a motion's end effector relative to a place at the deadline.
 
     A place without velocities counts as one that stands still.
     """

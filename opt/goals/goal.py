@@ -1,4 +1,4 @@
-"""Goals: where the end effector should be at the deadline, and how it should arrive."""
+"""What every goal has; goals that stand still, and a path."""
 
 from __future__ import annotations
 
@@ -178,7 +178,6 @@ class Pose(Goal):
 
     def place(self, t: float) -> Place:
         """The same at all times."""
-        number("t", t)
         return self._place
 
 
@@ -264,7 +263,7 @@ class Shifted(Goal):
     def rotations(self, times: FloatArray) -> FloatArray | None:
         """The other's, turned."""
         found = self.goal.rotations(times)
-        return None if found is None else np.einsum("xy,yzk->xzk", self.turn, found)
+        return found if found is None else np.einsum("xy,yzk->xzk", self.turn, found)
 
 
 def as_goal(target: Any) -> Goal:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
 from ffsms_pin.opt.horizon.starts import JointGoals, joint_range, spread_postures, straight_time
 from ffsms_pin.opt.limits import Clearance
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
@@ -76,14 +77,22 @@ def explain(
             f"binding: the workspace, since the end effector can be {least:.3f} to {most:.3f} m from the "
             f"system's centre of mass and the target is {distance:.3f} m from it"
         )
+        if problem.goal.moves:
+            words.append(time_within_reach(problem, least, most))
         return replace(plan, note="; ".join(words))
+    fast = too_fast(problem, goals) if problem.goal.moves else ""
+    if fast:
+        words.append(fast)
     others = [name for name in plan.binding if name != "joints"]
     if others:
         words.append(f"binding: {', '.join(others)}")
     if binding:
         names = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
         words.append(f"binding: {', '.join(names)}")
-    shortest = _sufficient(problem, goals, binding, attempt)
+    if problem.goal.exact:
+        shortest = later_deadline(problem, least, most, attempt)
+    else:
+        shortest = _sufficient(problem, goals, binding, attempt)
     if shortest > 0.0:
         words.append(f"a duration of {shortest:.2f} s would do")
     else:

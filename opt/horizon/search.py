@@ -110,9 +110,8 @@ class Search:
         self._judge = Judge(problem, self.options)
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
         self.found: list[Found] = []
-        # Without the paper's cost "nearly free" says nothing: the first plan that arrives at a client will do.
-        costs = any(isinstance(term, Coupling) for term in problem.terms)
-        self._coupled = costs or not problem.goal.exact
+        # Without the paper's cost "nearly free" says nothing: the first plan that meets a client will do.
+        self._coupled = not problem.goal.exact or any(isinstance(term, Coupling) for term in problem.terms)
         self._pool: Candidates | None = None
         self._drawn = 0
         self._started = time.perf_counter()

@@ -79,7 +79,7 @@ class Corridor(Limit):
         return replace(self, reserve=self.reserve + by)
 
     def rows(self, step: StepState) -> Rows | None:
-        """The end effector, seen from the client, goes no deeper than its depth allows: a row of one plane."""
+        """Seen from the client, the end effector goes no deeper than its depth allows: a row of one plane."""
         t = np.array([self.deadline - step.time_left])
         here = step.pose.translation[:, None, None]
         found = self._depth(here, *self._frames(t), 0.0)
