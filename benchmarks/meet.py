@@ -57,6 +57,9 @@ def case(sms: ffsms.SpaceManipulator, rng: np.random.Generator) -> tuple[np.ndar
     # Where the client must be at the deadline; its motion backwards from there gives its start.
     then = ffsms.Client(mass, inertia, tip * grasp.inverse(), np.concatenate([np.zeros(3), spin]))
     now = ffsms.Client(mass, inertia, then.pose(-DURATION), then.twist(-DURATION))
+    at_start = (now.pose(0.0) * grasp).translation - sms.at(q0).end_effector_pose.translation
+    if np.linalg.norm(at_start) < opt.Meet.standoff:
+        return case(sms, rng)  # an arm that stands beside the corridor's tip cannot go through its mouth
     return q0, now, grasp
 
 

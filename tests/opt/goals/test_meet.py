@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from horizon_parts import COARSE, spline_of
+from slopes import by_differences, by_slopes, motions
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -16,15 +18,15 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.trajectory import measure
 
-DURATION = 12.0
+DURATION = 24.0
 AXIS = (1.0, 0.0, 0.0)  # along the planar arm's last link
 
 
-def planar_case(sms: ffsms.SpaceManipulator, spin: float = 0.03) -> tuple[FloatArray, opt.Meet]:
+def planar_case(sms: ffsms.SpaceManipulator, spin: float = 0.02) -> tuple[FloatArray, opt.Meet]:
     """A client whose grasp is where a straight move of the planar arm ends, turning in the plane."""
     q0 = sms.configuration([0.4, 0.9, -0.5])
     s = np.linspace(0.0, 1.0, 121)[:, None]
-    rates = np.array([-0.5, -0.9, 1.2]) / DURATION * 30.0 * s**2 * (1.0 - s) ** 2
+    rates = np.array([0.8, 0.4, -0.6]) / DURATION * 30.0 * s**2 * (1.0 - s) ** 2
     straight = measure(opt.Problem(sms, q0, [0.0, 0.0, 0.0], DURATION, 0.1), rates)
     tip = sms.at(straight.q[-1]).end_effector_pose
     grasp = pin.SE3(np.eye(3), np.array([-0.3, 0.0, 0.0]))
@@ -129,10 +131,21 @@ def test_a_client_out_of_reach_is_told_with_the_time_to_try(planar: ffsms.SpaceM
     assert not plan.reached
     assert "binding: the workspace" in plan.note
     assert "within reach from" in plan.note
-    first, last = (float(word) for word in plan.note.split("within reach from ")[1].split(" s")[:2][0:1] * 2)
+    first = float(plan.note.split("within reach from ")[1].split(" s")[0])
     com = planar.at(q0).com
-    assert np.linalg.norm(client.pose(first + 0.3).translation - com) < 2.5
-    assert last >= first
+    distances = [float(np.linalg.norm(client.pose(t).translation - com)) for t in (first - 3.0, first)]
+    note_reach = float(plan.note.split(" m from the system's")[0].split(" to ")[-1])
+    assert distances[0] > note_reach >= distances[1] - 0.05
+
+
+def test_a_start_beside_the_corridor_is_refused(planar: ffsms.SpaceManipulator) -> None:
+    q0 = planar.configuration([0.4, 0.9, -0.5])
+    tip = planar.at(q0).end_effector_pose
+    pose = pin.SE3(tip.rotation, tip.act(np.array([0.0, 0.05, 0.0])))
+    goal = opt.Meet(ffsms.Client(50.0, [4.0, 5.0, 6.0], pose), axis=AXIS)
+    plan = opt.plan(planar, q0, goal, 6.0, 0.05)
+    assert not plan.reached
+    assert plan.note.startswith("the start is beside the corridor")
 
 
 def test_a_client_that_spins_too_fast_is_told_so(planar: ffsms.SpaceManipulator) -> None:
@@ -140,6 +153,30 @@ def test_a_client_that_spins_too_fast_is_told_so(planar: ffsms.SpaceManipulator)
     plan = opt.plan(planar, q0, replace(goal, standoff=0.0), DURATION, 0.05)
     assert not plan.reached
     assert "too fast: to move with the goal at the deadline takes" in plan.note
+
+
+@pytest.mark.parametrize("inside", [0.0, 24.0])
+def test_slopes_of_the_corridor(
+    planar: ffsms.SpaceManipulator, inside: float, rng: np.random.Generator
+) -> None:
+    """By control points, against central differences; with a ball that holds most of the motion."""
+    q0, goal = planar_case(planar)
+    problem = opt.Problem(planar, q0, goal, DURATION)
+    (corridor,) = (one for one in problem.limits if isinstance(one, opt.Corridor))
+    corridor = replace(corridor, length=1.2, inside=inside)
+    spline = spline_of(problem, COARSE, free_end=True)
+    p = 0.02 * rng.normal(size=(1, spline.size, planar.n))
+    residuals = corridor.residual(motions(problem, spline, p))
+    slopes = by_slopes(problem, spline, p, residuals)
+    full = np.zeros((len(spline.times), slopes.shape[1]))
+    (residual,) = (one for one in residuals if isinstance(one, opt.Residual))
+    full[residual.instants] = 2.0 * residual.value[:, None] * slopes  # of the squares, as they are stacked
+    differences = by_differences(problem, spline, p, corridor.residual)
+    size = float(np.abs(differences).max())
+    assert size > 1e-4
+    np.testing.assert_allclose(
+        slopes if slopes.shape == differences.shape else full, differences, atol=1e-4 * size
+    )
 
 
 def test_a_knock_is_no_contact(planar: ffsms.SpaceManipulator, met: opt.Trajectory) -> None:
