@@ -143,7 +143,7 @@ class Client:
 
     def twist(self, t: float) -> FloatArray:
         """Twist (6,) at a time, inertial axes: of the centre of mass [m/s], and the spin [rad/s]."""
-        return self.twists([t])[0]
+        return np.asarray(self.twists([t])[0])
 
     def twists(self, times: ArrayLike) -> FloatArray:
         """Twists (K, 6) at times (K,) [s]; see `twist`."""

@@ -34,7 +34,7 @@ def amplitude_argument(sine: float, cosine: float, k1: float) -> float:
     scale = np.hypot(sine, cosine)
     s, c = sine / scale, cosine / scale
     u = s * float(elliprf(c**2, c**2 + (k1 * s) ** 2, 1.0))
-    return u if c >= 0.0 else float(np.copysign(2.0 * quarter_period(k1), s)) - u
+    return float(u if c >= 0.0 else np.copysign(2.0 * quarter_period(k1), s) - u)
 
 
 def jacobi(u: FloatArray, k1: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -74,7 +74,7 @@ class PeriodicIntegral:
     def of(cls, function: Callable[[FloatArray], FloatArray], k1: float) -> PeriodicIntegral:
         """Of `function(dn)`, smooth and even in the argument of dn; dn of the complementary modulus `k1`."""
         K = quarter_period(k1)
-        _, _, dn = jacobi(2.0 * K / _NODES * np.arange(_NODES), k1)
+        _, _, dn = jacobi(np.linspace(0.0, 2.0 * K, _NODES, endpoint=False), k1)
         series = np.fft.rfft(function(dn)).real / _NODES
         n = np.arange(1, _NODES // 2)
         amplitudes = 2.0 * K / np.pi * series[1:-1] / n

@@ -68,7 +68,7 @@ class SteadySpin:
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         angle = (rate * t)[:, None, None]
         turns = np.eye(3) + np.sin(angle) * cross + 2.0 * np.sin(0.5 * angle) ** 2 * (cross @ cross)
-        return turns @ self.attitude
+        return np.asarray(turns @ self.attitude)
 
 
 @dataclass(frozen=True, eq=False)

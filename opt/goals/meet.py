@@ -122,7 +122,7 @@ class Meet(Goal):
     def positions(self, times: FloatArray) -> FloatArray:
         """All at once."""
         positions, attitudes = self.client.poses(times)
-        return (positions + attitudes @ self.grasp.translation).T
+        return np.asarray((positions + attitudes @ self.grasp.translation).T)
 
     def rotations(self, times: FloatArray) -> FloatArray:
         """All at once."""

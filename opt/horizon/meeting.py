@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.stacks import apply
@@ -69,7 +70,7 @@ def later_deadline(problem: Problem, least: float, most: float, attempt: Callabl
     return 0.0
 
 
-def _within_reach(problem: Problem, least: float, most: float) -> tuple[FloatArray, FloatArray]:
+def _within_reach(problem: Problem, least: float, most: float) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Times (K,) ahead, and whether the goal is within reach then."""
     t = np.linspace(0.0, max(_AHEAD * problem.duration, _LEAST_AHEAD), _TIMES)[1:]
     way = problem.goal.positions(t) - problem.com0[:, None] - problem.drift[:, None] * t

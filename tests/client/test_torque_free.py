@@ -34,7 +34,8 @@ def integrated(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> F
     span = (0.0, TIMES[-1])
     done = solve_ivp(slope, span, start, "DOP853", TIMES, rtol=1e-13, atol=1e-16, max_step=1.0)
     quaternions = done.y.reshape(-1, 7, len(TIMES))[:, 3:].swapaxes(1, 2)
-    return Rotation.from_quat(quaternions.reshape(-1, 4)).as_matrix().reshape(-1, len(TIMES), 3, 3)
+    matrices = Rotation.from_quat(quaternions.reshape(-1, 4)).as_matrix()
+    return np.asarray(matrices.reshape(-1, len(TIMES), 3, 3))
 
 
 SPINS = {
