@@ -38,7 +38,7 @@ class Problem:
         Configuration at the start, within the joint limits.
     goal : array_like, shape (3,), pinocchio.SE3, callable, or Goal
         Where the end effector should be at the deadline, inertial axes: a position [m], a pose, a function of
-        time [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`.
+        time [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`, `opt.Meet`.
     duration : float
         Time to the deadline [s]. The paper states none; 12 s is ours for its cases.
     dt : float
@@ -46,9 +46,10 @@ class Problem:
         nearest that does.
     terms : sequence of Term, optional
         What the motion should be like. Default: the paper's cost with kappa 10, small accelerations, little
-        travel.
+        travel. Without the paper's cost where the goal sets the way (`Goal.coupled`).
     limits : sequence of Limit, optional
-        What must hold. Default: the joints' limits, and a clearance of 0.01 m.
+        What must hold. Default: the joints' limits, and a clearance of 0.01 m. Limits that belong to the
+        goal, such as the corridor of `opt.Meet`, come to these by themselves.
     joint_rates : array_like, shape (n,), optional
         At the start [rad/s]; default: at rest.
     momentum : array_like, shape (6,), optional
@@ -85,9 +86,14 @@ class Problem:
             raise InvalidValue(
                 "duration", duration, f"must be at most {MOST_STEPS} steps of {dt:g} s; take a longer dt"
             )
-        terms = (Coupling(), Smooth(), Effort()) if self.terms is None else self.terms
+        goal = as_goal(self.goal)
+        terms = self.terms
+        if terms is None:
+            terms = (Coupling(), Smooth(), Effort()) if goal.coupled else (Smooth(), Effort())
         limits = (JointLimits(), Clearance()) if self.limits is None else self.limits
         check_parts("terms", terms, Term)
+        check_parts("limits", limits, Limit)
+        limits = (*(limit for limit in limits if not limit.of_goal), *goal.limits(duration))
         check_parts("limits", limits, Limit)
         n = self.sms.n
         rates = np.zeros(n)
@@ -103,7 +109,7 @@ class Problem:
                 raise InvalidValue("locked", name, f"must be a joint: {', '.join(self.sms.joint_names)}")
         values = {
             "q0": q0,
-            "goal": as_goal(self.goal),
+            "goal": goal,
             "duration": duration,
             "dt": duration / round(duration / dt),
             "terms": tuple(terms),

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import number
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
@@ -73,7 +74,8 @@ def plan(
         Step [s]; the paper states none. A whole number of steps makes up the duration, so the step used is
         the nearest that does.
     kappa : float
-        Sharpness of C~. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)).
+        Sharpness of C~. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)). A target that is
+        approached through a corridor (`opt.Meet`) is planned without the paper's cost, see docs/clients.md.
     clearance : float
         The paper's d_safe [m], within the arm and from the arm to the base.
     collision : {"auto", "points", "hulls", "shapes", "off"}
@@ -120,7 +122,10 @@ def plan(
         raise InvalidValue("method", method, f"must be one of {', '.join(METHODS)}")
     if base_limits is not None and not isinstance(base_limits, BaseLimits):
         raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")
-    terms: list[Term] = [Coupling(kappa), Smooth(), Effort() if effort is None else Effort(effort)]
+    goal = as_goal(target)
+    terms: list[Term] = [Smooth(), Effort() if effort is None else Effort(effort)]
+    if goal.coupled:
+        terms.insert(0, Coupling(kappa))
     if number("base", base) != 0.0:
         terms.append(BaseTurn(base))
     limits: list[Limit] = [JointLimits(), Clearance(clearance, collision)]
@@ -129,7 +134,7 @@ def plan(
     problem = Problem(
         sms,
         q0,
-        target,
+        goal,
         duration,
         dt,
         terms,
