@@ -10,6 +10,7 @@ from ffsms_pin.opt.limits import (
     Clearance,
     JointLimits,
     Limit,
+    Obstacle,
     Rows,
     Violation,
 )
@@ -39,6 +40,7 @@ __all__ = [
     "Limit",
     "Motions",
     "Moving",
+    "Obstacle",
     "Pose",
     "Position",
     "Problem",

@@ -9,6 +9,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.opt.horizon.blocked import blocking
 from ffsms_pin.opt.horizon.starts import JointGoals, joint_range, spread_postures, straight_time
 from ffsms_pin.opt.limits import Clearance
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
@@ -32,10 +33,11 @@ def start_in_collision(problem: Problem) -> Trajectory | None:
         problem.sms, problem.stack, problem.q0, np.zeros((2, problem.sms.n)), problem.dt, None, ARRIVAL_SHARE
     )
     clearances = [limit for limit in problem.limits if isinstance(limit, Clearance)]
-    if all(limit.violation(begin).amount == 0.0 for limit in clearances):
+    notes = [found.note for limit in clearances if (found := limit.violation(begin)).amount > 0.0]
+    if not notes:
         return None
     still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
-    note = f"the start breaks the clearance: {still.note}; move the start, or ask for less"
+    note = f"the start breaks the clearance: {'; '.join(notes)}; move the start, or ask for less"
     return replace(still, note=note)
 
 
@@ -77,6 +79,8 @@ def explain(
             f"system's centre of mass and the target is {distance:.3f} m from it"
         )
         return replace(plan, note="; ".join(words))
+    if stands := blocking(problem, plan):
+        words.append(stands)
     others = [name for name in plan.binding if name != "joints"]
     if others:
         words.append(f"binding: {', '.join(others)}")

@@ -5,6 +5,7 @@ from ffsms_pin.opt.limits.base import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.joints import JointLimits
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
+from ffsms_pin.opt.limits.obstacles import Obstacle
 
 __all__ = [
     "UNBOUNDED",
@@ -13,6 +14,7 @@ __all__ = [
     "Clearance",
     "JointLimits",
     "Limit",
+    "Obstacle",
     "Rows",
     "Violation",
 ]

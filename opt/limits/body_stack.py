@@ -44,6 +44,8 @@ class BodyStack:
     mode : {"hulls", "shapes"}
     clearance : float
         What is asked for [m].
+    payload : Part, optional
+        What the end effector holds, as a part of the body that holds it.
 
     Attributes
     ----------
@@ -56,11 +58,14 @@ class BodyStack:
         No two bodies with shapes can meet.
     """
 
-    def __init__(self, sms: SpaceManipulator, mode: str, clearance: float) -> None:
-        self.mode, self._sms, self._clearance = mode, sms, clearance
+    def __init__(
+        self, sms: SpaceManipulator, mode: str, clearance: float, payload: Part | None = None
+    ) -> None:
+        self.mode, self._sms, self._settings = mode, sms, (sms, mode, clearance, payload)
         self._arm = ArmStack(sms)
-        whole = whole_shapes(sms.geometry("collision"))
-        parts = sms.convex_parts() if mode == "hulls" else whole
+        held = [] if payload is None else [payload]
+        whole = [*whole_shapes(sms.geometry("collision")), *held]
+        parts = [*sms.convex_parts(), *held] if mode == "hulls" else whole
         bodies = body_pairs(sms, parts)
         if not bodies:
             raise InvalidValue(
@@ -85,7 +90,7 @@ class BodyStack:
         self.refines = mode == "hulls" and not all(part.convex for part in whole)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return BodyStack, (self._sms, self.mode, self._clearance)  # a copy has data of its own
+        return BodyStack, self._settings  # a copy has data of its own
 
     def names(self) -> list[str]:
         """What each clearance is between, in order."""

@@ -44,7 +44,10 @@ def least_of_obstacles(stack: ObstacleStack, motion: Motions, clearance: float, 
 
     def measure(pair: Indices, k: Indices, after: FloatArray) -> FloatArray:
         here = _between(stack, motion, k, after)
-        return stack.exact(here, (pair, np.arange(len(pair))), floor + float(bend[pair, k].max())) - bend[pair, k]
+        return (
+            stack.exact(here, (pair, np.arange(len(pair))), floor + float(bend[pair, k].max()))
+            - bend[pair, k]
+        )
 
     between = least_between(times, values, change, floor, measure)
     return least if between is None else between._replace(near=close)
@@ -61,7 +64,9 @@ def _robot_change(stack: ObstacleStack, motion: Motions, poses: Poses) -> FloatA
     count = len(motion.times)
     own = motion.own_spin[:, 0]
     spin = apply_rates(arm.spin[..., 0, :], u) + own
-    root = apply_rates(arm.root[..., 0, :], u) + np.einsum("yxk,y->xk", motion.base_attitude[:, :, 0], motion.drift)
+    root = apply_rates(arm.root[..., 0, :], u) + np.einsum(
+        "yxk,y->xk", motion.base_attitude[:, :, 0], motion.drift
+    )
     root += cross(arm.com[:, 0], own)
     # Of every pair (3, m, K), base axes; what is fixed to the base is not passed by the base's own motion.
     apart = np.where(stack.on_base, 0.0, 1.0)[:, None]

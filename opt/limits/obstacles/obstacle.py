@@ -28,6 +28,7 @@ _CONVEX = (
     _NODE.GEOM_ELLIPSOID,
     _NODE.GEOM_CONE,
 )
+_POINT = 1e-6  # [m] radius of a ball that is measured for a point
 _FLAT = 1e-6  # share of a mesh's size by which its corners may stand out of its faces
 
 
@@ -80,9 +81,7 @@ class Obstacle:
         object.__setattr__(self, "shape", convex_shape("obstacle.shape", self.shape))
         checks.pose("obstacle.pose", self.pose)
         object.__setattr__(self, "pose", pin.SE3(self.pose))
-        object.__setattr__(
-            self, "margin", checks.at_least_zero("obstacle.margin", self.margin, "m")
-        )
+        object.__setattr__(self, "margin", checks.at_least_zero("obstacle.margin", self.margin, "m"))
         checks.instance("obstacle.name", self.name, str)
         known = isinstance(self.on, str) and self.on in (INERTIAL, BASE)
         client = all(callable(getattr(self.on, method, None)) for method in ("pose", "poses"))
@@ -116,6 +115,14 @@ class Obstacle:
                 f"must give poses of shapes ({count}, 3) and ({count}, 3, 3) at {count} times",
             )
         return Track(positions + rotations @ own.translation, rotations @ own.rotation)
+
+    def distance(self, point: FloatArray, time: float) -> float:
+        """From a point (3,), inertial axes, or those of the base for an obstacle on it; negative inside [m]."""
+        track = self.track(np.array([time]))
+        place = coal.Transform3s(track.rotations[0], track.positions[0])
+        here, result = coal.Transform3s(np.eye(3), np.asarray(point)), coal.DistanceResult()
+        ball = coal.Sphere(_POINT)
+        return float(coal.distance(ball, here, self.shape, place, coal.DistanceRequest(), result)) + _POINT
 
     def later(self, by: float) -> Obstacle:
         """The same obstacle for times that are counted from `by` seconds later."""
@@ -176,7 +183,9 @@ def convex_shape(name: str, shape: Any) -> Any:
     if shape.getObjectType() == coal.OBJECT_TYPE.OT_BVH:
         return _hull(name, shape)
     if shape.getNodeType() not in _CONVEX:
-        raise InvalidValue(name, type(shape).__name__, "must be a box, sphere, capsule, cylinder or convex mesh")
+        raise InvalidValue(
+            name, type(shape).__name__, "must be a box, sphere, capsule, cylinder or convex mesh"
+        )
     if not 0.0 < size < checks.LARGEST:
         raise InvalidValue(name, size, "must have a size [m] that is finite and above zero")
     return shape
@@ -194,7 +203,9 @@ def _hull(name: str, mesh: Any) -> Any:
         points.extend(list(corners))
         hull = coal.ConvexBase.convexHull(points, True, "Qt")
     except Exception as error:  # qhull refuses what is flat, with kinds of its own
-        raise InvalidValue(name, mesh, "must be a mesh with a volume; give a thin coal.Box instead") from error
+        raise InvalidValue(
+            name, mesh, "must be a mesh with a volume; give a thin coal.Box instead"
+        ) from error
     triangles = np.array(mesh.vertices(), dtype=np.float64)[faces]
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.stacks import cross, dot
 from ffsms_pin.opt.limits.clearance_rows import CLOSING_RATE, MARGIN
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
-from ffsms_pin.opt.limits.obstacles.stack import ObstacleStack, seen_from_base
+from ffsms_pin.opt.limits.obstacles.stack import ObstacleStack
 from ffsms_pin.opt.limits.part_pairs import Nearest, Poses
 from ffsms_pin.opt.limits.step_state import StepState
 
@@ -24,12 +23,12 @@ def obstacle_rows(stack: ObstacleStack, kept: float, step: StepState) -> Rows:
     The base reacts to the joints: d' = G u, plus what the total momentum and the obstacle's motion add.
     """
     arm, n = stack.arm, step.sms.n
-    poses = _poses(stack, step, step.time)
+    poses = stack.seen_at(step.q, step.time)
     limits = step.sms.limits
     fastest = np.minimum(np.abs(step.rates) + limits.acceleration * step.dt, limits.velocity)
     moving = np.array([one.moves for one in stack.obstacles], dtype=bool)[stack.others]
     before, after = (
-        (_poses(stack, step, step.time + h) for h in (-_STEP, _STEP)) if moving.any() else (poses, poses)
+        (stack.seen_at(step.q, step.time + h) for h in (-_STEP, _STEP)) if moving.any() else (poses, poses)
     )
     near = kept + MARGIN + _fastest_closing(stack, step, poses, before, after, fastest) / CLOSING_RATE
     value = stack.bounds(poses, near)
@@ -43,20 +42,14 @@ def obstacle_rows(stack: ObstacleStack, kept: float, step: StepState) -> Rows:
         apart = np.where(stack.on_base[columns], 0.0, 1.0)
         # Of the base's motion at the body's nearest point, base axes (V, n + 1): by the joints, and given.
         base = np.column_stack([step.reaction, step.drift])
-        velocity = base[:3, None] + np.cross(base[3:].T[:, None], found.here.T[None], axis=2).transpose(2, 1, 0)
+        velocity = base[:3, None] + np.cross(base[3:].T[:, None], found.here.T[None], axis=2).transpose(
+            2, 1, 0
+        )
         closing = apart[:, None] * np.einsum("xvj,xv->vj", velocity, found.normal)
         G[columns] -= closing[:, :n]
         given[columns] = _own_speed(stack, columns, found, poses, before, after) - closing[:, n]
     least = CLOSING_RATE * (kept + MARGIN - value) - given
     return Rows(G, least, np.full(least.size, UNBOUNDED), give=1.0)
-
-
-def _poses(stack: ObstacleStack, step: StepState, time: float) -> Poses:
-    """Links, obstacles and base at the step's start, obstacles where they are at a time."""
-    poses = Poses.make(*stack.arm.poses(step.joints[:, None]))
-    R = pin.Quaternion(step.q[3:7]).toRotationMatrix()
-    tracks = [one.track(np.array([time])) for one in stack.obstacles]
-    return seen_from_base(poses, R[..., None], step.q[:3, None], stack.obstacles, tracks)
 
 
 def _own_speed(
@@ -81,7 +74,9 @@ def _fastest_closing(
     """How fast distances (m,) can shrink at most within the step [m/s]: balls around the bodies."""
     body = stack.bodies
     carries = np.vstack([stack.arm.carries.T, np.zeros(stack.arm.n)])[body]
-    centre = poses.origins[:, body, 0] + np.einsum("xym,my->xm", poses.rotations[:, :, body, 0], stack.centres)
+    centre = poses.origins[:, body, 0] + np.einsum(
+        "xym,my->xm", poses.rotations[:, :, body, 0], stack.centres
+    )
     axes, velocities = poses.axes[..., 0], poses.velocities[..., 0]
     apart = np.where(stack.on_base, 0.0, 1.0)
     turning = axes[:, None] * carries + apart[:, None] * step.reaction[3:, None]
@@ -97,5 +92,7 @@ def _fastest_closing(
         index = stack.arm.n + stack.others
         way = after.origins[:, index, 0] - before.origins[:, index, 0]
         turned = after.rotations[:, :, index, 0] - before.rotations[:, :, index, 0]
-        most = most + (np.linalg.norm(way, axis=0) + stack.far * np.linalg.norm(turned, axis=(0, 1))) / (2.0 * _STEP)
+        most = most + (np.linalg.norm(way, axis=0) + stack.far * np.linalg.norm(turned, axis=(0, 1))) / (
+            2.0 * _STEP
+        )
     return most

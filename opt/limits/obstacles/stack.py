@@ -56,7 +56,11 @@ class ObstacleStack:
     """
 
     def __init__(
-        self, sms: SpaceManipulator, obstacles: Sequence[Obstacle], collision: str, payload: Part | None = None
+        self,
+        sms: SpaceManipulator,
+        obstacles: Sequence[Obstacle],
+        collision: str,
+        payload: Part | None = None,
     ) -> None:
         self._settings = (sms, obstacles, collision, payload)
         self.obstacles = tuple(obstacles)
@@ -114,6 +118,19 @@ class ObstacleStack:
         return seen_from_base(
             poses, R.reshape(3, 3, count * size), root.reshape(3, count * size), self.obstacles, tracks
         )
+
+    def seen_at(self, q: FloatArray, time: float) -> Poses:
+        """Links, obstacles and base at one configuration q (nq,) and one time [s], base axes."""
+        poses = Poses.make(*self.arm.poses(self._settings[0].layout.positions(q)[:, None]))
+        R = pin.Quaternion(q[3:7]).toRotationMatrix()
+        tracks = [one.track(np.array([time])) for one in self.obstacles]
+        return seen_from_base(poses, R[..., None], q[:3, None], self.obstacles, tracks)
+
+    def distances(self, q: FloatArray, time: float) -> FloatArray:
+        """Distances (m,) at one configuration and time, margins included; overlaps by the shapes [m]."""
+        columns = np.arange(len(self._names))
+        found = self.exact(self.seen_at(q, time), (columns, np.zeros_like(columns)), 0.0)
+        return np.asarray(found + self._margins)
 
     def values(self, motions: Motions, near: float = np.inf) -> FloatArray:
         """Distances less margins (m, S, K) [m]: exact below `near`, else bounds from below."""
@@ -190,7 +207,9 @@ def seen_from_base(
         rotations.append(turn[:, :, None])
         origins.append(place[:, None])
     return poses._replace(
-        rotations=np.concatenate([poses.rotations[:, :, :-1], *rotations, poses.rotations[:, :, -1:]], axis=2),
+        rotations=np.concatenate(
+            [poses.rotations[:, :, :-1], *rotations, poses.rotations[:, :, -1:]], axis=2
+        ),
         origins=np.concatenate([poses.origins[:, :-1], *origins, poses.origins[:, -1:]], axis=1),
     )
 
