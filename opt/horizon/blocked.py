@@ -29,8 +29,8 @@ def check_obstacles(problem: Problem) -> None:
             raise InvalidValue(
                 "q0",
                 problem.joints0.round(6),
-                f"must keep clear of obstacles: {pair} overlap by {1e3 * depth:.1f} mm at the start; move the "
-                "start or the obstacle",
+                f"must keep clear of obstacles: {pair} overlap by {1e3 * depth:.1f} mm at the start; move "
+                "the start or the obstacle",
             )
         for obstacle in limit.obstacles:
             if obstacle.on_base:

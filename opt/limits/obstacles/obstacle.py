@@ -117,7 +117,7 @@ class Obstacle:
         return Track(positions + rotations @ own.translation, rotations @ own.rotation)
 
     def distance(self, point: FloatArray, time: float) -> float:
-        """From a point (3,), inertial axes, or those of the base for an obstacle on it; negative inside [m]."""
+        """From a point (3,) at a time [s], negative inside [m]; axes of what the obstacle is on."""
         track = self.track(np.array([time]))
         place = coal.Transform3s(track.rotations[0], track.positions[0])
         here, result = coal.Transform3s(np.eye(3), np.asarray(point)), coal.DistanceResult()

@@ -22,7 +22,7 @@ def obstacle_rows(stack: ObstacleStack, kept: float, step: StepState) -> Rows:
 
     The base reacts to the joints: d' = G u, plus what the total momentum and the obstacle's motion add.
     """
-    arm, n = stack.arm, step.sms.n
+    n = step.sms.n
     poses = stack.seen_at(step.q, step.time)
     limits = step.sms.limits
     fastest = np.minimum(np.abs(step.rates) + limits.acceleration * step.dt, limits.velocity)

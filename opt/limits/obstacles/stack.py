@@ -1,7 +1,7 @@
 """Distances from the robot to obstacles, of many motions at once.
 
-As for the robot's own bodies (`PartPairs`), everything is seen from the base: an obstacle in inertial space or
-on a client is a body that moves past it. A distance then depends on the joints and on the pose of the base.
+As for the robot's own bodies (`PartPairs`), everything is seen from the base: an obstacle in inertial space
+or on a client is a body that moves past it. A distance then depends on the joints and on the base's pose.
 """
 
 from __future__ import annotations
