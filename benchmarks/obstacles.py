@@ -1,9 +1,9 @@
 """Whether targets are reached among obstacles, whether plans keep clear of them, and what that costs.
 
 Targets are reachable by construction (`benchmarks.targets`): by a straight joint-space move. Three obstacles
-are drawn near to where the arm sweeps in that move, such that the move keeps clear of them. Of the targets that
-are reached without obstacles, how many are reached among them? Finished plans are judged by coal directly, on
-the robot's meshes, at nodes and in the middles between them.
+are drawn near to where the arm sweeps in that move, such that the move keeps clear of them. Of the targets
+that are reached without obstacles, how many are reached among them? Finished plans are judged by coal directly,
+on the robot's meshes, at nodes.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from ffsms_pin.opt.batch.stacks import apply
 DT, CLEARANCE = 0.01, 0.01  # [s], [m]
 SPARE = 0.005  # [m] beyond the clearance, that the straight move keeps to each obstacle
 COUNT = 3  # obstacles
-NEAR = 0.45  # [m] Obstacles are drawn within this of a place that some link's shape passes.
+NEAR = 0.3  # [m] Obstacles are drawn within this of a place that some link's shape passes.
 MOVE = 200  # configurations of the straight move that are looked at
-EVERY = 4  # of a plan's nodes and middles at which meshes are measured
+EVERY = 4  # of a plan's nodes, at which meshes are measured
 
 
 class Meshes:
@@ -85,8 +85,8 @@ def obstacles_beside(sms: ffsms.SpaceManipulator, task: Task, rng: np.random.Gen
         one = opt.Obstacle(random_shape(rng), pin.SE3(turn, centre))
         if one.distance(task.target, 0.0) < CLEARANCE:
             continue
-        limit = opt.Clearance(0.0, "off", obstacles=[one]).for_robot(sms)
-        if limit.least(motion)[0] > CLEARANCE + SPARE:
+        limit = opt.Clearance(CLEARANCE + SPARE, "off", obstacles=[one]).for_robot(sms)
+        if limit.violation(motion).amount == 0.0:
             found.append(one)
     return found
 

@@ -26,6 +26,7 @@ from ffsms_pin.opt import (
     Term,
 )
 from ffsms_pin.scenarios.joint_units import joint_units, slides
+from ffsms_pin.scenarios.obstacles import made_obstacles
 from ffsms_pin.scenarios.parts import made_part, with_parts
 from ffsms_pin.scenarios.reading import packaged_path, read, scenario_names
 from ffsms_pin.scenarios.schema import checked_tables
@@ -61,6 +62,8 @@ class Scenario:
         None: no watchdog.
     term, limit : tuple of mappings
         Terms and limits of the plan beside, or in place of, those that `plan` describes.
+    obstacle : tuple of mappings
+        What the robot keeps clear of beside itself.
     allow_import : bool
         Whether terms and limits may be a user's own, imported from Python modules.
     """
@@ -86,6 +89,7 @@ class Scenario:
     watchdog: Mapping[str, Any] | None = None
     term: tuple[Mapping[str, Any], ...] = ()
     limit: tuple[Mapping[str, Any], ...] = ()
+    obstacle: tuple[Mapping[str, Any], ...] = ()
     allow_import: bool = False
 
     @property
@@ -171,12 +175,20 @@ class Scenario:
         terms.append(Effort(plan["effort"]) if "effort" in plan else Effort())
         if plan.get("base", 0.0) > 0.0:
             terms.append(BaseTurn(plan["base"]))
-        limits: list[Limit] = [JointLimits(), Clearance(*self.clearance)]
+        around = made_obstacles(self.source, self.obstacle)
+        try:
+            limits: list[Limit] = [JointLimits(), Clearance(*self.clearance, obstacles=around)]
+        except InvalidValue as error:
+            raise InvalidScenario(self.source, str(error)) from None
         if "base_limits" in plan:
             limits.append(BaseLimits(**radians(plan["base_limits"])))
         rows = enumerate(self.term, start=1), enumerate(self.limit, start=1)
         own_terms = [made_part(self.source, "term", i, row, self.allow_import) for i, row in rows[0]]
-        own_limits = [made_part(self.source, "limit", i, row, self.allow_import) for i, row in rows[1]]
+        own_limits = [
+            made_part(self.source, "limit", i, row, self.allow_import)
+            for i, row in rows[1]
+            if row["use"] != "clearance"  # it is there already, with the obstacles
+        ]
         try:
             return Problem(
                 sms,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.blocked import obstructed
 from ffsms_pin.opt.horizon.correction import corrected_goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
@@ -259,6 +260,8 @@ class Search:
         if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
             return  # a march knows no such goal
         least = self._judge.least_cost(self.found)
+        if least < np.inf and obstructed(self.problem, self.best().plan):
+            return  # a march stops at an obstacle that the plan goes round
         if least <= cheap or not any(isinstance(term, Coupling) for term in self.problem.terms):
             return
         if least == np.inf and not self._there().any():
