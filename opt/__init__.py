@@ -1,13 +1,14 @@
 """Coupling-informed planning: problems made of terms and limits, and solvers that only stack them."""
 
 from ffsms_pin.opt.batch import JointResidual, Motions, Residual
-from ffsms_pin.opt.goals import Goal, Moving, Pose, Position
+from ffsms_pin.opt.goals import Goal, Meet, Moving, Pose, Position
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.limits import (
     UNBOUNDED,
     AlphaBox,
     BaseLimits,
     Clearance,
+    Corridor,
     JointLimits,
     Limit,
     Obstacle,
@@ -32,12 +33,14 @@ __all__ = [
     "BaseLimits",
     "BaseTurn",
     "Clearance",
+    "Corridor",
     "Coupling",
     "Effort",
     "Goal",
     "JointLimits",
     "JointResidual",
     "Limit",
+    "Meet",
     "Motions",
     "Moving",
     "Obstacle",

@@ -38,7 +38,7 @@ class Problem:
         Configuration at the start, within the joint limits.
     goal : array_like, shape (3,), pinocchio.SE3, callable, or Goal
         Where the end effector should be at the deadline, inertial axes: a position [m], a pose, a function of
-        time [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`.
+        time [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`, `opt.Meet`.
     duration : float
         Time to the deadline [s]. The paper states none; 12 s is ours for its cases.
     dt : float
@@ -48,7 +48,8 @@ class Problem:
         What the motion should be like. Default: the paper's cost with kappa 10, small accelerations, little
         travel.
     limits : sequence of Limit, optional
-        What must hold. Default: the joints' limits, and a clearance of 0.01 m.
+        What must hold. Default: the joints' limits, and a clearance of 0.01 m. Limits that belong to the
+        goal, such as the corridor of `opt.Meet`, come to these by themselves.
     joint_rates : array_like, shape (n,), optional
         At the start [rad/s]; default: at rest.
     momentum : array_like, shape (6,), optional
@@ -89,6 +90,9 @@ class Problem:
         limits = (JointLimits(), Clearance()) if self.limits is None else self.limits
         check_parts("terms", terms, Term)
         check_parts("limits", limits, Limit)
+        goal = as_goal(self.goal)
+        limits = (*(limit for limit in limits if not limit.of_goal), *goal.limits(duration))
+        check_parts("limits", limits, Limit)
         n = self.sms.n
         rates = np.zeros(n)
         if self.joint_rates is not None:
@@ -103,7 +107,7 @@ class Problem:
                 raise InvalidValue("locked", name, f"must be a joint: {', '.join(self.sms.joint_names)}")
         values = {
             "q0": q0,
-            "goal": as_goal(self.goal),
+            "goal": goal,
             "duration": duration,
             "dt": duration / round(duration / dt),
             "terms": tuple(terms),

@@ -14,6 +14,7 @@ from ffsms_pin.opt.batch.motions import apply_rates
 from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
 from ffsms_pin.opt.batch.stacks import apply, cross, dot, log3
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
+from ffsms_pin.opt.goals.contact import contact_velocity, missed
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.storage import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
@@ -28,6 +29,7 @@ _SCALARS = (
     ("orientation_reach", float),
     ("note", str),
     ("clear", bool),
+    ("met", bool),
     ("shortest_duration", float),
 )
 _SHAPES: dict[str, tuple[str | int, ...]] = {
@@ -38,6 +40,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "end_effector": ("N+1", 3),
     "target": (3,),
     "target_rotation": (3, 3),
+    "contact_velocity": (6,),
     "momentum": (6,),
     **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
     **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
@@ -91,6 +94,11 @@ class Trajectory:
         between them.
     shortest_duration : float
         A duration that would do, where the plan failed for want of time and one is known [s]; else 0.
+    contact_velocity : ndarray, shape (6,)
+        Velocity [m/s] and angular velocity [rad/s] of the end effector at the deadline relative to the goal's
+        place, inertial axes. Where a goal asks for no velocity, it counts as one that stands still.
+    met : bool
+        Whether the end is within the goal's tolerance, velocities included; asked of `opt.Meet` only.
     momentum : ndarray, shape (6,)
         Total momentum [linear; angular], inertial axes, about the system's centre of mass.
     shares : dict of str to float
@@ -121,6 +129,8 @@ class Trajectory:
     note: str = ""
     clear: bool = True
     shortest_duration: float = 0.0
+    contact_velocity: FloatArray = field(default_factory=lambda: np.zeros(6))
+    met: bool = True
     momentum: FloatArray = field(default_factory=lambda: np.zeros(6))
     shares: dict[str, float] = field(default_factory=dict)
     binding: dict[str, FloatArray] = field(default_factory=dict)
@@ -152,12 +162,12 @@ class Trajectory:
         """Paper Eq. const8: the error stays within r_th throughout the last 10 % of the time.
 
         For a target with an orientation, the angle stays within `orientation_reach` too. Never true of a
-        motion that breaks the clearance it was asked to keep.
+        motion that breaks the clearance it was asked to keep, or that fails to meet a client (`met`).
         """
         late = self.t >= ARRIVAL_SHARE * self.duration - 1e-9
         near = self.position_error[late] <= self.reach
         turned = self.orientation_error[late] <= self.orientation_reach
-        return self.clear and bool((near & turned).all())
+        return self.clear and self.met and bool((near & turned).all())
 
     @property
     def cost_integral(self) -> float:
@@ -214,9 +224,9 @@ class Trajectory:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
-        # Files from before there was momentum, or before there were terms, have none.
-        before = {"momentum": np.zeros(6), **{name: np.array("{}") for name in _TEXTS}}
-        kinds = {"clear": "b", **dict.fromkeys(("note", *_TEXTS), "U")}
+        # Files from before there was momentum, or before there were terms or clients, have none.
+        before = {"momentum": np.zeros(6), "contact_velocity": np.zeros(6), "met": np.array(True), **{name: np.array("{}") for name in _TEXTS}}
+        kinds = {"clear": "b", "met": "b", **dict.fromkeys(("note", *_TEXTS), "U")}
         arrays = load_arrays(
             path, _FORMAT, list(_SHAPES), before, lambda heads: check_shapes(path, heads, _SHAPES, kinds)
         )
@@ -236,8 +246,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     sms, stack, goal, kappa = problem.sms, problem.stack, problem.goal, problem.kappa
     q0, momentum = problem.q0, problem.momentum
     motion = rolled_out(sms, stack, q0, rates, problem.dt, momentum, ARRIVAL_SHARE)
-    places = [goal.place(t) for t in motion.times] if goal.moves else [goal.place(0.0)] * len(motion.times)
-    target = np.stack([place.position for place in places], axis=-1)
+    place, target = goal.place(problem.duration), goal.positions(motion.times)
     motion = replace(motion, target=target, mean_speed=problem.mean_speed)
     nodes = slice(None, None, 2)
     R, arm, way = motion.base_attitude[:, :, 0, nodes], motion.arm, motion.to_target[:, 0, nodes]
@@ -253,13 +262,16 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     cost = (np.logaddexp(0.0, kappa * cosine) / kappa - (1.0 - H)) ** 2
     turned = np.zeros(len(motion.times))
     wanted = np.full((3, 3), np.nan)
-    if places[-1].rotation is not None:
-        wanted = places[-1].rotation
-        rotations = np.stack([place.rotation for place in places], axis=-1)
+    rotations = goal.rotations(motion.times)
+    if rotations is not None:
+        wanted = rotations[..., -1]
+        rotations = np.broadcast_to(rotations, (3, 3, len(motion.times)))
         error = log3(np.einsum("xyk,zyk->xzk", rotations, motion.attitude[:, :, 0]))
         turned = np.sqrt(dot(error, error))
+    contact = contact_velocity(place, motion)
+    misses = missed(goal, float(np.linalg.norm(way[:, -1])), float(turned[-1]), contact)
     found = [(limit.name, limit.violation(motion)) for limit in problem.limits]
-    notes = [note, *(violation.note for _, violation in found)]
+    notes = [note, misses, *(violation.note for _, violation in found)]
     shares = {}
     for term in problem.terms:
         if isinstance(term, Coupling):  # the paper's own sum
@@ -289,5 +301,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         momentum=np.zeros(6) if momentum is None else momentum,
         shares=shares,
         binding={name: violation.instants for name, violation in found if violation.instants.size},
+        contact_velocity=contact,
+        met=not misses,
         broken={name: violation.amount for name, violation in found if violation.amount > 0.0},
     )

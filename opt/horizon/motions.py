@@ -73,9 +73,7 @@ def motions_of(
 
 def targets(goal: Goal, times: FloatArray) -> FloatArray:
     """Where a goal's position is (3, K) at times (K,)."""
-    if not goal.moves:
-        return np.repeat(goal.place(0.0).position[:, None], len(times), axis=1)
-    return np.stack([goal.place(t).position for t in times.tolist()], axis=-1)
+    return goal.positions(times)
 
 
 def base_turns(spline: RateSpline, omega: FloatArray) -> FloatArray:

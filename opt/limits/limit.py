@@ -125,10 +125,13 @@ class Limit(ABC):
         What the residual keeps in hand, in the residual's unit: a penalty gives way a little, and whole
         motions are watched at some instants only. A motion whose residual is below half of it counts as one
         that keeps the limit.
+    of_goal : bool
+        Whether a problem has the limit from its goal (`Goal.limits`); with another goal it goes.
     """
 
     name: str
     margin: float = 0.0
+    of_goal: bool = False
 
     def for_robot(self, sms: SpaceManipulator) -> Limit:
         """The limit, prepared for a robot; called once by each solver. Default: itself."""
