@@ -8,7 +8,7 @@ from ffsms_pin.opt.limits import Clearance
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
-__all__ = ["blocking", "check_obstacles", "obstructed"]
+__all__ = ["blocking", "check_obstacles"]
 
 
 def check_obstacles(problem: Problem) -> None:
@@ -43,12 +43,6 @@ def check_obstacles(problem: Problem) -> None:
                     f"must lie outside obstacles: it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move "
                     "the target or the obstacle",
                 )
-
-
-def obstructed(problem: Problem, plan: Trajectory) -> bool:
-    """Whether there are obstacles, and a clearance binds."""
-    around = (one for one in problem.limits if isinstance(one, Clearance) and one.obstacles)
-    return any(limit.name in plan.binding for limit in around)
 
 
 def blocking(problem: Problem, plan: Trajectory) -> str:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.blocked import obstructed
 from ffsms_pin.opt.horizon.correction import corrected_goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
+from ffsms_pin.opt.horizon.detours import obstructed, pushed_aside
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.judge import Found, Judge, cost_of
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts
@@ -161,6 +161,7 @@ class Search:
         length, half = problem.stack.length, (len(goals.distance) - 1) // 2
         reach = max(self.options.goal_radius * length, float(np.sort(goals.distance)[half]))
         p = straight_moves(problem, coarse.spline, goals.joints[goals.distance <= reach])
+        p = np.concatenate([p, pushed_aside(coarse, p, self._drawn)])
         if group.marches:
             p = np.concatenate([p, march_starts(problem, coarse.spline, self.options)])
         p = np.stack([coarse.qp.within(one) for one in p])

@@ -139,7 +139,7 @@ class Clearance(Limit):
 
     def residual(self, motions: Motions) -> Residuals:
         """What clearances lack of the asked one and the margin, in arm lengths."""
-        return [*self._own_residual(motions), *self._around_residual(motions)]
+        return [*self._own_residual(motions), *self.around_residual(motions)]
 
     def _own_residual(self, motions: Motions) -> Residuals:
         if self._stack is None:
@@ -156,7 +156,8 @@ class Clearance(Limit):
         slope = self._stack.gradients(motions.stack, motions.joints, motions.arm, where)
         return [Residual(lack[where] / length, motion=where[1], instants=where[2], by_joints=-slope / length)]
 
-    def _around_residual(self, motions: Motions) -> Residuals:
+    def around_residual(self, motions: Motions) -> Residuals:
+        """The part of the residual that is due to obstacles."""
         if self._around is None:
             return []
         length = motions.stack.length
