@@ -178,14 +178,14 @@ def convex_shape(name: str, shape: Any) -> Any:
         raise InvalidValue(
             name, shape, "must be a coal shape: coal.Box, Sphere, Capsule, Cylinder, Convex, or a convex mesh"
         )
-    shape.computeLocalAABB()
-    size = float(np.linalg.norm(np.array(shape.aabb_local.max_) - np.array(shape.aabb_local.min_)))
     if shape.getObjectType() == coal.OBJECT_TYPE.OT_BVH:
         return _hull(name, shape)
     if shape.getNodeType() not in _CONVEX:
         raise InvalidValue(
             name, type(shape).__name__, "must be a box, sphere, capsule, cylinder or convex mesh"
         )
+    shape.computeLocalAABB()
+    size = float(np.linalg.norm(np.array(shape.aabb_local.max_) - np.array(shape.aabb_local.min_)))
     if not 0.0 < size < checks.LARGEST:
         raise InvalidValue(name, size, "must have a size [m] that is finite and above zero")
     return shape
