@@ -2,7 +2,7 @@
 
 Targets are reachable by construction (`benchmarks.targets`): by a straight joint-space move. Three obstacles
 are drawn near to where the arm sweeps in that move, such that the move keeps clear of them. Of the targets
-that are reached without obstacles, how many are reached among them? Finished plans are judged by coal directly,
+that are reached without obstacles, how many are reached among them? Finished plans are judged by coal itself,
 on the robot's meshes, at nodes.
 """
 

@@ -30,6 +30,7 @@ def load(
     base_size: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
+    srdf: str | os.PathLike[str] | None = None,
 ) -> SpaceManipulator:
     """Load a space manipulator: a free-flyer root joint, zero gravity.
 
@@ -52,6 +53,9 @@ def load(
     package_dirs : sequence of paths, optional
         Folders in which the `package://` names of meshes are looked for, besides those around the file. Only
         `SpaceManipulator.geometry` reads meshes.
+    srdf : str or path, optional
+        SRDF with pairs of links whose collisions do not count. Default: the file of the same name beside the
+        URDF, ending in .srdf, where there is one.
 
     Returns
     -------
@@ -66,10 +70,11 @@ def load(
         `base_size`, `acceleration` or `package_dirs` cannot be used.
     """
     if isinstance(robot, str) and robot in satellite_names():
-        return mount(
+        sms = mount(
             robot[len(_PREFIX) :], end_effector=end_effector, acceleration=acceleration, base_size=base_size
         )
+        return sms if srdf is None else system.with_srdf(sms, srdf)
     try:
-        return system.load(robot, end_effector, base_size, acceleration, package_dirs)
+        return system.load(robot, end_effector, base_size, acceleration, package_dirs, srdf)
     except ModelNotFound as error:
         raise ModelNotFound(error.model, [*model_names(), *satellite_names()]) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.urdf import model_names, model_path
 
-__all__ = ["build", "folders", "load"]
+__all__ = ["build", "folders", "load", "with_srdf"]
 
 
 def load(
@@ -27,6 +28,7 @@ def load(
     base_size: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
+    srdf: str | os.PathLike[str] | None = None,
 ) -> SpaceManipulator:
     """Load a space manipulator: a URDF with a free-flyer root joint and zero gravity.
 
@@ -45,6 +47,9 @@ def load(
     package_dirs : sequence of paths, optional
         Folders in which the `package://` names of meshes are looked for, besides those around the file. Only
         `SpaceManipulator.geometry` reads meshes.
+    srdf : str or path, optional
+        SRDF with pairs of links whose collisions do not count. Default: the file of the same name beside the
+        URDF, ending in .srdf, where there is one.
 
     Returns
     -------
@@ -57,7 +62,37 @@ def load(
         `base_size` or `acceleration` cannot be used.
     """
     urdf = UrdfFile(_path(robot))
-    return build(urdf, end_effector, base_size, acceleration, package_dirs=folders(package_dirs))
+    sms = build(urdf, end_effector, base_size, acceleration, package_dirs=folders(package_dirs))
+    beside = Path(urdf.path).with_suffix(".srdf")
+    if srdf is None and not beside.is_file():
+        return sms
+    return with_srdf(sms, beside if srdf is None else srdf)
+
+
+def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManipulator:
+    """The same robot without the pairs of links that an SRDF disables.
+
+    Raises
+    ------
+    InvalidValue
+        No such file.
+    """
+    try:
+        path = Path(srdf)
+    except TypeError:
+        raise InvalidValue("srdf", srdf, "must be a path") from None
+    if not os.path.isfile(path):
+        raise InvalidValue("srdf", str(srdf), "must be a file")
+    assert sms.description is not None  # it was built from a URDF
+    description = replace(sms.description, srdf=path)
+    return SpaceManipulator(
+        sms.model,
+        sms.end_effector,
+        sms.base_size,
+        sms.base_box_placement,
+        limits=sms.limits,
+        description=description,
+    )
 
 
 def build(

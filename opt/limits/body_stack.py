@@ -21,12 +21,21 @@ _FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are give
 
 
 def body_pairs(sms: SpaceManipulator, parts: list[Part]) -> list[tuple[int, int]]:
-    """Bodies with shapes that can meet: all pairs but those that one joint connects; -1 is the base."""
+    """Bodies with shapes that can meet; -1 is the base.
+
+    All pairs but those that one joint connects, and those of which an SRDF disables all pairs of links.
+    """
     model = sms.model
     bodies = sorted({part.body for part in parts})
-    return [
+    pairs = [
         (a, b) for i, a in enumerate(bodies) for b in bodies[i + 1 :] if int(model.parents[b + 2]) - 2 != a
     ]
+    if sms.description is None or sms.description.srdf is None:
+        return pairs
+    geometry = sms.geometry("collision")
+    carriers = [int(one.parentJoint) - 2 for one in geometry.geometryObjects]
+    counted = {frozenset((carriers[one.first], carriers[one.second])) for one in geometry.collisionPairs}
+    return [pair for pair in pairs if frozenset(pair) in counted]
 
 
 class BodyStack:
