@@ -21,6 +21,7 @@ from ffsms_pin.opt import (
     Effort,
     JointLimits,
     Limit,
+    Obstacle,
     Problem,
     Smooth,
     Term,
@@ -175,9 +176,8 @@ class Scenario:
         terms.append(Effort(plan["effort"]) if "effort" in plan else Effort())
         if plan.get("base", 0.0) > 0.0:
             terms.append(BaseTurn(plan["base"]))
-        around = made_obstacles(self.source, self.obstacle)
         try:
-            limits: list[Limit] = [JointLimits(), Clearance(*self.clearance, obstacles=around)]
+            limits: list[Limit] = [JointLimits(), Clearance(*self.clearance, obstacles=self.obstacles())]
         except InvalidValue as error:
             raise InvalidScenario(self.source, str(error)) from None
         if "base_limits" in plan:
@@ -204,6 +204,10 @@ class Scenario:
             )
         except InvalidValue as error:
             raise InvalidScenario(self.source, str(error)) from None
+
+    def obstacles(self) -> list[Obstacle]:
+        """What the robot keeps clear of beside itself."""
+        return made_obstacles(self.source, self.obstacle)
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
         """Start (nq,) of the simulated arm where it is not the plan's `q0`; None where it is."""

@@ -106,5 +106,9 @@ def test_what_cannot_be_used(tmp_path: Path, table: str, words: str | None) -> N
             opt.solve(read.problem(read.load()))
         return
     with pytest.raises(InvalidScenario, match=words):
-        read = scenario(path)
-        read.problem(read.load())
+        _problem(path)
+
+
+def _problem(path: Path) -> opt.Problem:
+    read = scenario(path)
+    return read.problem(read.load())

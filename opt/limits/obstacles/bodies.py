@@ -28,14 +28,14 @@ class Body(NamedTuple):
     Attributes
     ----------
     name : str
-    index : int
-        The joint that carries it, -1: the base.
+    joint : int
+        That carries it, -1: the base.
     parts, whole : list of Part
         Convex parts, and the shapes as they are.
     """
 
     name: str
-    index: int
+    joint: int
     parts: list[Part]
     whole: list[Part]
 

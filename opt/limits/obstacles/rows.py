@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.batch.stacks import cross, dot
 from ffsms_pin.opt.limits.clearance_rows import CLOSING_RATE, MARGIN
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
@@ -53,7 +54,7 @@ def obstacle_rows(stack: ObstacleStack, kept: float, step: StepState) -> Rows:
 
 
 def _own_speed(
-    stack: ObstacleStack, columns: FloatArray, found: Nearest, poses: Poses, before: Poses, after: Poses
+    stack: ObstacleStack, columns: Indices, found: Nearest, poses: Poses, before: Poses, after: Poses
 ) -> FloatArray:
     """How fast distances (V,) grow by the obstacles' own motion [m/s]."""
     if before is poses:

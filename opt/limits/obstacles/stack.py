@@ -70,10 +70,10 @@ class ObstacleStack:
             (body, k)
             for body in bodies
             for k, obstacle in enumerate(self.obstacles)
-            if not (body.index == BASE and obstacle.on_base)
+            if not (body.joint == BASE and obstacle.on_base)
         ]
         self._names = [f"{body.name} - {self.obstacles[k].name}" for body, k in chosen]
-        self.bodies = np.array([body.index for body, _ in chosen], dtype=np.intp)
+        self.bodies = np.array([body.joint for body, _ in chosen], dtype=np.intp)
         self.others = np.array([k for _, k in chosen], dtype=np.intp)
         shapes = [part_of(one.shape, sms.n + k, _IDENTITY, True) for k, one in enumerate(self.obstacles)]
         self.pairs = self._paired(shapes, [(body.parts, k) for body, k in chosen])
@@ -135,7 +135,8 @@ class ObstacleStack:
     def values(self, motions: Motions, near: float = np.inf) -> FloatArray:
         """Distances less margins (m, S, K) [m]: exact below `near`, else bounds from below."""
         values = self.pairs.values(self.seen(motions), near + self._margins)
-        return values.reshape(-1, *motions.joints.shape[1:]) - self._margins[:, None, None]
+        values = values.reshape(-1, *motions.joints.shape[1:])
+        return np.asarray(values - self._margins[:, None, None])
 
     def slopes(self, motions: Motions, where: tuple[Indices, ...]) -> dict[str, FloatArray]:
         """Slopes of V entries of `values`, by the names that `Residual` gives them."""
@@ -143,7 +144,7 @@ class ObstacleStack:
         at = (columns, np.ravel_multi_index(tuple(rest), motions.joints.shape[1:]))
         poses = self.seen(motions)
         found = self.pairs.nearest(poses, at)
-        R = motions.base_attitude[(..., *rest)]
+        R = motions.base_attitude[:, :, rest[0], rest[1]]
         apart = np.where(self.on_base[columns], 0.0, 1.0)
         # When the base moves, the nearest point of the body moves with it and that of the obstacle stays.
         normal = apart * apply(R, found.normal)
@@ -161,7 +162,8 @@ class ObstacleStack:
 
     def bounds(self, poses: Poses, near: FloatArray) -> FloatArray:
         """Bounds (m,) from below at one configuration, less the margins; better ones below `near` (m,)."""
-        return self.pairs.bounds(poses, float((near + self._margins).max(initial=0.0))) - self._margins
+        bounds = self.pairs.bounds(poses, float((near + self._margins).max(initial=0.0)))
+        return np.asarray(bounds - self._margins)
 
     def exact(self, poses: Poses, where: tuple[Indices, ...], floor: float) -> FloatArray:
         """Distances less margins (V,) at entries (pair, configuration); those below `floor` by the shapes."""
