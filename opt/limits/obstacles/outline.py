@@ -22,13 +22,14 @@ def outline(shape: Any) -> FloatArray:
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
         return np.asarray(signs * shape.halfSide)
     if isinstance(shape, coal.Sphere):
-        return shape.radius * _ball()
+        return float(shape.radius) * _ball()
     if isinstance(shape, coal.Ellipsoid):
         return np.asarray(_ball() * shape.radii)
     if isinstance(shape, coal.Capsule | coal.Cylinder | coal.Cone):
         up = np.array([0.0, 0.0, shape.halfLength])
         if isinstance(shape, coal.Capsule):
-            return np.concatenate([shape.radius * _ball() + up, shape.radius * _ball() - up])
+            ball = float(shape.radius) * _ball()
+        return np.concatenate([ball + up, ball - up])
         ring = shape.radius * _ring()
         return np.concatenate([up[None] if isinstance(shape, coal.Cone) else ring + up, ring - up])
     return np.array(shape.points(), dtype=np.float64)
