@@ -177,17 +177,17 @@ class Scenario:
         if plan.get("base", 0.0) > 0.0:
             terms.append(BaseTurn(plan["base"]))
         try:
-            limits: list[Limit] = [JointLimits(), Clearance(*self.clearance, obstacles=self.obstacles())]
+            clear = Clearance(*self.clearance, obstacles=self.obstacles())
         except InvalidValue as error:
             raise InvalidScenario(self.source, str(error)) from None
+        limits: list[Limit] = [JointLimits(), clear]
         if "base_limits" in plan:
             limits.append(BaseLimits(**radians(plan["base_limits"])))
         rows = enumerate(self.term, start=1), enumerate(self.limit, start=1)
         own_terms = [made_part(self.source, "term", i, row, self.allow_import) for i, row in rows[0]]
         own_limits = [
-            made_part(self.source, "limit", i, row, self.allow_import)
+            clear if row["use"] == "clearance" else made_part(self.source, "limit", i, row, self.allow_import)
             for i, row in rows[1]
-            if row["use"] != "clearance"  # it is there already, with the obstacles
         ]
         try:
             return Problem(
