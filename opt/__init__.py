@@ -11,6 +11,7 @@ from ffsms_pin.opt.limits import (
     Corridor,
     JointLimits,
     Limit,
+    Obstacle,
     Rows,
     Violation,
 )
@@ -43,6 +44,7 @@ __all__ = [
     "Meet",
     "Motions",
     "Moving",
+    "Obstacle",
     "Pose",
     "Position",
     "Problem",

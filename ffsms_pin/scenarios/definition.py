@@ -21,12 +21,14 @@ from ffsms_pin.opt import (
     Effort,
     JointLimits,
     Limit,
+    Obstacle,
     Problem,
     Smooth,
     Term,
 )
 from ffsms_pin.scenarios.actuated import with_actuators
 from ffsms_pin.scenarios.joint_units import joint_units, slides
+from ffsms_pin.scenarios.obstacles import made_obstacles
 from ffsms_pin.scenarios.parts import made_part, with_parts
 from ffsms_pin.scenarios.reading import packaged_path, read, scenario_names
 from ffsms_pin.scenarios.schema import checked_tables
@@ -62,6 +64,8 @@ class Scenario:
         None: there is none, and for `attitude` that the base is left to itself.
     term, limit : tuple of mappings
         Terms and limits of the plan beside, or in place of, those that `plan` describes.
+    obstacle : tuple of mappings
+        What the robot keeps clear of beside itself.
     allow_import : bool
         Whether terms and limits may be a user's own, imported from Python modules.
     """
@@ -90,6 +94,7 @@ class Scenario:
     attitude: Mapping[str, Any] | None = None
     term: tuple[Mapping[str, Any], ...] = ()
     limit: tuple[Mapping[str, Any], ...] = ()
+    obstacle: tuple[Mapping[str, Any], ...] = ()
     allow_import: bool = False
 
     @property
@@ -176,12 +181,19 @@ class Scenario:
         terms.append(Effort(plan["effort"]) if "effort" in plan else Effort())
         if plan.get("base", 0.0) > 0.0:
             terms.append(BaseTurn(plan["base"]))
-        limits: list[Limit] = [JointLimits(), Clearance(*self.clearance)]
+        try:
+            clear = Clearance(*self.clearance, obstacles=self.obstacles())
+        except InvalidValue as error:
+            raise InvalidScenario(self.source, str(error)) from None
+        limits: list[Limit] = [JointLimits(), clear]
         if "base_limits" in plan:
             limits.append(BaseLimits(**radians(plan["base_limits"])))
         rows = enumerate(self.term, start=1), enumerate(self.limit, start=1)
         own_terms = [made_part(self.source, "term", i, row, self.allow_import) for i, row in rows[0]]
-        own_limits = [made_part(self.source, "limit", i, row, self.allow_import) for i, row in rows[1]]
+        own_limits = [
+            clear if row["use"] == "clearance" else made_part(self.source, "limit", i, row, self.allow_import)
+            for i, row in rows[1]
+        ]
         try:
             return Problem(
                 sms,
@@ -197,6 +209,10 @@ class Scenario:
             )
         except InvalidValue as error:
             raise InvalidScenario(self.source, str(error)) from None
+
+    def obstacles(self) -> list[Obstacle]:
+        """What the robot keeps clear of beside itself."""
+        return made_obstacles(self.source, self.obstacle)
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
         """Start (nq,) of the simulated arm where it is not the plan's `q0`; None where it is."""

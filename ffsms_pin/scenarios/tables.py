@@ -109,6 +109,24 @@ TABLES: Mapping[str, Table] = {
             "alpha-box": Table({}),
         },
     ),
+    "obstacle": Table(
+        {
+            "name": text,
+            "shape": one_of("box", "sphere", "cylinder", "capsule", "mesh"),
+            "size": numbers(3, positive),
+            "radius": positive,
+            "length": positive,
+            "file": text,
+            "scale": positive,
+            "position": numbers(3),
+            "rpy": numbers(3),
+            "on": one_of("inertial", "base"),
+            "margin": not_negative,
+        },
+        frozenset({"rpy"}),
+        required=("shape",),
+        several=True,
+    ),
     "limits": Table(
         {
             "lower": per_joint(),

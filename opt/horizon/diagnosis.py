@@ -9,6 +9,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.opt.horizon.blocked import blocking
 from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
 from ffsms_pin.opt.horizon.starts import JointGoals, joint_range, spread_postures, straight_time
 from ffsms_pin.opt.limits import Clearance, Corridor
@@ -38,10 +39,11 @@ def start_in_collision(problem: Problem) -> Trajectory | None:
             note = f"the start is beside the corridor, within {corridor.length:g} m of the grasp"
             return replace(still, clear=False, note=f"{note}; move the start, or take a shorter standoff")
     clearances = [limit for limit in problem.limits if isinstance(limit, Clearance)]
-    if all(limit.violation(begin).amount == 0.0 for limit in clearances):
+    notes = [found.note for limit in clearances if (found := limit.violation(begin)).amount > 0.0]
+    if not notes:
         return None
     still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
-    note = f"the start breaks the clearance: {still.note}; move the start, or ask for less"
+    note = f"the start breaks the clearance: {'; '.join(notes)}; move the start, or ask for less"
     return replace(still, note=note)
 
 
@@ -88,6 +90,8 @@ def explain(
     fast = too_fast(problem, goals) if problem.goal.moves else ""
     if fast:
         words.append(fast)
+    if stands := blocking(problem, plan):
+        words.append(stands)
     others = [name for name in plan.binding if name != "joints"]
     if others:
         words.append(f"binding: {', '.join(others)}")

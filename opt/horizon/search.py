@@ -15,6 +15,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.approaches import moves_to
 from ffsms_pin.opt.horizon.correction import corrected_goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
+from ffsms_pin.opt.horizon.detours import obstructed, pushed_aside
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.judge import Found, Judge, cost_of
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts
@@ -163,6 +164,7 @@ class Search:
         length, half = problem.stack.length, (len(goals.distance) - 1) // 2
         reach = max(self.options.goal_radius * length, float(np.sort(goals.distance)[half]))
         p = moves_to(problem, coarse.spline, goals.joints[goals.distance <= reach])
+        p = np.concatenate([p, pushed_aside(coarse, p, self._drawn)])
         if group.marches:
             p = np.concatenate([p, march_starts(problem, coarse.spline, self.options)])
         p = np.stack([coarse.qp.within(one) for one in p])
@@ -262,6 +264,8 @@ class Search:
         if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
             return  # a march knows no such goal
         least = self._judge.least_cost(self.found)
+        if least < np.inf and obstructed(self.problem, self.best().plan):
+            return  # a march stops at an obstacle that the plan goes round
         if least <= cheap or not any(isinstance(term, Coupling) for term in self.problem.terms):
             return
         if least == np.inf and not self._there().any():

@@ -6,6 +6,7 @@ from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.corridor import Corridor
 from ffsms_pin.opt.limits.joints import JointLimits
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
+from ffsms_pin.opt.limits.obstacles import Obstacle
 
 __all__ = [
     "UNBOUNDED",
@@ -15,6 +16,7 @@ __all__ = [
     "Corridor",
     "JointLimits",
     "Limit",
+    "Obstacle",
     "Rows",
     "Violation",
 ]

@@ -169,7 +169,7 @@ class Replanning:
         planner.observe(q, v)
         if self._step < 0:
             self._start, self._rates = self.problem.sms.layout.positions(q), v[6:].copy()
-            self._stepper.reset(base_start=q[:7].copy())
+            self._stepper.reset(base_start=q[:7].copy(), deadline=self.problem.duration)
         else:
             self._start, self._rates, _ = self._after((step - self._step) * dt)
         failed = planner.failed
@@ -225,7 +225,7 @@ class Replanning:
         if failed.any():
             robot = _without(robot, failed)
         self._stepper = self._stepper.like(sms=robot)
-        self._stepper.reset(base_start=base_start)
+        self._stepper.reset(base_start=base_start, deadline=self.problem.duration)
 
     def _after(self, h: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Motion `h` seconds into the planned step, and on at its last rates if nobody plans the next."""

@@ -140,7 +140,7 @@ def rest_of(
     q0 = q.copy()
     sms.layout.set_positions(q0, joints)
     moving = [
-        limit if isinstance(limit, JointLimits) else CountedFrom(limit, base_start)
+        limit if isinstance(limit, JointLimits) else CountedFrom(limit.later(t), base_start)
         for limit in problem.limits
     ]
     return replace(
