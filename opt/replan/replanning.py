@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray, number
+from ffsms_pin.checks import FloatArray, at_least_zero, number
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.joint_plan import JointPlan
@@ -91,6 +91,7 @@ class Replanning:
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = 0
+        self._noise, self._noisy = 0.0, False
 
     @property
     def target(self) -> Any:
@@ -182,6 +183,12 @@ class Replanning:
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s], as last planned."""
         return self._after(number("t", t) - max(self._step, 0) * self.problem.dt)
+
+    def expect_noise(self, distance: float) -> None:
+        """Count on sensors that see the end effector's place with this standard deviation [m]."""
+        self._noise = at_least_zero("distance", distance, "m")
+        self._noisy = True
+        self._planner.expect_noise()
 
     def joint_failed(self, joint: int, locked: bool) -> None:
         """Plan with what is left: the joint (index from 0) moves no more, or as it will.

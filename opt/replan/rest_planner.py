@@ -64,6 +64,10 @@ class RestPlanner:
         if self._estimate.observe(q, v):
             self.due = 0.0  # a body was captured: the plan is that of another robot
 
+    def expect_noise(self) -> None:
+        """Count on noise in what is observed."""
+        self._estimate.noisy = True
+
     def without(self, joint: int) -> None:
         """Plan without a joint, at once."""
         self.failed[joint] = True
