@@ -91,9 +91,7 @@ class RunningEstimator:
         joint, shift, turn = (one.deviation[0] for one in filters)
         return joint, shift, turn
 
-    def update(
-        self, q: FloatArray, v: FloatArray, tau: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray]:
+    def update(self, q: FloatArray, v: FloatArray, tau: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Estimated q (nq,) and v (6 + n,) now, new arrays; once a control step.
 
         Parameters

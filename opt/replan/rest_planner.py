@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.diagnosis import start_in_collision, within_workspace
 from ffsms_pin.opt.horizon.search import QUICK, START_GROUPS, Search
 from ffsms_pin.opt.problem import Problem
@@ -73,7 +74,7 @@ class RestPlanner:
         self.failed[joint] = True
         self.due = self._next_search = 0.0
 
-    def plan(self, now: float, q: FloatArray, joints: FloatArray, rates: FloatArray) -> JointPlan:
+    def plan(self, now: float, q: FloatArray, joints: FloatArray, rates: FloatArray, goal: Goal) -> JointPlan:
         """Plan the rest of the motion.
 
         Parameters
@@ -84,13 +85,15 @@ class RestPlanner:
             Measured configuration.
         joints, rates : ndarray, shape (n,)
             Commanded joint positions [rad] and rates [rad/s].
+        goal : Goal
+            The problem's, as far as the arm can come to it.
         """
         begun, options, whole = time.perf_counter(), self._options, self._problem
         self._learn()
         names = whole.sms.joint_names
         locked = [names[i] for i in np.flatnonzero(self.failed)]
         base_start = q[:7] if self._base_start is None else self._base_start
-        rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked)
+        rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked, goal)
         if self.current is not None:
             share = rest.duration / whole.duration
             plan = replanned(rest, now, joints, self.current, options, share)
