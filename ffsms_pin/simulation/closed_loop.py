@@ -105,8 +105,9 @@ def simulate(
         What the controller and the reference see instead of the true state.
     estimator : Estimator or bool, optional
         What is made of the measurements before controller and reference see them: filtered, and carried over
-        the sensors' latency with the model `sms`. Default: `Estimator()` where the sensors are noisy or late;
-        False shows the measurements as they are. Perfect sensors need none, and get none.
+        the sensors' latency with the model `sms`. True: `Estimator()`; False: they are shown as they are.
+        Default: True for a reference that plans again in the loop (one with `expect_noise`), False for any
+        other. Perfect sensors need none, and get none.
     disturbances : Wrench or sequence of them
         External forces.
     events : Event or sequence of them
@@ -150,9 +151,11 @@ def simulate(
     coming = happening.checked(events, plant, duration)
     drive = None if actuator is None else actuator.start(plant.n, dt, duration)
     sensing = None if sensors is None else sensors.start(plant, dt, duration)
+    expect_noise = getattr(reference, "expect_noise", None)
+    estimator = (expect_noise is not None) if estimator is None else estimator
     estimating = estimator_of(estimator, sms, sensors, dt)
-    if sensors is not None and not sensors.perfect and hasattr(reference, "expect_noise"):
-        reference.expect_noise(place_deviation(sms, q, sensors, estimating))
+    if expect_noise is not None and sensors is not None and not sensors.perfect:
+        expect_noise(place_deviation(sms, q, sensors, estimating))
     observe = getattr(reference, "observe", None)
     reset = getattr(controller, "reset", None)
     if reset is not None:

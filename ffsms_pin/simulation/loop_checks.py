@@ -69,7 +69,7 @@ def checked_plant(sms: SpaceManipulator, plant: SpaceManipulator) -> SpaceManipu
 
 
 def estimator_of(
-    estimator: Estimator | bool | None, sms: SpaceManipulator, sensors: Sensors | None, dt: float
+    estimator: Estimator | bool, sms: SpaceManipulator, sensors: Sensors | None, dt: float
 ) -> RunningEstimator | None:
     """What makes a state of the measurements in a run; None where they are taken as they are."""
     if estimator is False or sensors is None or sensors.perfect:
