@@ -141,9 +141,10 @@ class RunningEstimator:
         acceleration = pin.aba(sms.model, self._data, before, velocity, force)[6:]
         joints = self._joints + dt * (self._rates + 0.5 * dt * acceleration)
         rates = self._rates + dt * acceleration
-        self._joint.predict(dt)
-        K_pp, K_pr, K_rp, K_rr = self._joint.gains()
         off, too_fast = sms.layout.difference(q, joints), v[6:] - rates
+        self._joint.predict(dt)
+        self._joint.doubt(float(np.abs(too_fast).max()))
+        K_pp, K_pr, K_rp, K_rr = self._joint.gains()
         self._joints = joints + K_pp * off + K_pr * too_fast
         self._rates = rates + K_rp * off + K_rr * too_fast
 
@@ -156,12 +157,13 @@ class RunningEstimator:
             self._travel -= passed
             modelled.popleft()
             self._pose = self._pose * pin.exp6(passed + dt * self._bias)
-        for one in (self._shift, self._turn):
-            one.predict(dt)
         measured = pin.XYZQUATToSE3(q[:7])
         difference = self._pose.actInv(measured)
         off = np.concatenate([difference.translation, pin.log3(difference.rotation)])
         too_fast = v[:6] - modelled[0] - self._bias
+        for one, error in ((self._shift, too_fast[:3]), (self._turn, too_fast[3:])):
+            one.predict(dt)
+            one.doubt(float(np.abs(error).max()))
         shift, turn = self._shift.gains(), self._turn.gains()
         K_pp, K_pr, K_rp, K_rr = (np.repeat(pair, 3) for pair in zip(shift, turn, strict=True))
         step = K_pp * off + K_pr * too_fast

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 __all__ = ["PositionAndRate"]
 
+_SURPRISE = 5.0  # standard deviations; noise goes beyond once in a million measurements
+
 
 class PositionAndRate:
     """Covariance and gains of the state (p, r), p' = r, r' = known + white noise, with p and r measured.
@@ -35,6 +37,20 @@ class PositionAndRate:
         self._pp = pp + 2.0 * dt * pr + dt * dt * rr + S * dt**3 / 3.0
         self._pr = pr + dt * rr + 0.5 * S * dt * dt
         self._rr = rr + S * dt
+
+    def doubt(self, rate_error: float) -> None:
+        """Trust the sensors alone where a measured rate is further from the predicted one than by noise.
+
+        The model is wrong then by more than was counted on: a body was captured, say.
+
+        Parameters
+        ----------
+        rate_error : float
+            The largest difference between measured and predicted rates.
+        """
+        if self._R_r > 0.0 and rate_error * rate_error > _SURPRISE**2 * (self._rr + self._R_r):
+            self._pp, self._pr = max(self._pp, self._R_p), 0.0
+            self._rr = max(self._rr, rate_error * rate_error)
 
     def gains(self) -> tuple[float, float, float, float]:
         """Take in a measurement of both.

@@ -61,7 +61,8 @@ class ReplanOptions:
         sensors.
     settle : float
         [s] With noisy or late sensors what error is left after the deadline is closed as if there were so
-        much time: more calmly than at once.
+        much time: more calmly than at once. With a limit on the jerk in five times that, also shortly before
+        the deadline.
     jerk : array_like, optional
         [rad/s^3] One number or (n,). Commanded accelerations change no faster, as far as the limits allow:
         these come first. Default: no limit.

@@ -56,7 +56,7 @@ class ReactionEstimate:
         self._forget()
 
     def _forget(self) -> None:
-        """Start the sums of the least squares: with A x = -c + (what the first sample's momentum is off by)."""
+        """Start the sums of the least squares: A x = -c + (by what the first sample's momentum is off)."""
         self._G = np.eye(self._count) / _PRIOR**2
         self._g = np.zeros(self._count)
         self._sum_A, self._sum_c, self._samples = np.zeros((6, self._count)), np.zeros(6), 0

@@ -30,6 +30,7 @@ _STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
 # Ten times a step's own price of redundant motion: a goal at the edge of the workspace is not worth fast
 # joints.
 _GENTLE = StepWeights(effort=1e-5)
+_JERKY = 5.0  # times the time to settle: an error that is closed faster than the jerk allows swings
 _DEADLINE = 0.5  # steps before the deadline that count as the deadline
 
 
@@ -99,6 +100,7 @@ class Replanning:
         self._correctable, self._uncorrectable = Correctable(sms), 0.0
         self._dead_band = DeadBand(sms)
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
+        at_least_zero("dead_band", self.options.band(None), "m")
 
     @property
     def target(self) -> Any:
@@ -227,11 +229,13 @@ class Replanning:
             wanted = wanted + options.return_rate * (there - self._start - dt * wanted)
         else:
             position, rotation = _aim(self.problem, goal, now)
+            if self._jerk is not None and not goal.moves:
+                left = max(left, _JERKY * options.settle)
             if self.mode == "hold" and not goal.moves:
                 if self._dead_band.rests(options.band(self._noise), q, position):
                     wanted = np.zeros_like(self._rates)
                 elif self._noise is not None:
-                    left = options.settle
+                    left = max(left, options.settle)
         step = self._stepper.advance(q, self._rates, position, left, rotation, wanted)
         if self._jerk is None:
             return step
