@@ -60,16 +60,12 @@ class RunningEstimator:
         for field in fields(estimator):
             at_least_zero(f"estimator.{field.name}", getattr(estimator, field.name))
         self._sms, self._dt, self._data = sms, dt, sms.model.createData()
-        self._make = lambda: (
-            PositionAndRate(sensors.joint_deviation, sensors.joint_rate_noise, estimator.joint_acceleration),
-            PositionAndRate(
-                sensors.base_position_noise, sensors.base_velocity_noise, estimator.base_acceleration
-            ),
-            PositionAndRate(
-                sensors.base_attitude_noise, sensors.base_rate_noise, estimator.base_angular_acceleration
-            ),
+        self._noises = (
+            (sensors.joint_deviation, sensors.joint_rate_noise, estimator.joint_acceleration),
+            (sensors.base_position_noise, sensors.base_velocity_noise, estimator.base_acceleration),
+            (sensors.base_attitude_noise, sensors.base_rate_noise, estimator.base_angular_acceleration),
         )
-        self._joint, self._shift, self._turn = self._make()
+        self._joint, self._shift, self._turn = (PositionAndRate(*noise) for noise in self._noises)
         self._age = round(sensors.base_latency / dt)
         self._steps = 0
         self._joints = self._rates = self._bias = np.empty(0)
@@ -83,7 +79,7 @@ class RunningEstimator:
 
         Once the filters have settled, and as far as they know.
         """
-        filters = self._make()
+        filters = [PositionAndRate(*noise) for noise in self._noises]
         for one in filters:
             for _ in range(min(round(_SETTLED / self._dt), 10_000)):
                 one.predict(self._dt)
