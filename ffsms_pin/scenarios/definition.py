@@ -56,7 +56,7 @@ class Scenario:
         As in the file: SI units, radians, and degrees under keys that end in `_deg`.
     laws : mapping of str to mapping
         Gains of other control laws, for `compare_laws`.
-    reference, simulation, plant, friction, actuator, sensors : mapping of str to values
+    reference, simulation, plant, friction, actuator, sensors, estimator : mapping of str to values
         The closed loop under real conditions.
     disturbance, capture, fault : tuple of mappings
         What happens on the way.
@@ -85,6 +85,7 @@ class Scenario:
     friction: Mapping[str, Any] = field(default_factory=dict)
     actuator: Mapping[str, Any] = field(default_factory=dict)
     sensors: Mapping[str, Any] = field(default_factory=dict)
+    estimator: Mapping[str, Any] = field(default_factory=dict)
     disturbance: tuple[Mapping[str, Any], ...] = ()
     capture: tuple[Mapping[str, Any], ...] = ()
     fault: tuple[Mapping[str, Any], ...] = ()

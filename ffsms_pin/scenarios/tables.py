@@ -148,7 +148,16 @@ TABLES: Mapping[str, Table] = {
         frozenset({"offset"}),
     ),
     "laws": Table({}, tables={law: Table({name: _GAINS[name] for name in gains_of(law)}) for law in LAWS}),
-    "reference": Table({"kind": one_of("plan", "re-planning"), "dt": positive, "hold": not_negative}),
+    "reference": Table(
+        {
+            "kind": one_of("plan", "re-planning"),
+            "dt": positive,
+            "hold": not_negative,
+            "dead_band": not_negative,
+            "jerk": per_joint(positive),
+        },
+        frozenset({"jerk"}),
+    ),
     "simulation": Table(
         {
             "integrator": one_of(*INTEGRATORS),
@@ -207,6 +216,14 @@ TABLES: Mapping[str, Table] = {
         frozenset(
             {"joint_resolution", "joint_noise", "joint_rate_noise", "base_attitude_noise", "base_rate_noise"}
         ),
+    ),
+    "estimator": Table(
+        {
+            "on": flag,
+            "joint_acceleration": not_negative,
+            "base_acceleration": not_negative,
+            "base_angular_acceleration": not_negative,
+        }
     ),
     "disturbance": Table(
         {
