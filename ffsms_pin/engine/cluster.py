@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import IO, Any
 
-from ffsms_pin.checks import whole
 from ffsms_pin.engine.worker import NOT_STARTED
 from ffsms_pin.errors import ClusterError, DependencyMissing, InvalidValue
 
@@ -148,8 +147,6 @@ def embedded(jobs: int, allowed_failures: int = ALLOWED_FAILURES) -> Iterator[Cl
     DependencyMissing
         Dask is not installed.
     """
-    if whole("jobs", jobs, 1) > MOST_JOBS:
-        raise InvalidValue("jobs", jobs, f"must not exceed {MOST_JOBS}")
     dask, distributed = _packages()
     config = {
         "distributed.scheduler.http.routes": [],

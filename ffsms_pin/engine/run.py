@@ -11,7 +11,7 @@ from typing import Any
 
 from ffsms_pin.checks import instance, optional_callable, whole
 from ffsms_pin.engine.chunks import Chunks, Shard, halves
-from ffsms_pin.engine.cluster import ALLOWED_FAILURES, Cluster, connected, embedded, usable_cores
+from ffsms_pin.engine.cluster import ALLOWED_FAILURES, MOST_JOBS, Cluster, connected, embedded, usable_cores
 from ffsms_pin.engine.folder import ChunkFolder
 from ffsms_pin.engine.spread import Killed, spread
 from ffsms_pin.engine.task import Table, Work, computed, joined, save_table, sent, stored
@@ -89,6 +89,8 @@ def run(
     instance("shard", shard, Shard, optional=True)
     optional_callable("progress", progress)
     jobs = usable_cores() if jobs is None else whole("jobs", jobs, 1)
+    if jobs > MOST_JOBS:
+        raise InvalidValue("jobs", jobs, f"must not exceed {MOST_JOBS}")
     if shard is not None and scheduler is not None:
         raise InvalidValue("shard", f"{shard.number}/{shard.count}", "needs no scheduler; choose one of both")
     place = ChunkFolder(folder)
