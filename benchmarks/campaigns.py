@@ -2,9 +2,9 @@
 
     python benchmarks/campaigns.py [RUNS]
 
-Times of runs are CPU times, of this process and its workers together, so that other work on the machine does not
-count. The efficiency from 1 to 2 workers is that of a machine with two free cores: CPU time a run with one
-process, divided by that with two workers, the start of the workers left out.
+Times of runs are CPU times, of this process and its workers together, so that other work on the machine does
+not count. The efficiency from 1 to 2 workers is that of a machine with two free cores: CPU time a run with
+one process, divided by that with two workers, the start of the workers left out.
 """
 
 from __future__ import annotations

@@ -15,9 +15,6 @@ from ffsms_pin.scenarios import Scenario
 
 __all__ = ["campaign", "campaign_of", "replayed_scenario"]
 
-_LARGEST_CHUNK = 16  # runs: some ten seconds of the paper's arm, so that little is lost by a kill
-_SHARE = 64  # chunks at least, so that the last ones end together
-
 
 def campaign(
     of: Campaign,
@@ -51,11 +48,10 @@ def campaign(
         As for `ffsms_pin.engine.run`. A run that fails is no error: it is a row with its error.
     """
     instance("campaign", of, Campaign)
-    size = min(max(of.runs // _SHARE, 1), _LARGEST_CHUNK)
     work = CampaignRuns(of)
     return run(
         work,
-        Chunks(of.runs, size),
+        Chunks.fitting(of.runs),
         folder,
         specification=of.specification(),
         jobs=jobs,

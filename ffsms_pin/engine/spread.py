@@ -117,7 +117,7 @@ def _result(cluster: Cluster, future: Any) -> Any:
         except (
             asyncio.TimeoutError,
             OSError,
-        ):  # its worker died meanwhile, or the scheduler, as is found out next
+        ):  # its worker died meanwhile, or the scheduler did
             return _Lost()
         except CancelledError:
             raise cluster.gone() from None
