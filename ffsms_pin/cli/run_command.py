@@ -17,9 +17,8 @@ model, planning again in the loop, friction, sensors, disturbances, failures (do
 keys). Prints a summary table, and writes trajectory.npz, tracking.npz, summary.json and the figures (pdf and
 png).
 
-examples:
-  ffsms-pin run case-2 --out results/case-2
-  ffsms-pin run --replay results/mine-campaign 4711     one run of a campaign, by its seed
+example: ffsms-pin run case-2 --out results/case-2
+One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign 4711
 
 exit codes: 0 the plan reaches the target and the closed loop ends there; 1 one of them does not, results
 written; 2 bad input, or the run was stopped; 70 a defect of ffsms-pin; 130 interrupted; 143 terminated
