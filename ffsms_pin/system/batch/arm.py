@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.stacks import apply, cross, diagonal, dot, inverse3, skew
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.stacks import apply, cross, diagonal, dot, inverse3, skew
+from ffsms_pin.system.mechanism import Mechanism
 
 __all__ = ["ArmStack", "ArmValues"]
 
@@ -95,11 +95,11 @@ class ArmValues:
 class ArmStack:
     """A manipulator, prepared for evaluation at many joint positions at once."""
 
-    def __init__(self, sms: SpaceManipulator) -> None:
-        model, frame = sms.model, sms.model.frames[sms.frame_id]
+    def __init__(self, robot: Mechanism) -> None:
+        model, frame = robot.model, robot.model.frames[robot.frame_id]
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
-        self.n = n = sms.n
+        self.n = n = robot.n
         joints = range(2, model.njoints)
         #: Index of the joint that carries the end effector; -1: the base. The same for parents.
         self.last = int(frame.parentJoint) - 2
