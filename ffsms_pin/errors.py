@@ -9,6 +9,7 @@ from typing import Any
 
 __all__ = [
     "AmbiguousEndEffector",
+    "ClusterError",
     "DependencyMissing",
     "FfsmsError",
     "FfsmsWarning",
@@ -253,6 +254,10 @@ class TasksFailed(FfsmsError, RuntimeError):
         )
         self.failures = failures
         self.results = results
+
+
+class ClusterError(FfsmsError, RuntimeError):
+    """The scheduler of a distributed run, or its workers, are not there or gone."""
 
 
 class FfsmsWarning(UserWarning):
