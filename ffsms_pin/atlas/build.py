@@ -19,13 +19,15 @@ from ffsms_pin.atlas.workspace import write_workspace
 from ffsms_pin.checks import instance, one_of, whole
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, run
 from ffsms_pin.errors import ResultError
-from ffsms_pin.storage import path_like, remove_leftovers
+from ffsms_pin.storage import path_like, remove_leftovers, require_space
 from ffsms_pin.storage.temporary import locked_folder
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 
 __all__ = ["atlas", "digest", "open_atlas", "parts_folder"]
 
+#: Rows of a chunk: what is lost when a run is killed, and what a process holds in memory.
+CHUNK = BLOCK
 #: Along the longest side of a workspace.
 CELLS = 48
 
@@ -94,9 +96,11 @@ def atlas(
         raise ResultError(out, "is there already; remove it, or choose another name")
     sampling = Sampling.of(sms, samples, method, seed)
     work = AtlasWork(sms, sampling, unit_directions(directions))
+    numbers = 7 + sms.n + min(6, sms.n) + len(work.directions)
+    require_space(target, 2 * 4 * numbers * sampling.rows)  # as chunks, then as the dataset
     parts = run(
         work,
-        Chunks(sampling.rows, BLOCK),
+        Chunks(sampling.rows, CHUNK),
         parts_folder(target),
         specification=_specification(work),
         jobs=jobs,

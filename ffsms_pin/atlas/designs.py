@@ -64,7 +64,7 @@ class Design:
 
 
 def with_base_mass(sms: SpaceManipulator, mass: float) -> SpaceManipulator:
-    """The robot with a base of another mass [kg]; its inertia grows in proportion, its centre of mass stays."""
+    """The robot with a base of another mass [kg], its inertia in proportion, its centre of mass as it is."""
     base = sms.model.inertias[1]
     share = positive("mass", mass, "kg") / base.mass
     return sms.with_inertias([pin.Inertia(mass, base.lever, share * base.inertia), *_arm(sms)])
@@ -93,8 +93,8 @@ def with_mount_moved(sms: SpaceManipulator, shift: ArrayLike) -> SpaceManipulato
 def with_link_length(sms: SpaceManipulator, joint: str, factor: float) -> SpaceManipulator:
     """The robot with the link that a joint carries stretched along its length.
 
-    The length runs from the joint to the next one, or to the end effector. Material is added as the link grows:
-    its cross section and its mass per length stay. Axes of joints keep their directions.
+    The length runs from the joint to the next one, or to the end effector. Material is added as the link
+    grows: its cross section and its mass per length stay. Axes of joints keep their directions.
 
     Parameters
     ----------

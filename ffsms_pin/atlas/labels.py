@@ -12,8 +12,8 @@ _NAMES_AND_UNITS = {
     "sigma": ("singular value of C_bm", "m/rad, rad/rad"),
     "entropy": ("entropy of the coupling", "1"),
     "manipulability": ("manipulability of J*", "volume of twists per rad"),
-    "base_translation": ("base translation a metre of the end effector", "m/m"),
-    "base_rotation": ("base rotation a metre of the end effector", "rad/m"),
+    "base_translation": ("base translation per end-effector metre", "m/m"),
+    "base_rotation": ("base rotation per end-effector metre", "rad/m"),
     "assistance": ("coupling assistance", "1"),
     "count": ("samples in the cell", "1"),
 }

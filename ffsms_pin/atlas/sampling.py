@@ -72,7 +72,7 @@ class Sampling:
                     raise InvalidValue("limits", (lower[j], upper[j]), f"of joint '{name}' must be finite")
                 lower[j], upper[j] = -math.pi, math.pi
         if method == "grid":
-            points = int(round(rows ** (1.0 / sms.n)))
+            points = round(rows ** (1.0 / sms.n))
             points -= points**sms.n > rows
             if points < 2:
                 raise InvalidValue(

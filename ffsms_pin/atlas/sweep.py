@@ -25,12 +25,12 @@ __all__ = ["STATISTICS", "Sweep", "pareto", "sweep"]
 #: Of each design, over its samples.
 STATISTICS = {
     "reach": "largest distance of the end effector from the base's centre of mass [m]",
-    "base_translation": "base translation a metre of the end effector, median [m/m]",
-    "base_translation_90": "the same, 90 % of the samples are below [m/m]",
-    "base_rotation": "base rotation a metre of the end effector, median [rad/m]",
-    "base_rotation_90": "the same, 90 % of the samples are below [rad/m]",
+    "base_translation": "base translation per metre of the end effector, median [m/m]",
+    "base_translation_90": "base translation that 90 % of the samples stay below [m/m]",
+    "base_rotation": "base rotation per metre of the end effector, median [rad/m]",
+    "base_rotation_90": "base rotation that 90 % of the samples stay below [rad/m]",
     "entropy": "entropy of the coupling, median [-]",
-    "manipulability": "manipulability of J*, median",
+    "manipulability": "manipulability of J*, median [-]",
 }
 _MOUNT = ("mount_x", "mount_y", "mount_z")
 _LINK = "link:"
@@ -162,18 +162,17 @@ def sweep(
 
 
 def pareto(large: FloatArray, small: FloatArray) -> NDArray[np.bool_]:
-    """Which points no other one beats: none has more of `large` and at most as much of `small`, or the reverse."""
-    order = np.lexsort((small, -large))
+    """Which points (D,) no other one beats.
+
+    One point beats another where it has at least as much of `large` and at most as much of `small`, and is
+    better in one of the two. Equal points do not beat each other.
+    """
     best = np.zeros(len(large), dtype=bool)
-    least = np.inf
-    for k, i in enumerate(order):
-        same = (
-            k > 0
-            and best[order[k - 1]]
-            and (large[i], small[i]) == (large[order[k - 1]], small[order[k - 1]])
-        )
-        if small[i] < least or same:
-            best[i], least = True, small[i]
+    least, last = np.inf, (np.nan, np.nan)
+    for i in np.lexsort((small, -large)):  # the largest first, and of equals the smallest
+        point = (float(large[i]), float(small[i]))
+        if point[1] < least or point == last:
+            best[i], least, last = True, point[1], point
     return best
 
 

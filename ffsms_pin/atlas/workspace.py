@@ -118,19 +118,14 @@ def write_workspace(path: Path, tables: Tables, cells: int, attributes: Mapping[
         count += np.bincount(index, minlength=size)
         for name, values in _columns(table).items():
             found.setdefault(name, _Statistics(size)).add(index, values.astype(np.float64))
-    variables = {
-        name: (
-            ("statistic", *_AXES),
-            statistics.result(count, box.shape),
-            {"units": unit(name), "long_name": long_name(name)},
-        )
+    arrays: dict[str, Any] = {
+        name: (("statistic", *_AXES), statistics.result(count, box.shape))
         for name, statistics in found.items()
     }
-    variables["count"] = (
-        _AXES,
-        count.reshape(box.shape),
-        {"units": unit("count"), "long_name": long_name("count")},
-    )
+    arrays["count"] = (_AXES, count.reshape(box.shape))
+    variables = {
+        name: (*array, {"units": unit(name), "long_name": long_name(name)}) for name, array in arrays.items()
+    }
     coordinates = {
         "statistic": list(STATISTICS),
         **{name: ((name,), centres, {"units": "m"}) for name, centres in box.centres().items()},

@@ -21,6 +21,7 @@ __all__ = ["plot_atlas", "plot_histogram", "plot_joint_map", "plot_pareto", "plo
 _AXES = ("x", "y", "z")
 # Near singular postures base motion has no bound: axes end where this share of the samples does.
 _SHOWN = 0.98
+_BOUNDED = ("entropy",)
 #: Of a figure of all: those of one number a sample.
 _SCALARS = ("entropy", "manipulability", "base_translation", "base_rotation")
 
@@ -45,7 +46,7 @@ def plot_atlas(data: Any) -> Figure:
 
 
 def plot_histogram(data: Any, name: str, ax: Axes | None = None, bins: int = 80) -> Axes:
-    """Distribution of a quantity over the samples; its strange ends, 2 %, are left out.
+    """Distribution of a quantity over the samples; of one without bound, the largest 2 % are left out.
 
     Parameters
     ----------
@@ -57,8 +58,8 @@ def plot_histogram(data: Any, name: str, ax: Axes | None = None, bins: int = 80)
     bins : int
     """
     values = _values(data, name)
-    top = float(np.quantile(values, _SHOWN))
     low = float(values.min())
+    top = float(values.max() if name in _BOUNDED else np.quantile(values, _SHOWN))
     with applied():
         ax = axes_or_new(ax)
         ax.hist(values, bins=bins, range=(low, max(top, low + 1e-9)), color=ACCENT, density=True)
@@ -158,7 +159,9 @@ def plot_workspace_map(
     return ax
 
 
-def plot_pareto(found: Sweep, motion: str = "base_rotation", ax: Axes | None = None) -> Axes:
+def plot_pareto(
+    found: Sweep, motion: str = "base_rotation", colour: str | None = None, ax: Axes | None = None
+) -> Axes:
     """Base motion against reach of every design; those that none beats are joined by a line.
 
     Parameters
@@ -166,17 +169,24 @@ def plot_pareto(found: Sweep, motion: str = "base_rotation", ax: Axes | None = N
     found : Sweep
     motion : str
         A statistic that should be small.
+    colour : str, optional
+        The parameter that colours the designs; default: the first one.
     ax : Axes, optional
     """
+    shade = next(iter(found.parameters)) if colour is None else colour
+    if shade not in found.parameters:
+        raise InvalidValue("colour", colour, f"must be one of {', '.join(found.parameters)}")
     best = found.best(motion)
     reach, moved = found.statistics["reach"], found.statistics[motion]
     order = np.argsort(reach[best])
     with applied():
         ax = axes_or_new(ax)
-        ax.plot(reach, moved, "o", color=NEUTRAL, alpha=0.5, markersize=4, label="designs")
-        ax.plot(reach[best][order], moved[best][order], "o-", color=ACCENT, markersize=5, label="not beaten")
+        ax.plot(reach[best][order], moved[best][order], color=ACCENT, label="not beaten")
+        dots = ax.scatter(reach, moved, c=found.parameters[shade], cmap="cividis", s=18, zorder=3)
+        bar = ax.get_figure().colorbar(dots, ax=ax)  # type: ignore[union-attr]
+        bar.set_label(shade)
         ax.set_xlabel("reach [m]")
-        ax.set_ylabel(STATISTICS[motion].replace(" a metre", "\na metre"))
+        ax.set_ylabel(f"{motion.replace('_', ' ')}\n[{STATISTICS[motion].rpartition('[')[2]}")
         ax.legend()
     return ax
 
@@ -203,4 +213,5 @@ def _values(data: Any, name: str) -> FloatArray:
 
 
 def _label(name: str) -> str:
-    return f"{long_name(name)}\n[{unit(name).replace('1', '-') if unit(name) == '1' else unit(name)}]"
+    shown = "-" if unit(name) == "1" else unit(name)
+    return f"{long_name(name)}\n[{shown}]"
