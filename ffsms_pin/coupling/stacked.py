@@ -86,7 +86,7 @@ def _bidiagonal(A: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _reflect(x: FloatArray, rest: FloatArray) -> FloatArray:
     """Reflect vectors x (k, B) onto their first axis, and the columns of rest (k, l, B) with them; |x|^2."""
-    square = np.einsum("kb,kb->b", x, x)
+    square: FloatArray = np.einsum("kb,kb->b", x, x)
     if len(x) > 1 and rest.shape[1] > 0:
         norm = np.sqrt(square)
         v = x.copy()
