@@ -14,7 +14,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Draws:
-    """One number a row from a seed of its own; some rows are slow, or kill their process, or raise an error."""
+    """One number a row from a seed of its own; some rows kill their process or raise an error."""
 
     killer: int = -1
     wrong: int = -1

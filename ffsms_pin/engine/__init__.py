@@ -5,8 +5,9 @@ nor on the order, nor on how often the run was killed and begun again. See `run`
 """
 
 from ffsms_pin.engine.chunks import Chunks, Shard
+from ffsms_pin.engine.collect import collected
 from ffsms_pin.engine.folder import ChunkFolder
 from ffsms_pin.engine.run import run
-from ffsms_pin.engine.task import Table
+from ffsms_pin.engine.task import Table, joined
 
-__all__ = ["ChunkFolder", "Chunks", "Shard", "Table", "run"]
+__all__ = ["ChunkFolder", "Chunks", "Shard", "Table", "collected", "joined", "run"]

@@ -10,6 +10,7 @@ from ffsms_pin.errors import InvalidValue
 
 __all__ = ["Chunks", "Shard", "halves"]
 
+_LEAST_CHUNKS = 64  # where there are as many rows: the last ones end together
 MOST_CHUNKS = 10_000_000  # files in one folder
 
 
@@ -39,6 +40,11 @@ class Chunks:
         whole("size", self.size, 1)
         if len(self) > MOST_CHUNKS:
             raise InvalidValue("size", self.size, f"makes more than {MOST_CHUNKS} chunks; take a larger one")
+
+    @classmethod
+    def fitting(cls, rows: int, largest: int = 16) -> Chunks:
+        """Chunks of rows that take long: so many that they share well, whatever the number of workers."""
+        return cls(rows, min(max(whole("rows", rows, 1) // _LEAST_CHUNKS, 1), largest))
 
     def __len__(self) -> int:
         return -(-self.rows // self.size)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import logging
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -12,7 +14,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import IO, Any
 
-from ffsms_pin.checks import whole
 from ffsms_pin.engine.worker import NOT_STARTED
 from ffsms_pin.errors import ClusterError, DependencyMissing, InvalidValue
 
@@ -70,7 +71,7 @@ class Cluster:
         """Number of workers that the scheduler knows."""
         try:
             return len(self.client.nthreads())
-        except (OSError, TimeoutError) as error:
+        except (OSError, asyncio.TimeoutError) as error:
             raise self.gone() from error
 
     def worked(self) -> None:
@@ -148,8 +149,6 @@ def embedded(jobs: int, allowed_failures: int = ALLOWED_FAILURES) -> Iterator[Cl
     DependencyMissing
         Dask is not installed.
     """
-    if whole("jobs", jobs, 1) > MOST_JOBS:
-        raise InvalidValue("jobs", jobs, f"must not exceed {MOST_JOBS}")
     dask, distributed = _packages()
     config = {
         "distributed.scheduler.http.routes": [],
@@ -159,17 +158,22 @@ def embedded(jobs: int, allowed_failures: int = ALLOWED_FAILURES) -> Iterator[Cl
     with ExitStack() as stack:
         stack.enter_context(_quiet())
         stack.enter_context(dask.config.set(config))
-        local = stack.enter_context(
-            distributed.LocalCluster(
-                n_workers=0,
-                processes=True,
-                threads_per_worker=1,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",
-                scheduler_kwargs={"dashboard": False, "allowed_failures": allowed_failures},
-                silence_logs=logging.CRITICAL,
-            )
-        )
+        scratch = tempfile.mkdtemp(prefix="ffsms-pin-scheduler-")
+        try:
+            with dask.config.set({"temporary-directory": scratch}):
+                local = stack.enter_context(
+                    distributed.LocalCluster(
+                        n_workers=0,
+                        processes=True,
+                        threads_per_worker=1,
+                        host="127.0.0.1",
+                        dashboard_address="127.0.0.1:0",
+                        scheduler_kwargs={"dashboard": False, "allowed_failures": allowed_failures},
+                        silence_logs=logging.CRITICAL,
+                    )
+                )
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)  # a scheduler puts nothing there
         client = stack.enter_context(distributed.Client(local, set_as_default=False))
         cluster = Cluster(client, local.scheduler_address, jobs)
         stack.callback(cluster.end_workers)
@@ -199,7 +203,7 @@ def connected(address: str) -> Iterator[Cluster]:
     with _quiet(), dask.config.set({"distributed.comm.timeouts.connect": f"{_CONNECTING:g}s"}):
         try:
             client = distributed.Client(address, timeout=_CONNECTING, set_as_default=False)
-        except (OSError, TimeoutError, ValueError) as error:
+        except (OSError, asyncio.TimeoutError, ValueError) as error:
             raise ClusterError(
                 f"no scheduler answers at {address}; start one with: dask scheduler"
             ) from error

@@ -10,18 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from ffsms_pin.checks import instance, optional_callable, whole
-from ffsms_pin.engine.chunks import Chunks, Shard, halves
-from ffsms_pin.engine.cluster import ALLOWED_FAILURES, Cluster, connected, embedded, usable_cores
+from ffsms_pin.engine.chunks import Chunks, Shard
+from ffsms_pin.engine.cluster import ALLOWED_FAILURES, MOST_JOBS, Cluster, connected, embedded, usable_cores
 from ffsms_pin.engine.folder import ChunkFolder
+from ffsms_pin.engine.halving import Lost, halved
 from ffsms_pin.engine.spread import Killed, spread
-from ffsms_pin.engine.task import Table, Work, computed, joined, save_table, sent, stored
-from ffsms_pin.errors import InvalidValue, ResultError, TaskError
+from ffsms_pin.engine.task import Work, save_table, sent, stored
+from ffsms_pin.errors import InvalidValue, ResultError
 
-__all__ = ["KILLED", "run"]
-
-KILLED = "killed its worker"
-
-Lost = Callable[[int, str], Table]
+__all__ = ["checked_jobs", "run"]
 
 
 def run(
@@ -88,7 +85,7 @@ def run(
     instance("chunks", chunks, Chunks)
     instance("shard", shard, Shard, optional=True)
     optional_callable("progress", progress)
-    jobs = usable_cores() if jobs is None else whole("jobs", jobs, 1)
+    jobs = checked_jobs(jobs)
     if shard is not None and scheduler is not None:
         raise InvalidValue("shard", f"{shard.number}/{shard.count}", "needs no scheduler; choose one of both")
     place = ChunkFolder(folder)
@@ -107,6 +104,14 @@ def run(
         if progress is not None:
             progress(finished, total)
     return place
+
+
+def checked_jobs(jobs: int | None) -> int:
+    """The number of workers that is asked for; by default one a core."""
+    jobs = usable_cores() if jobs is None else whole("jobs", jobs, 1)
+    if jobs > MOST_JOBS:
+        raise InvalidValue("jobs", jobs, f"must not exceed {MOST_JOBS}")
+    return jobs
 
 
 @dataclass(frozen=True)
@@ -154,23 +159,8 @@ def _over(cluster: Cluster, job: _Job, rest: list[int]) -> Iterator[int]:
         _check_there(job.folder.file(index))
         yield index
     for index in suspects:
-        save_table(job.folder.file(index), _halved(cluster, job, packed, job.chunks.rows_of(index)))
+        save_table(job.folder.file(index), halved(cluster, packed, job.chunks.rows_of(index), job.lost))
         yield index
-
-
-def _halved(cluster: Cluster, job: _Job, packed: bytes, rows: range) -> dict[str, Any]:
-    """The table of a chunk whose workers died: the rows to blame are found by halving.
-
-    Each part is alone on the cluster, so no other task is to blame for a death.
-    """
-    ((_, result),) = spread(cluster, [rows], lambda part: (sent, (computed, packed, part)))
-    if not isinstance(result, Killed):
-        return dict(result)
-    if len(rows) > 1:
-        return joined([_halved(cluster, job, packed, part) for part in halves(rows)])
-    if job.lost is None:
-        raise TaskError(f"row {rows.start} {KILLED} (out of memory, or a crash in compiled code)")
-    return computed(lambda one: job.lost(one.start, KILLED), rows)  # type: ignore[misc]
 
 
 def _check_there(path: Path) -> None:

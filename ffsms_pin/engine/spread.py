@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
@@ -113,7 +114,10 @@ def _result(cluster: Cluster, future: Any) -> Any:
     if future.status == "finished":
         try:
             return future.result(timeout=_FETCH)
-        except TimeoutError:
+        except (
+            asyncio.TimeoutError,
+            OSError,
+        ):  # its worker died meanwhile, or the scheduler did
             return _Lost()
         except CancelledError:
             raise cluster.gone() from None

@@ -33,7 +33,7 @@ from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, radians
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
-__all__ = ["Scenario", "scenario", "scenario_names"]
+__all__ = ["Scenario", "scenario", "scenario_names", "scenario_of"]
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,8 @@ class Scenario:
         None: no watchdog.
     term, limit : tuple of mappings
         Terms and limits of the plan beside, or in place of, those that `plan` describes.
+    campaign : mapping of str to values
+        What a campaign draws; a single run does not use it.
     allow_import : bool
         Whether terms and limits may be a user's own, imported from Python modules.
     """
@@ -86,6 +88,7 @@ class Scenario:
     watchdog: Mapping[str, Any] | None = None
     term: tuple[Mapping[str, Any], ...] = ()
     limit: tuple[Mapping[str, Any], ...] = ()
+    campaign: Mapping[str, Any] = field(default_factory=dict)
     allow_import: bool = False
 
     @property
@@ -274,5 +277,15 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
             source = Path(name_or_path)
         except TypeError:
             raise InvalidValue("scenario", name_or_path, "must be a name or a path") from None
-    tables = checked_tables(source, read(source))
-    return Scenario(source.stem, source, **tables, allow_import=allow_import)
+    return scenario_of(source, read(source), allow_import=allow_import)
+
+
+def scenario_of(source: Path, content: Mapping[str, Any], *, allow_import: bool = False) -> Scenario:
+    """A scenario from what a TOML file holds; names of files in it count from the folder of `source`.
+
+    Raises
+    ------
+    InvalidScenario
+        As for `scenario`.
+    """
+    return Scenario(source.stem, source, **checked_tables(source, content), allow_import=allow_import)

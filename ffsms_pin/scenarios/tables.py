@@ -23,6 +23,7 @@ from ffsms_pin.scenarios.values import (
     or_infinite,
     per_joint,
     positive,
+    table,
     text,
     texts,
     whole,
@@ -267,5 +268,7 @@ TABLES: Mapping[str, Table] = {
         frozenset({"position_margin", "joint_error"}),
         none_if_absent=True,
     ),
+    # What the distributions may be, `ffsms_pin.campaigns` says: a single run has no use for them.
+    "campaign": Table({"seed": whole(0), "draw": table}),
 }
 """Of a whole file, by name."""
