@@ -18,7 +18,7 @@ __all__ = ["SCALARS", "AtlasWork", "measured", "unit_directions"]
 
 #: Quantities of one number a sample.
 SCALARS = ("entropy", "manipulability", "base_translation", "base_rotation")
-# Rows that are measured together: what stands in memory meanwhile is some 10 kB a row of a 7-joint arm.
+# Rows that are measured together: some 30 MB stand in memory meanwhile.
 _ROWS = 8192
 
 

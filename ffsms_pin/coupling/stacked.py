@@ -25,7 +25,7 @@ __all__ = ["entropies", "singular_values"]
 # Squares are kept above this, the largest entry of a matrix being one: nothing is divided by zero.
 _LEAST = 1e-36
 # An off-diagonal square below this share of the diagonals beside it moves no digit of the square root.
-_NEGLIGIBLE = 1e-32
+_NEGLIGIBLE = 1e-30
 # Of the bound that is a shift: short of it by more than rounding, so that every number stays positive.
 _SHORT = 1.0 - 1e-8
 # Of a sum of some twenty positive terms, with room.

@@ -21,9 +21,9 @@ __all__ = ["BLOCK", "MATRICES", "Batch", "blocks", "keep_memory"]
 
 #: Configurations evaluated together: enough that numpy's calls cost little, few enough that what is between
 #: them stays in the processor's caches.
-BLOCK = 1024
+BLOCK = 2048
 #: The same for singular values, where the arrays are smaller and the calls more.
-MATRICES = 8192
+MATRICES = 16384
 _FREED_ONCE = 3_900_000  # numbers
 
 
