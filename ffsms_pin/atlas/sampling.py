@@ -89,7 +89,7 @@ class Sampling:
     @property
     def points(self) -> int:
         """Points on each joint; of a grid only."""
-        return round(self.rows ** (1.0 / self.n))
+        return int(round(self.rows ** (1.0 / self.n)))  # noqa: RUF046
 
     def joints(self, rows: range) -> FloatArray:
         """Joint positions (len(rows), n) of consecutive rows [rad]."""

@@ -55,7 +55,7 @@ class Cells:
         """Number of the cube (N,) that each point (N, 3) is in; x slowest."""
         place = np.floor((points - self.origin) / self.edge).astype(int)
         place = np.clip(place, 0, np.array(self.shape) - 1)
-        return np.ravel_multi_index(tuple(place.T), self.shape)
+        return np.asarray(np.ravel_multi_index(tuple(place.T), self.shape))
 
     def centres(self) -> dict[str, FloatArray]:
         """Centres of the cubes along each axis [m]."""

@@ -144,7 +144,7 @@ def test_without_its_packages_it_says_what_to_install(
 def test_wrong_arguments_are_named(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
     for wrong in ({"over": "base"}, {"directions": [(0, 0, 0)]}, {"cells": 0}, {"method": "random"}):
         with pytest.raises(InvalidValue, match=next(iter(wrong))):
-            atlas(planar, tmp_path / "a.zarr", ROWS, **wrong)  # type: ignore[arg-type]
+            atlas(planar, tmp_path / "a.zarr", ROWS, **wrong)
 
 
 def test_cells_hold_every_point_once(rng: np.random.Generator) -> None:

@@ -70,7 +70,9 @@ def test_a_longer_link_reaches_farther_by_its_length(joint: str) -> None:
         else planar.model.jointPlacements[index + 1]
     )
     gain = longer.batch(straight).end_effector_position - planar.batch(straight).end_effector_position
-    np.testing.assert_allclose(gain, [[0.5 * np.linalg.norm(place.translation), 0.0, 0.0]], atol=1e-12)
+    assert gain[0].tolist() == pytest.approx(
+        [0.5 * float(np.linalg.norm(place.translation)), 0, 0], abs=1e-12
+    )
     assert longer.model.inertias[index].mass == pytest.approx(1.5 * planar.model.inertias[index].mass)
     back = with_link_length(longer, joint, 1.0 / 1.5)
     assert same(back, planar, np.array([[0.3, -0.5, 0.8]]))
@@ -91,6 +93,7 @@ def test_what_no_design_can_have_is_named(tmp_path: Path) -> None:
         with_link_length(planar, "elbow", 2.0)
     with pytest.raises(InvalidValue, match="a link that has a length"):
         with_link_length(panda, "panda_joint1", 2.0)
+    wrong: dict[str, list[float]]
     for wrong in ({"colour": [1.0]}, {"base_mass": [0.0]}, {"base_mass": []}, {}, {"link:elbow": [1.0]}):
         with pytest.raises(InvalidValue):
             sweep(planar, wrong, tmp_path / "never", jobs=1)

@@ -89,7 +89,7 @@ def test_a_batch_cannot_be_changed() -> None:
     for name in ("joints", "C_bm", "J_star", "H_q", "sigma", "entropy", "manipulability"):
         assert not getattr(batch, name).flags.writeable, name
     with pytest.raises(AttributeError, match="cannot be changed"):
-        batch.joints = joints  # type: ignore[misc]
+        batch.joints = joints
 
 
 @pytest.mark.parametrize(
