@@ -93,8 +93,14 @@ def test_what_no_design_can_have_is_named(tmp_path: Path) -> None:
         with_link_length(planar, "elbow", 2.0)
     with pytest.raises(InvalidValue, match="a link that has a length"):
         with_link_length(panda, "panda_joint1", 2.0)
-    wrong: dict[str, list[float]]
-    for wrong in ({"colour": [1.0]}, {"base_mass": [0.0]}, {"base_mass": []}, {}, {"link:elbow": [1.0]}):
+    refused: list[dict[str, list[float]]] = [
+        {"colour": [1.0]},
+        {"base_mass": [0.0]},
+        {"base_mass": []},
+        {},
+        {"link:elbow": [1.0]},
+    ]
+    for wrong in refused:
         with pytest.raises(InvalidValue):
             sweep(planar, wrong, tmp_path / "never", jobs=1)
     assert not list(tmp_path.iterdir())
