@@ -27,6 +27,7 @@ ONE_THREAD = {
 _FAILED_STARTS = 3  # in a row, before a run gives up
 _CLOSING = 2.0  # [s]
 _CONNECTING = 15.0  # [s]
+_LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
 # Run by a worker's interpreter: it finds the modules that this process finds.
 _BOOT = """\
 import json, signal, sys
@@ -217,13 +218,15 @@ def connected(address: str) -> Iterator[Cluster]:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep Dask's log of lost connections off the error stream: what matters becomes an error of ours."""
-    logger = logging.getLogger("distributed")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
+    loggers = [logging.getLogger(name) for name in _LOGGERS]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        logger.setLevel(before)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 def _packages() -> tuple[Any, Any]:

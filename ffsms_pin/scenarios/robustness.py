@@ -139,9 +139,12 @@ def robustness(
             lost=work.lost,
             progress=None if report is None else lambda done, total: report(done / total),
         )
-    failures = {int(i): TaskError(str(found["error"][i])) for i in np.flatnonzero(found["error"] != "")}
+    failures: dict[int, Exception] = {
+        int(i): TaskError(str(found["error"][i])) for i in np.flatnonzero(found["error"] != "")
+    }
     if failures:
-        raise TasksFailed(failures, [None if i in failures else i for i in range(plants)])
+        rows = [{name: column[i] for name, column in found.items()} for i in range(plants)]
+        raise TasksFailed(failures, [None if i in failures else row for i, row in enumerate(rows)])
     t = np.linspace(0.0, scenario.duration, control_steps(scenario) + 1)[_rows(scenario)]
     return Robustness(
         scenario,

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from engine_work import Draws, lost
 
+import ffsms_pin.engine.cluster as cluster_module
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, run
-from ffsms_pin.engine import cluster as cluster_module
 from ffsms_pin.errors import ClusterError, DependencyMissing, FfsmsError, InvalidValue, ResultError, TaskError
 
 CHUNKS = Chunks(rows=22, size=4)
@@ -124,6 +124,8 @@ def test_without_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(DependencyMissing, match=r"pip install ffsms-pin\[cluster\]"):
         made(tmp_path / "two", jobs=2)
     made(tmp_path / "one", jobs=1)
+    monkeypatch.setitem(sys.modules, "dask.system", None)
+    assert cluster_module.usable_cores() == 1
 
 
 def test_folders_that_cannot_be_used(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ import psutil
 import pytest
 from engine_work import Draws, lost
 
+import ffsms_pin.engine.spread as spread_module
 from ffsms_pin.engine import ChunkFolder, Chunks, run
 from ffsms_pin.errors import ClusterError
 
@@ -167,7 +168,15 @@ def test_a_cluster_that_stands_and_loses_a_worker(tmp_path: Path, wanted: dict[s
         assert contents(found) == wanted
 
 
-def test_a_scheduler_that_goes_away(tmp_path: Path, wanted: dict[str, bytes]) -> None:
+def test_a_scheduler_without_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(spread_module, "_PATIENCE", 0.5)
+    with standing(tmp_path, 0) as (address, _), pytest.raises(ClusterError, match="has had no workers"):
+        run(Draws(), CHUNKS, tmp_path / "run", specification={}, scheduler=address)
+
+
+def test_a_scheduler_that_goes_away(
+    tmp_path: Path, wanted: dict[str, bytes], capfd: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "run"
     with standing(tmp_path, 1) as (address, processes):
 
@@ -180,6 +189,7 @@ def test_a_scheduler_that_goes_away(tmp_path: Path, wanted: dict[str, bytes]) ->
         with pytest.raises(ClusterError, match=r"the scheduler at tcp://127.0.0.1:\d+ is gone"):
             run(Draws(wait=WAIT), CHUNKS, folder, specification={}, scheduler=address)
         killer.join()
+    assert capfd.readouterr() == ("", "")  # nothing of Dask's log
     done = ChunkFolder(folder)
     assert 3 <= len(done.done()) < len(CHUNKS)
     assert sum(1 for _ in done.tables(partial=True)) == len(done.done())
