@@ -19,9 +19,9 @@ from targets import Task, reachable_targets
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.batch.rollout import rolled_out
-from ffsms_pin.opt.batch.stacks import apply
+from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.batch.stacks import apply
 
 DT, CLEARANCE = 0.01, 0.01  # [s], [m]
 SPARE = 0.005  # [m] beyond the clearance, that the straight move keeps to each obstacle

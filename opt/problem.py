@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray, frozen, positive, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits import Clearance, JointLimits, Limit
 from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.arm import ArmStack
 
 __all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem", "check_parts"]
 

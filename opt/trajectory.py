@@ -8,15 +8,16 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen, number
-from ffsms_pin.opt.batch.entropy import entropy, singular
+from ffsms_pin.coupling.stacked import entropies
+from ffsms_pin.opt.batch.entropy import singular
 from ffsms_pin.opt.batch.motions import apply_rates
 from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
-from ffsms_pin.opt.batch.stacks import apply, cross, dot, log3
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.contact import contact_velocity, missed
 from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.terms import Coupling
+from ffsms_pin.system.batch.stacks import apply, cross, dot, log3
 
 __all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
 
@@ -215,7 +216,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     both = np.linalg.norm(way[:, :-1], axis=0) * np.linalg.norm(velocity, axis=0)
     cosine = np.clip(dot(way[:, :-1], velocity) / np.where(both > 0.0, both, 1.0), -1.0, 1.0)
     sigma, V = singular(arm.coupling[..., 0, :-1:2])
-    H = entropy(sigma, sms.n)
+    H = entropies(sigma, sms.n)
     cost = (np.logaddexp(0.0, kappa * cosine) / kappa - (1.0 - H)) ** 2
     turned = np.zeros(len(motion.times))
     wanted = np.full((3, 3), np.nan)

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
 from ffsms_pin.opt.batch.entropy import entropy_and_gradient
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.stacks import apply, cross
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import apply, cross
 
 __all__ = ["EXACT", "Motions", "Smoothing", "apply_rates"]
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.stacks import apply, log3
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.starts import straight_moves
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.system.batch.stacks import apply, log3
 
 __all__ = ["moves_to"]
 

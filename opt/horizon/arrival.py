@@ -10,8 +10,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.orientation import orientation_residual
 from ffsms_pin.opt.batch.residual import Indices, Residual
-from ffsms_pin.opt.batch.stacks import dot
 from ffsms_pin.opt.goals import Goal
+from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Arrival", "arrival"]
 

@@ -12,10 +12,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmValues
-from ffsms_pin.opt.batch.entropy import entropy, singular
+from ffsms_pin.coupling.stacked import entropies
+from ffsms_pin.opt.batch.entropy import singular
 from ffsms_pin.opt.batch.motions import apply_rates
-from ffsms_pin.opt.batch.stacks import apply, dot, exp3, log3
 from ffsms_pin.opt.horizon.control_qp import at_rest
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.spline import RateSpline
@@ -25,6 +24,8 @@ from ffsms_pin.opt.step.direction import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.march import start_sides
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import advance
+from ffsms_pin.system.batch.arm import ArmValues
+from ffsms_pin.system.batch.stacks import apply, dot, exp3, log3
 
 __all__ = ["cone_marches", "free_marches", "landed", "march_starts"]
 
@@ -147,7 +148,7 @@ def _gain(problem: Problem, steps: int, distance: FloatArray) -> FloatArray:
 def _ideal_cosine(arm: ArmValues, kappa: float) -> FloatArray:
     """The cosine c* of no cost, log(exp(kappa (1 - H)) - 1) / kappa, within [-1, 1]."""
     sigma, _ = singular(arm.coupling)
-    x = np.maximum(kappa * (1.0 - entropy(sigma, arm.jstar.shape[1])), 1e-9)
+    x = np.maximum(kappa * (1.0 - entropies(sigma, arm.jstar.shape[1])), 1e-9)
     return np.asarray(np.clip((x + np.log(-np.expm1(-x))) / kappa, -1.0, 1.0))
 
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.stacks import apply
 from ffsms_pin.opt.horizon.starts import JointGoals
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.system.batch.stacks import apply
 
 __all__ = ["later_deadline", "time_within_reach", "too_fast"]
 

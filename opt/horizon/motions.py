@@ -10,10 +10,10 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions, Smoothing, apply_rates
-from ffsms_pin.opt.batch.stacks import apply, exp3, products
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.system.batch.stacks import apply, exp3, products
 
 __all__ = ["base_turns", "motions_of", "targets"]
 

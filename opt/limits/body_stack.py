@@ -8,10 +8,10 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
 from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.part_pairs import PartPairs, Poses
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.convex_parts import Part, whole_shapes
 
 __all__ = ["BodyStack", "body_pairs"]

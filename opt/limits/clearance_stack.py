@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
-from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
-from ffsms_pin.opt.batch.stacks import cross, dot
 from ffsms_pin.opt.limits.body_stack import BodyStack, body_pairs
 from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import cross, dot
 from ffsms_pin.system.convex_parts import Part, whole_shapes
 
 # Of entries of an array.

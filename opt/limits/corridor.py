@@ -17,9 +17,9 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residual, Residuals
-from ffsms_pin.opt.batch.stacks import dot
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Corridor"]
 

@@ -13,10 +13,10 @@ import coal
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.stacks import cross, dot
 from ffsms_pin.opt.limits.covers import Covers, Poses
+from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.batch.stacks import cross, dot
 from ffsms_pin.system.convex_parts import Part
 
 __all__ = ["Nearest", "PartPairs", "Poses"]

@@ -10,8 +10,8 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import GeometryError
-from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.convex_parts import Part, part_of, whole_shapes
 
 __all__ = ["PAYLOAD", "Body", "payload_part", "robot_bodies"]

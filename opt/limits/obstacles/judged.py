@@ -12,11 +12,11 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions, apply_rates
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.stacks import apply, cross, exp3, log3
 from ffsms_pin.opt.limits.between import TOLERANCE, Least, joints_after, least_between
 from ffsms_pin.opt.limits.obstacles.obstacle import Track
 from ffsms_pin.opt.limits.obstacles.stack import ObstacleStack, seen_from_base
 from ffsms_pin.opt.limits.part_pairs import Poses
+from ffsms_pin.system.batch.stacks import apply, cross, exp3, log3
 
 __all__ = ["least_of_obstacles"]
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.stacks import cross, dot
 from ffsms_pin.opt.limits.clearance_rows import CLOSING_RATE, MARGIN
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.obstacles.stack import ObstacleStack
 from ffsms_pin.opt.limits.part_pairs import Nearest, Poses
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.system.batch.stacks import cross, dot
 
 __all__ = ["obstacle_rows"]
 

@@ -13,14 +13,14 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.stacks import apply, cross
 from ffsms_pin.opt.limits.obstacles.bodies import BASE, robot_bodies
 from ffsms_pin.opt.limits.obstacles.obstacle import Obstacle, Track
 from ffsms_pin.opt.limits.part_pairs import Nearest, PartPairs, Poses
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.batch.stacks import apply, cross
 from ffsms_pin.system.convex_parts import Part, part_of
 
 __all__ = ["ObstacleStack", "seen_from_base"]
