@@ -21,5 +21,5 @@ def xarray() -> Any:
         import xarray
         import zarr  # noqa: F401
     except ImportError:
-        raise DependencyMissing("ffsms-pin[cluster]", "an atlas") from None
+        raise DependencyMissing("xarray or zarr", "an atlas", "cluster") from None
     return xarray

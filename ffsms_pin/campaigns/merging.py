@@ -48,7 +48,7 @@ def merge(folder: str | os.PathLike[str], *, partial: bool = False) -> Path:
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError:
-        raise DependencyMissing("ffsms-pin[cluster]", "a campaign's table") from None
+        raise DependencyMissing("pyarrow", "a campaign's table", "cluster") from None
     groups = _groups(ChunkFolder(folder), partial, pa)
     path = runs_file(folder)
 

@@ -148,7 +148,7 @@ def _read(folder: str | os.PathLike[str]) -> dict[str, Any]:
     try:
         from pyarrow import ArrowException, parquet
     except ImportError:
-        raise DependencyMissing("ffsms-pin[cluster]", "a campaign's table") from None
+        raise DependencyMissing("pyarrow", "a campaign's table", "cluster") from None
     path = runs_file(folder)
     try:
         table = parquet.read_table(path)

@@ -234,5 +234,5 @@ def _packages() -> tuple[Any, Any]:
         import dask
         import distributed
     except ImportError:
-        raise DependencyMissing("ffsms-pin[cluster]", "working with several processes") from None
+        raise DependencyMissing("distributed", "working with several processes", "cluster") from None
     return dask, distributed

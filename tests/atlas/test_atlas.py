@@ -136,7 +136,7 @@ def test_without_its_packages_it_says_what_to_install(
     planar: ffsms.SpaceManipulator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(DependencyMissing, match=r"pip install ffsms-pin\[cluster\]"):
+    with pytest.raises(DependencyMissing, match=r"pip install 'ffsms-pin\[cluster\]'"):
         made(planar, tmp_path / "a.zarr")
     assert not list(tmp_path.iterdir())
 

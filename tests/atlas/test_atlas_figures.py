@@ -23,6 +23,7 @@ def test_maps_slices_and_histograms_show_the_samples(tmp_path: Path) -> None:
     low = (joints[:, 0] < np.median(joints[:, 0])) & (joints[:, 1] < np.median(joints[:, 1]))
     assert float(np.ravel(whole)[0]) == pytest.approx(values[low].mean(), rel=0.02)
     part = plot_joint_map(data, "entropy", (0, 1), at={2: (-0.3, 0.3)}, bins=2).collections[0].get_array()
+    assert part is not None
     assert not np.allclose(np.ravel(whole), np.ravel(part))
     assert len(plot_histogram(data, "base_rotation", bins=10).patches) == 10
     with pytest.raises(InvalidValue, match="leaves no sample"):

@@ -121,7 +121,7 @@ def test_workers_that_cannot_start(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_without_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(DependencyMissing, match=r"pip install ffsms-pin\[cluster\]"):
+    with pytest.raises(DependencyMissing, match=r"pip install 'ffsms-pin\[cluster\]'"):
         made(tmp_path / "two", jobs=2)
     made(tmp_path / "one", jobs=1)
     monkeypatch.setitem(sys.modules, "dask.system", None)
