@@ -20,6 +20,7 @@ from timing import in_turns
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.interchange import to_mjcf
 from ffsms_pin.simulation.integrators import rk4_step
 from ffsms_pin.urdf import model_path
 
@@ -119,55 +120,13 @@ def adam_work(name: str) -> list[Work]:
     return [Work("H and J*", ours, theirs, apart(pairs), ROUNDING)]
 
 
-def mujoco_model(sms: ffsms.SpaceManipulator) -> str:
-    """The robot in MuJoCo's own format, number by number from Pinocchio's model."""
-    model = sms.model
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    children: dict[int, list[int]] = {j: [] for j in range(model.njoints)}
-    for j in range(2, model.njoints):
-        children[model.parents[j]].append(j)
-
-    def numbers(values: Any) -> str:
-        return " ".join(repr(float(x)) for x in np.ravel(values))
-
-    def place(pose: Any) -> str:
-        x, y, z, w = pin.SE3ToXYZQUAT(pose)[3:]
-        return f'pos="{numbers(pose.translation)}" quat="{numbers([w, x, y, z])}"'
-
-    def body(j: int) -> str:
-        inertia = model.inertias[j]
-        entries = [inertia.inertia[a, b] for a, b in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-        if j == 1:
-            opening, joint = '<body name="base">', "<freejoint/>"
-        else:
-            axis = pin.getJointJacobian(model, data, j, pin.LOCAL)[3:, j + 4]
-            opening = f"<body {place(model.jointPlacements[j])}>"
-            joint = f'<joint type="hinge" axis="{numbers(axis)}" damping="0" armature="0"/>'
-        mass = (
-            f'<inertial pos="{numbers(inertia.lever)}" mass="{inertia.mass!r}" '
-            f'fullinertia="{numbers(entries)}"/>'
-        )
-        site = ""
-        frame = model.frames[sms.frame_id]
-        if frame.parentJoint == j:
-            site = f'<site name="tip" {place(frame.placement)}/>'
-        return opening + joint + mass + site + "".join(body(k) for k in children[j]) + "</body>"
-
-    return (
-        f'<mujoco><option gravity="0 0 0" timestep="{DT}" integrator="RK4">'
-        '<flag contact="disable" constraint="disable"/></option>'
-        f"<worldbody>{body(1)}</worldbody></mujoco>"
-    )
-
-
 def mujoco_work(name: str) -> list[Work]:
     """J*, H_q and C_q at a state; and one step of the closed loop under the same sliding mode law."""
     mj = importlib.import_module("mujoco")
     sms = ffsms.load(name)
-    model = mj.MjModel.from_xml_string(mujoco_model(sms))
+    model = mj.MjModel.from_xml_string(to_mjcf(sms, DT, actuators=False))
     data = mj.MjData(model)
-    tip = mj.mj_name2id(model, mj.mjtObj.mjOBJ_SITE, "tip")
+    tip = mj.mj_name2id(model, mj.mjtObj.mjOBJ_SITE, "end_effector")
     M, J = np.empty((sms.nv, sms.nv)), np.empty((6, sms.nv))
     jacp, jacr = J[:3], J[3:]
     at, n = states(sms), sms.n

@@ -30,7 +30,7 @@ extensions = [
 ]
 html_theme = "furo"
 html_title = f"ffsms-pin {__version__}"
-exclude_patterns = ["_build", "lessons/README.md"]
+exclude_patterns = ["_build", "jupyter_execute", "lessons/README.md"]
 suppress_warnings = [
     "mystnb.unknown_mime_type",  # Meshcat's scenes; the page shows the HTML beside it
     "ref.python",  # `duration` alone may mean several attributes; such words are not links here

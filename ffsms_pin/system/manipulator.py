@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.actuation.gyrostat import check_inertia
 from ffsms_pin.checks import FloatArray, instance, one_of, pose, vector
-from ffsms_pin.errors import GeometryError, InvalidInertia, InvalidValue
+from ffsms_pin.errors import GeometryError, InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.batch import Batch
+from ffsms_pin.system.bodies import check_bodies
 from ffsms_pin.system.convex_parts import Part, convex_parts
 from ffsms_pin.system.limits import JointLimits, limits_of
 from ffsms_pin.system.mechanism import Mechanism, scratch
@@ -112,7 +113,7 @@ class SpaceManipulator(Mechanism):
         instance("thrusters", thrusters, Thrusters, optional=True)
         self.wheels, self.thrusters = wheels, thrusters
         self._geometry: dict[str, Any] = {}
-        self._check_inertia()
+        check_bodies(self.model, self.layout)
         if wheels is not None:
             check_inertia(self.model, wheels)
         self._complete = True
@@ -284,19 +285,6 @@ class SpaceManipulator(Mechanism):
             self._geometry["parts"] = convex_parts(self.geometry("collision"))
         parts: list[Part] = self._geometry["parts"]
         return parts
-
-    def _check_inertia(self) -> None:
-        for j in range(1, self.model.njoints):
-            body = self.model.inertias[j]
-            finite = (
-                np.isfinite(body.mass) and np.isfinite(body.lever).all() and np.isfinite(body.inertia).all()
-            )
-            if not finite or body.mass <= 0.0 or np.linalg.eigvalsh(body.inertia)[0] <= 0.0:
-                raise InvalidInertia(
-                    self.model.name,
-                    self.layout.body_name(self.model, j),
-                    f"moves but its inertia is not positive definite (mass {body.mass:g} kg)",
-                )
 
     def __repr__(self) -> str:
         return f"SpaceManipulator('{self.model.name}', n={self.n}, end_effector='{self.end_effector}')"
