@@ -37,8 +37,7 @@ ARMS = {
     "panda": Arm(
         "panda_description/urdf/panda.urdf",
         "panda_hand_tcp",
-        # Closed. The second finger mimics the first one.
-        (("panda_finger_joint1", 0.0), ("panda_finger_joint2", 0.0)),
+        (("panda_finger_joint1", 0.0),),  # closed; the second finger mimics the first one
     ),
     "xarm7": Arm("xarm_description/urdf/xarm7.urdf", "link_eef"),
     "ur5": Arm("ur_description/urdf/ur5_robot.urdf", "tool0"),
@@ -58,9 +57,10 @@ def find_arm(arm: str | os.PathLike[str]) -> tuple[Path, Arm]:
         return _robots_folder(name) / ARMS[name].file, ARMS[name]
     if name in model_names():
         return model_path(name), Arm(str(model_path(name)))
-    if not os.path.isfile(name):
+    path = os.path.expanduser(name)
+    if not os.path.isfile(path):
         raise ModelNotFound(name, [*ARMS, *model_names()])
-    return Path(name), Arm(name)
+    return Path(path), Arm(path)
 
 
 def _robots_folder(name: str) -> Path:

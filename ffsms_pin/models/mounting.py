@@ -16,13 +16,10 @@ from ffsms_pin.models.arms import ARMS, find_arm
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.models.composition import compose
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.loading import build, folders
-from ffsms_pin.system.urdf_file import UrdfFile
+from ffsms_pin.system.loading import build, checked, folders
+from ffsms_pin.system.urdf_leniency import DEFAULT_RATE, Inertias
 
-__all__ = ["DEFAULT_RATE", "mount"]
-
-# For joints whose rate neither the file nor the caller limits; of the order of flown and lab arms alike.
-DEFAULT_RATE = 0.5  # [rad/s]
+__all__ = ["mount"]
 
 
 def mount(
@@ -33,9 +30,11 @@ def mount(
     end_effector: str | None = None,
     locked: Mapping[str, float] | None = None,
     velocity: ArrayLike | None = None,
+    torque: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     base_size: ArrayLike | None = None,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
+    inertias: Inertias = "check",
 ) -> SpaceManipulator:
     """Put an arm on a satellite.
 
@@ -56,11 +55,13 @@ def mount(
         Default: the arm's usual tool frame where the arm is known, else the last link.
     locked : mapping of str to float, optional
         Joints that become fixed, and where [rad or m]; the links beyond keep their masses. For a known arm
-        they are added to those that it locks already.
+        they are added to those that it locks already. Joints that mimic others are locked too: see `load`.
     velocity : array_like, optional
         Joint rate limits [rad/s], one number or (n,). Default: the arm's own; a joint without one (kinova's
         continuous joints have theirs, others may not) gets 0.5 rad/s, since planning needs a finite rate.
         Arms for the ground are faster than a satellite likes: 2 to 3 rad/s.
+    torque : array_like, optional
+        Joint torque limits [N m], one number or (n,). Default: the arm's own.
     acceleration : array_like, optional
         Joint acceleration limits [rad/s^2], one number or (n,). Default: 1.25 /s times the rate limits.
     base_size : array_like, shape (3,), optional
@@ -68,6 +69,8 @@ def mount(
     package_dirs : sequence of paths, optional
         Folders in which the `package://` names of the arm's meshes are looked for, besides those around its
         file.
+    inertias : {"check", "keep", "repair"}
+        What happens to inertias that break the triangle inequality: see `load`.
 
     Returns
     -------
@@ -96,10 +99,11 @@ def mount(
     except (TypeError, ValueError):
         raise InvalidValue("locked", locked, "must map names of joints to positions") from None
     name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
-    urdf = UrdfFile(path, compose(name, base, path, joints, placement, folders(package_dirs)))
+    robot = compose(name, base, path, placement, folders(package_dirs))
+    urdf = checked(robot, path, joints, inertias, velocity, torque, stacklevel=3)
     if end_effector is None:
         end_effector = known.end_effector
-    return build(urdf, end_effector, base_size, acceleration, velocity, missing_velocity=DEFAULT_RATE)
+    return build(urdf, end_effector, base_size, acceleration, velocity, DEFAULT_RATE, torque)
 
 
 def face_placement(base: SatelliteBase) -> Any:
