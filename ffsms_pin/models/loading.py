@@ -52,7 +52,8 @@ def load(
         100 N m, with a warning.
     end_effector : str, optional
         Name of the end-effector frame. Default: the arm's tool frame for the arms on the default satellite,
-        else the last link's frame; an error where there are several.
+        else the last link's frame. Where several are last and ride on one body, the one whose name says tool
+        (tool0 or tcp, else ee or end_effector, else hand); else an error that lists them.
     base_size : array_like, shape (3,), optional
         Length, width and height of the satellite's box [m], centred on its centre of mass. Default: the box
         among the base link's collision, else visual, shapes, where it stands; None where there is no box.

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import pose
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.models.appending import append, is_mjcf, read_mjcf
 from ffsms_pin.models.arms import ARMS, find_arm
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.models.composition import compose
@@ -23,7 +24,7 @@ __all__ = ["mount"]
 
 
 def mount(
-    arm: str | os.PathLike[str],
+    arm: str | os.PathLike[str] | Any,
     base: SatelliteBase | None = None,
     placement: Any = None,
     *,
@@ -43,16 +44,21 @@ def mount(
 
     Parameters
     ----------
-    arm : str or path
-        An arm of example-robot-data ("panda" with its fingers closed and locked, "xarm7", "ur5", "ur10", "z1"
-        with its gripper closed and locked, "kinova"), a packaged name, or a path to a URDF.
+    arm : str, path or pinocchio.Model
+        An arm of example-robot-data: "panda" with its fingers closed and locked, "xarm7", "ur5", "ur10", "z1"
+        with its gripper closed and locked, "kinova", or the name of any other loader of that package, such
+        as "talos_arm". Else a packaged name, a path to a URDF, a path to an MJCF file (.xml, .mjcf), or a
+        Pinocchio model without a free-flyer, whose joints have one degree of freedom each. Robots from MJCF
+        and from models have no shapes besides the satellite's box.
     base : SatelliteBase, optional
         Default: a solid cube of 200 kg and 1 m.
     placement : pinocchio.SE3, optional
         Pose of the arm's root link in the base frame (centre of the box, its axes). Default: the centre of
         the +x face, with the arm's z axis along the base's +x and its y axis along the base's +y.
     end_effector : str, optional
-        Default: the arm's usual tool frame where the arm is known, else the last link.
+        Default: the arm's usual tool frame where the arm is known, else the last link. Where several links
+        are last and ride on one body, the one whose name says tool: tool0 or tcp, else ee or end_effector,
+        else hand.
     locked : mapping of str to float, optional
         Joints that become fixed, and where [rad or m]; the links beyond keep their masses. For a known arm
         they are added to those that it locks already. Joints that mimic others are locked too: see `load`.
@@ -89,15 +95,22 @@ def mount(
         base = SatelliteBase()
     elif not isinstance(base, SatelliteBase):
         raise InvalidValue("base", base, "must be a SatelliteBase")
-    path, known = find_arm(arm)
     if placement is None:
         placement = face_placement(base)
     else:
         pose("placement", placement)
     try:
-        joints = dict(known.locked) | dict(locked or {})
+        joints = dict(locked or {})
     except (TypeError, ValueError):
         raise InvalidValue("locked", locked, "must map names of joints to positions") from None
+    limits = {"velocity": velocity, "torque": torque, "acceleration": acceleration}
+    if isinstance(arm, pin.Model):
+        return append(arm, base, placement, end_effector, joints, **limits, base_size=base_size)
+    path, known = find_arm(arm)
+    if is_mjcf(path):
+        model = read_mjcf(path)
+        return append(model, base, placement, end_effector, joints, **limits, base_size=base_size)
+    joints = dict(known.locked) | joints
     name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
     robot = compose(name, base, path, placement, folders(package_dirs))
     urdf = checked(robot, path, joints, inertias, velocity, torque, stacklevel=3)

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, one_of, per_joint
 from ffsms_pin.errors import (
-    AmbiguousEndEffector,
     FfsmsWarning,
     InvalidUrdf,
     InvalidValue,
@@ -109,10 +108,7 @@ def build(
     if not any(joint.moves for joint in urdf.joints):
         raise UnsupportedJoint(urdf.path, "the robot has no joint that moves; an arm needs at least one")
     if end_effector is None:
-        tips = urdf.tips()
-        if len(tips) != 1:
-            raise AmbiguousEndEffector(tips)
-        end_effector = tips[0]
+        end_effector = urdf.tool()
     try:
         model = pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
     except Exception as error:  # whatever the parser objects to that the checks before it did not

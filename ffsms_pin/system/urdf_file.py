@@ -12,6 +12,7 @@ import numpy as np
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
 from ffsms_pin.system.rigid_body import inertia_problem
 from ffsms_pin.system.robot_element import read_robot
+from ffsms_pin.system.tool_frames import only_tool
 from ffsms_pin.system.urdf_numbers import number_of, origin_of, triple_of
 from ffsms_pin.system.urdf_parts import MOVING, Box, Inertial, Joint, Link
 
@@ -95,6 +96,18 @@ class UrdfFile:
         base = self.rigid_group(self.root)
         return [name for name in self.links if name not in parents and name not in base]
 
+    def tool(self) -> str:
+        """The end effector: the last link, or the one that says tool among those that ride on one body."""
+        tips = self.tips()
+        parent = {joint.child: joint for joint in self.joints}
+
+        def carrier(link: str) -> str:
+            while not parent[link].moves:
+                link = parent[link].parent
+            return link
+
+        return only_tool(tips, len({carrier(tip) for tip in tips}) == 1)
+
     def rigid_group(self, link: str) -> set[str]:
         """`link` and the links that are fixed to it further out."""
         group = {link}
@@ -139,7 +152,11 @@ class UrdfFile:
         a, b, c = (float(x) for x in np.linalg.eigvalsh(inertia))
         problem = inertia_problem(inertia)
         if problem == "negative":
-            raise InvalidInertia(self.path, link, f"has a negative principal inertia, {a:.6g} kg m^2")
+            raise InvalidInertia(
+                self.path,
+                link,
+                f'has a negative principal inertia, {a:.6g} kg m^2; load it with inertias="repair"',
+            )
         if problem == "triangle" and not self._any_tensor:
             raise InvalidInertia(
                 self.path,
