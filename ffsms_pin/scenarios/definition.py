@@ -88,6 +88,10 @@ class Scenario:
     limit: tuple[Mapping[str, Any], ...] = ()
     allow_import: bool = False
 
+    def __repr__(self) -> str:
+        how = "re-planning" if self.replans else "plan"
+        return f"Scenario('{self.name}': {self.robot['model']}, {how} of {self.arrival:g} s, {self.law})"
+
     @property
     def law(self) -> str:
         """Name of the control law, of `ffsms_pin.control.LAWS`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -50,8 +50,8 @@ class Clearance(Limit):
     # [arm lengths] A penalty gives way, and only some instants of a whole motion are watched.
     margin: float = 0.01
     name = "clearance"
-    _stack: ClearanceStack | None = None
-    _model: Any = None
+    _stack: ClearanceStack | None = field(default=None, repr=False)
+    _model: Any = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         number("clearance", self.clearance)

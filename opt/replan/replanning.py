@@ -94,6 +94,9 @@ class Replanning:
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = 0
 
+    def __repr__(self) -> str:
+        return f"Replanning({self.problem!r}, every {self.options.period:g} s)"
+
     @property
     def target(self) -> Any:
         """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one."""

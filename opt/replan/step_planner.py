@@ -85,6 +85,10 @@ class StepPlanner:
         self._weights = weights
         self.stepper = Stepper(sms, dt, kappa, self.limits, self.terms, weights, aim, momentum)
 
+    def __repr__(self) -> str:
+        names = ", ".join(part.name for part in (*self.limits, *self.terms))
+        return f"StepPlanner({self.sms.model.name}, dt={self.dt:g} s, kappa={self.kappa:g}; {names})"
+
     @property
     def sms(self) -> SpaceManipulator:
         """The robot."""
