@@ -37,7 +37,7 @@ def test_reprs() -> None:
         repr(moving): "Problem(planar_3r to [0.42, 0.7, 0] m, moving, in 2 s, 200 steps; "
         "terms: coupling, smooth, effort; limits: joints, clearance)",
         repr(opt.StepPlanner(sms)): "StepPlanner(planar_3r, dt=0.01 s, kappa=10; "
-        "joints, clearance, alpha_box)",
+        "joints, clearance, alpha box)",
         repr(ffsms.scenario("case-2")): "Scenario('case-2': planar_3r, plan of 12 s, sliding-mode)",
         repr(ffsms.SlidingModeController(sms)): "SlidingModeController(planar_3r, K_s=0.001, Gamma=10, "
         "boundary=0.02)",
