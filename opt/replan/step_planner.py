@@ -86,8 +86,9 @@ class StepPlanner:
         self.stepper = Stepper(sms, dt, kappa, self.limits, self.terms, weights, aim, momentum)
 
     def __repr__(self) -> str:
-        names = ", ".join(part.name for part in (*self.limits, *self.terms))
-        return f"StepPlanner({self.sms.model.name}, dt={self.dt:g} s, kappa={self.kappa:g}; {names})"
+        names = [*(limit.name for limit in self.limits), *(term.name for term in self.terms)]
+        how = f"dt={self.dt:g} s, kappa={self.kappa:g}"
+        return f"StepPlanner({self.sms.model.name}, {how}; {', '.join(names)})"
 
     @property
     def sms(self) -> SpaceManipulator:
