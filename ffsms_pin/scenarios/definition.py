@@ -30,6 +30,7 @@ from ffsms_pin.scenarios.parts import made_part, with_parts
 from ffsms_pin.scenarios.reading import packaged_path, read, scenario_names
 from ffsms_pin.scenarios.schema import checked_tables
 from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, radians
+from ffsms_pin.scenarios.targets import goal_of
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
@@ -185,7 +186,7 @@ class Scenario:
             return Problem(
                 sms,
                 self.start_configuration(sms) if q0 is None else q0,
-                self.target["position"],
+                goal_of(self.target),
                 self.arrival,
                 plan.get("dt", 0.01) if dt is None else dt,
                 with_parts(terms, own_terms),
