@@ -46,9 +46,7 @@ def adding(text: str) -> str:
     return PLANAR.replace("</robot>", text + "</robot>")
 
 
-TIP_LINK = (
-    '<link name="tool0"/><joint name="c" type="fixed"><parent link="link_3"/><child link="tool0"/></joint>'
-)
+TIP_LINK = '<link name="other_ee"/><joint name="c" type="fixed"><parent link="link_3"/><child link="other_ee"/></joint>'
 MASS, INERTIA = '<mass value="0.569"/>', 'ixx="0.0001" ixy="0" ixz="0" iyy="0.0043" iyz="0" izz="0.0043"'
 FIXED = '<joint name="x" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
 
@@ -181,7 +179,7 @@ BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
     "link without a name": (adding("<link/>"), InvalidUrdf, ("link", "name")),
     "joint without a name": (adding('<joint type="fixed"/>'), InvalidUrdf, ("joint", "name")),
     "line break in a name": (adding('<link name="a&#10;b"/>'), InvalidUrdf, ("a b",)),
-    "two last links": (adding(TIP_LINK), AmbiguousEndEffector, ("end_effector", "tool0")),
+    "two last links": (adding(TIP_LINK), AmbiguousEndEffector, ("end_effector", "other_ee")),
 }
 
 
