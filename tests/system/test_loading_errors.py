@@ -46,7 +46,10 @@ def adding(text: str) -> str:
     return PLANAR.replace("</robot>", text + "</robot>")
 
 
-TIP_LINK = '<link name="other_ee"/><joint name="c" type="fixed"><parent link="link_3"/><child link="other_ee"/></joint>'
+TIP_LINK = (
+    '<link name="other_ee"/>'
+    '<joint name="c" type="fixed"><parent link="link_3"/><child link="other_ee"/></joint>'
+)
 MASS, INERTIA = '<mass value="0.569"/>', 'ixx="0.0001" ixy="0" ixz="0" iyy="0.0043" iyz="0" izz="0.0043"'
 FIXED = '<joint name="x" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
 
