@@ -1,5 +1,6 @@
 """Free-floating space manipulators on Pinocchio: measure the coupling, plan with it, track the plan."""
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -53,12 +54,15 @@ _LATER = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    if name == "opt":
-        return import_module("ffsms_pin.opt")
-    if name in _LATER:
-        return getattr(import_module(_LATER[name]), name)
-    raise AttributeError(f"module 'ffsms_pin' has no attribute '{name}'")
+if not TYPE_CHECKING:  # a type checker takes the names above, and reports one that is misspelt
+
+    def __getattr__(name: str) -> Any:
+        if name == "opt":
+            return import_module("ffsms_pin.opt")
+        if name in _LATER:
+            return getattr(import_module(_LATER[name]), name)
+        text = f"module 'ffsms_pin' has no attribute '{name}'"
+        raise AttributeError(text, name=name, obj=sys.modules[__name__])  # Python adds what was meant
 
 
 def __dir__() -> list[str]:

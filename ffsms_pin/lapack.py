@@ -7,12 +7,17 @@ model needs none of it. A routine is kept once found, so later calls cost what t
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+if TYPE_CHECKING:  # so that a type checker reports a routine that is misspelt
+    from scipy.linalg.lapack import dgelsy, dgesdd, dgesv, dposv, dpotrf, dpotrs
 
-def __getattr__(name: str) -> Any:
-    if name.startswith("__"):  # asked by the import system and by tools: no routine is called so
-        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-    routine = getattr(import_module("scipy.linalg.lapack"), name)
-    globals()[name] = routine
-    return routine
+    __all__ = ["dgelsy", "dgesdd", "dgesv", "dposv", "dpotrf", "dpotrs"]
+else:
+
+    def __getattr__(name: str) -> Any:
+        if name.startswith("__"):  # asked by the import system and by tools: no routine is called so
+            raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+        routine = getattr(import_module("scipy.linalg.lapack"), name)
+        globals()[name] = routine
+        return routine

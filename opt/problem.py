@@ -122,6 +122,17 @@ class Problem:
             object.__setattr__(self, name, value)
         _check_start(self)
 
+    def __repr__(self) -> str:
+        place = self.goal.place(self.duration)
+        where = "[" + ", ".join(f"{x:.4g}" for x in place.position) + "] m"
+        with_attitude = "" if place.rotation is None else " in an attitude"
+        moving = ", moving," if self.goal.moves else ""
+        return (
+            f"Problem({self.sms.model.name} to {where}{with_attitude}{moving} in {self.duration:.4g} s, "
+            f"{self.steps} steps; terms: {', '.join(term.name for term in self.terms) or 'none'}; "
+            f"limits: {', '.join(limit.name for limit in self.limits) or 'none'})"
+        )
+
     def lasting(self, duration: float) -> Problem:
         """The same problem with another duration, in as many steps, or in a hundred where it has fewer."""
         duration = positive("duration", duration, "s")

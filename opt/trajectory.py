@@ -11,6 +11,7 @@ from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.coupling.stacked import entropies
 from ffsms_pin.opt.batch.entropy import singular
 from ffsms_pin.opt.batch.motions import apply_rates
+from ffsms_pin.opt.batch.nodes import angles_from_start, path_ratio, sampled
 from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.contact import contact_velocity, missed
@@ -114,6 +115,11 @@ class Trajectory:
             if isinstance(value, np.ndarray):
                 object.__setattr__(self, one.name, frozen(np.array(value, dtype=np.float64)))
 
+    def __repr__(self) -> str:
+        steps = f"{self.duration:.4g} s in {len(self.t) - 1} steps"
+        how = f"{'' if self.reached else 'not '}reached, {1e3 * self.position_error[-1]:.2f} mm off"
+        return f"Trajectory({steps}, {how}, cost {self.cost_integral:.2g} s)"
+
     @property
     def duration(self) -> float:
         """Time from start to deadline [s]."""
@@ -159,32 +165,25 @@ class Trajectory:
     @property
     def path_ratio(self) -> float:
         """Length of the end effector's path over the straight line between its ends; 1 where it stays."""
-        length = float(np.linalg.norm(np.diff(self.end_effector, axis=0), axis=1).sum())
-        straight = float(np.linalg.norm(self.end_effector[-1] - self.end_effector[0]))
-        return length / straight if straight > 0.0 else 1.0
+        return path_ratio(self.end_effector)
 
     @property
     def base_rotation(self) -> FloatArray:
         """Angle of the base from its attitude at the start, at the nodes (N + 1,) [rad]."""
-        apart = np.abs(self.q[:, 3:7] @ self.q[0, 3:7])
-        return np.asarray(2.0 * np.arccos(np.minimum(apart, 1.0)))
+        return angles_from_start(self.q[:, 3:7])
+
+    @property
+    def base_translation(self) -> FloatArray:
+        """How far the base frame's origin is from its start, at the nodes (N + 1, 3), inertial axes [m]."""
+        return self.q[:, :3] - self.q[0, :3]
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at time t [s].
 
         Before the start and after the end: the first and last positions, at rest.
         """
-        t = number("t", t)
-        n = self.joint_accelerations.shape[1]
-        if t < 0.0:
-            return self.joint_positions[0].copy(), np.zeros(n), np.zeros(n)
-        if t > self.duration:
-            return self.joint_positions[-1].copy(), np.zeros(n), np.zeros(n)
-        k = min(int(t / self.dt + 1e-9), len(self.t) - 2)
-        h = t - self.t[k]
-        rates, acceleration = self.v[k, 6:], self.joint_accelerations[k]
-        position = self.joint_positions[k] + h * (rates + 0.5 * h * acceleration)
-        return position, rates + h * acceleration, acceleration.copy()
+        v, accelerations = self.joint_rates, self.joint_accelerations
+        return sampled(number("t", t), self.t, self.joint_positions, v, accelerations)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -182,6 +183,75 @@ def test_a_motion_in_space_says_that_it_is_projected(random_tree: Callable[..., 
     assert "projected along" in ax.get_xlabel()
     assert "projected along" in ax.get_ylabel()
     assert any(isinstance(patch, Polygon) for patch in ax.patches)
+
+
+def test_a_motion_in_space_is_shown_from_two_sides_at_one_scale(
+    outcome: Outcome, random_tree: Callable[..., Any]
+) -> None:
+    sms = SpaceManipulator(random_tree(3, 5, ("revolute",)).model(), "tip", base_size=(0.6, 0.8, 1.0))
+    q0 = sms.configuration(np.full(5, 0.3))
+    target = sms.at(q0).end_effector_pose.translation + np.array([0.05, -0.05, 0.05])
+    plan = opt.plan(sms, q0, target, duration=2.0, dt=0.1, collision="off")
+    sides = plotting.motion_sides(sms, plan)
+    assert len(set(sides)) == 2
+    figure = plotting.figure(replace(outcome, sms=sms, trajectory=plan), "motion")
+    figure.draw_without_rendering()
+    scales = []
+    for ax, side in zip(figure.axes, sides, strict=True):
+        assert f"projected along {side}" in ax.get_xlabel()
+        shown = ["xyz".index(ax.get_xlabel()[0]), "xyz".index(ax.get_ylabel()[0])]
+        assert "xyz".index(side) not in shown
+        path = next(points(curve) for curve in ax.get_lines() if curve.get_linestyle() == "--")
+        np.testing.assert_allclose(path, plan.end_effector[:, shown], atol=1e-12)
+        assert ax.get_legend() is None  # one for both
+        scales.append(ax.get_window_extent().height / np.ptp(ax.get_ylim()))
+    assert len(figure.legends) == 1
+    assert scales[0] == pytest.approx(scales[1], rel=0.05)
+    assert plotting.motion_sides(outcome.sms, outcome.trajectory) == ("z",)
+
+
+def test_a_cost_that_spans_decades_has_a_logarithmic_scale(outcome: Outcome) -> None:
+    plan = outcome.trajectory
+    steps = np.linspace(0.0, 1.0, len(plan.cost))
+    for cost, scale in ((1.0 + steps, "linear"), (10.0 ** (-6.0 * steps), "log"), (0.0 * steps, "linear")):
+        ax = plotting.plot_cost(replace(plan, cost=cost))
+        assert ax.get_yscale() == scale
+        low, high = ax.get_ylim()
+        assert low < np.quantile(cost, 0.1)
+        assert high > cost.max()
+    peak = np.where(steps > 0.95, 1.0, 0.0)  # a scale that holds zeros too
+    assert plotting.plot_cost(replace(plan, cost=peak)).get_ylim()[0] > 0.0
+
+
+def test_the_coupling_has_its_singular_values_and_its_entropy(outcome: Outcome) -> None:
+    labels = [ax.get_ylabel() for ax in plotting.figure(outcome, "coupling").axes]
+    for word in ("cost", "assistance", "entropy", "singular values", "distance"):
+        assert sum(word in label for label in labels) == 1
+
+
+def test_no_panel_of_torques_is_a_flat_line(outcome: Outcome) -> None:
+    """Limits are drawn where the motion comes near them; else the label says how far away they are."""
+    share = 100.0 * (np.abs(outcome.tracking.tau) / outcome.controller.torque_limit).max()
+    assert share < 20.0
+    ax = plotting.figure(outcome, "tracking-torques").axes[1]
+    assert not dotted(ax)
+    assert f"at most {share:.2g} % of the limits" in ax.get_ylabel()
+    tau = outcome.tracking.tau * 0.5 * 100.0 / share
+    hard = replace(outcome, tracking=replace(outcome.tracking, tau=tau))
+    ax = plotting.figure(hard, "tracking-torques").axes[1]
+    assert dotted(ax) == [-3.5, -1.5, 1.5, 3.5]
+    assert "limits" not in ax.get_ylabel()
+
+
+def test_panels_that_say_the_same_share_a_legend(outcome: Outcome) -> None:
+    figure = plotting.figure(outcome, "joints")
+    assert [ax.get_legend() for ax in figure.axes] == [None, None]
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["joint_1", "joint_2", "joint_3", "limits"]
+    figure.draw_without_rendering()
+    box = legend.get_window_extent()
+    assert all(not box.overlaps(ax.get_window_extent()) for ax in figure.axes)
+    assert not plotting.figure(outcome, "tracking-torques").legends
 
 
 def test_every_figure_is_written_whole_and_the_same_each_time(outcome: Outcome, tmp_path: Path) -> None:

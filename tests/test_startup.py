@@ -66,4 +66,4 @@ def test_routines_of_lapack_are_scipy_s_own() -> None:
     assert lapack.dposv is whole.dposv
     assert "dposv" in vars(lapack)  # kept: the next call finds it without asking
     with pytest.raises(AttributeError, match="no_such_routine"):
-        lapack.no_such_routine  # noqa: B018 - the access is the test
+        lapack.no_such_routine  # type: ignore[attr-defined]  # noqa: B018 - the access is the test

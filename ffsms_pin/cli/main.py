@@ -20,6 +20,7 @@ from ffsms_pin.cli import (
     inspect_command,
     laws_command,
     merge_command,
+    quickstart_command,
     robustness_command,
     run_command,
     sweep_command,
@@ -34,6 +35,7 @@ BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
 
 # Each imports what it needs only when it runs: --help should not wait for it.
 _COMMANDS: dict[str, Any] = {
+    "quickstart": quickstart_command,
     "run": run_command,
     "compare": compare_command,
     "laws": laws_command,
@@ -51,6 +53,7 @@ _DESCRIPTION = """\
 Plan and track motions of free-floating space manipulators, informed by dynamic coupling.
 
 examples:
+  ffsms-pin quickstart                     a notebook to begin with, into the current folder
   ffsms-pin run case-2                     the paper's Case 2, into results/case-2
   ffsms-pin run mine.toml --out somewhere  a scenario of your own, into a folder of your choice
   ffsms-pin compare case-2                 the planning methods side by side

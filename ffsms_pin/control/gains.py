@@ -20,7 +20,7 @@ from ffsms_pin.checks import (
 )
 from ffsms_pin.errors import InvalidValue, SlowGains
 
-__all__ = ["check_time_constants", "gain_matrix", "positives", "torque_limits"]
+__all__ = ["check_time_constants", "gain_matrix", "gain_text", "positives", "torque_limits"]
 
 
 class _Timed(Protocol):
@@ -110,3 +110,16 @@ def torque_limits(value: ArrayLike, n: int, name: str = "torque_limit") -> Float
     if given.dtype.kind not in "fiu" or given.shape not in ((), (n,)) or not (given > 0).all():  # also NaN
         raise InvalidValue(name, value, f"must be one number or ({n},), above zero [N m]")
     return frozen(np.full(n, given, dtype=np.float64))
+
+
+def gain_text(gain: ArrayLike) -> str:
+    """A gain in few words: one number where it is the same for all joints, its diagonal, or its shape."""
+    values = np.asarray(gain)
+    if values.ndim == 2:
+        diagonal = np.diag(values)
+        if np.any(values != np.diag(diagonal)):
+            return f"({len(values)}, {len(values)}) matrix"
+        values = diagonal
+    if values.ndim == 1 and values.size and not np.all(values == values[0]):
+        return "[" + ", ".join(f"{x:g}" for x in values) + "]"
+    return f"{values.ravel()[0]:g}"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, sized
-from ffsms_pin.control.gains import torque_limits
+from ffsms_pin.control.gains import gain_text, torque_limits
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["JointLaw", "Motion"]
@@ -71,6 +71,8 @@ class JointLaw(ABC):
     torque_limit : ndarray, shape (n,)
     """
 
+    _gains: ClassVar[tuple[str, ...]] = ()  # names of the attributes that the law's text shows
+
     def __init__(self, sms: SpaceManipulator, torque_limit: ArrayLike | None = None) -> None:
         instance("sms", sms, SpaceManipulator)
         self.sms = sms
@@ -78,6 +80,10 @@ class JointLaw(ABC):
         self._lowest, self._highest, self._limited = -limit, limit, bool(np.isfinite(limit).any())
         self._shapes = (sms.nq,), (sms.nv,), (sms.n,)
         self._plain, self._own = sms.layout.plain, _Own(sms.n)
+
+    def __repr__(self) -> str:
+        gains = "".join(f", {name}={gain_text(getattr(self, name))}" for name in self._gains)
+        return f"{type(self).__name__}({self.sms.model.name}{gains})"
 
     @property
     def torque_limit(self) -> FloatArray:

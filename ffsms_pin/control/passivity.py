@@ -53,6 +53,8 @@ class PassivitySlidingMode(JointLaw):
         A wrong shape, a gain that is not symmetric positive definite, or a K_s that is not diagonal.
     """
 
+    _gains = ("K_s", "K_d", "Gamma", "boundary")
+
     def __init__(
         self,
         sms: SpaceManipulator,

@@ -43,6 +43,8 @@ class PD(JointLaw):
         A wrong shape, or a gain that is not symmetric positive definite.
     """
 
+    _gains = ("K_p", "K_d")
+
     def __init__(
         self,
         sms: SpaceManipulator,

@@ -68,6 +68,8 @@ class SlidingModeController(JointLaw):
         A wrong shape, a gain that is not symmetric positive definite, a boundary or limit not above zero.
     """
 
+    _gains = ("K_s", "Gamma", "boundary")
+
     def __init__(
         self,
         sms: SpaceManipulator,

@@ -72,6 +72,8 @@ class SuperTwisting(JointLaw):
         A wrong shape, or a gain that is not positive (definite).
     """
 
+    _gains = ("k_1", "k_2", "Gamma", "dt")
+
     def __init__(
         self,
         sms: SpaceManipulator,

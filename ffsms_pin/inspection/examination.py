@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -15,6 +16,7 @@ from ffsms_pin.inspection.numbers import number_faults
 from ffsms_pin.system.loading import build
 from ffsms_pin.system.robot_element import read_robot
 from ffsms_pin.system.urdf_file import UrdfFile
+from ffsms_pin.system.urdf_leniency import lenient
 
 __all__ = ["Examination", "examine", "refusal"]
 
@@ -86,7 +88,9 @@ def examine(settings: Settings) -> Examination:
 def refusal(path: Path, robot: ElementTree.Element) -> FfsmsError | None:
     """Why `load` refuses this robot, or None; any of several last links may be the end effector."""
     try:
-        urdf = UrdfFile(path, ElementTree.tostring(robot, encoding="utf-8"))
+        copied = copy.deepcopy(robot)
+        lenient(copied, path)
+        urdf = UrdfFile(path, copied)
         build(urdf, next(iter(urdf.tips()), urdf.root))
     except FfsmsError as error:
         return error

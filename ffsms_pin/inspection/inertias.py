@@ -1,9 +1,4 @@
-"""Faults of masses and inertias.
-
-An inertia belongs to some rigid body where its matrix of second moments, S = tr(I) 1 / 2 - I, has no
-negative eigenvalue: that says positive definite and the triangle inequality at once. A repair takes the
-nearest such S.
-"""
+"""Faults of masses and inertias; see `ffsms_pin.system.rigid_body` for what a rigid body can have."""
 
 from __future__ import annotations
 
@@ -16,29 +11,23 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.inspection.faults import Fault, Settings
-from ffsms_pin.system.urdf_edit import fix_joint, words
+from ffsms_pin.system.rigid_body import ROUNDING, inertia_problem, nearest_inertia, principal_text
+from ffsms_pin.system.urdf_edit import INERTIA_KEYS, fix_joint, set_inertia, tensor_of
 from ffsms_pin.system.urdf_numbers import is_number
 
 __all__ = ["inertia_faults", "inertial_numbers", "mass_faults", "solid_sphere", "thicken"]
 
-KEYS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 _MOVING = ("revolute", "continuous", "prismatic")
 _ALUMINIUM = 2700.0  # [kg/m^3]
-_ROUNDING = 1e-6  # relative: the last digit of a decimal in the file
 
 
 def inertial_numbers(link: ElementTree.Element) -> tuple[float | None, FloatArray | None]:
     """Mass [kg] and inertia (3, 3) [kg m^2] of a link; None for what is not there or is no number."""
-    mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
+    mass, inertial = link.find("inertial/mass"), link.find("inertial")
     kilograms = None
     if mass is not None and is_number(mass.get("value", "")):
         kilograms = float(mass.get("value", ""))
-    if inertia is None or not all(is_number(inertia.get(key, "")) for key in KEYS):
-        return kilograms, None
-    tensor = np.zeros((3, 3))
-    for key, (i, j) in KEYS.items():
-        tensor[i, j] = tensor[j, i] = float(inertia.get(key, ""))
-    return kilograms, tensor if np.abs(tensor).max() < 1e30 else None
+    return kilograms, None if inertial is None else tensor_of(inertial)
 
 
 def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
@@ -61,7 +50,7 @@ def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[F
                     "its <inertial> has no <inertia>",
                     True,
                     f"that of a solid aluminium sphere of {mass:g} kg",
-                    partial(_set_inertia, inertial, solid_sphere(mass)),
+                    partial(set_inertia, inertial, solid_sphere(mass)),
                 )
             elif mass == 0.0:
                 yield Fault(
@@ -71,8 +60,8 @@ def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[F
                     "<inertial> taken out",
                     partial(link.remove, inertial),
                 )
-        elif missing := [key for key in KEYS if key not in element.attrib]:
-            products = all(i != j for i, j in (KEYS[key] for key in missing))
+        elif missing := [key for key in INERTIA_KEYS if key not in element.attrib]:
+            products = all(i != j for i, j in (INERTIA_KEYS[key] for key in missing))
             yield Fault(
                 where,
                 f"its <inertia> has no {', '.join(missing)}",
@@ -85,21 +74,21 @@ def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[F
 
 
 def _tensor_faults(inertial: ElementTree.Element, tensor: FloatArray, where: str) -> Iterator[Fault]:
-    a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
-    rounding = _ROUNDING * max(abs(a), abs(c))
-    if a >= -rounding and a + b >= c - rounding:
+    kind = inertia_problem(tensor)
+    if kind is None:
         return
-    if a < -rounding:
-        problem = f"its inertia is not positive definite: principal inertias {_principal(tensor)} kg m^2"
+    if kind == "negative":
+        problem = f"its inertia is not positive definite: principal inertias {principal_text(tensor)} kg m^2"
     else:
+        a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
         problem = f"its inertia breaks the triangle inequality: {a:.6g} + {b:.6g} < {c:.6g} kg m^2"
-    nearest = _nearest(tensor, 0.0)
+    nearest = nearest_inertia(tensor, 0.0)
     yield Fault(
         where,
         problem,
         True,
-        f"nearest inertia of a rigid body: principal {_principal(nearest)} kg m^2",
-        partial(_set_inertia, inertial, nearest),
+        f"nearest inertia of a rigid body: principal {principal_text(nearest)} kg m^2",
+        partial(set_inertia, inertial, nearest),
     )
 
 
@@ -154,13 +143,15 @@ def thicken(robot: ElementTree.Element, group_of: str) -> Iterator[Fault]:
         principal = np.linalg.eigvalsh(tensor)
         if principal[0] > 1e-9 * principal[2]:
             continue
-        better = _nearest(tensor, _ROUNDING * principal[2]) if principal[2] > 0.0 else solid_sphere(mass)
+        better = (
+            nearest_inertia(tensor, ROUNDING * principal[2]) if principal[2] > 0.0 else solid_sphere(mass)
+        )
         yield Fault(
             f"link '{link.get('name', '')}'",
-            f"its inertia is not positive definite: principal inertias {_principal(tensor)} kg m^2",
+            f"its inertia is not positive definite: principal inertias {principal_text(tensor)} kg m^2",
             True,
-            f"principal inertias set to {_principal(better)} kg m^2",
-            partial(_set_inertia, inertial, better),
+            f"principal inertias set to {principal_text(better)} kg m^2",
+            partial(set_inertia, inertial, better),
         )
 
 
@@ -170,16 +161,6 @@ def solid_sphere(mass: float) -> FloatArray:
     return 0.4 * mass * radius**2 * np.eye(3)
 
 
-def _nearest(tensor: FloatArray, least: float) -> FloatArray:
-    """The inertia whose second moments are nearest to the given ones and not below `least`."""
-    moments = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-    values, axes = np.linalg.eigh(moments)
-    moments = axes @ np.diag(np.maximum(values, least)) @ axes.T
-    nearest = np.trace(moments) * np.eye(3) - moments
-    symmetric: FloatArray = np.array(0.5 * (nearest + nearest.T), dtype=np.float64)
-    return symmetric
-
-
 def _group(link: str, fixed: dict[str, list[str]]) -> set[str]:
     group, stack = {link}, [link]
     while stack:
@@ -187,15 +168,3 @@ def _group(link: str, fixed: dict[str, list[str]]) -> set[str]:
         group.update(further)
         stack.extend(further)
     return group
-
-
-def _set_inertia(inertial: ElementTree.Element, tensor: FloatArray) -> None:
-    element = inertial.find("inertia")
-    if element is None:
-        element = ElementTree.SubElement(inertial, "inertia")
-    for key, place in KEYS.items():
-        element.set(key, words(tensor[place]))
-
-
-def _principal(tensor: FloatArray) -> str:
-    return ", ".join(f"{x:.6g}" for x in np.linalg.eigvalsh(tensor))

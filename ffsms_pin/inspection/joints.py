@@ -69,7 +69,7 @@ def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fau
             continue  # a number that could not be mended is a fault already
         mimic = joint.find("mimic")
         if mimic is not None:
-            yield _mimic_fault(joint, mimic, where)
+            yield _mimic_fault(robot, joint, mimic, where)
             continue
         axis = joint.find("axis")
         if axis is not None and (length := _length(axis.get("xyz", "0 0 0"))) is not None:
@@ -108,7 +108,7 @@ def _limit_faults(joint: ElementTree.Element, where: str, settings: Settings) ->
         yield Fault(
             where,
             f"it is {kind} but has no <limit>",
-            True,
+            kind != "revolute",  # which `load` limits like this too
             f"limited to +/-{reach:.4g} {unit}, "
             + " and ".join(f"{key} {value:g} {measure}" for key, (value, measure) in usual.items()),
             partial(_add_limit, joint, values),
@@ -156,15 +156,23 @@ def _range_faults(
         )
 
 
-def _mimic_fault(joint: ElementTree.Element, mimic: ElementTree.Element, where: str) -> Fault:
-    problem = f"it mimics '{mimic.get('joint', '')}', which cannot be used"
+def _mimic_fault(
+    robot: ElementTree.Element, joint: ElementTree.Element, mimic: ElementTree.Element, where: str
+) -> Fault:
+    leaders = [other.get("name", "") for other in robot.findall("joint") if other is not joint]
+    blocks = mimic.get("joint", "") not in leaders  # else `load` locks it too
+    problem = f"it mimics '{mimic.get('joint', '')}', and cannot follow it"
     offset = mimic.get("offset", "0")
     axis = joint.find("axis")
     usable = axis is None or (_length(axis.get("xyz", "0 0 0")) or 0.0) > 1e-9
     if not usable:
         return Fault(where, problem, True)
     return Fault(
-        where, problem, True, f"made fixed at its offset, {offset}", partial(fix_joint, joint, float(offset))
+        where,
+        problem,
+        blocks,
+        f"made fixed at its offset, {offset}",
+        partial(fix_joint, joint, float(offset)),
     )
 
 

@@ -11,10 +11,10 @@ from ffsms_pin.checks import positive
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.inspection.examination import examine
 from ffsms_pin.inspection.faults import Change, Settings
-from ffsms_pin.inspection.report import DEFAULT_EFFORT, checked_path
-from ffsms_pin.models.mounting import DEFAULT_RATE
+from ffsms_pin.inspection.report import checked_path
 from ffsms_pin.storage import write_content
 from ffsms_pin.system.shapes import find_mesh
+from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE
 
 __all__ = ["repair"]
 
@@ -27,7 +27,8 @@ def repair(
 ) -> list[Change]:
     """Write a URDF that `ffsms_pin.load` takes, and say what was changed.
 
-    Only what keeps a file from loading is mended, and numbers that readers drop. Where it takes knowledge
+    Only what keeps a file from loading is mended, numbers that readers drop, and what `load` assumes with a
+    warning. Where it takes knowledge
     that the file does not hold (a negative mass, a base without mass, two roots), nothing is written.
 
     Parameters

@@ -13,13 +13,11 @@ from ffsms_pin.errors import InvalidValue, ModelNotFound
 from ffsms_pin.inspection.examination import examine, refusal
 from ffsms_pin.inspection.faults import Fault, Settings
 from ffsms_pin.inspection.inertias import inertial_numbers
-from ffsms_pin.models.mounting import DEFAULT_RATE
 from ffsms_pin.system.robot_element import read_robot
+from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE
 from ffsms_pin.urdf import model_names, model_path
 
-__all__ = ["DEFAULT_EFFORT", "JointReport", "LinkReport", "Report", "checked_path", "inspect"]
-
-DEFAULT_EFFORT = 100.0  # [N m or N], for joints without a limit
+__all__ = ["JointReport", "LinkReport", "Report", "checked_path", "inspect"]
 
 
 @dataclass(frozen=True)
@@ -123,9 +121,10 @@ def checked_path(path: str | os.PathLike[str]) -> Path:
         raise InvalidValue("path", path, "must be a path")
     if str(path) in model_names():
         return model_path(str(path))
-    if not os.path.isfile(path):
+    file = os.path.expanduser(path)
+    if not os.path.isfile(file):
         raise ModelNotFound(str(path), model_names())
-    return Path(path)
+    return Path(file)
 
 
 def _link(link: ElementTree.Element) -> LinkReport:

@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import pinocchio as pin
 
-from ffsms_pin.checks import number
-from ffsms_pin.errors import InvalidUrdf, InvalidValue
+from ffsms_pin.errors import InvalidUrdf
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.system.robot_element import read_robot
 from ffsms_pin.system.shapes import find_mesh
-from ffsms_pin.system.urdf_edit import fix_joint, words
+from ffsms_pin.system.urdf_edit import INERTIA_KEYS, words
 
 __all__ = ["compose"]
 
 # Solar panels, as drawn: [m].
 _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1
-_INERTIA = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 
 
 def compose(
     name: str,
     base: SatelliteBase,
     path: Path,
-    locked: Mapping[str, float],
     placement: Any,
     package_dirs: tuple[Path, ...] = (),
-) -> bytes:
-    """URDF text of the arm at `path` on a satellite.
+) -> ElementTree.Element:
+    """URDF of the arm at `path` on a satellite, as an element.
 
     The satellite's link is the root, and the arm's own root link is fixed to it at `placement`, so that its
     mass counts for the base. Names of the arm's links and joints stay as they are.
@@ -42,7 +38,6 @@ def compose(
     roots = [link for link in links if link not in children]
     if not roots:
         raise InvalidUrdf(path, "no link is the root of the arm: every link is the child of a joint")
-    _lock(robot, path, locked)
     for mesh in robot.iter("mesh"):
         found = find_mesh(mesh.get("filename", ""), path, package_dirs)
         if found is not None:
@@ -56,28 +51,7 @@ def compose(
     ElementTree.SubElement(joint, "child", {"link": roots[0]})
     ElementTree.SubElement(joint, "origin", _origin(placement))
     whole.extend(robot)
-    text: bytes = ElementTree.tostring(whole, encoding="utf-8")
-    return text
-
-
-def _lock(robot: ElementTree.Element, path: Path, locked: Mapping[str, float]) -> None:
-    if not locked:
-        return
-    moving = {
-        joint.get("name", ""): joint
-        for joint in robot.findall("joint")
-        if joint.get("type") in ("revolute", "continuous", "prismatic")
-    }
-    for name, position in locked.items():
-        if name not in moving:
-            raise InvalidValue("locked", name, f"names no moving joint of the arm ({', '.join(moving)})")
-        place = number(f"locked['{name}']", position)
-        try:
-            fix_joint(moving[name], place)
-        except ValueError:
-            raise InvalidUrdf(
-                path, f"joint '{name}' cannot be locked: its axis or its origin is not three numbers"
-            ) from None
+    return whole
 
 
 def _base_link(name: str, base: SatelliteBase) -> ElementTree.Element:
@@ -86,7 +60,7 @@ def _base_link(name: str, base: SatelliteBase) -> ElementTree.Element:
     ElementTree.SubElement(inertial, "origin", {"xyz": words(base.com), "rpy": "0 0 0"})
     ElementTree.SubElement(inertial, "mass", {"value": words(base.mass)})
     tensor = base.inertia_matrix
-    ElementTree.SubElement(inertial, "inertia", {key: words(tensor[ij]) for key, ij in _INERTIA.items()})
+    ElementTree.SubElement(inertial, "inertia", {key: words(tensor[ij]) for key, ij in INERTIA_KEYS.items()})
     _box(link, "collision", base.size, (0.0, 0.0, 0.0))
     _box(link, "visual", base.size, (0.0, 0.0, 0.0), "0.80 0.78 0.72 1")
     if base.panels is not None:

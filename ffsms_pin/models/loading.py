@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from numpy.typing import ArrayLike
 
@@ -12,6 +12,7 @@ from ffsms_pin.errors import InvalidValue, ModelNotFound
 from ffsms_pin.models.arms import ARMS
 from ffsms_pin.models.mounting import mount
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.urdf_leniency import Inertias
 from ffsms_pin.urdf import model_names
 
 __all__ = ["load", "satellite_names"]
@@ -32,8 +33,16 @@ def load(
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     wheels: Sequence[str] = (),
     srdf: str | os.PathLike[str] | None = None,
+    *,
+    velocity: ArrayLike | None = None,
+    torque: ArrayLike | None = None,
+    locked: Mapping[str, float] | None = None,
+    inertias: Inertias = "check",
 ) -> SpaceManipulator:
     """Load a space manipulator: a free-flyer root joint, zero gravity.
+
+    Where a file leaves out joint limits, or a joint mimics another one, something is assumed, and a warning
+    (`FfsmsWarning`) says what.
 
     Parameters
     ----------
@@ -41,10 +50,12 @@ def load(
         Name of a packaged model ("planar_3r", "space_arm_7", "two_arms"); an arm on the default satellite of
         200 kg ("satellite_panda", "satellite_xarm7", "satellite_ur5", "satellite_ur10", "satellite_z1",
         "satellite_kinova": what `mount` makes with its defaults); or a path to a URDF whose root link is the
-        satellite.
+        satellite ("~" is the home folder). Revolute joints without <limit> get -pi to pi rad, 0.5 rad/s and
+        100 N m, with a warning.
     end_effector : str, optional
         Name of the end-effector frame. Default: the arm's tool frame for the arms on the default satellite,
-        else the last link's frame; an error where there are several.
+        else the last link's frame. Where several are last and ride on one body, the one whose name says tool
+        (tool0 or tcp, else ee or end_effector, else hand); else an error that lists them.
     base_size : array_like, shape (3,), optional
         Length, width and height of the satellite's box [m], centred on its centre of mass. Default: the box
         among the base link's collision, else visual, shapes, where it stands; None where there is no box.
@@ -60,6 +71,19 @@ def load(
     srdf : str or path, optional
         SRDF with pairs of links whose collisions do not count. Default: the file of the same name beside the
         URDF, ending in .srdf, where there is one.
+    velocity : array_like, optional
+        Joint rate limits [rad/s], one number or (n,), in place of the file's, which may then be zero.
+    torque : array_like, optional
+        Joint torque limits [N m], one number or (n,), in place of the file's, which may then be zero.
+    locked : mapping of str to float, optional
+        Joints that become fixed, and where [rad or m]; the links beyond keep their masses. A joint that
+        mimics another one is locked with it, at multiplier times the leader's position plus offset. Where the
+        leader moves, the joint is locked at its offset, with a warning.
+    inertias : {"check", "keep", "repair"}
+        What happens to a link's inertia that breaks the triangle inequality, which no rigid body does.
+        "check": an error. "keep": it is used as published, with a warning; every moving body must still be
+        positive definite. "repair": the nearest inertia of a rigid body takes its place, with a warning that
+        says what changed; so it does for one that is not positive definite.
 
     Returns
     -------
@@ -71,16 +95,35 @@ def load(
     DependencyMissing
         An arm of example-robot-data, which is not installed.
     InvalidValue
-        `base_size`, `acceleration`, `package_dirs` or `wheels` cannot be used.
+        Another argument cannot be used; the message names it.
     """
     if isinstance(robot, str) and robot in satellite_names():
         if wheels:
             raise InvalidValue("wheels", wheels, "are joints of a URDF; here use with_actuators(wheels=...)")
         sms = mount(
-            robot[len(_PREFIX) :], end_effector=end_effector, acceleration=acceleration, base_size=base_size
+            robot[len(_PREFIX) :],
+            end_effector=end_effector,
+            locked=locked,
+            velocity=velocity,
+            torque=torque,
+            acceleration=acceleration,
+            base_size=base_size,
+            inertias=inertias,
         )
         return sms if srdf is None else system.with_srdf(sms, srdf)
     try:
-        return system.load(robot, end_effector, base_size, acceleration, package_dirs, wheels, srdf)
+        return system.load(
+            robot,
+            end_effector,
+            base_size,
+            acceleration,
+            package_dirs,
+            wheels,
+            srdf,
+            velocity=velocity,
+            torque=torque,
+            locked=locked,
+            inertias=inertias,
+        )
     except ModelNotFound as error:
         raise ModelNotFound(error.model, [*model_names(), *satellite_names()]) from None

@@ -13,32 +13,32 @@ from numpy.typing import ArrayLike
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import pose
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.models.appending import append, is_mjcf, read_mjcf
 from ffsms_pin.models.arms import ARMS, find_arm
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.models.composition import compose
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.loading import build, folders
-from ffsms_pin.system.urdf_file import UrdfFile
+from ffsms_pin.system.loading import build, checked, folders
+from ffsms_pin.system.urdf_leniency import DEFAULT_RATE, Inertias
 
-__all__ = ["DEFAULT_RATE", "mount"]
-
-# For joints whose rate neither the file nor the caller limits; of the order of flown and lab arms alike.
-DEFAULT_RATE = 0.5  # [rad/s]
+__all__ = ["mount"]
 
 
 def mount(
-    arm: str | os.PathLike[str],
+    arm: str | os.PathLike[str] | Any,
     base: SatelliteBase | None = None,
     placement: Any = None,
     *,
     end_effector: str | None = None,
     locked: Mapping[str, float] | None = None,
     velocity: ArrayLike | None = None,
+    torque: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     base_size: ArrayLike | None = None,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     wheels: ReactionWheels | None = None,
     thrusters: Thrusters | None = None,
+    inertias: Inertias = "check",
 ) -> SpaceManipulator:
     """Put an arm on a satellite.
 
@@ -47,23 +47,30 @@ def mount(
 
     Parameters
     ----------
-    arm : str or path
-        An arm of example-robot-data ("panda" with its fingers closed and locked, "xarm7", "ur5", "ur10", "z1"
-        with its gripper closed and locked, "kinova"), a packaged name, or a path to a URDF.
+    arm : str, path or pinocchio.Model
+        An arm of example-robot-data: "panda" with its fingers closed and locked, "xarm7", "ur5", "ur10", "z1"
+        with its gripper closed and locked, "kinova", or the name of any other loader of that package, such
+        as "talos_arm". Else a packaged name, a path to a URDF, a path to an MJCF file (.xml, .mjcf), or a
+        Pinocchio model without a free-flyer, whose joints have one degree of freedom each. Robots from MJCF
+        and from models have no shapes besides the satellite's box.
     base : SatelliteBase, optional
         Default: a solid cube of 200 kg and 1 m.
     placement : pinocchio.SE3, optional
         Pose of the arm's root link in the base frame (centre of the box, its axes). Default: the centre of
         the +x face, with the arm's z axis along the base's +x and its y axis along the base's +y.
     end_effector : str, optional
-        Default: the arm's usual tool frame where the arm is known, else the last link.
+        Default: the arm's usual tool frame where the arm is known, else the last link. Where several links
+        are last and ride on one body, the one whose name says tool: tool0 or tcp, else ee or end_effector,
+        else hand.
     locked : mapping of str to float, optional
         Joints that become fixed, and where [rad or m]; the links beyond keep their masses. For a known arm
-        they are added to those that it locks already.
+        they are added to those that it locks already. Joints that mimic others are locked too: see `load`.
     velocity : array_like, optional
         Joint rate limits [rad/s], one number or (n,). Default: the arm's own; a joint without one (kinova's
         continuous joints have theirs, others may not) gets 0.5 rad/s, since planning needs a finite rate.
         Arms for the ground are faster than a satellite likes: 2 to 3 rad/s.
+    torque : array_like, optional
+        Joint torque limits [N m], one number or (n,). Default: the arm's own.
     acceleration : array_like, optional
         Joint acceleration limits [rad/s^2], one number or (n,). Default: 1.25 /s times the rate limits.
     base_size : array_like, shape (3,), optional
@@ -75,6 +82,8 @@ def mount(
         Of the satellite; its mass and inertia count them. Default: none.
     thrusters : Thrusters, optional
         Default: none.
+    inertias : {"check", "keep", "repair"}
+        What happens to inertias that break the triangle inequality: see `load`.
 
     Returns
     -------
@@ -93,20 +102,36 @@ def mount(
         base = SatelliteBase()
     elif not isinstance(base, SatelliteBase):
         raise InvalidValue("base", base, "must be a SatelliteBase")
-    path, known = find_arm(arm)
     if placement is None:
         placement = face_placement(base)
     else:
         pose("placement", placement)
     try:
-        joints = dict(known.locked) | dict(locked or {})
+        joints = dict(locked or {})
     except (TypeError, ValueError):
         raise InvalidValue("locked", locked, "must map names of joints to positions") from None
+    limits = {"velocity": velocity, "torque": torque, "acceleration": acceleration}
+    if isinstance(arm, pin.Model):
+        sms = append(arm, base, placement, end_effector, joints, **limits, base_size=base_size)
+        return _actuated(sms, wheels, thrusters)
+    path, known = find_arm(arm)
+    if is_mjcf(path):
+        model = read_mjcf(path)
+        sms = append(model, base, placement, end_effector, joints, **limits, base_size=base_size)
+        return _actuated(sms, wheels, thrusters)
+    joints = dict(known.locked) | joints
     name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
-    urdf = UrdfFile(path, compose(name, base, path, joints, placement, folders(package_dirs)))
+    robot = compose(name, base, path, placement, folders(package_dirs))
+    urdf = checked(robot, path, joints, inertias, velocity, torque, stacklevel=3)
     if end_effector is None:
         end_effector = known.end_effector
-    sms = build(urdf, end_effector, base_size, acceleration, velocity, missing_velocity=DEFAULT_RATE)
+    sms = build(urdf, end_effector, base_size, acceleration, velocity, DEFAULT_RATE, torque)
+    return _actuated(sms, wheels, thrusters)
+
+
+def _actuated(
+    sms: SpaceManipulator, wheels: ReactionWheels | None, thrusters: Thrusters | None
+) -> SpaceManipulator:
     if wheels is None and thrusters is None:
         return sms
     return sms.with_actuators(wheels=wheels, thrusters=thrusters)

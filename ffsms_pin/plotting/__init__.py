@@ -17,7 +17,7 @@ from ffsms_pin.plotting.coupling_over_time import plot_entropy, plot_sigma_bands
 from ffsms_pin.plotting.entropy_map import entropy_grid, plot_entropy_map
 from ffsms_pin.plotting.figures import FIGURES, figure, save_figure, save_figures
 from ffsms_pin.plotting.joints import plot_joint_positions, plot_joint_rates
-from ffsms_pin.plotting.motion import plot_motion
+from ffsms_pin.plotting.motion import motion_sides, plot_motion
 from ffsms_pin.plotting.tracking import (
     plot_joint_error,
     plot_joint_rate_error,
@@ -29,6 +29,7 @@ __all__ = [
     "FIGURES",
     "entropy_grid",
     "figure",
+    "motion_sides",
     "plot_assistance",
     "plot_bands",
     "plot_base_angular_velocity",

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.plotting import base, coupling, joints, tracking
-from ffsms_pin.plotting.motion import plot_motion
-from ffsms_pin.plotting.style import applied, stack
+from ffsms_pin.plotting import base, coupling, coupling_over_time, joints, tracking
+from ffsms_pin.plotting.motion import motion_sides, plot_motion
+from ffsms_pin.plotting.style import applied, share_legend, stack
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.scenarios.tracked import end_effector_path
 from ffsms_pin.storage import write_atomically
@@ -30,6 +31,8 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
     "coupling": (
         lambda o, ax: coupling.plot_cost(o.trajectory, ax),
         lambda o, ax: coupling.plot_assistance(o.trajectory, ax),
+        lambda o, ax: coupling_over_time.plot_entropy(o.trajectory, ax),
+        lambda o, ax: coupling_over_time.plot_sigma_bands(o.sms, o.trajectory, ax),
         lambda o, ax: coupling.plot_position_error(o.trajectory, ax),
     ),
     "base-linear": (
@@ -48,19 +51,14 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
         lambda o, ax: tracking.plot_tracked_position_error(
             o.tracking, ax, None if o.open_loop is None else o.open_loop.tracking
         ),
-        lambda o, ax: tracking.plot_torques(o.sms, o.tracking, ax, o.controller.torque_limit),
-        # The limits are far away from what slow motion needs: once more without them.
-        lambda o, ax: tracking.plot_torques(o.sms, o.tracking, ax),
+        lambda o, ax: _torques(o, ax),
     ),
-    "motion": (
-        lambda o, ax: plot_motion(
-            o.sms, o.trajectory, ax, paths=_true_paths(o), obstacles=o.scenario.obstacles()
-        ),
-    ),
+    "motion": (),  # one panel a side: see `_motion`
 }
 """Figures by file name, and their panels from top to bottom."""
 
-_DRAWING_WIDTH = 6.0  # [in]
+_DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] of one drawing, and of two side by side
+_NEAR = 0.2  # share of the torque limits from which they are drawn: else the curves would look flat
 
 # Without a date, the same outcome gives the same file.
 _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
@@ -74,15 +72,43 @@ def _true_paths(outcome: Outcome) -> dict[str, FloatArray]:
     return {name: end_effector_path(outcome.plant, run) for name, run in runs.items() if len(run.t) > 0}
 
 
+def _torques(outcome: Outcome, ax: Axes) -> Axes:
+    """Torques, with their limits where the motion comes near them; else a word on how far away they are."""
+    limit, tau = outcome.controller.torque_limit, outcome.tracking.tau
+    used = float((np.abs(tau) / limit).max(initial=0.0))
+    if used > _NEAR:
+        return tracking.plot_torques(outcome.sms, outcome.tracking, ax, limit)
+    ax = tracking.plot_torques(outcome.sms, outcome.tracking, ax)
+    if used > 0.0:
+        ax.set_ylabel(f"{ax.get_ylabel()}\nat most {100 * used:.2g} % of the limits")
+    return ax
+
+
 def figure(outcome: Outcome, name: str) -> Figure:
     """One of `FIGURES`, drawn."""
+    if name == "motion":
+        return _motion(outcome)
     panels = FIGURES[name]
     result, axes = stack(len(panels))
     for panel, ax in zip(panels, axes, strict=True):
         panel(outcome, ax)
         ax.label_outer()
-    if name == "motion":
-        _fit(result, axes[0])
+    share_legend(result, axes)
+    return result
+
+
+def _motion(outcome: Outcome) -> Figure:
+    """The motion from one side where it is planar, from two where it is not."""
+    paths = _true_paths(outcome)
+    obstacles = outcome.scenario.obstacles()
+    sides = motion_sides(outcome.sms, outcome.trajectory, paths)
+    with applied():
+        result = Figure(layout="constrained")
+        panels = list(result.subplots(1, len(sides), squeeze=False)[0])
+    for ax, side in zip(panels, sides, strict=True):
+        plot_motion(outcome.sms, outcome.trajectory, ax, paths=paths, along=side, obstacles=obstacles)
+    share_legend(result, panels)
+    _fit(result, panels)
     return result
 
 
@@ -121,12 +147,20 @@ def save_figures(
     return written
 
 
-def _fit(drawn: Figure, ax: Axes) -> None:
-    """Give a drawing with equal axes the height that its contents ask for."""
-    left, right = ax.get_xlim()
-    bottom, top = ax.get_ylim()
-    height = _DRAWING_WIDTH * (top - bottom) / max(right - left, 1e-9)
-    drawn.set_size_inches(_DRAWING_WIDTH, min(max(height, 2.5), 1.4 * _DRAWING_WIDTH) + 0.6)
+def _fit(drawn: Figure, panels: Sequence[Axes]) -> None:
+    """Give drawings side by side one scale, and the figure the height that their contents ask for."""
+    widths = [ax.get_xlim()[1] - ax.get_xlim()[0] for ax in panels]
+    tallest = max(ax.get_ylim()[1] - ax.get_ylim()[0] for ax in panels)
+    for ax in panels if len(panels) > 1 else ():
+        middle = 0.5 * sum(ax.get_ylim())
+        ax.set_adjustable("box")  # the limits are set now: the scale must follow them
+        ax.set_ylim(middle - 0.5 * tallest, middle + 0.5 * tallest)
+    grid = panels[0].get_gridspec()
+    if grid is not None:
+        grid.set_width_ratios(widths)
+    width = _DRAWING_WIDTH if len(panels) == 1 else _PAIR_WIDTH
+    height = width * tallest / max(sum(widths), 1e-9)
+    drawn.set_size_inches(width, min(max(height, 2.5), 1.4 * _DRAWING_WIDTH) + 0.6)
 
 
 def save_figure(drawn: Figure, path: Path, ending: str) -> None:

@@ -10,15 +10,16 @@ import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, one_of
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.plotting.obstacles import draw_obstacle
 from ffsms_pin.plotting.style import ACCENT, applied, axes_or_new, line
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["plot_motion"]
+__all__ = ["motion_sides", "plot_motion"]
 
 _FLAT = 1e-9  # [m] a motion that spreads less than this along an axis is planar
 _TARGET = "#D55E00"
@@ -31,10 +32,12 @@ def plot_motion(
     instants: int = 6,
     paths: Mapping[str, FloatArray] | None = None,
     obstacles: Sequence[Obstacle] = (),
+    along: str | None = None,
 ) -> Axes:
-    """Draw the motion in the plane of inertial axes in which it spreads most.
+    """Draw the motion in a plane of inertial axes, by default that in which it spreads most.
 
     A planar arm is drawn as it is; of a motion in space this is a projection, and the axes say so.
+    `motion_sides` says from which sides a motion is best looked at.
 
     Parameters
     ----------
@@ -47,15 +50,15 @@ def plot_motion(
         More paths, with their names for the legend: where the end effector really went [m].
     obstacles : sequence of Obstacle
         What the plan kept clear of.
+    along : {"x", "y", "z"}, optional
+        The inertial axis along which one looks; default: that in which the motion spreads least.
     """
+    if along is not None:
+        one_of("along", along, ("x", "y", "z"))
     paths = {} if paths is None else paths
-    rows = np.unique(np.linspace(0, len(trajectory.t) - 1, max(2, instants)).round().astype(int))
-    shown = [_Posture(sms, trajectory.q[k]) for k in rows]
-    cloud = np.vstack(
-        [trajectory.end_effector, trajectory.target[None], *(p.points() for p in shown), *paths.values()]
-    )
-    spread = np.ptp(cloud, axis=0)
-    across = 2 - int(np.argmin(spread[::-1]))  # of two as narrow, the later axis
+    rows, shown = _postures(sms, trajectory, instants)
+    spread = _spread(trajectory, shown, paths)
+    across = _narrowest(spread)[0] if along is None else "xyz".index(along)
     axes = [axis for axis in range(3) if axis != across]
     with applied():
         ax = axes_or_new(ax)
@@ -91,6 +94,35 @@ def plot_motion(
         ax.set_ylabel(f"{names[1]} [m]{note}")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
     return ax
+
+
+def motion_sides(
+    sms: SpaceManipulator, trajectory: Trajectory, paths: Mapping[str, FloatArray] | None = None
+) -> tuple[str, ...]:
+    """The inertial axes along which to look at a motion: one if it is planar, else two."""
+    _, shown = _postures(sms, trajectory, 6)
+    spread = _spread(trajectory, shown, {} if paths is None else paths)
+    first, second = _narrowest(spread)
+    return ("xyz"[first],) if spread[first] < _FLAT else ("xyz"[first], "xyz"[second])
+
+
+def _postures(
+    sms: SpaceManipulator, trajectory: Trajectory, instants: int
+) -> tuple[NDArray[np.intp], list[_Posture]]:
+    rows = np.unique(np.linspace(0, len(trajectory.t) - 1, max(2, instants)).round().astype(np.intp))
+    return rows, [_Posture(sms, trajectory.q[k]) for k in rows]
+
+
+def _spread(trajectory: Trajectory, shown: list[_Posture], paths: Mapping[str, FloatArray]) -> FloatArray:
+    """How far all that is drawn reaches along the inertial axes, (3,) [m]."""
+    cloud = [trajectory.end_effector, trajectory.target[None], *(p.points() for p in shown), *paths.values()]
+    return np.asarray(np.ptp(np.vstack(cloud), axis=0))
+
+
+def _narrowest(spread: FloatArray) -> tuple[int, int]:
+    """The axes of the smallest and the next spread; of two as narrow, the later axis first."""
+    order = 2 - np.argsort(spread[::-1], kind="stable")
+    return int(order[0]), int(order[1])
 
 
 class _Posture:

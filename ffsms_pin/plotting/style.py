@@ -10,7 +10,17 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-__all__ = ["ACCENT", "LIMIT", "NEUTRAL", "applied", "axes_or_new", "legend_above", "line", "stack"]
+__all__ = [
+    "ACCENT",
+    "LIMIT",
+    "NEUTRAL",
+    "applied",
+    "axes_or_new",
+    "legend_above",
+    "line",
+    "share_legend",
+    "stack",
+]
 
 # Okabe and Ito's colours, ordered so that neighbours also differ in lightness; each has its own line style.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
@@ -21,6 +31,7 @@ LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.1}
 
 _WIDTH = 5.2  # [in]
 _HEIGHT = 2.1  # [in] a panel
+_LIMITS = "limits"  # a legend's name for dotted lines
 _LEGEND_WIDTH = 38.0  # [em] what fits above a panel of that width, labels of a long axis beside it
 
 # Matplotlib types the keys one by one, and newer versions know more of them than older ones.
@@ -62,15 +73,42 @@ def line(index: int) -> dict[str, Any]:
 
 def legend_above(ax: Axes, labels: Sequence[str]) -> None:
     """A legend above a panel, where no line can run through it; on its left stands the axis' power of ten."""
-    # In widths of an m: the line and the gaps, and a little more than half of one for each letter.
-    widest = 4.8 + 0.6 * max((len(label) for label in labels), default=0)
     ax.legend(
         loc="lower right",
         bbox_to_anchor=(1.0, 1.0),
-        ncols=max(1, min(len(labels), int(_LEGEND_WIDTH / widest))),
+        ncols=_columns(labels),
         borderaxespad=0.2,
         columnspacing=1.4,
     )
+
+
+def _columns(labels: Sequence[str]) -> int:
+    # In widths of an m: the line and the gaps, and a little more than half of one for each letter.
+    widest = 4.8 + 0.6 * max((len(label) for label in labels), default=0)
+    return max(1, min(len(labels), int(_LEGEND_WIDTH / widest)))
+
+
+def share_legend(figure: Figure, panels: Sequence[Axes]) -> None:
+    """One legend above all panels, in place of theirs, where theirs say the same."""
+    legends = [ax.get_legend() for ax in panels]
+    if len(panels) < 2 or not all(legends):
+        return
+    entries: dict[str, Any] = {}
+    own: list[list[str]] = []
+    for ax in panels:
+        handles, labels = ax.get_legend_handles_labels()
+        own.append([label for label in labels if label != _LIMITS])
+        entries |= dict(zip(labels, handles, strict=True))
+    if any(labels != own[0] for labels in own):
+        return
+    for legend in legends:
+        if legend is not None:
+            legend.remove()
+    if _LIMITS in entries:  # at the end, whichever panel has limits
+        entries[_LIMITS] = entries.pop(_LIMITS)
+    with applied():
+        columns = _columns(list(entries))
+        figure.legend(entries.values(), entries.keys(), loc="outside upper right", ncols=columns)
 
 
 def stack(rows: int) -> tuple[Figure, list[Axes]]:

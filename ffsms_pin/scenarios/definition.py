@@ -33,6 +33,7 @@ from ffsms_pin.scenarios.parts import made_part, with_parts
 from ffsms_pin.scenarios.reading import packaged_path, read, scenario_names
 from ffsms_pin.scenarios.schema import checked_tables
 from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, radians
+from ffsms_pin.scenarios.targets import goal_of
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
@@ -100,6 +101,10 @@ class Scenario:
     obstacle: tuple[Mapping[str, Any], ...] = ()
     campaign: Mapping[str, Any] = field(default_factory=dict)
     allow_import: bool = False
+
+    def __repr__(self) -> str:
+        how = "re-planning" if self.replans else "plan"
+        return f"Scenario('{self.name}': {self.robot['model']}, {how} of {self.arrival:g} s, {self.law})"
 
     @property
     def law(self) -> str:
@@ -202,7 +207,7 @@ class Scenario:
             return Problem(
                 sms,
                 self.start_configuration(sms) if q0 is None else q0,
-                self.target["position"],
+                goal_of(self.target),
                 self.arrival,
                 plan.get("dt", 0.01) if dt is None else dt,
                 with_parts(terms, own_terms),

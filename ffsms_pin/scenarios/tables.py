@@ -73,7 +73,11 @@ TABLES: Mapping[str, Table] = {
         frozenset({"joints", "joint_rates"}),
         required=("joints",),
     ),
-    "target": Table({"position": numbers(3)}, required=("position",)),
+    "target": Table(
+        {"position": numbers(3), "rpy": numbers(3), "velocity": numbers(3)},
+        frozenset({"rpy"}),
+        required=("position",),
+    ),
     "plan": Table(
         {
             "duration": positive,

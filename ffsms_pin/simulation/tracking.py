@@ -112,6 +112,14 @@ class Tracking:
             array = value if isinstance(value, np.memmap) else np.array(value, dtype=np.float64)
             object.__setattr__(self, field.name, frozen(array))
 
+    def __repr__(self) -> str:
+        note = f", {self.note}" if self.note else ""
+        return (
+            f"Tracking({self.t[-1]:.4g} s in {len(self.t) - 1} steps, "
+            f"{1e3 * self.position_error[-1]:.2f} mm off at the end, "
+            f"largest joint error {1e3 * np.abs(self.joint_error).max():.3g} mrad{note})"
+        )
+
     @property
     def energy_error(self) -> FloatArray:
         """Gain of kinetic energy less work (N + 1,) [J]: the integrator's error and rounding."""

@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, per_joint
-from ffsms_pin.errors import AmbiguousEndEffector, InvalidUrdf, InvalidValue, ModelNotFound, UnsupportedJoint
+from ffsms_pin.checks import FloatArray, one_of, per_joint
+from ffsms_pin.errors import (
+    FfsmsWarning,
+    InvalidUrdf,
+    InvalidValue,
+    ModelNotFound,
+    UnsupportedJoint,
+)
 from ffsms_pin.system.manipulator import SpaceManipulator
+from ffsms_pin.system.robot_element import read_robot
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
+from ffsms_pin.system.urdf_leniency import Inertias, lenient
 from ffsms_pin.system.wheel_joints import taken_out
 from ffsms_pin.urdf import model_names, model_path
 
-__all__ = ["build", "folders", "load", "with_srdf"]
+__all__ = ["build", "checked", "folders", "load", "with_srdf"]
 
 
 def load(
@@ -31,51 +41,64 @@ def load(
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     wheels: Sequence[str] = (),
     srdf: str | os.PathLike[str] | None = None,
+    *,
+    velocity: ArrayLike | None = None,
+    torque: ArrayLike | None = None,
+    locked: Mapping[str, float] | None = None,
+    inertias: Inertias = "check",
 ) -> SpaceManipulator:
-    """Load a space manipulator: a URDF with a free-flyer root joint and zero gravity.
-
-    Parameters
-    ----------
-    robot : str or path
-        Name of a packaged model ("planar_3r"), or a path to a URDF whose root link is the satellite.
-    end_effector : str, optional
-        Name of the end-effector frame. Default: the last link's frame; an error where there are several.
-    base_size : array_like, shape (3,), optional
-        Length, width and height of the satellite's box [m], centred on its centre of mass. Default: the box
-        among the base link's collision, else visual, shapes, where it stands; None where there is no box.
-    acceleration : array_like, optional
-        Joint acceleration limits [rad/s^2], one number or (n,): a URDF has none. Default: 1.25 /s times the
-        rate limits, the paper's ratio.
-    package_dirs : sequence of paths, optional
-        Folders in which the `package://` names of meshes are looked for, besides those around the file. Only
-        `SpaceManipulator.geometry` reads meshes.
-    wheels : sequence of str
-        Names of continuous joints that are reaction wheels: they are no joints of the arm, and the base
-        counts their masses. See `ffsms_pin.ReactionWheels`.
-    srdf : str or path, optional
-        SRDF with pairs of links whose collisions do not count. Default: the file of the same name beside the
-        URDF, ending in .srdf, where there is one.
-
-    Returns
-    -------
-    SpaceManipulator
-
-    Raises
-    ------
-    ModelNotFound, InvalidUrdf, InvalidInertia, UnsupportedJoint, FrameNotFound, AmbiguousEndEffector
-    InvalidValue
-        `base_size`, `acceleration` or `wheels` cannot be used.
-    """
-    urdf, reaction_wheels = UrdfFile(_path(robot)), None
+    """A space manipulator from a packaged name or the path of a URDF; see `ffsms_pin.load`."""
+    path = _path(robot)
+    urdf, reaction_wheels = checked(read_robot(path), path, locked, inertias, velocity, torque, 4), None
     if wheels:
         urdf, reaction_wheels = taken_out(urdf, wheels)
-    sms = build(urdf, end_effector, base_size, acceleration, package_dirs=folders(package_dirs))
+    sms = build(
+        urdf,
+        end_effector,
+        base_size,
+        acceleration,
+        velocity,
+        torque=torque,
+        package_dirs=folders(package_dirs),
+    )
     if reaction_wheels is not None:
         sms = sms.with_actuators(wheels=reaction_wheels)
-    beside = Path(urdf.path).with_suffix(".srdf")
+    beside = path.with_suffix(".srdf")
     if srdf is None and not beside.is_file():
         return sms
     return with_srdf(sms, beside if srdf is None else srdf)
+
+
+def checked(
+    robot: ElementTree.Element,
+    path: Path,
+    locked: Mapping[str, float] | None,
+    inertias: Inertias,
+    velocity: ArrayLike | None,
+    torque: ArrayLike | None,
+    stacklevel: int,
+) -> UrdfFile:
+    """A robot after the changes that `ffsms_pin.load` makes, checked; it warns of what it assumed.
+
+    Parameters
+    ----------
+    robot : Element
+        The <robot> from the file at `path`; it is changed.
+    path, locked, inertias, velocity, torque
+        As in `ffsms_pin.load`.
+    stacklevel : int
+        Of the warnings: 2 is the caller of this function.
+    """
+    one_of("inertias", inertias, ("check", "keep", "repair"))
+    if not isinstance(locked, Mapping | None):
+        raise InvalidValue("locked", locked, "must map names of joints to positions")
+    given = {"velocity": velocity, "effort": torque}
+    overridden = [key for key, value in given.items() if value is not None]
+    sentences = lenient(robot, path, locked, inertias, overridden)
+    urdf = UrdfFile(path, robot, any_tensor=inertias == "keep")
+    for sentence in sentences:
+        warnings.warn(f"{path}: {sentence}", FfsmsWarning, stacklevel=stacklevel)
+    return urdf
 
 
 def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManipulator:
@@ -103,25 +126,28 @@ def build(
     acceleration: ArrayLike | None = None,
     velocity: ArrayLike | None = None,
     missing_velocity: float | None = None,
+    torque: ArrayLike | None = None,
     package_dirs: tuple[Path, ...] = (),
 ) -> SpaceManipulator:
     """A space manipulator from a URDF that is read and checked already; see `load`.
 
     `velocity` (one number or (n,)) [rad/s] takes the place of the file's rate limits; `missing_velocity` is
-    for joints whose rate the file does not limit.
+    for joints whose rate the file does not limit. `torque` (one number or (n,)) [N m] takes the place of the
+    file's torque limits.
     """
     if not any(joint.moves for joint in urdf.joints):
         raise UnsupportedJoint(urdf.path, "the robot has no joint that moves; an arm needs at least one")
     if end_effector is None:
-        tips = urdf.tips()
-        if len(tips) != 1:
-            raise AmbiguousEndEffector(tips)
-        end_effector = tips[0]
+        end_effector = urdf.tool()
     try:
         model = pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
     except Exception as error:  # whatever the parser objects to that the checks before it did not
         raise InvalidUrdf(urdf.path, f"Pinocchio cannot build a model from it ({error})") from None
     model.upperVelocityLimit = _rate_limits(model, velocity, missing_velocity)
+    if torque is not None:
+        efforts = np.array(model.upperEffortLimit)
+        efforts[6:] = per_joint("torque", torque, model.nv - 6, "N m")
+        model.upperEffortLimit = efforts
     placement = None
     box = urdf.links[urdf.root].box
     if base_size is None and box is not None:
@@ -155,7 +181,7 @@ def _path(robot: str | os.PathLike[str]) -> Path:
     if str(robot) in model_names():
         return model_path(str(robot))
     try:
-        path = Path(robot)
+        path = Path(os.path.expanduser(robot))
     except TypeError:
         raise InvalidValue("robot", robot, "must be a packaged name or a path") from None
     if not os.path.isfile(path):  # False for any path that the system refuses, where Path.is_file may raise

@@ -14,11 +14,11 @@ DEEPEST = 100  # elements within each other; a URDF needs five
 MOST_ELEMENTS = 20_000  # some thousand links
 
 
-def read_robot(path: Path, content: bytes | None = None) -> ElementTree.Element:
-    """The <robot> element of a file, or of `content` that stands for it; comments are kept."""
+def read_robot(path: Path) -> ElementTree.Element:
+    """The <robot> element of a file; comments are kept."""
     parser = ElementTree.XMLParser(target=_Builder(insert_comments=True))
     try:
-        robot = ElementTree.fromstring(path.read_bytes() if content is None else content, parser)
+        robot = ElementTree.fromstring(path.read_bytes(), parser)
     except OSError as error:
         raise InvalidUrdf(path, f"cannot be read ({error.strerror})") from None
     except (ElementTree.ParseError, ValueError, LookupError) as error:

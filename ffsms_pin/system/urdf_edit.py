@@ -10,7 +10,9 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.urdf_numbers import is_number
 
-__all__ = ["fix_joint", "words"]
+__all__ = ["INERTIA_KEYS", "fix_joint", "set_inertia", "tensor_of", "words"]
+
+INERTIA_KEYS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 
 
 def words(numbers: object) -> str:
@@ -43,6 +45,26 @@ def fix_joint(joint: ElementTree.Element, position: float) -> None:
     for tag in ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"):
         for item in joint.findall(tag):
             joint.remove(item)
+
+
+def tensor_of(inertial: ElementTree.Element) -> FloatArray | None:
+    """Inertia (3, 3) [kg m^2] of an <inertial>; None for what is not there, is no number or is too large."""
+    element = inertial.find("inertia")
+    if element is None or not all(is_number(element.get(key, "")) for key in INERTIA_KEYS):
+        return None
+    tensor = np.zeros((3, 3))
+    for key, (i, j) in INERTIA_KEYS.items():
+        tensor[i, j] = tensor[j, i] = float(element.get(key, ""))
+    return tensor if np.abs(tensor).max() < 1e30 else None
+
+
+def set_inertia(inertial: ElementTree.Element, tensor: FloatArray) -> None:
+    """Write an inertia (3, 3) [kg m^2] into an <inertial>."""
+    element = inertial.find("inertia")
+    if element is None:
+        element = ElementTree.SubElement(inertial, "inertia")
+    for key, place in INERTIA_KEYS.items():
+        element.set(key, words(tensor[place]))
 
 
 def _triple(element: ElementTree.Element | None, key: str, default: str) -> FloatArray:

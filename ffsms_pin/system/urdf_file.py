@@ -3,67 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
+from ffsms_pin.system.rigid_body import inertia_problem
 from ffsms_pin.system.robot_element import read_robot
+from ffsms_pin.system.tool_frames import only_tool
 from ffsms_pin.system.urdf_numbers import number_of, origin_of, triple_of
+from ffsms_pin.system.urdf_parts import MOVING, Box, Inertial, Joint, Link
 
-__all__ = ["Box", "Inertial", "Joint", "Link", "UrdfFile"]
+__all__ = ["UrdfFile"]
 
-_MOVING = {"revolute", "continuous", "prismatic"}
 _LIMITED = {"revolute", "prismatic"}
 # What the dynamics are made of; the rest (shapes, colours, transmissions) stays out.
 _KEPT = {"link": {"inertial"}, "joint": {"parent", "child", "origin"}}
 _KEPT_IF_MOVING = {"axis", "limit", "dynamics"}
-
-
-@dataclass(frozen=True)
-class Inertial:
-    """Mass [kg] and inertia about the centre of mass [kg m^2], in the inertial frame's axes."""
-
-    mass: float
-    inertia: FloatArray
-
-
-@dataclass(frozen=True)
-class Box:
-    """A box of edge lengths `size` [m] at `xyz` [m], `rpy` [rad] in its link's frame."""
-
-    size: tuple[float, float, float]
-    xyz: tuple[float, float, float]
-    rpy: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Link:
-    """A link: its inertial element and the first box of its collision or visual shapes, if any."""
-
-    name: str
-    inertial: Inertial | None
-    box: Box | None
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A joint of the tree."""
-
-    name: str
-    type: str
-    parent: str
-    child: str
-
-    @property
-    def moves(self) -> bool:
-        """Whether the joint has a degree of freedom."""
-        return self.type in _MOVING
-
 
 _Named = TypeVar("_Named", Link, Joint)
 
@@ -75,8 +33,10 @@ class UrdfFile:
     ----------
     path : Path
         The file.
-    content : bytes, optional
-        What to read instead of the file, where it was made from the file at `path`.
+    robot : Element, optional
+        What to check instead of the file, where it was made from the file at `path`.
+    any_tensor : bool
+        Whether inertias may break the triangle inequality.
 
     Attributes
     ----------
@@ -96,10 +56,14 @@ class UrdfFile:
         A joint that is not fixed, revolute, continuous or prismatic.
     """
 
-    def __init__(self, path: Path, content: bytes | None = None) -> None:
+    def __init__(
+        self, path: Path, robot: ElementTree.Element | None = None, any_tensor: bool = False
+    ) -> None:
         self.path = path
-        robot = read_robot(path, content)
+        if robot is None:
+            robot = read_robot(path)
         self._robot = robot
+        self._any_tensor = any_tensor
         if not robot.get("name"):
             raise InvalidUrdf(path, "the robot has no name: write <robot name=...>")
         self.links = self._unique("link", [self._link(item) for item in robot.findall("link")])
@@ -117,7 +81,7 @@ class UrdfFile:
         robot = ElementTree.Element("robot", self._robot.attrib)
         for item in self._robot:
             if item.tag in _KEPT:
-                kept = _KEPT[item.tag] | (_KEPT_IF_MOVING if item.get("type") in _MOVING else set())
+                kept = _KEPT[item.tag] | (_KEPT_IF_MOVING if item.get("type") in MOVING else set())
                 copy = ElementTree.SubElement(robot, item.tag, item.attrib)
                 copy.extend(child for child in item if child.tag in kept)
         return ElementTree.tostring(robot, encoding="unicode")
@@ -131,6 +95,18 @@ class UrdfFile:
         parents = {joint.parent for joint in self.joints}
         base = self.rigid_group(self.root)
         return [name for name in self.links if name not in parents and name not in base]
+
+    def tool(self) -> str:
+        """The end effector: the last link, or the one that says tool among those that ride on one body."""
+        tips = self.tips()
+        parent = {joint.child: joint for joint in self.joints}
+
+        def carrier(link: str) -> str:
+            while not parent[link].moves:
+                link = parent[link].parent
+            return link
+
+        return only_tool(tips, len({carrier(tip) for tip in tips}) == 1)
 
     def rigid_group(self, link: str) -> set[str]:
         """`link` and the links that are fixed to it further out."""
@@ -174,14 +150,19 @@ class UrdfFile:
         if mass < 0.0:
             raise InvalidInertia(self.path, link, f"has a negative mass, {mass:g} kg")
         a, b, c = (float(x) for x in np.linalg.eigvalsh(inertia))
-        rounding = 1e-6 * max(abs(a), abs(c))  # the last digit of a decimal in the file
-        if a < -rounding:
-            raise InvalidInertia(self.path, link, f"has a negative principal inertia, {a:.6g} kg m^2")
-        if a + b < c - rounding:
+        problem = inertia_problem(inertia)
+        if problem == "negative":
             raise InvalidInertia(
                 self.path,
                 link,
-                f"breaks the triangle inequality: principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2",
+                f'has a negative principal inertia, {a:.6g} kg m^2; load it with inertias="repair"',
+            )
+        if problem == "triangle" and not self._any_tensor:
+            raise InvalidInertia(
+                self.path,
+                link,
+                f"breaks the triangle inequality: principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2;"
+                ' load it with inertias="keep" or inertias="repair"',
             )
         return Inertial(mass, inertia)
 
@@ -190,7 +171,7 @@ class UrdfFile:
         if not name:
             raise InvalidUrdf(self.path, "a joint has no name")
         where = f"joint '{name}'"
-        if kind not in _MOVING | {"fixed"}:
+        if kind not in (*MOVING, "fixed"):
             raise UnsupportedJoint(
                 self.path,
                 f"{where} is of type '{kind}'; fixed, revolute, continuous and prismatic joints can be used"
@@ -205,10 +186,10 @@ class UrdfFile:
             if link not in self.links:
                 raise InvalidUrdf(self.path, f"{where} names a {end} link '{link}' that is not there")
             ends.append(link)
-        if item.find("mimic") is not None:
+        if kind in MOVING and item.find("mimic") is not None:
             raise UnsupportedJoint(
                 self.path,
-                f"{where} mimics another joint, which cannot be used: make it fixed, or free of <mimic>",
+                f"{where} mimics a joint that is not there, or itself, or by what is not a number",
             )
         origin_of(self.path, item, where)
         joint = Joint(name, kind, ends[0], ends[1])
@@ -235,7 +216,12 @@ class UrdfFile:
         for key in ("velocity", "effort"):
             value = number_of(self.path, limit, key, where, largest=math.inf)
             if value <= 0.0:
-                raise InvalidUrdf(self.path, f"{where} has a {key} limit of {value:g}; it must be above zero")
+                argument = "velocity" if key == "velocity" else "torque"
+                raise InvalidUrdf(
+                    self.path,
+                    f"{where} has a {key} limit of {value:g}; it must be above zero:"
+                    f" give load(..., {argument}=...) to set it for all joints",
+                )
         lower = number_of(self.path, limit, "lower", where, default=0.0, largest=math.inf)
         upper = number_of(self.path, limit, "upper", where, default=0.0, largest=math.inf)
         if joint.type in _LIMITED and lower >= upper:

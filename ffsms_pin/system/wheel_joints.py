@@ -12,7 +12,6 @@ import pinocchio as pin
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidUrdf, InvalidValue, UnsupportedJoint
-from ffsms_pin.system.robot_element import read_robot
 from ffsms_pin.system.urdf_edit import fix_joint
 from ffsms_pin.system.urdf_file import UrdfFile
 
@@ -56,11 +55,11 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
     except Exception as error:  # whatever the parser objects to that the checks before it did not
         raise InvalidUrdf(urdf.path, f"Pinocchio cannot build a model from it ({error})") from None
     wheels = _wheels(urdf, model, names)
-    robot = read_robot(urdf.path, urdf.full_text().encode())
+    robot = ElementTree.fromstring(urdf.full_text())
     for joint in robot.findall("joint"):
         if joint.get("name") in names:
             fix_joint(joint, 0.0)
-    return UrdfFile(urdf.path, ElementTree.tostring(robot, encoding="utf-8")), wheels
+    return UrdfFile(urdf.path, robot, any_tensor=True), wheels  # its tensors were judged before
 
 
 def _wheels(urdf: UrdfFile, model: Any, names: Sequence[str]) -> ReactionWheels:

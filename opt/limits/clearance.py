@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -66,9 +66,9 @@ class Clearance(Limit):
     obstacles: Sequence[Obstacle] = ()
     payload: tuple[Any, Any] | None = None
     name = "clearance"
-    _stack: ClearanceStack | None = None
-    _model: Any = None
-    _around: ObstacleStack | None = None
+    _stack: ClearanceStack | None = field(default=None, repr=False)
+    _model: Any = field(default=None, repr=False)
+    _around: ObstacleStack | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         number("clearance", self.clearance)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -30,8 +30,8 @@ class JointLimits(Limit):
     """
 
     name = "joints"
-    _limits: Limits | None = None
-    _joint_names: tuple[str, ...] = ()
+    _limits: Limits | None = field(default=None, repr=False)
+    _joint_names: tuple[str, ...] = field(default=(), repr=False)
 
     def for_robot(self, sms: SpaceManipulator) -> JointLimits:
         """With the robot's limits."""

@@ -104,6 +104,9 @@ class Replanning:
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
         at_least_zero("dead_band", self.options.band(None), "m")
 
+    def __repr__(self) -> str:
+        return f"Replanning({self.problem!r}, every {self.options.period:g} s)"
+
     @property
     def target(self) -> Any:
         """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one."""

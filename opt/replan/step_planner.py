@@ -85,6 +85,11 @@ class StepPlanner:
         self._weights = weights
         self.stepper = Stepper(sms, dt, kappa, self.limits, self.terms, weights, aim, momentum)
 
+    def __repr__(self) -> str:
+        names = [*(limit.name for limit in self.limits), *(term.name for term in self.terms)]
+        how = f"dt={self.dt:g} s, kappa={self.kappa:g}"
+        return f"StepPlanner({self.sms.model.name}, {how}; {', '.join(names)})"
+
     @property
     def sms(self) -> SpaceManipulator:
         """The robot."""

@@ -47,7 +47,8 @@ def adding(text: str) -> str:
 
 
 TIP_LINK = (
-    '<link name="camera"/><joint name="c" type="fixed"><parent link="link_3"/><child link="camera"/></joint>'
+    '<link name="other_ee"/>'
+    '<joint name="c" type="fixed"><parent link="link_3"/><child link="other_ee"/></joint>'
 )
 MASS, INERTIA = '<mass value="0.569"/>', 'ixx="0.0001" ixy="0" ixz="0" iyy="0.0043" iyz="0" izz="0.0043"'
 FIXED = '<joint name="x" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
@@ -102,7 +103,11 @@ BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
         ("link_2", "box"),
     ),
     # limits
-    "no limit": (in_joint_2(LIMIT_2, ""), InvalidUrdf, ("joint_2", "<limit>")),
+    "a slide without limit": (
+        in_joint_2(LIMIT_2, "").replace('"joint_2" type="revolute"', '"joint_2" type="prismatic"'),
+        InvalidUrdf,
+        ("joint_2", "prismatic", "<limit>"),
+    ),
     "no velocity": (in_joint_2('velocity="0.40002946455710037" ', ""), InvalidUrdf, ("joint_2", "velocity")),
     "no effort": (in_joint_2(' effort="1.5"', ""), InvalidUrdf, ("joint_2", "effort")),
     "no bounds": (
@@ -120,7 +125,7 @@ BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
         InvalidUrdf,
         ("joint_2", "velocity"),
     ),
-    "zero effort": (in_joint_2('effort="1.5"', 'effort="0"'), InvalidUrdf, ("joint_2", "effort")),
+    "zero effort": (in_joint_2('effort="1.5"', 'effort="0"'), InvalidUrdf, ("joint_2", "effort", "torque=")),
     # joints and the tree
     "no joint": (
         f'<robot name="a"><link name="a">{BASE_INERTIAL}</link></robot>',
@@ -133,7 +138,21 @@ BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
     "ball joint": (in_joint_2('"revolute"', '"spherical"'), UnsupportedJoint, ("joint_2", "spherical")),
     "no type": (in_joint_2(' type="revolute"', ""), UnsupportedJoint, ("joint_2",)),
     "empty dynamics": (in_joint_2("<limit", "<dynamics/><limit"), InvalidUrdf, ("joint_2", "<dynamics>")),
-    "mimic": (in_joint_2("<limit", '<mimic joint="joint_1"/><limit'), UnsupportedJoint, ("joint_2", "mimic")),
+    "mimic of nothing": (
+        in_joint_2("<limit", '<mimic joint="joint_9"/><limit'),
+        UnsupportedJoint,
+        ("joint_2", "mimic"),
+    ),
+    "mimic of itself": (
+        in_joint_2("<limit", '<mimic joint="joint_2"/><limit'),
+        UnsupportedJoint,
+        ("joint_2", "mimic"),
+    ),
+    "mimic by a word": (
+        in_joint_2("<limit", '<mimic joint="joint_1" multiplier="twice"/><limit'),
+        UnsupportedJoint,
+        ("joint_2", "mimic"),
+    ),
     "no parent": (in_joint_2('<parent link="link_1"/>', ""), InvalidUrdf, ("joint_2", "parent")),
     "unknown parent": (
         in_joint_2('parent link="link_1"', 'parent link="lin_1"'),
@@ -163,7 +182,7 @@ BAD_FILES: dict[str, tuple[str, type[FfsmsError], tuple[str, ...]]] = {
     "link without a name": (adding("<link/>"), InvalidUrdf, ("link", "name")),
     "joint without a name": (adding('<joint type="fixed"/>'), InvalidUrdf, ("joint", "name")),
     "line break in a name": (adding('<link name="a&#10;b"/>'), InvalidUrdf, ("a b",)),
-    "two last links": (adding(TIP_LINK), AmbiguousEndEffector, ("end_effector", "camera")),
+    "two last links": (adding(TIP_LINK), AmbiguousEndEffector, ("end_effector", "other_ee")),
 }
 
 
@@ -238,3 +257,20 @@ def test_bad_base_size(refused: Refused, size: Any) -> None:
 )
 def test_bad_acceleration(refused: Refused, acceleration: Any) -> None:
     refused(lambda: ffsms.load("planar_3r", acceleration=acceleration), InvalidValue, "acceleration")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"velocity": 0.0}, "limits.velocity"),
+        ({"velocity": (1, 2)}, "velocity"),
+        ({"torque": -1.0}, "limits.torque"),
+        ({"torque": "strong"}, "torque"),
+        ({"locked": ["joint_1"]}, "locked must map"),
+        ({"locked": {"joint_9": 0.0}}, "joint_9"),
+        ({"locked": {"joint_1": np.inf}}, "locked['joint_1'] must be finite"),
+        ({"inertias": "any"}, "inertias"),
+    ],
+)
+def test_bad_options(refused: Refused, options: dict[str, Any], words: str) -> None:
+    refused(lambda: ffsms.load("planar_3r", **options), InvalidValue, words)

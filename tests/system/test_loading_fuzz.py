@@ -25,6 +25,9 @@ from ffsms_pin.errors import FfsmsError, InvalidUrdf
 from ffsms_pin.inspection import inspect, repair
 from ffsms_pin.urdf import model_names, model_path
 
+# What `load` assumes of a damaged file it warns of; that it may.
+pytestmark = pytest.mark.filterwarnings("ignore::ffsms_pin.errors.FfsmsWarning")
+
 EXAMPLES = int(os.environ.get("FFSMS_FUZZ", "150"))
 FUZZ = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 FILES = [model_path(name).read_text() for name in model_names()]

@@ -1,0 +1,87 @@
+"""`ffsms-pin quickstart`: a notebook to begin with."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+__all__ = ["add_parser", "notebook", "run"]
+
+_DESCRIPTION = """\
+Write a notebook with a first robot, plan, simulation and film into the current folder.
+
+example: ffsms-pin quickstart && jupyter lab quickstart.ipynb
+"""
+
+# Each cell with what is said above it. The tests run them.
+_CELLS: tuple[tuple[str, str], ...] = (
+    (
+        "# A satellite that turns when its arm moves\n\n"
+        "A robot: the planar satellite of the paper. A path to a URDF goes here as well; `ffsms.mount` puts "
+        "an arm on a satellite of your choice.",
+        "%matplotlib inline\nimport numpy as np\n\n"
+        "import ffsms_pin as ffsms\nfrom ffsms_pin import opt, plotting\n\n"
+        'sms = ffsms.load("planar_3r")\nsms',
+    ),
+    (
+        "Its state at one posture, and how strongly joint motion moves the base (`sigma`).",
+        "q0 = sms.configuration(np.radians([1.0, 1.0, 1.0]))\nsms.at(q0).coupling",
+    ),
+    (
+        "A plan that brings the end effector to a target [m] in 12 s.",
+        "plan = opt.plan(sms, q0, target=[0.45, 0.65, 0.0], duration=12.0)\nplan",
+    ),
+    ("The motion as a drawing.", "plotting.plot_motion(sms, plan).figure"),
+    (
+        "A controller follows the plan on the full dynamics, with nothing acting on the base.",
+        "tracking = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms))\ntracking",
+    ),
+    ("The film: drag to turn it, use the slider to travel in time.", "ffsms.view(sms, tracking, plan)"),
+)
+
+
+def notebook() -> dict[str, Any]:
+    """The notebook, as its JSON says (format 4.5)."""
+    cells: list[dict[str, Any]] = []
+    for i, (said, code) in enumerate(_CELLS):
+        cells.append({"cell_type": "markdown", "id": f"text-{i}", "metadata": {}, "source": said})
+        cell = {"cell_type": "code", "id": f"code-{i}", "metadata": {}, "source": code}
+        cells.append(cell | {"execution_count": None, "outputs": []})
+    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    metadata = {"kernelspec": kernel, "language_info": {"name": "python"}}
+    return {"cells": cells, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
+
+
+def add_parser(subparsers: Any) -> None:
+    """Add `quickstart` to the commands (argparse's subparsers)."""
+    parser = subparsers.add_parser(
+        "quickstart",
+        help="write a notebook to begin with",
+        description=_DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--out",
+        metavar="FILE",
+        default="quickstart.ipynb",
+        help="the file to write (default: quickstart.ipynb); one that is there is not replaced",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the notebook; returns the exit code."""
+    from ffsms_pin.cli.output import output_console
+    from ffsms_pin.errors import InvalidValue, ResultError
+    from ffsms_pin.storage import write_content
+
+    if not arguments.out.strip() or "\0" in arguments.out:
+        raise InvalidValue("--out", arguments.out, "must name a file")
+    path = Path(arguments.out)
+    if path.exists():
+        raise ResultError(path, "is there already: move it away, or name another file with --out")
+    write_content(path, (json.dumps(notebook(), indent=1) + "\n").encode())
+    said = f"{path} written. Open it with: jupyter lab {path} (pip install 'ffsms-pin[notebooks]')"
+    output_console().print(said, markup=False, highlight=False, soft_wrap=True)
+    return 0

@@ -1,0 +1,141 @@
+"""An arm that is given as a Pinocchio model, or as an MJCF file, on a satellite."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import number, per_joint
+from ffsms_pin.errors import InvalidUrdf, InvalidValue, UnsupportedJoint
+from ffsms_pin.models.base import SatelliteBase
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.tool_frames import only_tool
+from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
+
+__all__ = ["append", "is_mjcf", "read_mjcf"]
+
+_LAST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+
+
+def is_mjcf(path: Path) -> bool:
+    """Whether the file is MJCF by its name or its root element; a URDF may be called .xml too."""
+    if path.suffix.lower() == ".mjcf":
+        return True
+    try:
+        return path.suffix.lower() == ".xml" and ElementTree.parse(path).getroot().tag == "mujoco"
+    except (OSError, ElementTree.ParseError, ValueError, LookupError):
+        return False  # the reader of URDFs says what is wrong
+
+
+def read_mjcf(path: Path) -> Any:
+    """The pinocchio.Model of an MJCF file."""
+    try:
+        return pin.buildModelFromMJCF(str(path))
+    except Exception as error:  # whatever Pinocchio's reader objects to
+        raise InvalidUrdf(path, f"Pinocchio cannot read it as MJCF ({error})") from None
+
+
+def append(
+    arm: Any,
+    base: SatelliteBase,
+    placement: Any,
+    end_effector: str | None = None,
+    locked: Mapping[str, float] | None = None,
+    velocity: ArrayLike | None = None,
+    torque: ArrayLike | None = None,
+    acceleration: ArrayLike | None = None,
+    base_size: ArrayLike | None = None,
+) -> SpaceManipulator:
+    """A satellite with the arm `arm` (pinocchio.Model) at `placement`; for the rest see `ffsms_pin.mount`.
+
+    What the model fixes to its universe is fixed to the satellite.
+    """
+    arm = _lock(_of_one_freedom(arm), locked or {})
+    model = pin.appendModel(_satellite(base), arm, 2, placement)  # 2: the satellite's frame
+    model.name = f"satellite_{arm.name or 'arm'}"
+    _set_limits(model, velocity, torque)
+    if end_effector is None:
+        end_effector = _last_frame(model)
+    box = pin.SE3.Identity() if base_size is None else None
+    size = base.size if base_size is None else base_size
+    return SpaceManipulator(model, end_effector, size, box, acceleration)
+
+
+def _of_one_freedom(arm: Any) -> Any:
+    name = arm.name or "the arm"
+    if arm.njoints < 2:
+        raise UnsupportedJoint(name, "the model has no joint; an arm needs at least one")
+    for j in range(1, arm.njoints):
+        freedoms = arm.joints[j].nv
+        if freedoms == 6 and arm.parents[j] == 0:
+            raise UnsupportedJoint(
+                name, f"joint '{arm.names[j]}' is a free-flyer, which the satellite has: give the arm without"
+            )
+        if freedoms != 1:
+            raise UnsupportedJoint(
+                name, f"joint '{arm.names[j]}' has {freedoms} degrees of freedom; one is supported"
+            )
+    return arm
+
+
+def _lock(arm: Any, locked: Mapping[str, float]) -> Any:
+    names = list(arm.names)[1:]
+    q = pin.neutral(arm)
+    fixed = []
+    for name, position in locked.items():
+        if name not in names:
+            raise InvalidValue("locked", name, f"names no moving joint of the arm ({', '.join(names)})")
+        place = number(f"locked['{name}']", position)
+        j = arm.getJointId(name)
+        k = arm.joints[j].idx_q
+        if arm.joints[j].nq == 2:  # a continuous joint: cosine and sine
+            q[k : k + 2] = np.cos(place), np.sin(place)
+        else:
+            q[k] = place
+        fixed.append(j)
+    if len(fixed) == len(names):
+        raise UnsupportedJoint(arm.name or "the arm", "every joint is locked; an arm needs one that moves")
+    return pin.buildReducedModel(arm, fixed, q) if fixed else arm
+
+
+def _satellite(base: SatelliteBase) -> Any:
+    model = pin.Model()
+    root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root_joint")
+    model.addJointFrame(root)
+    model.addBodyFrame("satellite", root, pin.SE3.Identity(), -1)
+    body = pin.Inertia(base.mass, np.array(base.com), base.inertia_matrix)
+    model.appendBodyToJoint(root, body, pin.SE3.Identity())
+    return model
+
+
+def _set_limits(model: Any, velocity: ArrayLike | None, torque: ArrayLike | None) -> None:
+    n = model.nv - 6
+    rates, efforts = np.array(model.upperVelocityLimit), np.array(model.upperEffortLimit)
+    if velocity is not None:
+        rates[6:] = per_joint("velocity", velocity, n, "rad/s")
+    else:
+        rates[6:][rates[6:] >= np.finfo(np.float64).max] = DEFAULT_RATE
+    if torque is not None:
+        efforts[6:] = per_joint("torque", torque, n, "N m")
+    model.upperVelocityLimit, model.upperEffortLimit = rates, efforts
+
+
+def _last_frame(model: Any) -> str:
+    """The frame at the end of the arm."""
+    carriers = set(model.parents)
+    last = [j for j in range(2, model.njoints) if j not in carriers]
+    onward = {frame.parentFrame for frame in model.frames}
+    tips = [
+        frame
+        for i, frame in enumerate(model.frames)
+        if frame.parentJoint in last and frame.type in _LAST and i not in onward
+    ]
+    if not tips:  # a model without frames of its own
+        tips = [model.frames[model.getFrameId(model.names[j])] for j in last]
+    return only_tool([frame.name for frame in tips], len({frame.parentJoint for frame in tips}) == 1)

@@ -1,0 +1,36 @@
+"""A name of the library that is misspelt is reported: by mypy before the program runs, else with a hint."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mypy import api
+
+import ffsms_pin as ffsms
+
+ROOT = Path(__file__).parents[1]
+LINES = (
+    "import ffsms_pin as ffsms\nfrom ffsms_pin import lapack\n"
+    "ffsms.simulate\nffsms.simulte\nffsms.opt.plan\nffsms.opt.plann\nlapack.dposv\nlapack.dpsov\n"
+)
+
+
+def test_mypy_reports_misspelt_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the cache of `make lint` a second, without it as long as mypy needs for the library."""
+    path = tmp_path / "user.py"
+    path.write_text(LINES)
+    monkeypatch.setenv("MYPYPATH", str(ROOT))
+    options = ["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(ROOT / ".mypy_cache")]
+    said, trouble, _ = api.run([*options, str(path)])
+    assert not trouble
+    lines = [line.split(":")[1] for line in said.splitlines() if "[attr-defined]" in line]
+    assert lines == ["4", "6", "8"], said
+
+
+def test_python_says_what_was_meant() -> None:
+    library: Any = ffsms
+    with pytest.raises(AttributeError, match="simulte") as caught:
+        library.simulte  # noqa: B018 - the access is the test
+    assert (caught.value.name, caught.value.obj) == ("simulte", ffsms)

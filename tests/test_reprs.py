@@ -1,0 +1,82 @@
+"""What prints in a notebook: one short line that says what the object is, without arrays."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import control, opt
+
+
+@cache
+def objects() -> dict[str, Any]:
+    sms = ffsms.load("planar_3r")
+    q0 = sms.configuration([0.4, 0.6, -0.5])
+    problem = opt.Problem(sms, q0, [0.45, 0.75, 0.0], duration=2.0, dt=0.1)
+    plan = opt.plan(sms, q0, [0.45, 0.75, 0.0], duration=2.0, dt=0.1, method="step")
+    tracking = ffsms.simulate(sms, plan, control.PD(sms), dt=1e-2)
+    return {"problem": problem, "plan": plan, "tracking": tracking, "sms": sms, "q0": q0}
+
+
+def test_reprs() -> None:
+    made = objects()
+    sms, q0 = made["sms"], made["q0"]
+    posed = opt.Problem(sms, q0, pin.SE3.Identity(), duration=2.0, terms=[], limits=[])
+    moving = opt.Problem(sms, q0, lambda t: [0.4 + 0.01 * t, 0.7, 0.0], duration=2.0)
+    wanted = {
+        repr(made["problem"]): "Problem(planar_3r to [0.45, 0.75, 0] m in 2 s, 20 steps; "
+        "terms: coupling, smooth, effort; limits: joints, clearance)",
+        repr(posed): "Problem(planar_3r to [0, 0, 0] m in an attitude in 2 s, 200 steps; "
+        "terms: none; limits: none)",
+        repr(moving): "Problem(planar_3r to [0.42, 0.7, 0] m, moving, in 2 s, 200 steps; "
+        "terms: coupling, smooth, effort; limits: joints, clearance)",
+        repr(opt.StepPlanner(sms)): "StepPlanner(planar_3r, dt=0.01 s, kappa=10; "
+        "joints, clearance, alpha box)",
+        repr(ffsms.scenario("case-2")): "Scenario('case-2': planar_3r, plan of 12 s, sliding-mode)",
+        repr(ffsms.SlidingModeController(sms)): "SlidingModeController(planar_3r, K_s=0.001, Gamma=10, "
+        "boundary=0.02)",
+        repr(control.PD(sms, [1.0, 2.0, 3.0], np.eye(3) + 0.1)): "PD(planar_3r, K_p=[1, 2, 3], "
+        "K_d=(3, 3) matrix)",
+        repr(control.SuperTwisting(sms)): "SuperTwisting(planar_3r, k_1=1, k_2=0.5, Gamma=10, dt=0.001)",
+    }
+    for found, expected in wanted.items():
+        assert found == expected
+    assert repr(opt.Replanning(made["problem"])).startswith("Replanning(Problem(planar_3r to ")
+
+
+def test_a_plan_and_a_run_say_how_they_ended() -> None:
+    plan, tracking = objects()["plan"], objects()["tracking"]
+    found = re.fullmatch(
+        r"Trajectory\(2 s in 20 steps, (not reached|reached), ([\d.]+) mm off, cost (\S+) s\)", repr(plan)
+    )
+    assert found is not None, repr(plan)
+    assert (found[1] == "reached") is plan.reached
+    assert float(found[2]) == pytest.approx(1e3 * plan.position_error[-1], abs=0.005)
+    assert float(found[3]) == pytest.approx(plan.cost_integral, rel=0.05)
+    found = re.fullmatch(
+        r"Tracking\(2 s in 200 steps, ([\d.]+) mm off at the end, largest joint error (\S+) mrad\)",
+        repr(tracking),
+    )
+    assert found is not None, repr(tracking)
+    assert float(found[1]) == pytest.approx(1e3 * tracking.position_error[-1], abs=0.005)
+    assert float(found[2]) == pytest.approx(1e3 * np.abs(tracking.joint_error).max(), rel=0.01)
+
+
+def test_no_parts_of_the_inside_are_shown() -> None:
+    sms = objects()["sms"]
+    for part in (opt.Clearance(), opt.JointLimits(), opt.JointLimits().for_robot(sms)):
+        assert "_" not in repr(part)
+
+
+def test_how_far_the_base_moves() -> None:
+    plan = objects()["plan"]
+    assert plan.base_translation.shape == (21, 3)
+    np.testing.assert_array_equal(plan.base_translation[0], 0.0)
+    np.testing.assert_array_equal(plan.base_translation[-1], plan.q[-1, :3] - plan.q[0, :3])
+    assert np.abs(plan.base_translation[-1]).max() > 1e-4
