@@ -135,7 +135,7 @@ class Search:
             if turn and not self._arrived() and not self._there().any():
                 break  # neither motions of any shape nor straight moves end at the goal
         if groups != QUICK and math.log(2.0) / self.problem.kappa < self.options.widest_cone:
-            self._march(self.options.nearly_free * scale)
+            self._march()
         if not self._arrived() and not self._out_of_time():
             self._go_straight()
         self._report(1.0)
@@ -195,8 +195,8 @@ class Search:
         """End on the fine spline; where the plan arrives but is not nearly free, on the finest one."""
         weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
         found = self._finish_on(self._fine, motion)
-        cheap = self.options.nearly_free * self._judge.scale
-        if not found.plan.reached or not self._coupled or cost_of(found.plan) <= cheap or self._out_of_time():
+        cheap = not self._coupled or cost_of(found.plan) <= self.options.cost_tolerance
+        if cheap or not found.plan.reached or self._out_of_time():
             return
         model = Model.make(self.problem, self.options.finest)
         p = embedded(found.model.spline, model.spline, found.p, self.problem.joint_rates)
@@ -257,23 +257,23 @@ class Search:
         self._go_to(self.goals.joints[0], 0)
         return self._arrived()
 
-    def _march(self, cheap: float) -> None:
-        """Where the plan is not nearly free: the paper's own marches, where one is cheaper."""
+    def _march(self) -> None:
+        """The paper's own marches, where one may be cheaper than the plan by more than the tolerance."""
         goal = self.problem.goal
         place = goal.place(self.problem.duration)
         if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
             return  # a march knows no such goal
-        least = self._judge.least_cost(self.found)
-        if least < np.inf and obstructed(self.problem, self.best().plan):
+        best, tolerance = self.best(), self.options.cost_tolerance
+        cost = cost_of(best.plan) if self._arrived() else np.inf
+        if cost < np.inf and obstructed(self.problem, best.plan):
             return  # a march stops at an obstacle that the plan goes round
-        if least <= cheap or not any(isinstance(term, Coupling) for term in self.problem.terms):
+        if cost <= tolerance or not any(isinstance(term, Coupling) for term in self.problem.terms):
             return
-        if least == np.inf and not self._there().any():
+        if cost == np.inf and not self._there().any():
             return
-        best = self.best()
-        for rates in free_marches(self.problem, least - self.options.cost_tolerance * self._judge.scale):
+        for rates in free_marches(self.problem, cost - tolerance):
             self.found.append(best._replace(plan=measure(self.problem, rates)))
-            if self._arrived(cheap) or self._out_of_time():
+            if self._arrived(tolerance) or self._out_of_time():
                 break
 
     def _go_straight(self) -> None:
