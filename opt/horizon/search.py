@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from ffsms_pin.opt.horizon.correction import corrected_goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
 from ffsms_pin.opt.horizon.detours import obstructed, pushed_aside
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
+from ffsms_pin.opt.horizon.groups import QUICK, START_GROUPS, StartGroup
 from ffsms_pin.opt.horizon.judge import Found, Judge, cost_of
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts
 from ffsms_pin.opt.horizon.options import SearchOptions
@@ -35,55 +35,13 @@ from ffsms_pin.opt.horizon.starts import (
     joint_goals,
     spread_postures,
     straight_time,
+    too_short,
 )
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = ["QUICK", "START_GROUPS", "Search"]
-
-
-class StartGroup(NamedTuple):
-    """A group of starts, and how far they are followed.
-
-    Attributes
-    ----------
-    near, far : int
-        New joint goals: from postures near the start, and from the whole range of the joints.
-    marches : bool
-        Whether coarse marches of the paper's step are starts as well.
-    keep : tuple of int
-        Motions that are followed: on the coarse spline, on the fine one, and there to the end.
-    repeats : int
-        How many times the usual iterations these make: those whose end is hard to meet need more.
-    free_cost, kappa_cost : float
-        A plan as cheap as free_cost + kappa_cost (log 2 / kappa)^2 ends the search [s, for a motion of 8 s].
-        C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, so that for a small kappa no motion that
-        arrives is nearly free.
-    """
-
-    near: int
-    far: int
-    marches: bool
-    keep: tuple[int, int, int]
-    repeats: int
-    free_cost: float
-    kappa_cost: float
-
-    def content(self, kappa: float) -> float:
-        """The cost [s] that ends the search, of motions up to 8 s."""
-        return self.free_cost + self.kappa_cost * (math.log(2.0) / kappa) ** 2
-
-
-# An early motion says little of what it comes to in the end, so where the first plans are not nearly free,
-# more are followed, and longer.
-START_GROUPS = (
-    StartGroup(3, 4, True, (3, 2, 1), 1, 3e-3, 0.2),
-    StartGroup(4, 8, False, (6, 4, 2), 2, 0.03, 0.5),
-    StartGroup(4, 20, False, (10, 6, 4), 4, np.inf, 0.0),
-)
-# For a plan at any cost.
-QUICK = (StartGroup(4, 4, False, (1, 1, 1), 2, np.inf, 0.0),)
+__all__ = ["Search"]
 
 
 class Search:
@@ -124,13 +82,15 @@ class Search:
             groups = ()
         for turn, group in enumerate(groups):
             self._gather(group)
-            outside = turn == 0 and self._none_near() and not within_workspace(self.problem)
-            if outside:
+            hopeless = turn == 0 and self._hopeless()
+            if hopeless:
                 group = QUICK[0]
             self._report((turn + 0.5) / len(groups))
             self._follow(group)
             content = group.content(self.problem.kappa) * scale if self._coupled else np.inf
-            if self._arrived(content) or self._out_of_time() or outside:
+            if hopeless and not self._arrived():
+                return self.best().plan
+            if self._arrived(content) or self._out_of_time() or hopeless:
                 break
             if turn and not self._arrived() and not self._there().any():
                 break  # neither motions of any shape nor straight moves end at the goal
@@ -177,9 +137,12 @@ class Search:
         """Which of the joint goals have straight moves that end at the goal."""
         return self.goals.distance <= self.options.arrived_radius * self.problem.stack.length
 
-    def _none_near(self) -> bool:
-        """Whether no straight move ends near the goal."""
-        return float(self.goals.distance.min()) > self.options.goal_radius * self.problem.stack.length
+    def _hopeless(self) -> bool:
+        """Whether the goal is out of the workspace, or the joints need far more time than there is."""
+        far = float(self.goals.distance.min()) > self.options.goal_radius * self.problem.stack.length
+        return (far and not within_workspace(self.problem)) or self.problem.duration < too_short(
+            self.problem, self.goals
+        )
 
     # -- to the end ------------------------------------------------------------------------------------
 
@@ -187,9 +150,11 @@ class Search:
         """Follow the best of the pool to their ends."""
         assert self._pool is not None
         found = follow(self._coarse, self._fine, self._pool, group.keep, group.repeats)
+        before = len(self.found)
         for i in range(len(found.p)):
             if i == 0 or not self._out_of_time():
                 self._finish(found.take([i]))
+        self._within_limits(before)
 
     def _finish(self, motion: Candidates) -> None:
         """End on the fine spline; where the plan arrives but is not nearly free, on the finest one."""
@@ -205,7 +170,7 @@ class Search:
 
     def _finish_on(self, model: Model, motion: Candidates) -> Found:
         """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
-        problem, whole = self.problem, model
+        problem = self.problem
         for _ in range(self.options.corrections):
             motion = tighten(model, motion)
             found = self._keep(model, motion.p[0])
@@ -219,9 +184,16 @@ class Search:
                 aim = replace(aim, limits=limits)
             model = replace(model, problem=aim, goal=goal or model.goal)
             motion = Candidates.start(model, motion.p, FINE_STAGES[-1].weights, motion.damping)
-        if found.plan.broken and not self._arrived():
-            found = self._keep(whole, prefer_limits(whole, motion).p[0])
         return found
+
+    def _within_limits(self, before: int) -> None:
+        """Where none of those found since arrives: the nearest, taken back within the limits."""
+        nearest = self._judge.best(self.found[before:])
+        if nearest.plan.broken and not self._arrived() and not self._out_of_time():
+            weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
+            model = replace(nearest.model, problem=self.problem, goal=self.problem.goal)
+            motion = Candidates.start(model, nearest.p[None], weights, damping)
+            self._keep(model, prefer_limits(model, motion).p[0])
 
     def _keep(self, model: Model, p: FloatArray) -> Found:
         problem = self.problem
@@ -280,12 +252,15 @@ class Search:
         """Where every cheap way round fails: the quickest straight moves that end at the goal."""
         problem = self.problem
         there = self.goals.joints[self._there()]
+        before = len(self.found)
         for goal in sorted(there, key=lambda goal: straight_time(problem, goal))[
             : self.options.straight_moves
         ]:
             self._go_to(goal, STRAIGHT_STAGE.iterations)
             if self._arrived() or self._out_of_time():
                 break
+        if before < len(self.found):
+            self._within_limits(before)
 
     def _go_to(self, goal: FloatArray, iterations: int) -> None:
         model = self._fine
