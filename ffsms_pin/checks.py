@@ -130,6 +130,8 @@ def number(name: str, value: Any) -> float:
 
 def positive(name: str, value: Any, unit: str = "") -> float:
     """One finite number above zero, between 1e-12 and 1e12."""
+    if type(value) is float and SMALLEST_POSITIVE <= value <= LARGEST_POSITIVE:  # as in `number`
+        return value
     result = float(_scalar(name, value))
     of = unit and f" [{unit}]"
     if result <= 0.0:

@@ -11,7 +11,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.horizon.blocked import blocking
 from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
-from ffsms_pin.opt.horizon.starts import JointGoals, joint_range, spread_postures, straight_time
+from ffsms_pin.opt.horizon.starts import JointGoals, joint_range, spread_postures, straight_time, too_short
 from ffsms_pin.opt.limits import Clearance, Corridor
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -160,7 +160,7 @@ def _sufficient(
         return 0.0  # another deadline is another goal, for one that moves
     near = goals.distance <= 0.05 * problem.stack.length
     straight = [straight_time(problem, joints) for joints in goals.joints[near]]
-    shorter = problem.duration
+    shorter = max(problem.duration, too_short(problem, goals))
     longer = max(_LONGER * problem.duration, _MORE_THAN_STRAIGHT * min(straight, default=0.0) / ARRIVAL_SHARE)
     for _ in range(_DOUBLINGS):
         if attempt(problem.lasting(longer)):

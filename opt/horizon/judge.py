@@ -80,16 +80,19 @@ class Judge:
         return min((cost_of(one.plan) for one in found if self.arrives(one.plan)), default=np.inf)
 
     def best(self, found: Sequence[Found]) -> Found:
-        """Of those that arrive within the tolerance of the least objective, the one of least effort.
+        """Of those that arrive and cost about as little as any, the one of least effort.
 
-        The objective is that of all terms, the effort that of those which only decide between motions that
-        are alike (`Term.tie_breaker`). Where none arrives, the one that misses least.
+        The cost is that of the terms that are no tie-breakers, the effort that of those that are
+        (`Term.tie_breaker`). Where none arrives, the one that misses least.
         """
         arrived = [one for one in found if self.arrives(one.plan)]
         if not arrived:
             return min(found, key=lambda one: self.misses(one.plan))
-        objectives = [sum(one.plan.shares.values()) for one in arrived]
-        most = min(objectives) + self._options.cost_tolerance * self.scale
-        alike = [one for one, objective in zip(arrived, objectives, strict=True) if objective <= most]
-        breakers = [term.name for term in self._problem.terms if term.tie_breaker]
-        return min(alike, key=lambda one: sum(one.plan.shares[name] for name in breakers))
+        costs = [self._share(one.plan, tie_breakers=False) for one in arrived]
+        most = min(costs) + self._options.cost_tolerance
+        alike = [one for one, cost in zip(arrived, costs, strict=True) if cost <= most]
+        return min(alike, key=lambda one: self._share(one.plan, tie_breakers=True))
+
+    def _share(self, plan: Trajectory, tie_breakers: bool) -> float:
+        """What the terms of one kind come to together."""
+        return sum(plan.shares[one.name] for one in self._problem.terms if one.tie_breaker == tie_breakers)

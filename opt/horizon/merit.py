@@ -39,7 +39,7 @@ class Weights(NamedTuple):
     limits : float
         Of the residuals of limits, over time [1/s].
     tie_break : float
-        Factor on the weights of terms that smooth (`Term.tie_breaker`).
+        Factor on the weights of terms that smooth (`Term.smooths`).
     fade_speed, fade_distance : float
         See `Smoothing`; `fade_distance` in arm lengths.
     """
@@ -167,7 +167,7 @@ def _measured(
     residuals: list[Weighted] = []
     merit, objective, cost = np.zeros(count), np.zeros(count), np.zeros(count)
     for term in problem.terms:
-        ease = weights.tie_break if term.tie_breaker else 1.0
+        ease = weights.tie_break if term.smooths else 1.0
         for residual in term.residual(motions):
             square = residual.squares(over_time, count)
             merit += ease * square

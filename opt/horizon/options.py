@@ -22,13 +22,13 @@ class SearchOptions:
         limit.
     cost_tolerance : float
         Of motions that cost at most so much more than the cheapest one found, the one of least effort is
-        taken [s, for motions up to 8 s].
+        taken [s, whatever the duration]. A motion on the fine spline that costs more goes on on the finest
+        one, and a plan that does is compared with marches of the step. With 8e-4 no plan costs 1e-3 more
+        than a march: those that are compared take long steps, which cost up to 1e-4 more than short ones.
     coarse, fine, finest : Grid
         The coarse spline has ten control points a joint, enough for a zigzag of three strokes; the fine one
         about doubles that; on the finest the winners end: there the last tenth, where most of the cost is
         left, is fine enough for a tenth of the fine one's cost.
-    nearly_free : float
-        A motion on the fine spline that costs more [s, for motions up to 8 s] goes on on the finest one.
     last_iterations : int
         On the finest spline.
     near_radius : float
@@ -55,11 +55,10 @@ class SearchOptions:
     """
 
     time_limit: float | None = None
-    cost_tolerance: float = 1e-3
+    cost_tolerance: float = 8e-4
     coarse: Grid = _COARSE
     fine: Grid = _FINE
     finest: Grid = _FINEST
-    nearly_free: float = 1e-3
     last_iterations: int = 10
     near_radius: float = 1.0
     goal_radius: float = 0.05

@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from ffsms_pin.opt.horizon.correction import corrected_goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
 from ffsms_pin.opt.horizon.detours import obstructed, pushed_aside
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
+from ffsms_pin.opt.horizon.groups import QUICK, START_GROUPS, StartGroup
 from ffsms_pin.opt.horizon.judge import Found, Judge, cost_of
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts
 from ffsms_pin.opt.horizon.options import SearchOptions
@@ -35,55 +35,13 @@ from ffsms_pin.opt.horizon.starts import (
     joint_goals,
     spread_postures,
     straight_time,
+    too_short,
 )
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = ["QUICK", "START_GROUPS", "Search"]
-
-
-class StartGroup(NamedTuple):
-    """A group of starts, and how far they are followed.
-
-    Attributes
-    ----------
-    near, far : int
-        New joint goals: from postures near the start, and from the whole range of the joints.
-    marches : bool
-        Whether coarse marches of the paper's step are starts as well.
-    keep : tuple of int
-        Motions that are followed: on the coarse spline, on the fine one, and there to the end.
-    repeats : int
-        How many times the usual iterations these make: those whose end is hard to meet need more.
-    free_cost, kappa_cost : float
-        A plan as cheap as free_cost + kappa_cost (log 2 / kappa)^2 ends the search [s, for a motion of 8 s].
-        C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, so that for a small kappa no motion that
-        arrives is nearly free.
-    """
-
-    near: int
-    far: int
-    marches: bool
-    keep: tuple[int, int, int]
-    repeats: int
-    free_cost: float
-    kappa_cost: float
-
-    def content(self, kappa: float) -> float:
-        """The cost [s] that ends the search, of motions up to 8 s."""
-        return self.free_cost + self.kappa_cost * (math.log(2.0) / kappa) ** 2
-
-
-# An early motion says little of what it comes to in the end, so where the first plans are not nearly free,
-# more are followed, and longer.
-START_GROUPS = (
-    StartGroup(3, 4, True, (3, 2, 1), 1, 3e-3, 0.2),
-    StartGroup(4, 8, False, (6, 4, 2), 2, 0.03, 0.5),
-    StartGroup(4, 20, False, (10, 6, 4), 4, np.inf, 0.0),
-)
-# For a plan at any cost.
-QUICK = (StartGroup(4, 4, False, (1, 1, 1), 2, np.inf, 0.0),)
+__all__ = ["Search"]
 
 
 class Search:
@@ -124,18 +82,20 @@ class Search:
             groups = ()
         for turn, group in enumerate(groups):
             self._gather(group)
-            outside = turn == 0 and self._none_near() and not within_workspace(self.problem)
-            if outside:
+            hopeless = turn == 0 and self._hopeless()
+            if hopeless:
                 group = QUICK[0]
             self._report((turn + 0.5) / len(groups))
             self._follow(group)
             content = group.content(self.problem.kappa) * scale if self._coupled else np.inf
-            if self._arrived(content) or self._out_of_time() or outside:
+            if hopeless and not self._arrived():
+                return self.best().plan
+            if self._arrived(content) or self._out_of_time() or hopeless:
                 break
             if turn and not self._arrived() and not self._there().any():
                 break  # neither motions of any shape nor straight moves end at the goal
         if groups != QUICK and math.log(2.0) / self.problem.kappa < self.options.widest_cone:
-            self._march(self.options.nearly_free * scale)
+            self._march()
         if not self._arrived() and not self._out_of_time():
             self._go_straight()
         self._report(1.0)
@@ -177,9 +137,12 @@ class Search:
         """Which of the joint goals have straight moves that end at the goal."""
         return self.goals.distance <= self.options.arrived_radius * self.problem.stack.length
 
-    def _none_near(self) -> bool:
-        """Whether no straight move ends near the goal."""
-        return float(self.goals.distance.min()) > self.options.goal_radius * self.problem.stack.length
+    def _hopeless(self) -> bool:
+        """Whether the goal is out of the workspace, or the joints need far more time than there is."""
+        far = float(self.goals.distance.min()) > self.options.goal_radius * self.problem.stack.length
+        return (far and not within_workspace(self.problem)) or self.problem.duration < too_short(
+            self.problem, self.goals
+        )
 
     # -- to the end ------------------------------------------------------------------------------------
 
@@ -187,16 +150,18 @@ class Search:
         """Follow the best of the pool to their ends."""
         assert self._pool is not None
         found = follow(self._coarse, self._fine, self._pool, group.keep, group.repeats)
+        before = len(self.found)
         for i in range(len(found.p)):
             if i == 0 or not self._out_of_time():
                 self._finish(found.take([i]))
+        self._within_limits(before)
 
     def _finish(self, motion: Candidates) -> None:
         """End on the fine spline; where the plan arrives but is not nearly free, on the finest one."""
         weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
         found = self._finish_on(self._fine, motion)
-        cheap = self.options.nearly_free * self._judge.scale
-        if not found.plan.reached or not self._coupled or cost_of(found.plan) <= cheap or self._out_of_time():
+        cheap = not self._coupled or cost_of(found.plan) <= self.options.cost_tolerance
+        if cheap or not found.plan.reached or self._out_of_time():
             return
         model = Model.make(self.problem, self.options.finest)
         p = embedded(found.model.spline, model.spline, found.p, self.problem.joint_rates)
@@ -205,7 +170,7 @@ class Search:
 
     def _finish_on(self, model: Model, motion: Candidates) -> Found:
         """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
-        problem, whole = self.problem, model
+        problem = self.problem
         for _ in range(self.options.corrections):
             motion = tighten(model, motion)
             found = self._keep(model, motion.p[0])
@@ -219,9 +184,16 @@ class Search:
                 aim = replace(aim, limits=limits)
             model = replace(model, problem=aim, goal=goal or model.goal)
             motion = Candidates.start(model, motion.p, FINE_STAGES[-1].weights, motion.damping)
-        if found.plan.broken and not self._arrived():
-            found = self._keep(whole, prefer_limits(whole, motion).p[0])
         return found
+
+    def _within_limits(self, before: int) -> None:
+        """Where none of those found since arrives: the nearest, taken back within the limits."""
+        nearest = self._judge.best(self.found[before:])
+        if nearest.plan.broken and not self._arrived() and not self._out_of_time():
+            weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
+            model = replace(nearest.model, problem=self.problem, goal=self.problem.goal)
+            motion = Candidates.start(model, nearest.p[None], weights, damping)
+            self._keep(model, prefer_limits(model, motion).p[0])
 
     def _keep(self, model: Model, p: FloatArray) -> Found:
         problem = self.problem
@@ -257,35 +229,38 @@ class Search:
         self._go_to(self.goals.joints[0], 0)
         return self._arrived()
 
-    def _march(self, cheap: float) -> None:
-        """Where the plan is not nearly free: the paper's own marches, where one is cheaper."""
+    def _march(self) -> None:
+        """The paper's own marches, where one may be cheaper than the plan by more than the tolerance."""
         goal = self.problem.goal
         place = goal.place(self.problem.duration)
         if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
             return  # a march knows no such goal
-        least = self._judge.least_cost(self.found)
-        if least < np.inf and obstructed(self.problem, self.best().plan):
+        best, tolerance = self.best(), self.options.cost_tolerance
+        cost = cost_of(best.plan) if self._arrived() else np.inf
+        if cost < np.inf and obstructed(self.problem, best.plan):
             return  # a march stops at an obstacle that the plan goes round
-        if least <= cheap or not any(isinstance(term, Coupling) for term in self.problem.terms):
+        if cost <= tolerance or not any(isinstance(term, Coupling) for term in self.problem.terms):
             return
-        if least == np.inf and not self._there().any():
+        if cost == np.inf and not self._there().any():
             return
-        best = self.best()
-        for rates in free_marches(self.problem, least - self.options.cost_tolerance * self._judge.scale):
+        for rates in free_marches(self.problem, cost - tolerance):
             self.found.append(best._replace(plan=measure(self.problem, rates)))
-            if self._arrived(cheap) or self._out_of_time():
+            if self._arrived(tolerance) or self._out_of_time():
                 break
 
     def _go_straight(self) -> None:
         """Where every cheap way round fails: the quickest straight moves that end at the goal."""
         problem = self.problem
         there = self.goals.joints[self._there()]
+        before = len(self.found)
         for goal in sorted(there, key=lambda goal: straight_time(problem, goal))[
             : self.options.straight_moves
         ]:
             self._go_to(goal, STRAIGHT_STAGE.iterations)
             if self._arrived() or self._out_of_time():
                 break
+        if before < len(self.found):
+            self._within_limits(before)
 
     def _go_to(self, goal: FloatArray, iterations: int) -> None:
         model = self._fine

@@ -8,8 +8,9 @@ from dataclasses import replace
 from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.opt.horizon.blocked import check_obstacles
 from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision
+from ffsms_pin.opt.horizon.groups import QUICK
 from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.search import QUICK, Search
+from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import one_blas_thread

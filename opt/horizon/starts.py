@@ -29,6 +29,7 @@ __all__ = [
     "spread_postures",
     "straight_moves",
     "straight_time",
+    "too_short",
 ]
 
 _POINTS = 4  # Gauss points along a straight move; its base rotation is then known to 1e-4 rad
@@ -38,7 +39,9 @@ _STEP = 0.5  # [rad or m] largest Newton step of a joint
 _DAMPING = 1e-3  # of the Newton step, for near-singular goals, in squares of the arm's length
 # [arm lengths] From here on the damping decreases; a move that ends nearer than the other one ends there.
 _FAR, _THERE = 0.1, 1e-3
+_NEAR = 0.05  # [arm lengths] moves that end so near end nearly at the target
 _ENOUGH = 5  # Newton steps, where most moves end there after them
+_QUICKER = 1.5  # times as quick as the quickest straight move known: no plan has been found to be
 
 
 class JointGoals(NamedTuple):
@@ -201,3 +204,15 @@ def straight_time(problem: Problem, goal: FloatArray) -> float:
     return float(
         np.where(way >= limits.velocity * ramp, cruise, 2.0 * np.sqrt(way / limits.acceleration)).max()
     )
+
+
+def too_short(problem: Problem, goals: JointGoals) -> float:
+    """A duration [s] in which no motion to these joint goals is worth a search; 0 where none is known.
+
+    Of goals whose straight moves end near the target, the joints need `straight_time` for the quickest.
+    """
+    still = problem.momentum is None and not problem.joint_rates.any() and not problem.goal.moves
+    near = goals.distance <= _NEAR * problem.stack.length
+    if not still or not near.any():
+        return 0.0
+    return min(straight_time(problem, joints) for joints in goals.joints[near]) / _QUICKER

@@ -93,22 +93,30 @@ class Covers:
         carriers = np.array(bodies, dtype=np.intp)
         return cls(carriers, np.array(centres), np.array(radii), axes, np.array(halves))
 
-    def bounds(self, poses: Poses, first: Indices, second: Indices, at: Indices, near: float) -> FloatArray:
-        """Bounds (V,) from below on distances of things at configurations `at`; better ones below `near`."""
+    def bounds(
+        self, poses: Poses, first: Indices, second: Indices, at: Indices, near: float | FloatArray
+    ) -> FloatArray:
+        """Bounds (V,) from below on distances of things at configurations `at`.
+
+        Better ones below `near`, a number or (V,).
+        """
         R, body, radius = poses.rotations, self._body, self._radius
         centres = poses.origins[:, body] + np.einsum("xypb,py->xpb", R[:, :, body], self._centre)
-        way = centres[:, second, at] - centres[:, first, at]
+        # One index into all configurations of all things takes half the time of two.
+        count = centres.shape[-1]
+        flat, turns = centres.reshape(3, -1), R.reshape(9, -1)
+        way = flat.take(second * count + at, axis=1) - flat.take(first * count + at, axis=1)
         bounds = np.sqrt(dot(way, way)) - radius[first] - radius[second]
-        close = np.flatnonzero(bounds < near)
-        way, at, found = way[:, close], at[close], bounds[close]
         # The ball of one against the box of the other.
-        first, second = first[close], second[close]
         for boxed, ball in ((first, second), (second, first)):
-            local = np.einsum("xyv,xv->yv", R[:, :, body[boxed], at], way)
-            local = np.einsum("vyz,yv->zv", self._axes[boxed], local)
-            outside = np.maximum(np.abs(local) - self._half[boxed].T, 0.0)
+            close = np.flatnonzero(bounds < near)
+            one = boxed[close]
+            turn = turns.take(body[one] % R.shape[2] * count + at[close], axis=1).reshape(3, 3, -1)
+            local = np.einsum("xyv,xv->yv", turn, way[:, close])
+            local = np.einsum("vyz,yv->zv", self._axes[one], local)
+            outside = np.maximum(np.abs(local) - self._half[one].T, 0.0)
             far = np.sqrt(dot(outside, outside))
             # A ball whose centre is in the box may be deeper in it than its radius.
-            np.maximum(found, np.where(far > 0.0, far - radius[ball], -np.inf), out=found)
-        bounds[close] = found
+            better = np.where(far > 0.0, far - radius[ball[close]], -np.inf)
+            bounds[close] = np.maximum(bounds[close], better)
         return bounds

@@ -95,7 +95,7 @@ class PartPairs:
         pairs, count = len(self.bodies), poses.origins.shape[-1]
         first, second = np.repeat(self._ends, count, axis=0).T
         bounds = self._body_covers.bounds(
-            poses, first, second, np.tile(np.arange(count), pairs), float(near.max())
+            poses, first, second, np.tile(np.arange(count), pairs), np.repeat(near, count)
         )
         values = bounds.reshape(pairs, count)
         where = np.nonzero(values < near[:, None])
@@ -111,14 +111,10 @@ class PartPairs:
         counts = self._counts[columns]
         begins = np.cumsum(counts) - counts
         flat = np.arange(int(counts.sum())) + np.repeat(self._starts[columns] - begins, counts)
-        bounds = self._covers.bounds(
-            poses,
-            self._first[flat],
-            self._second[flat],
-            np.repeat(at, counts),
-            float(np.max(near, initial=0.0)),
-        )
         distance = np.array(np.broadcast_to(near, columns.shape))
+        bounds = self._covers.bounds(
+            poses, self._first[flat], self._second[flat], np.repeat(at, counts), np.repeat(distance, counts)
+        )
         local = np.zeros((3, len(columns), 3))
         close = np.flatnonzero(np.minimum.reduceat(bounds, begins) < distance) if len(columns) else columns
         a, b = self.bodies[columns].T

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.diagnosis import start_in_collision, within_workspace
-from ffsms_pin.opt.horizon.search import QUICK, START_GROUPS, Search
+from ffsms_pin.opt.horizon.groups import QUICK, START_GROUPS
+from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions

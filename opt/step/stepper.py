@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -11,12 +10,13 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, number, positive, vector
 from ffsms_pin.coupling import cosine
-from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.braking import braking, hard_bounds, within
 from ffsms_pin.opt.step.direction import WantedMotion, wanted_motion, wanted_spin
+from ffsms_pin.opt.step.one_at_a_time import OneAtATime
 from ffsms_pin.opt.step.programme import (
     StepProblem,
     StepWeights,
@@ -32,16 +32,7 @@ from ffsms_pin.opt.terms.cost import ideal_cosine, step_cost
 from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Stepper", "StepperInUse"]
-
-
-class StepperInUse(FfsmsError, RuntimeError):
-    """Two threads use one `Stepper` at the same time; each has to have its own (`stepper.like()`)."""
-
-    def __init__(self) -> None:
-        super().__init__(
-            "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
-        )
+__all__ = ["Stepper"]
 
 
 class _Build(NamedTuple):
@@ -125,7 +116,7 @@ class Stepper:
         self.limits = tuple(limit.for_robot(sms) for limit in limits)
         # Those that have a say in what the programme has chosen.
         self._settling = [limit for limit in self.limits if type(limit).settle is not Limit.settle]
-        self._data, self._solver, self._lock = sms.model.createData(), StepSolver(), threading.Lock()
+        self._data, self._solver, self._alone = sms.model.createData(), StepSolver(), OneAtATime()
         self._last: _Last | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -193,12 +184,8 @@ class Stepper:
 
     def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
         """The quadratic programme of a step, without solving it; arguments as for `step`."""
-        arguments = self._checked(q, joint_rates, target, time_left)
-        self._enter()
-        try:
-            return self._build(*arguments).problem
-        finally:
-            self._lock.release()
+        with self._alone:
+            return self._build(*self._checked(q, joint_rates, target, time_left)).problem
 
     def advance(
         self,
@@ -214,11 +201,8 @@ class Stepper:
         `rotation` (3, 3) is the wanted attitude of the end effector, where there is one. `prefer` (n,) are
         joint rates to come as near to as the limits allow, instead of the step's own objective.
         """
-        self._enter()
-        try:
+        with self._alone:
             return self._advance(self._build(q, rates, target, time_left, rotation, prefer))
-        finally:
-            self._lock.release()
 
     def _advance(self, built: _Build) -> Step:
         """Solve a programme, remember its solution, and say what it comes to."""
@@ -291,10 +275,6 @@ class Stepper:
             time_left,
             place.rotation,
         )
-
-    def _enter(self) -> None:
-        if not self._lock.acquire(blocking=False):
-            raise StepperInUse
 
 
 def _copied(

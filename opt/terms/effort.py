@@ -13,6 +13,8 @@ from ffsms_pin.opt.terms.term import Term, time_scale
 
 __all__ = ["Effort"]
 
+_LIGHT = 1e-4  # the default weight: it decides only between motions of equal cost
+
 
 @dataclass(frozen=True)
 class Effort(Term):
@@ -25,12 +27,17 @@ class Effort(Term):
         motion that turns joints by 3 rad more cost as much as 1e-3 s of the paper's cost integral.
     """
 
-    weight: float = 1e-4
+    weight: float = _LIGHT
     name = "effort"
-    tie_breaker = True
+    smooths = True
 
     def __post_init__(self) -> None:
         at_least_zero("weight", self.weight)
+
+    @property
+    def tie_breaker(self) -> bool:
+        """Whether the weight is no greater than the default; a greater one is paid for with cost."""
+        return self.weight <= _LIGHT
 
     def residual(self, motions: Motions) -> Residuals:
         """The joint rates."""

@@ -13,6 +13,8 @@ from ffsms_pin.opt.terms.term import Term, time_scale
 
 __all__ = ["Smooth"]
 
+_LIGHT = 1e-5  # the default weight: it decides only between motions of equal cost
+
 
 @dataclass(frozen=True)
 class Smooth(Term):
@@ -25,12 +27,17 @@ class Smooth(Term):
         it decides between motions of equal cost.
     """
 
-    weight: float = 1e-5
+    weight: float = _LIGHT
     name = "smooth"
-    tie_breaker = True
+    smooths = True
 
     def __post_init__(self) -> None:
         at_least_zero("weight", self.weight)
+
+    @property
+    def tie_breaker(self) -> bool:
+        """Whether the weight is no greater than the default; a greater one is paid for with cost."""
+        return self.weight <= _LIGHT
 
     def residual(self, motions: Motions) -> Residuals:
         """The joint accelerations."""

@@ -37,12 +37,18 @@ class Term(ABC):
     name : str
         Key of `Trajectory.shares`.
     tie_breaker : bool
-        Whether the term only decides between motions that are alike: it then weighs more at the beginning of
-        a search, where it smooths.
+        Whether the term only decides between motions that cost the same in the other terms. Default: no.
+    smooths : bool
+        Whether the term weighs more at the beginning of a search, where it leads round poor minima.
     """
 
     name: str
-    tie_breaker: bool = False
+    smooths: bool = False
+
+    @property
+    def tie_breaker(self) -> bool:
+        """See the class; a subclass may put a plain `tie_breaker = True` in its place."""
+        return False
 
     @abstractmethod
     def residual(self, motions: Motions) -> Residuals:

@@ -17,7 +17,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.opt.limits.limit import Rows
 from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.step.stepper import Stepper, StepperInUse
+from ffsms_pin.opt.step.one_at_a_time import StepperInUse
+from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import roll_out
 
 TARGET = np.array([0.45, 0.75, 0.0])
@@ -129,7 +130,7 @@ def test_a_stepper_in_two_threads_is_refused(planar: ffsms.SpaceManipulator) -> 
     expected = Stepper(planar, 0.01, 10.0, [StepJoints()]).step(q, rates, TARGET, 5.0)
     np.testing.assert_array_equal(results[0].joint_rates, expected.joint_rates)
     assert stepper.step(q, rates, TARGET, 5.0).solved
-    assert stepper.like()._lock is not stepper._lock
+    assert stepper.like()._alone is not stepper._alone
 
 
 _BITS = """
