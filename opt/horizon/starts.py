@@ -138,6 +138,9 @@ class GoalFromStart(NamedTuple):
 def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
     """Joint positions (count, n), evenly spread over the joint range, or over what lies near the start.
 
+    Joints that carry nothing with a goal, such as those of an idle arm, stay: what a search starts from
+    should not swing them. They still move where that holds the base, or where the terms ask for it.
+
     Parameters
     ----------
     problem : Problem
@@ -151,7 +154,11 @@ def spread_postures(problem: Problem, first: int, count: int, radius: float = np
     start = problem.joints0
     low, high = np.maximum(low, start - radius), np.minimum(high, start + radius)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    return np.asarray(middle + _SHARE * half * (2.0 * halton(first, count, problem.sms.n) - 1.0))
+    spread = middle + _SHARE * half * (2.0 * halton(first, count, problem.sms.n) - 1.0)
+    carrying = problem.stack.moves_tip > 0.0
+    for end in (end for limit in problem.limits for end in limit.ends()):
+        carrying = carrying | (end.frame.moves > 0.0)
+    return np.where(carrying, spread, start)
 
 
 def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:
