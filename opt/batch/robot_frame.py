@@ -84,7 +84,9 @@ class RobotFrame(NamedTuple):
             rotation = np.einsum("xy...,yz->xz...", carrier, self.turn)
         moves = self.moves.reshape(-1, *(1,) * len(shape))
         angular = axes * moves
-        return FrameValues(position, rotation, velocities * moves + cross(angular, position[:, None]), angular)
+        return FrameValues(
+            position, rotation, velocities * moves + cross(angular, position[:, None]), angular
+        )
 
     def of_arm(self, arm: ArmValues) -> FrameValues:
         """The frame of an arm that is evaluated already."""

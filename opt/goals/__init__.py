@@ -1,4 +1,4 @@
-"""Goals: where the end effector should be at the deadline, and how it should arrive; waypoints, and more tools."""
+"""Goals: where the end effector should be at the deadline, and how it should arrive."""
 
 from ffsms_pin.opt.goals.also import Also
 from ffsms_pin.opt.goals.goal import (

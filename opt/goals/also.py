@@ -141,13 +141,14 @@ class Also(Limit):
         far = np.linalg.norm(position[:, 0] - place.position[:, None], axis=0)
         turned = np.zeros_like(far)
         if place.rotation is not None:
-            turned = np.linalg.norm(
-                log3(np.einsum("xy,zyk->xzk", place.rotation, attitude[:, :, 0])), axis=0
-            )
+            turned = np.linalg.norm(log3(np.einsum("xy,zyk->xzk", place.rotation, attitude[:, :, 0])), axis=0)
         end = max(far[motion.last], turned[motion.last])
         share = np.maximum(far[late] / goal.reach, turned[late] / goal.orientation_reach)
         excesses = [end - goal.tolerance]
-        excesses += [float((far[late] - goal.reach).max()), float((turned[late] - goal.orientation_reach).max())]
+        excesses += [
+            float((far[late] - goal.reach).max()),
+            float((turned[late] - goal.orientation_reach).max()),
+        ]
         binds = motion.times[late][share > _BINDING]
         if end > _BINDING * goal.tolerance:
             binds = np.union1d(binds, motion.times[[motion.last]])
@@ -187,7 +188,9 @@ class Also(Limit):
         return _entries(scale * beyond.value, s, at[k], slopes)
 
 
-def _entries(value: FloatArray, motion: Indices, instants: Indices, slopes: dict[str, FloatArray]) -> Residuals:
+def _entries(
+    value: FloatArray, motion: Indices, instants: Indices, slopes: dict[str, FloatArray]
+) -> Residuals:
     """One residual of them, or none."""
     if not value.size:
         return []

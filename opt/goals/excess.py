@@ -1,4 +1,4 @@
-"""How far vectors are longer than allowed, as residuals: what limits on a place or an attitude are made of."""
+"""How far vectors are longer than allowed, as residuals: for limits on a place or an attitude."""
 
 from __future__ import annotations
 

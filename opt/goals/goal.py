@@ -240,7 +240,7 @@ def as_goal(target: Any) -> Goal:
 
 
 def resting_place(name: str, target: Any) -> Place:
-    """The place of a goal that stands still and asks for no velocity: a position (3,), a pose, or such a goal.
+    """The place of a goal that stands still and asks for no velocity.
 
     Raises
     ------

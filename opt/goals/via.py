@@ -107,9 +107,9 @@ class Via(Limit):
 
     def timed(self, plan: Trajectory) -> Via:
         """With the time at which a plan comes nearest: for re-planning, which cannot see what was passed."""
-        way = np.linalg.norm(plan.end_effector - self.place.position, axis=1) / self.reach
         if self.place.rotation is not None:
             raise InvalidValue("place", self.place, "must be a position; give a pose its time yourself")
+        way = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
         return replace(self, time=float(plan.t[int(np.argmin(way))]))
 
     @property
@@ -133,7 +133,7 @@ class Via(Limit):
         return stacked(rows)
 
     def residual(self, motions: Motions) -> Residuals:
-        """By how much the passing misses half of the reach, in arm lengths; a turn by its share of its reach."""
+        """By how much half of the reach is missed, in arm lengths; a turn by its share of its reach."""
         if self._passed:
             return []
         length, at = motions.stack.length, self._passing(motions)

@@ -1,4 +1,4 @@
-"""Groups of starts of a search: how many there are, how far they are followed, and when a search is content."""
+"""Groups of starts of a search: how many, how far they are followed, and when a search is content."""
 
 from __future__ import annotations
 

@@ -25,8 +25,8 @@ class Effort(Term):
         motion that turns joints by 3 rad more cost as much as 1e-3 s of the paper's cost integral.
     idle : float
         How many times as much the square counts of a joint that does not move the end effector, such as those
-        of a second arm. The paper's cost falls by a ten thousandth where an idle arm swings; with the default
-        that is not worth a tenth of a radian of it, while the terms and limits of the base still are.
+        of a second arm. The paper's cost may fall by some 1e-4 s where an idle arm swings; with the default
+        that is seldom worth it, while terms and limits of the base still are.
     """
 
     weight: float = 1e-4

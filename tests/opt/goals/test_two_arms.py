@@ -47,7 +47,9 @@ def test_a_frame_by_pinocchio(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     """In a finished motion with momentum, by the configurations that the plan has."""
     rng = np.random.default_rng(4)
     rates = 0.1 * np.cumsum(rng.normal(size=(21, 14)), axis=0) / 20.0
-    problem = opt.Problem(sms, q0, goals(sms, q0)[0], duration=2.0, dt=0.1, limits=[], momentum=0.5 * np.ones(6))
+    problem = opt.Problem(
+        sms, q0, goals(sms, q0)[0], duration=2.0, dt=0.1, limits=[], momentum=0.5 * np.ones(6)
+    )
     motion = rolled_out(sms, problem.stack, q0, rates, problem.dt, problem.momentum, 0.9)
     for name in ("right_tool", "left_tool", "satellite"):
         position, attitude = RobotFrame.of(sms, name).poses(motion)
@@ -104,7 +106,9 @@ def test_an_idle_arm_stays(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     idle = np.abs(plan.joint_positions - plan.joint_positions[0])[:, 7:].max()
     assert plan.reached
     assert idle < 0.1
-    problem = opt.Problem(sms, q0, left, duration=10.0, terms=[opt.Coupling(), opt.Smooth(), opt.Effort(idle=0.0)])
+    problem = opt.Problem(
+        sms, q0, left, duration=10.0, terms=[opt.Coupling(), opt.Smooth(), opt.Effort(idle=0.0)]
+    )
     free = opt.solve(problem)
     assert np.abs(free.joint_positions - free.joint_positions[0])[:, 7:].max() > 2.0 * idle
 
@@ -113,9 +117,7 @@ def test_an_idle_arm_keeps_the_base_still(sms: ffsms.SpaceManipulator, q0: Any) 
     """With the second arm locked the base turns ten times as far."""
     left, _ = goals(sms, q0)
     right = tuple(name for name in sms.joint_names if name.startswith("right"))
-    free, locked = (
-        opt.plan(sms, q0, left, duration=15.0, base=100.0, locked=names) for names in ((), right)
-    )
+    free, locked = (opt.plan(sms, q0, left, duration=15.0, base=100.0, locked=names) for names in ((), right))
     assert free.reached
     assert locked.reached
     assert np.abs(np.diff(locked.joint_positions[:, 7:], axis=0)).max() == 0.0
@@ -125,12 +127,12 @@ def test_an_idle_arm_keeps_the_base_still(sms: ffsms.SpaceManipulator, q0: Any) 
 
 def test_the_rest_of_a_problem_keeps_both_goals(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     left, right = goals(sms, q0)
-    problem = opt.Problem(sms, q0, left, duration=10.0, limits=[opt.JointLimits(), opt.Also("right_tool", right)])
+    problem = opt.Problem(
+        sms, q0, left, duration=10.0, limits=[opt.JointLimits(), opt.Also("right_tool", right)]
+    )
     plan = opt.solve(problem)
     k = 400
-    rest = rest_of(
-        problem, sms, 4.0, plan.q[k], plan.joint_positions[k], plan.joint_rates[k], plan.q[0, :7]
-    )
+    rest = rest_of(problem, sms, 4.0, plan.q[k], plan.joint_positions[k], plan.joint_rates[k], plan.q[0, :7])
     assert any(limit.ends() for limit in rest.limits)
     again = opt.solve(rest)
     assert again.reached, again.note
