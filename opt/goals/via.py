@@ -142,7 +142,7 @@ class Via(Limit):
         if beyond.value.size:
             s, slope = beyond.entry, -beyond.slope / length
             velocity = at.later[s] * slope
-            where = {"motion": s, "instants": at.instant[s], "over_time": False}
+            where: dict[str, Any] = {"motion": s, "instants": at.instant[s], "over_time": False}
             found.append(Residual(beyond.value / length, by_tip=slope, by_velocity=velocity, **where))
         if self.place.rotation is not None:
             wanted = np.broadcast_to(self.place.rotation[..., None], at.attitude.shape)

@@ -101,6 +101,7 @@ class GoalFromStart(NamedTuple):
             turn = turn @ exp3(problem.duration * (inverse @ (turn.T @ problem.momentum[3:])))
         origin = problem.com0 + problem.duration * problem.drift
         ends = [end for limit in problem.limits for end in limit.ends()]
+        wanted: list[tuple[FloatArray, FloatArray | None, RobotFrame | None]]
         wanted = [(place.position, place.rotation, None)]
         wanted += [(end.position, end.rotation, end.frame) for end in ends]
         return [

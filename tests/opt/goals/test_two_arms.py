@@ -145,7 +145,8 @@ def test_what_cannot_be_a_goal(sms: ffsms.SpaceManipulator, q0: Any) -> None:
             opt.Also("right_tool", wrong)
     with pytest.raises(FrameNotFound):
         opt.plan(sms, q0, [1.0, 0.0, 0.0], also={"third_tool": [1.0, 0.0, 0.0]})
+    unnamed: Any = ["right_tool"]
     with pytest.raises(InvalidValue, match="also"):
-        opt.plan(sms, q0, [1.0, 0.0, 0.0], also=["right_tool"])
+        opt.plan(sms, q0, [1.0, 0.0, 0.0], also=unnamed)
     with pytest.raises(InvalidValue, match="knows no waypoints"):
         opt.plan(sms, q0, [1.0, 0.0, 0.0], also={"right_tool": [1.0, 0.0, 0.0]}, method="paper")
