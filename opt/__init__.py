@@ -1,7 +1,7 @@
 """Coupling-informed planning: problems made of terms and limits, and solvers that only stack them."""
 
 from ffsms_pin.opt.batch import JointResidual, Motions, Residual
-from ffsms_pin.opt.goals import Goal, Meet, Moving, Pose, Position
+from ffsms_pin.opt.goals import Also, Goal, Meet, Moving, Pose, Position, Via
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.limits import (
     UNBOUNDED,
@@ -31,6 +31,7 @@ __all__ = [
     "METHODS",
     "UNBOUNDED",
     "AlphaBox",
+    "Also",
     "BaseLimits",
     "BaseTurn",
     "Clearance",
@@ -59,6 +60,7 @@ __all__ = [
     "StepWeights",
     "Term",
     "Trajectory",
+    "Via",
     "Violation",
     "ideal_cosine",
     "plan",

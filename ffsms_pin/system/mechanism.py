@@ -12,7 +12,7 @@ from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.errors import FrameNotFound, InvalidValue
 from ffsms_pin.system.joints import JointLayout
 
-__all__ = ["Mechanism", "scratch"]
+__all__ = ["Mechanism", "frame_index", "scratch"]
 
 
 class Mechanism:
@@ -57,7 +57,7 @@ class Mechanism:
         self.n: int = self.layout.n
         self.nq, self.nv = int(self.model.nq), int(self.model.nv)
         self.end_effector = end_effector
-        self.frame_id: int = _frame_id(self.model, end_effector)
+        self.frame_id: int = frame_index(self.model, end_effector)
         self.base_com: FloatArray = frozen(np.array(self.model.inertias[1].lever))
         self._scratch = _Scratch(self.model)
 
@@ -93,7 +93,7 @@ def scratch(robot: Mechanism) -> Any:
     return robot._scratch.data
 
 
-def _frame_id(model: Any, name: str) -> int:
+def frame_index(model: Any, name: str) -> int:
     """Index of a frame; a link and a joint may share a name, and then the link is meant."""
     frames = [(i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0]
     found = [(i, frame) for i, frame in frames if isinstance(name, str) and frame.name == name]

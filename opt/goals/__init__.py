@@ -1,5 +1,6 @@
 """Goals: where the end effector should be at the deadline, and how it should arrive."""
 
+from ffsms_pin.opt.goals.also import Also
 from ffsms_pin.opt.goals.goal import (
     ORIENTATION_REACH,
     REACH,
@@ -9,16 +10,18 @@ from ffsms_pin.opt.goals.goal import (
     Place,
     Pose,
     Position,
-    Shifted,
     as_goal,
     rotation_matrix,
 )
 from ffsms_pin.opt.goals.meet import Meet
+from ffsms_pin.opt.goals.shifted import Shifted
+from ffsms_pin.opt.goals.via import Via
 
 __all__ = [
     "ORIENTATION_REACH",
     "REACH",
     "TOLERANCE",
+    "Also",
     "Goal",
     "Meet",
     "Moving",
@@ -26,6 +29,7 @@ __all__ = [
     "Pose",
     "Position",
     "Shifted",
+    "Via",
     "as_goal",
     "rotation_matrix",
 ]

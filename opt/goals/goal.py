@@ -25,9 +25,9 @@ __all__ = [
     "Place",
     "Pose",
     "Position",
-    "Shifted",
     "as_goal",
     "check_reaches",
+    "resting_place",
     "rotation_matrix",
 ]
 
@@ -224,48 +224,6 @@ class Moving(Goal):
         return Place(here.position, here.rotation, velocity, spin)
 
 
-@dataclass(frozen=True, eq=False)
-class Shifted(Goal):
-    """Another goal, put aside: what a solver aims at where its model errs by as much.
-
-    Attributes
-    ----------
-    goal : Goal
-    offset : ndarray, shape (3,)
-        [m]
-    turn : ndarray, shape (3, 3)
-        Rotation, inertial axes.
-    """
-
-    goal: Goal
-    offset: FloatArray
-    turn: FloatArray
-
-    def __post_init__(self) -> None:
-        for name in ("tolerance", "reach", "orientation_reach"):
-            object.__setattr__(self, name, getattr(self.goal, name))
-
-    @property
-    def moves(self) -> bool:
-        """Whether the other one does."""
-        return self.goal.moves
-
-    def place(self, t: float) -> Place:
-        """The other's place, shifted and turned."""
-        place = self.goal.place(t)
-        rotation = None if place.rotation is None else self.turn @ place.rotation
-        return place._replace(position=place.position + self.offset, rotation=rotation)
-
-    def positions(self, times: FloatArray) -> FloatArray:
-        """The other's, shifted."""
-        return self.goal.positions(times) + self.offset[:, None]
-
-    def rotations(self, times: FloatArray) -> FloatArray | None:
-        """The other's, turned."""
-        found = self.goal.rotations(times)
-        return found if found is None else np.einsum("xy,yzk->xzk", self.turn, found)
-
-
 def as_goal(target: Any) -> Goal:
     """The goal that a plain value means: a position (3,), a pose, or a function of time that gives one.
 
@@ -279,6 +237,20 @@ def as_goal(target: Any) -> Goal:
     if callable(target):
         return Moving(target)
     return Pose(target) if hasattr(target, "translation") else Position(target)
+
+
+def resting_place(name: str, target: Any) -> Place:
+    """The place of a goal that stands still and asks for no velocity.
+
+    Raises
+    ------
+    InvalidValue
+    """
+    goal = as_goal(target)
+    place = None if goal.moves else goal.place(0.0)
+    if place is None or place.velocity is not None or place.spin is not None:
+        raise InvalidValue(name, target, "must stand still: a position, or a pinocchio.SE3")
+    return place
 
 
 def rotation_matrix(name: str, value: Any) -> FloatArray:

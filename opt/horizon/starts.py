@@ -14,11 +14,13 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import apply_rates
+from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.horizon.control_qp import braking
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.limits import BaseLimits
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.system.batch.stacks import apply, dot, exp3, log3, products
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
 
 __all__ = [
     "GoalFromStart",
@@ -47,7 +49,7 @@ _QUICKER = 1.5  # times as quick as the quickest straight move known: no plan ha
 class JointGoals(NamedTuple):
     """Joint goals (K, n) of straight moves, and how far from the target these end (K,) [m].
 
-    Where an attitude is wanted, a radian counts like a metre.
+    Where an attitude is wanted, a radian counts like a metre; what other frames miss counts too.
     """
 
     joints: FloatArray
@@ -75,31 +77,73 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 
 
 class GoalFromStart(NamedTuple):
-    """The goal for a motion without momentum, from the centre of mass, base axes of the start.
+    """A place for a motion without momentum, from the centre of mass, base axes of the start.
 
     Attributes
     ----------
     position : ndarray, shape (3,)
         [m]
     rotation : ndarray, shape (3, 3), or None
+    frame : RobotFrame or None
+        Whose place it is; None: the end effector's.
     """
 
     position: FloatArray
     rotation: FloatArray | None
+    frame: RobotFrame | None = None
 
     @classmethod
-    def of(cls, problem: Problem) -> GoalFromStart:
-        """The problem's goal; with momentum, turned back by about as much as the momentum turns the base."""
+    def all_of(cls, problem: Problem) -> list[GoalFromStart]:
+        """The problem's goal, and the ends that its limits ask for.
+
+        With momentum, turned back by about as much as the momentum turns the base.
+        """
         place, turn = problem.goal.place(problem.duration), problem.rotation0
         if problem.momentum is not None:
             inverse = problem.stack.evaluate(problem.joints0[:, None]).inverse[..., 0]
             turn = turn @ exp3(problem.duration * (inverse @ (turn.T @ problem.momentum[3:])))
-        way = place.position - problem.com0 - problem.duration * problem.drift
-        return cls(turn.T @ way, None if place.rotation is None else turn.T @ place.rotation)
+        origin = problem.com0 + problem.duration * problem.drift
+        ends = [end for limit in problem.limits for end in limit.ends()]
+        wanted: list[tuple[FloatArray, FloatArray | None, RobotFrame | None]]
+        wanted = [(place.position, place.rotation, None)]
+        wanted += [(end.position, end.rotation, end.frame) for end in ends]
+        return [
+            cls(turn.T @ (position - origin), None if rotation is None else turn.T @ rotation, frame)
+            for position, rotation, frame in wanted
+        ]
+
+    def missed(self, stack: ArmStack, arm: ArmValues, R: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What K motions miss at their end (3 or 6, K), and how fast joints make it up (3 or 6, n, K).
+
+        Parameters
+        ----------
+        stack : ArmStack
+        arm : ArmValues
+            At the end.
+        R : ndarray, shape (3, 3, K)
+            How the base is turned by then.
+        """
+        if self.frame is None:
+            rho, rotation = arm.rho, arm.tip_rotation
+            linear, angular = arm.jstar, arm.spin + arm.axes * stack.moves_tip[:, None]
+        else:
+            seen = self.frame.of_arm(arm)
+            rho, rotation = seen.position - arm.com, seen.rotation
+            linear = arm.root + cross(arm.spin, seen.position[:, None]) + seen.linear
+            angular = arm.spin + seen.angular
+        error, columns = self.position[:, None] - apply(R, rho), apply(R, linear)
+        if self.rotation is not None:
+            turned = log3(np.einsum("xy,zyk->xzk", self.rotation, apply(R, rotation)))
+            error = np.concatenate([error, turned])
+            columns = np.concatenate([columns, apply(R, angular)])
+        return error, columns
 
 
 def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
     """Joint positions (count, n), evenly spread over the joint range, or over what lies near the start.
+
+    Joints that carry nothing with a goal, such as those of an idle arm, stay: what a search starts from
+    should not swing them. They still move where that holds the base, or where the terms ask for it.
 
     Parameters
     ----------
@@ -114,7 +158,11 @@ def spread_postures(problem: Problem, first: int, count: int, radius: float = np
     start = problem.joints0
     low, high = np.maximum(low, start - radius), np.minimum(high, start + radius)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    return np.asarray(middle + _SHARE * half * (2.0 * halton(first, count, problem.sms.n) - 1.0))
+    spread = middle + _SHARE * half * (2.0 * halton(first, count, problem.sms.n) - 1.0)
+    carrying = problem.stack.moves_tip > 0.0
+    for end in (end for limit in problem.limits for end in limit.ends()):
+        carrying = carrying | (end.frame.moves > 0.0)
+    return np.where(carrying, spread, start)
 
 
 def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:
@@ -128,7 +176,7 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
     iterations : int
         At most; fewer where half of the moves end at the goal before.
     """
-    arm, seen, start = problem.stack, GoalFromStart.of(problem), problem.joints0
+    arm, wanted, start = problem.stack, GoalFromStart.all_of(problem), problem.joints0
     low, high = joint_range(problem)
     inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
     goals = np.where(problem.free, joints, start)
@@ -140,19 +188,17 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
         way = (goals - start).T[..., None]
         values = arm.evaluate(start[:, None, None] + way * fractions)
         R = products(exp3(0.5 * w * apply_rates(values.spin[..., :-1], way)))[..., -1]
-        error = seen.position[:, None] - apply(R, values.rho[..., -1])
-        columns = [values.jstar[..., -1]]
-        if seen.rotation is not None:
-            attitude = apply(R, values.tip_rotation[..., -1])
-            error = np.concatenate([error, log3(np.einsum("xy,zyk->xzk", seen.rotation, attitude))])
-            columns.append(values.spin[..., -1] + values.axes[..., -1] * arm.moves_tip[:, None])
+        end = ArmValues(*(value[..., -1] for value in values.arrays()))
+        missed = [one.missed(arm, end, R) for one in wanted]
+        error = np.concatenate([one for one, _ in missed])
+        columns = np.concatenate([one for _, one in missed])
         distance = np.sqrt(dot(error, error))
         if steady:
             error = np.concatenate([error, -log3(R)])
-            columns.append(values.spin[..., -1])
+            columns = np.concatenate([columns, apply(R, end.spin)])
         if k == iterations - 1 or (k >= _ENOUGH and np.median(distance) < _THERE * arm.length):
             break
-        J = np.concatenate([apply(R, column) for column in columns]).transpose(2, 0, 1) * problem.free
+        J = columns.transpose(2, 0, 1) * problem.free
         Jt = np.swapaxes(J, 1, 2)
         # Less damping the nearer: it converges fast, and an end that is nearly singular is met too.
         near = np.clip(np.sqrt(dot(error, error)) / (_FAR * arm.length), 1e-4, 1.0)

@@ -12,10 +12,11 @@ from ffsms_pin.checks import FloatArray
 if TYPE_CHECKING:
     from ffsms_pin.opt.batch.motions import Motions
     from ffsms_pin.opt.batch.residual import Residuals
+    from ffsms_pin.opt.batch.robot_frame import RobotFrame
     from ffsms_pin.opt.limits.step_state import StepState
     from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["UNBOUNDED", "ControlMaps", "ControlRows", "Limit", "Rows", "Violation", "stacked"]
+__all__ = ["UNBOUNDED", "ControlMaps", "ControlRows", "End", "Limit", "Rows", "Violation", "stacked"]
 
 # What stands for "no bound" in a quadratic programme; finite, so that sums stay numbers.
 UNBOUNDED = 1e20
@@ -111,6 +112,23 @@ class Violation(NamedTuple):
     note: str = ""
 
 
+class End(NamedTuple):
+    """Where a limit wants a frame of the robot at the deadline, inertial axes.
+
+    Attributes
+    ----------
+    frame : RobotFrame
+    position : ndarray, shape (3,)
+        [m]
+    rotation : ndarray, shape (3, 3), or None
+        None: any attitude will do.
+    """
+
+    frame: RobotFrame
+    position: FloatArray
+    rotation: FloatArray | None
+
+
 class Limit(ABC):
     """What must hold during a motion.
 
@@ -159,6 +177,10 @@ class Limit(ABC):
     @abstractmethod
     def violation(self, motion: Motions) -> Violation:
         """What a finished motion makes of it; `motion` is one, at its nodes and the middles between."""
+
+    def ends(self) -> list[End]:
+        """Where frames of the robot must be at the deadline, for motions that a search starts from."""
+        return []
 
     def control_rows(self, maps: ControlMaps) -> list[ControlRows]:
         """Rows that the control points of whole motions keep strictly: for what is linear in them."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import number
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import as_goal
+from ffsms_pin.opt.goals import Also, Via, as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.horizon.blocked import check_obstacles
 from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, Obstacle
@@ -55,6 +55,8 @@ def plan(
     effort: float | None = None,
     base: float = 0.0,
     time_limit: float | None = None,
+    also: Mapping[str, Any] | None = None,
+    via: Sequence[Any] = (),
     progress: Progress | None = None,
 ) -> Trajectory:
     """Plan a coupling-informed motion from `q0` to `target`.
@@ -109,6 +111,12 @@ def plan(
         Weight on the turning of the base (`opt.BaseTurn`); for "horizon".
     time_limit : float, optional
         After so long [s] the best plan so far is returned; for "horizon".
+    also : mapping, optional
+        Goals of other frames of the robot at the deadline, by the frames' names: {"right_tool": target} (see
+        `opt.Also`). Not for "paper".
+    via : sequence, optional
+        Places that the end effector passes on its way, in any order: positions (3,), poses, or `opt.Via`,
+        which may have a time. Not for "paper"; methods that march pass those with a time.
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
 
@@ -135,6 +143,7 @@ def plan(
     limits: list[Limit] = [JointLimits(), Clearance(clearance, collision, obstacles=obstacles)]
     if base_limits is not None:
         limits.append(base_limits)
+    limits += _places(also, via)
     problem = Problem(
         sms,
         q0,
@@ -148,6 +157,17 @@ def plan(
         locked=locked,
     )
     return plan_problem(problem, method, SearchOptions(time_limit=time_limit), progress)
+
+
+def _places(also: Mapping[str, Any] | None, via: Sequence[Any]) -> list[Limit]:
+    """Goals of other frames, and waypoints, numbered where they have no name of their own."""
+    if also is not None and not isinstance(also, Mapping):
+        raise InvalidValue("also", also, "must be goals by the names of frames")
+    if not isinstance(via, Sequence):
+        raise InvalidValue("via", via, "must be a sequence of places")
+    goals = [Also(frame, goal) for frame, goal in (also or {}).items()]
+    ways = [one if isinstance(one, Via) else Via(one, name=f"via {i + 1}") for i, one in enumerate(via)]
+    return [*goals, *ways]
 
 
 @one_blas_thread()
@@ -181,6 +201,8 @@ def plan_problem(
     based = any(isinstance(limit, BaseLimits) for limit in problem.limits)
     if method == "paper" and (based or problem.momentum is not None):
         raise InvalidValue("method", method, "knows no base limits and no momentum; take another one")
+    if method == "paper" and any(isinstance(limit, (Also, Via)) for limit in problem.limits):
+        raise InvalidValue("method", method, "knows no waypoints and one goal only; take another one")
     around = [one for limit in problem.limits if isinstance(limit, Clearance) for one in limit.obstacles]
     if method == "paper" and any(one.moves for one in around):
         raise InvalidValue("method", method, "knows no obstacles that move; take another one")

@@ -13,7 +13,7 @@ from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.goals import Goal, Place
 from ffsms_pin.opt.limits import JointLimits, Limit, Rows, Violation
-from ffsms_pin.opt.limits.limit import ControlMaps, ControlRows
+from ffsms_pin.opt.limits.limit import ControlMaps, ControlRows, End
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system import SpaceManipulator
@@ -94,6 +94,10 @@ class CountedFrom(Limit):
     def violation(self, motion: Motions) -> Violation:
         """Likewise."""
         return self.limit.violation(self._counted(motion))
+
+    def ends(self) -> list[End]:
+        """The limit's."""
+        return self.limit.ends()
 
     def control_rows(self, maps: ControlMaps) -> list[ControlRows]:
         """The limit's: joints do not count from the base."""

@@ -25,14 +25,20 @@ class Effort(Term):
     weight : float
         On the integral of the squared joint rates [s^2/rad^2, for a motion of 8 s]. The default makes a
         motion that turns joints by 3 rad more cost as much as 1e-3 s of the paper's cost integral.
+    idle : float
+        How many times as much the square counts of a joint that does not move the end effector, such as those
+        of a second arm. The paper's cost may fall by some 1e-4 s where an idle arm swings; with the default
+        that is seldom worth it, while terms and limits of the base still are.
     """
 
     weight: float = _LIGHT
+    idle: float = 100.0
     name = "effort"
     smooths = True
 
     def __post_init__(self) -> None:
         at_least_zero("weight", self.weight)
+        at_least_zero("idle", self.idle)
 
     @property
     def tie_breaker(self) -> bool:
@@ -42,4 +48,8 @@ class Effort(Term):
     def residual(self, motions: Motions) -> Residuals:
         """The joint rates."""
         root = np.sqrt(self.weight) * time_scale(motions)
-        return [JointResidual(root * motions.rates, by_rate=np.full((1, 1, 1), root))]
+        idle = motions.stack.moves_tip == 0.0
+        if self.idle == 1.0 or not idle.any():
+            return [JointResidual(root * motions.rates, by_rate=np.full((1, 1, 1), root))]
+        roots = (root * np.where(idle, np.sqrt(self.idle), 1.0))[:, None, None]
+        return [JointResidual(roots * motions.rates, by_rate=roots)]

@@ -51,6 +51,7 @@ class Use(NamedTuple):
     path: FloatArray  # of the end effector (3, K)
     rates: FloatArray  # the largest (n,)
     base: list[Any]  # poses of the base link (pinocchio.SE3)
+    last: FloatArray  # q at the end (nq,)
 
 
 # A limit that a motion breaks: from what that motion does, and the robot, tightened for joint limits.
@@ -106,6 +107,46 @@ def in_the_way(on: str) -> Tight:
     return made
 
 
+def aside(timed: bool, turned: bool = False) -> Tight:
+    """A waypoint beside where the motion is in the middle of its time, towards the base."""
+
+    def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+        middle = use.path.shape[1] // 2
+        way = use.base[middle].translation - use.path[:, middle]
+        place = use.path[:, middle] + 0.05 * way / np.linalg.norm(way)
+        time = (3.0 if sms.n == 3 else 4.0) if timed else None
+        goal = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.5])), place) if turned else place
+        return sms, opt.Via(goal, time=time, reach=0.02 if timed else 0.01)
+
+    return made
+
+
+ELBOWS = {3: "link_3", 7: "panda_link5"}
+
+
+def elbow_aside(turned: bool = False) -> Tight:
+    """A goal for the elbow beside where the motion takes it, across the way from the base."""
+
+    def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+        elbow = frame_pose(sms, use.last, ELBOWS[sms.n])
+        way = elbow.translation - use.base[-1].translation
+        across = np.cross([0.0, 0.0, 1.0], way) / np.linalg.norm(way)
+        place = elbow.translation + 0.05 * across
+        goal = opt.Position(place, tolerance=0.03, reach=0.04)
+        if turned:
+            return sms, opt.Also(ELBOWS[sms.n], pin.SE3(elbow.rotation @ pin.exp3(0.2 * np.ones(3)), place))
+        return sms, opt.Also(ELBOWS[sms.n], goal)
+
+    return made
+
+
+def frame_pose(sms: ffsms.SpaceManipulator, q: FloatArray, name: str) -> Any:
+    """By Pinocchio (pinocchio.SE3)."""
+    data = sms.model.createData()
+    pin.framesForwardKinematics(sms.model, data, q)
+    return data.oMf[sms.model.getFrameId(name)].copy()
+
+
 LIMITS: dict[str, Tight] = {
     "joints": slow,
     "attitude": lambda sms, use: (sms, BaseLimits(attitude=0.6 * use.attitude)),
@@ -117,8 +158,14 @@ LIMITS: dict[str, Tight] = {
     "obstacle": in_the_way("inertial"),
     "obstacle on the base": in_the_way("base"),
     "obstacle on a client": in_the_way("client"),
+    "via": aside(True),
+    "via at any time": aside(False),
+    "also": elbow_aside(),
     "own": beside_the_chord,
 }
+PLACES = ("via", "via at any time", "also")
+# A step does not know whether a place was passed already.
+STEPPED = [name for name in LIMITS if name != "via at any time"]
 # Those that whole motions see as residuals, and robots; the distances of many meshes would take minutes.
 PENALISED = [
     (name, robot)
@@ -167,6 +214,7 @@ def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
         plan.end_effector.T,
         np.abs(rates).max(axis=0),
         [pin.XYZQUATToSE3(q[:7]) for q in plan.q],
+        plan.q[-1],
     )
 
 
@@ -237,6 +285,17 @@ def test_slopes_of_limits(name: str, robot: str, rng: np.random.Generator) -> No
     limit = limit.for_robot(sms)
     residuals = check_slopes(problem, limit.residual, rng)
     assert size_of(residuals) > limit.margin
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("made", [aside(True, turned=True), elbow_aside(turned=True)], ids=["via", "also"])
+def test_slopes_of_places_with_an_attitude(made: Tight, robot: str, rng: np.random.Generator) -> None:
+    sms = ffsms.load(robot)
+    problem = problem_of(sms)
+    spline = spline_of(problem, COARSE, free_end=True)
+    p = 0.15 * np.random.default_rng(20250705).normal(size=(1, spline.size, sms.n))
+    _, limit = made(sms, use_of(problem, node_rates(problem, spline, p[0])))
+    check_slopes(problem, limit.for_robot(sms).residual, rng)
 
 
 # -- with and without ----------------------------------------------------------------------------------
@@ -314,7 +373,7 @@ def test_plans_keep_a_limit_and_break_it_without(
     assert ((instants >= 0.0) & (instants <= 6.0)).all()
 
 
-@pytest.mark.parametrize("name", list(LIMITS))
+@pytest.mark.parametrize("name", STEPPED)
 def test_marches_keep_a_limit_and_break_it_without(
     name: str, planar: ffsms.SpaceManipulator, marched: FloatArray
 ) -> None:
@@ -359,12 +418,12 @@ def test_violation_agrees_with_the_residual(name: str, robot: str) -> None:
             assert violation.amount == 0.0
         if size > 1.1 * limit.margin:
             assert violation.amount > 0.0
-    # The spatial arm starts with less room than the folded planar one.
-    assert seen["kept"] >= (1 if robot == ROBOTS[0] else 0)
+    # The spatial arm starts with less room than the folded planar one; a place aside is kept by none.
+    assert seen["kept"] >= (1 if robot == ROBOTS[0] and name not in PLACES else 0)
     assert seen["broken"] >= 1
 
 
-@pytest.mark.parametrize("name", list(LIMITS))
+@pytest.mark.parametrize("name", STEPPED)
 def test_steps_at_rest_within_a_limit_may_stay_at_rest(name: str, planar: ffsms.SpaceManipulator) -> None:
     """Rows of a motion's start, where nothing is used up, allow zero rates."""
     problem = problem_of(planar)

@@ -1,0 +1,54 @@
+"""A goal put aside, for solvers whose model errs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.goals.goal import Goal, Place
+
+__all__ = ["Shifted"]
+
+
+@dataclass(frozen=True, eq=False)
+class Shifted(Goal):
+    """Another goal, put aside: what a solver aims at where its model errs by as much.
+
+    Attributes
+    ----------
+    goal : Goal
+    offset : ndarray, shape (3,)
+        [m]
+    turn : ndarray, shape (3, 3)
+        Rotation, inertial axes.
+    """
+
+    goal: Goal
+    offset: FloatArray
+    turn: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "reach", "orientation_reach"):
+            object.__setattr__(self, name, getattr(self.goal, name))
+
+    @property
+    def moves(self) -> bool:
+        """Whether the other one does."""
+        return self.goal.moves
+
+    def place(self, t: float) -> Place:
+        """The other's place, shifted and turned."""
+        place = self.goal.place(t)
+        rotation = None if place.rotation is None else self.turn @ place.rotation
+        return place._replace(position=place.position + self.offset, rotation=rotation)
+
+    def positions(self, times: FloatArray) -> FloatArray:
+        """The other's, shifted."""
+        return self.goal.positions(times) + self.offset[:, None]
+
+    def rotations(self, times: FloatArray) -> FloatArray | None:
+        """The other's, turned."""
+        found = self.goal.rotations(times)
+        return found if found is None else np.einsum("xy,yzk->xzk", self.turn, found)
