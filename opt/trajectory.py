@@ -13,6 +13,7 @@ from ffsms_pin.opt.batch.entropy import entropy, singular
 from ffsms_pin.opt.batch.motions import apply_rates
 from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
 from ffsms_pin.opt.batch.stacks import apply, cross, dot, log3
+from ffsms_pin.opt.batch.wheels import nodal_momentum
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.terms import Coupling
@@ -99,6 +100,8 @@ class Trajectory:
         Instants [s] at which each limit binds, by its name; a limit that never does is left out.
     broken : dict of str to float
         By how much each limit is broken, by its name, in the limit's own unit; empty where all are kept.
+    wheel_momentum : ndarray, shape (N + 1, w)
+        Predicted spin momenta of the robot's wheels against the base [N m s]: zero where they stand still.
     """
 
     t: FloatArray
@@ -125,6 +128,7 @@ class Trajectory:
     shares: dict[str, float] = field(default_factory=dict)
     binding: dict[str, FloatArray] = field(default_factory=dict)
     broken: dict[str, float] = field(default_factory=dict)
+    wheel_momentum: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         for one in fields(self):
@@ -238,7 +242,9 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     motion = rolled_out(sms, stack, q0, rates, problem.dt, momentum, ARRIVAL_SHARE)
     places = [goal.place(t) for t in motion.times] if goal.moves else [goal.place(0.0)] * len(motion.times)
     target = np.stack([place.position for place in places], axis=-1)
-    motion = replace(motion, target=target, mean_speed=problem.mean_speed)
+    motion = replace(
+        motion, target=target, mean_speed=problem.mean_speed, wheel_total=problem.wheel_total
+    )
     nodes = slice(None, None, 2)
     R, arm, way = motion.base_attitude[:, :, 0, nodes], motion.arm, motion.to_target[:, 0, nodes]
 
@@ -290,4 +296,5 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         shares=shares,
         binding={name: violation.instants for name, violation in found if violation.instants.size},
         broken={name: violation.amount for name, violation in found if violation.amount > 0.0},
+        wheel_momentum=nodal_momentum(motion, sms),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -70,6 +70,8 @@ class Motions:
     smoothing : Smoothing
     lag : float
         The paper pairs a step's rates, those of its end, with the place at its start: so much earlier [s].
+    wheel_total : ndarray, shape (w,)
+        Momenta of the wheels that hold the attitude while the joints are at rest [N m s]; empty without.
     """
 
     stack: ArmStack
@@ -92,6 +94,7 @@ class Motions:
     mean_speed: float
     smoothing: Smoothing = EXACT
     lag: float = 0.0
+    wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def count(self) -> int:
@@ -155,7 +158,7 @@ class Motions:
 
     @cached_property
     def _entropy(self) -> tuple[FloatArray, FloatArray]:
-        return entropy_and_gradient(self.arm.coupling)
+        return entropy_and_gradient(self.arm.coupling, self.stack.free_rows)
 
     @property
     def entropy(self) -> FloatArray:
@@ -170,7 +173,7 @@ class Motions:
     def take(self, index: Any) -> Motions:
         """The motions at an index."""
         stacked = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
         values.update({name: values[name][..., index, :] for name in stacked})
         values["arm"] = self.arm.take(index)
         return Motions(**values)

@@ -68,6 +68,7 @@ def motions_of(
         mean_speed=problem.mean_speed,
         smoothing=smoothing,
         lag=problem.dt,
+        wheel_total=problem.wheel_total,
     )
 
 

@@ -256,8 +256,10 @@ class Search:
         """Where the plan is not nearly free: the paper's own marches, where one is cheaper."""
         goal = self.problem.goal
         place = goal.place(self.problem.duration)
-        if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
-            return  # a march knows no such goal
+        if self.problem.mode != "floating" or goal.moves or self.problem.locked:
+            return  # a march knows none of these
+        if place.velocity is not None or place.spin is not None:
+            return
         least = self._judge.least_cost(self.found)
         if least <= cheap or not any(isinstance(term, Coupling) for term in self.problem.terms):
             return

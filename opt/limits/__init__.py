@@ -5,6 +5,7 @@ from ffsms_pin.opt.limits.base import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance
 from ffsms_pin.opt.limits.joints import JointLimits
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
+from ffsms_pin.opt.limits.wheels import WheelLimits
 
 __all__ = [
     "UNBOUNDED",
@@ -15,4 +16,5 @@ __all__ = [
     "Limit",
     "Rows",
     "Violation",
+    "WheelLimits",
 ]

@@ -53,6 +53,8 @@ def plan(
     base: float = 0.0,
     time_limit: float | None = None,
     progress: Progress | None = None,
+    mode: str = "floating",
+    wheel_momentum: ArrayLike | None = None,
 ) -> Trajectory:
     """Plan a coupling-informed motion from `q0` to `target`.
 
@@ -105,6 +107,10 @@ def plan(
         After so long [s] the best plan so far is returned; for "horizon".
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
+    mode : str
+        What of the base is held (see `opt.Problem`); others than "floating" are for "horizon".
+    wheel_momentum : array_like, shape (w,), optional
+        Of the wheels at the start, where they hold the attitude [N m s].
 
     Returns
     -------
@@ -137,6 +143,8 @@ def plan(
         joint_rates=joint_rates,
         momentum=momentum,
         locked=locked,
+        mode=mode,
+        wheel_momentum=wheel_momentum,
     )
     return plan_problem(problem, method, SearchOptions(time_limit=time_limit), progress)
 
@@ -174,6 +182,8 @@ def plan_problem(
         raise InvalidValue("method", method, "knows no base limits and no momentum; take another one")
     if method != "horizon" and (problem.goal.moves or problem.locked):
         raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
+    if method != "horizon" and problem.mode != "floating":
+        raise InvalidValue("method", method, f"knows no mode '{problem.mode}'; take 'horizon'")
     still = _stand_still(problem)
     if still is not None:
         return still
