@@ -11,8 +11,8 @@ import pinocchio as pin
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.limits.body_stack import BodyStack
+from ffsms_pin.system.batch.arm import ArmStack
 
 DT, CLEARANCE = 0.01, 0.01  # [s], [m]
 SPARE = 0.015  # [m] Starts and joint goals keep so much. Some neighbours but one are always within 0.02 m.

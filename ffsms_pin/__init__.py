@@ -11,12 +11,14 @@ from ffsms_pin.version import __version__ as __version__
 if TYPE_CHECKING:
     from ffsms_pin import opt
     from ffsms_pin.actuation import ReactionWheels, Thrusters
+    from ffsms_pin.client import Client
     from ffsms_pin.control import SlidingModeController
     from ffsms_pin.scenarios import Scenario, scenario
     from ffsms_pin.simulation import Tracking, simulate, simulate_many
     from ffsms_pin.viewer import view
 
 __all__ = [
+    "Client",
     "FfsmsError",
     "JointLimits",
     "ReactionWheels",
@@ -39,6 +41,7 @@ __all__ = [
 # Loaded when first used: whoever only wants a state need not wait for the solver.
 _LATER = {
     "ReactionWheels": "ffsms_pin.actuation",
+    "Client": "ffsms_pin.client",
     "Scenario": "ffsms_pin.scenarios",
     "SlidingModeController": "ffsms_pin.control",
     "Thrusters": "ffsms_pin.actuation",

@@ -27,6 +27,7 @@ __all__ = [
     "at_least_zero",
     "dimensions",
     "frozen",
+    "inertia",
     "instance",
     "matrix",
     "number",
@@ -38,6 +39,7 @@ __all__ = [
     "rotation",
     "sized",
     "step_count",
+    "times",
     "vector",
     "whole",
 ]
@@ -92,6 +94,30 @@ def matrix(name: str, value: ArrayLike, rows: int, columns: int) -> FloatArray:
     array = _floats(name, value)
     if array.shape != (rows, columns):
         raise InvalidValue(name, value, f"must have shape ({rows}, {columns}) but has {array.shape}")
+    return _within(name, value, array)
+
+
+def inertia(name: str, value: Any) -> FloatArray:
+    """An inertia (3, 3) [kg m^2] that some rigid body has, from that or its three principal ones."""
+    if dimensions(name, value) == 1:
+        tensor = np.diag(vector(name, value, 3, "kg m^2"))
+    else:
+        tensor = matrix(name, value, 3, 3)
+    if np.abs(tensor - tensor.T).max() > 1e-9 * np.abs(tensor).max():
+        raise InvalidValue(name, value, "must be symmetric")
+    a, b, c = np.linalg.eigvalsh(tensor)
+    if a <= 0.0:
+        raise InvalidValue(name, value, "must be positive definite")
+    if a + b < c * (1.0 - 1e-9):
+        raise InvalidValue(name, value, "breaks the triangle inequality of principal inertias")
+    return tensor
+
+
+def times(name: str, value: Any) -> FloatArray:
+    """Copy of `value` as finite times (K,) [s]."""
+    array = _floats(name, value)
+    if array.ndim != 1:
+        raise InvalidValue(name, value, f"must have shape (K,) [s] but has shape {array.shape}")
     return _within(name, value, array)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 __all__ = [
     "AmbiguousEndEffector",
+    "ClusterError",
     "DependencyMissing",
     "FfsmsError",
     "FfsmsWarning",
@@ -260,6 +261,10 @@ class TasksFailed(FfsmsError, RuntimeError):
         )
         self.failures = failures
         self.results = results
+
+
+class ClusterError(FfsmsError, RuntimeError):
+    """The scheduler of a distributed run, or its workers, are not there or gone."""
 
 
 class FfsmsWarning(UserWarning):

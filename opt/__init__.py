@@ -1,21 +1,24 @@
 """Coupling-informed planning: problems made of terms and limits, and solvers that only stack them."""
 
 from ffsms_pin.opt.batch import JointResidual, Motions, Residual
-from ffsms_pin.opt.goals import Goal, Moving, Pose, Position
+from ffsms_pin.opt.goals import Goal, Meet, Moving, Pose, Position
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.limits import (
     UNBOUNDED,
     AlphaBox,
     BaseLimits,
     Clearance,
+    Corridor,
     JointLimits,
     Limit,
+    Obstacle,
     Rows,
     Violation,
     WheelLimits,
 )
 from ffsms_pin.opt.planning.many import plan_each, plan_many
 from ffsms_pin.opt.planning.plan import METHODS, plan
+from ffsms_pin.opt.planning.shortest import shortest
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.replan.step_planner import StepPlanner
@@ -32,14 +35,17 @@ __all__ = [
     "BaseLimits",
     "BaseTurn",
     "Clearance",
+    "Corridor",
     "Coupling",
     "Effort",
     "Goal",
     "JointLimits",
     "JointResidual",
     "Limit",
+    "Meet",
     "Motions",
     "Moving",
+    "Obstacle",
     "Pose",
     "Position",
     "Problem",
@@ -61,6 +67,7 @@ __all__ = [
     "plan",
     "plan_each",
     "plan_many",
+    "shortest",
     "soft_assistance",
     "solve",
     "step_cost",

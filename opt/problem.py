@@ -11,15 +11,16 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray, frozen, one_of, positive, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits import Clearance, JointLimits, Limit, WheelLimits
 from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
+from ffsms_pin.system.batch.arm import ArmStack
 
 __all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem", "check_parts"]
 
@@ -40,7 +41,7 @@ class Problem:
         Configuration at the start, within the joint limits.
     goal : array_like, shape (3,), pinocchio.SE3, callable, or Goal
         Where the end effector should be at the deadline, inertial axes: a position [m], a pose, a function of
-        time [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`.
+        time [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`, `opt.Meet`.
     duration : float
         Time to the deadline [s]. The paper states none; 12 s is ours for its cases.
     dt : float
@@ -48,10 +49,11 @@ class Problem:
         nearest that does.
     terms : sequence of Term, optional
         What the motion should be like. Default: the paper's cost with kappa 10, small accelerations, little
-        travel.
+        travel. Without the paper's cost where the goal sets the way (`Goal.coupled`).
     limits : sequence of Limit, optional
-        What must hold. Default: the joints' limits, and a clearance of 0.01 m. Where wheels hold the
-        attitude, `WheelLimits` are added if there are none.
+        What must hold. Default: the joints' limits, and a clearance of 0.01 m. Limits that belong to the
+        goal, such as the corridor of `opt.Meet`, come to these by themselves, and
+        so do `WheelLimits` where wheels hold the attitude.
     joint_rates : array_like, shape (n,), optional
         At the start [rad/s]; default: at rest.
     momentum : array_like, shape (6,), optional
@@ -96,9 +98,14 @@ class Problem:
             raise InvalidValue(
                 "duration", duration, f"must be at most {MOST_STEPS} steps of {dt:g} s; take a longer dt"
             )
-        terms = (Coupling(), Smooth(), Effort()) if self.terms is None else self.terms
+        goal = as_goal(self.goal)
+        terms = self.terms
+        if terms is None:
+            terms = (Coupling(), Smooth(), Effort()) if goal.coupled else (Smooth(), Effort())
         limits = (JointLimits(), Clearance()) if self.limits is None else self.limits
         check_parts("terms", terms, Term)
+        check_parts("limits", limits, Limit)
+        limits = (*(limit for limit in limits if not limit.of_goal), *goal.limits(duration))
         check_parts("limits", limits, Limit)
         n = self.sms.n
         rates = np.zeros(n)
@@ -114,12 +121,12 @@ class Problem:
                 raise InvalidValue("locked", name, f"must be a joint: {', '.join(self.sms.joint_names)}")
         mode = one_of("mode", self.mode, tuple(MODES))
         _check_held(mode, momentum)
-        if mode == "rotation-floating" and self.sms.wheels is not None:
-            if not any(isinstance(limit, WheelLimits) for limit in limits):
-                limits = (*limits, WheelLimits())
+        by_wheels = mode == "rotation-floating" and self.sms.wheels is not None
+        if by_wheels and not any(isinstance(limit, WheelLimits) for limit in limits):
+            limits = (*limits, WheelLimits())
         values = {
             "q0": q0,
-            "goal": as_goal(self.goal),
+            "goal": goal,
             "duration": duration,
             "dt": duration / round(duration / dt),
             "terms": tuple(terms),
@@ -159,14 +166,18 @@ class Problem:
         """The robot, prepared for stacks of configurations."""
         return ArmStack(self.sms, self.mode)
 
+    @property
+    def wheels(self) -> ReactionWheels | None:
+        """The wheels that hold the attitude, where wheels do."""
+        return self.sms.wheels if self.mode == "rotation-floating" else None
+
     @cached_property
     def wheel_total(self) -> FloatArray:
         """Momenta (w,) of the wheels that hold the attitude, were the joints at rest [N m s]."""
-        wheels = self.stack.wheels
-        if wheels is None:
+        if self.wheels is None:
             return np.zeros(0)
         arm = self.stack.evaluate(self.joints0[:, None])
-        taken: FloatArray = wheel_shares(wheels) @ held_momentum(arm)[..., 0] @ self.joint_rates
+        taken: FloatArray = wheel_shares(self.wheels) @ held_momentum(arm)[..., 0] @ self.joint_rates
         return self.wheel_momentum + taken
 
     @cached_property

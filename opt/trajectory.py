@@ -2,50 +2,25 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen, number
-from ffsms_pin.opt.batch.entropy import entropy, singular
+from ffsms_pin.coupling.stacked import entropies
+from ffsms_pin.opt.batch.entropy import singular
 from ffsms_pin.opt.batch.motions import apply_rates
 from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
-from ffsms_pin.opt.batch.stacks import apply, cross, dot, log3
 from ffsms_pin.opt.batch.wheels import nodal_momentum
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
+from ffsms_pin.opt.goals.contact import contact_velocity, missed
+from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.terms import Coupling
-from ffsms_pin.storage import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
+from ffsms_pin.system.batch.stacks import apply, cross, dot, log3
 
 __all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
-
-_FORMAT = "ffsms-pin trajectory"
-_TEXTS = ("shares", "binding", "broken")  # kept as JSON
-_SCALARS = (
-    ("kappa", float),
-    ("reach", float),
-    ("orientation_reach", float),
-    ("note", str),
-    ("clear", bool),
-    ("shortest_duration", float),
-)
-_SHAPES: dict[str, tuple[str | int, ...]] = {
-    "t": ("N+1",),
-    "v": ("N+1", "n+6"),
-    "q": ("N+1", "nq"),
-    "joint_positions": ("N+1", "n"),
-    "end_effector": ("N+1", 3),
-    "target": (3,),
-    "target_rotation": (3, 3),
-    "momentum": (6,),
-    **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
-    **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
-    **dict.fromkeys(("position_error", "orientation_error"), ("N+1",)),
-    **{name: () for name, _ in _SCALARS},
-    **dict.fromkeys(_TEXTS, ()),
-}
 
 
 @dataclass(frozen=True)
@@ -92,6 +67,11 @@ class Trajectory:
         between them.
     shortest_duration : float
         A duration that would do, where the plan failed for want of time and one is known [s]; else 0.
+    contact_velocity : ndarray, shape (6,)
+        Velocity [m/s] and angular velocity [rad/s] of the end effector at the deadline relative to the goal's
+        place, inertial axes. Where a goal asks for no velocity, it counts as one that stands still.
+    met : bool
+        Whether the end is within the goal's tolerance, velocities included; asked of `opt.Meet` only.
     momentum : ndarray, shape (6,)
         Total momentum [linear; angular], inertial axes, about the system's centre of mass.
     shares : dict of str to float
@@ -124,6 +104,8 @@ class Trajectory:
     note: str = ""
     clear: bool = True
     shortest_duration: float = 0.0
+    contact_velocity: FloatArray = field(default_factory=lambda: np.zeros(6))
+    met: bool = True
     momentum: FloatArray = field(default_factory=lambda: np.zeros(6))
     shares: dict[str, float] = field(default_factory=dict)
     binding: dict[str, FloatArray] = field(default_factory=dict)
@@ -131,6 +113,8 @@ class Trajectory:
     wheel_momentum: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
+        if not len(self.wheel_momentum):
+            object.__setattr__(self, "wheel_momentum", np.zeros((len(self.t), 0)))
         for one in fields(self):
             value = getattr(self, one.name)
             if isinstance(value, np.ndarray):
@@ -156,12 +140,12 @@ class Trajectory:
         """Paper Eq. const8: the error stays within r_th throughout the last 10 % of the time.
 
         For a target with an orientation, the angle stays within `orientation_reach` too. Never true of a
-        motion that breaks the clearance it was asked to keep.
+        motion that breaks the clearance it was asked to keep, or that fails to meet a client (`met`).
         """
         late = self.t >= ARRIVAL_SHARE * self.duration - 1e-9
         near = self.position_error[late] <= self.reach
         turned = self.orientation_error[late] <= self.orientation_reach
-        return self.clear and bool((near & turned).all())
+        return self.clear and self.met and bool((near & turned).all())
 
     @property
     def cost_integral(self) -> float:
@@ -210,26 +194,12 @@ class Trajectory:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
-        arrays = {one.name: getattr(self, one.name) for one in fields(self)}
-        for name in _TEXTS:
-            arrays[name] = json.dumps(arrays[name], default=lambda array: array.tolist())
-        save_arrays(path, _FORMAT, arrays)
+        write(path, {one.name: getattr(self, one.name) for one in fields(self)})
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
-        # Files from before there was momentum, or before there were terms, have none.
-        before = {"momentum": np.zeros(6), **{name: np.array("{}") for name in _TEXTS}}
-        kinds = {"clear": "b", **dict.fromkeys(("note", *_TEXTS), "U")}
-        arrays = load_arrays(
-            path, _FORMAT, list(_SHAPES), before, lambda heads: check_shapes(path, heads, _SHAPES, kinds)
-        )
-        check_times(path, arrays["t"], least=2)
-        for name in _TEXTS:
-            arrays[name] = numbers_by_name(path, name, str(arrays[name]), rows=name == "binding")
-        for name, kind in _SCALARS:
-            arrays[name] = kind(arrays[name])
-        return cls(**arrays)
+        return cls(**read(path))
 
 
 def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
@@ -240,11 +210,9 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     sms, stack, goal, kappa = problem.sms, problem.stack, problem.goal, problem.kappa
     q0, momentum = problem.q0, problem.momentum
     motion = rolled_out(sms, stack, q0, rates, problem.dt, momentum, ARRIVAL_SHARE)
-    places = [goal.place(t) for t in motion.times] if goal.moves else [goal.place(0.0)] * len(motion.times)
-    target = np.stack([place.position for place in places], axis=-1)
-    motion = replace(
-        motion, target=target, mean_speed=problem.mean_speed, wheel_total=problem.wheel_total
-    )
+    place, target = goal.place(problem.duration), goal.positions(motion.times)
+    motion = replace(motion, target=target, mean_speed=problem.mean_speed)
+    motion = replace(motion, wheels=problem.wheels, wheel_total=problem.wheel_total)
     nodes = slice(None, None, 2)
     R, arm, way = motion.base_attitude[:, :, 0, nodes], motion.arm, motion.to_target[:, 0, nodes]
 
@@ -255,17 +223,20 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     both = np.linalg.norm(way[:, :-1], axis=0) * np.linalg.norm(velocity, axis=0)
     cosine = np.clip(dot(way[:, :-1], velocity) / np.where(both > 0.0, both, 1.0), -1.0, 1.0)
     sigma, V = singular(arm.coupling[..., 0, :-1:2])
-    H = entropy(sigma, sms.n)
+    H = entropies(sigma, sms.n)
     cost = (np.logaddexp(0.0, kappa * cosine) / kappa - (1.0 - H)) ** 2
     turned = np.zeros(len(motion.times))
     wanted = np.full((3, 3), np.nan)
-    if places[-1].rotation is not None:
-        wanted = places[-1].rotation
-        rotations = np.stack([place.rotation for place in places], axis=-1)
+    rotations = goal.rotations(motion.times)
+    if rotations is not None:
+        wanted = rotations[..., -1]
+        rotations = np.broadcast_to(rotations, (3, 3, len(motion.times)))
         error = log3(np.einsum("xyk,zyk->xzk", rotations, motion.attitude[:, :, 0]))
         turned = np.sqrt(dot(error, error))
+    contact = contact_velocity(place, motion)
+    misses = missed(goal, float(np.linalg.norm(way[:, -1])), float(turned[-1]), contact)
     found = [(limit.name, limit.violation(motion)) for limit in problem.limits]
-    notes = [note, *(violation.note for _, violation in found)]
+    notes = [note, misses, *(violation.note for _, violation in found)]
     shares = {}
     for term in problem.terms:
         if isinstance(term, Coupling):  # the paper's own sum
@@ -295,6 +266,8 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         momentum=np.zeros(6) if momentum is None else momentum,
         shares=shares,
         binding={name: violation.instants for name, violation in found if violation.instants.size},
+        contact_velocity=contact,
+        met=not misses,
         broken={name: violation.amount for name, violation in found if violation.amount > 0.0},
         wheel_momentum=nodal_momentum(motion, sms),
     )

@@ -29,6 +29,7 @@ def test_a_file_with_every_condition_is_simulate_with_every_keyword(
     outcome = ran(
         tmp_path,
         text(*CONDITIONS)
+        + "[estimator]\njoint_acceleration = 0.01\nbase_acceleration = 1e-3\n"
         + '[[disturbance]]\nwrench = [0.01, 0, 0, 0, 0, 0]\non = "end-effector"\nend = inf\n'
         + "[watchdog]\nposition_margin_deg = 90.0\nrate_margin = inf\njoint_error = 2.0\nfailed_steps = 4\n",
     )
@@ -63,6 +64,7 @@ def test_a_file_with_every_condition_is_simulate_with_every_keyword(
             base_latency=0.05,
             seed=7,
         ),
+        estimator=sim.Estimator(joint_acceleration=0.01, base_acceleration=1e-3),
         disturbances=[
             sim.Wrench([0.0, 0.0, 0.0, 0.0, 0.0, 0.01], "base", 0.5, 1.0),
             sim.Wrench([0.01, 0.0, 0.0, 0.0, 0.0, 0.0], "end-effector"),
@@ -78,7 +80,7 @@ def test_a_file_with_every_condition_is_simulate_with_every_keyword(
     assert outcome.tracking.note == by_hand.note
     assert "captured 0.5 kg" in by_hand.note
     words = summary(outcome)["conditions"]
-    assert set(words) >= {*CONDITIONS, "control", "reference", "watchdog"} - {"disturbance"}
+    assert set(words) >= {*CONDITIONS, "estimator", "control", "reference", "watchdog"} - {"disturbance"}
     assert "disturbance 2" in words
 
 

@@ -13,12 +13,16 @@ from typing import Any, NoReturn
 
 import ffsms_pin
 from ffsms_pin.cli import (
+    atlas_command,
+    campaign_command,
     compare_command,
     info_command,
     inspect_command,
     laws_command,
+    merge_command,
     robustness_command,
     run_command,
+    sweep_command,
     view_command,
 )
 from ffsms_pin.errors import FfsmsError
@@ -34,6 +38,10 @@ _COMMANDS: dict[str, Any] = {
     "compare": compare_command,
     "laws": laws_command,
     "robustness": robustness_command,
+    "atlas": atlas_command,
+    "sweep": sweep_command,
+    "campaign": campaign_command,
+    "merge": merge_command,
     "info": info_command,
     "inspect": inspect_command,
     "view": view_command,
@@ -48,6 +56,9 @@ examples:
   ffsms-pin compare case-2                 the planning methods side by side
   ffsms-pin laws wrong-model               the control laws side by side
   ffsms-pin robustness case-2 --plants 20  on satellites that are not the model
+  ffsms-pin atlas planar_3r                coupling over the joint ranges or the workspace
+  ffsms-pin sweep planar_3r --vary base_mass=0.5,1,2
+  ffsms-pin campaign mine.toml --runs 1000 with drawn plants, targets, noise and faults
   ffsms-pin view results/case-2            the motion in the browser, as one HTML file
   ffsms-pin info planar_3r                 masses, limits and coupling of a packaged robot
   ffsms-pin info robot.urdf --end-effector tool0

@@ -7,9 +7,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+)
 
-__all__ = ["shown_progress"]
+__all__ = ["counted_progress", "shown_progress"]
 
 
 @contextmanager
@@ -34,6 +42,72 @@ def shown_progress(console: Console) -> Iterator[Callable[[str, float], None]]:
             bars.update(tasks[stage], completed=share)
 
         yield show
+
+
+@contextmanager
+def counted_progress(console: Console, what: str) -> Iterator[Callable[[int, int], None]]:
+    """Gives a function to call with the number of things done and of all; it tells the time left.
+
+    The estimate counts what this call does: what was there before it took no time. Off a terminal there is a
+    line for every tenth.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+        On the error stream.
+    what : str
+        Name of the things, as "runs".
+    """
+    left = _TimeLeft()
+    if not console.is_terminal:
+        tenths: set[int] = set()
+
+        def tell(done: int, total: int) -> None:
+            words, tenth = left.after(done, total), 10 * done // total
+            if tenth not in tenths and done:
+                tenths.add(tenth)
+                console.print(f"{what}: {done} of {total}, {words}", highlight=False, soft_wrap=True)
+
+        yield tell
+        return
+    columns = (
+        TextColumn("{task.description:<15}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[left]}"),
+    )
+    with Progress(*columns, console=console) as bars:
+        task = bars.add_task(what, total=None, left="")
+
+        def show(done: int, total: int) -> None:
+            bars.update(task, completed=done, total=total, left=left.after(done, total))
+
+        yield show
+
+
+class _TimeLeft:
+    """How long the rest takes, at the mean rate since the first call."""
+
+    def __init__(self) -> None:
+        self._first: tuple[int, float] | None = None
+
+    def after(self, done: int, total: int) -> str:
+        now = time.perf_counter()
+        if self._first is None:
+            self._first = done, now
+        before, started = self._first
+        if done == total:
+            return f"done in {_clock(now - started)}"
+        if done == before:
+            return "time left unknown"
+        return f"about {_clock((now - started) / (done - before) * (total - done))} left"
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}"
 
 
 def _lines(console: Console) -> Callable[[str, float], None]:

@@ -6,6 +6,7 @@ import json
 import os
 import sys
 import webbrowser
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -14,16 +15,17 @@ from ffsms_pin.cli.output import output_console
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder
 from ffsms_pin.cli.summary_table import summary_table
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import installed
-from ffsms_pin.scenarios import run, scenario, summary
+from ffsms_pin.scenarios import Scenario, run, scenario, summary
 from ffsms_pin.scenarios.own_files import writes_files
 from ffsms_pin.storage import write_content
 
-__all__ = ["run_scenario"]
+__all__ = ["replayed", "run_scenario"]
 
 
 def run_scenario(
-    name: str,
+    name: str | Scenario,
     out: str | None = None,
     figures: bool = True,
     show: bool = False,
@@ -34,8 +36,8 @@ def run_scenario(
 
     Parameters
     ----------
-    name : str
-        A packaged scenario, or a file.
+    name : str or Scenario
+        A packaged scenario, a file, or what was read from one.
     out : str, optional
         Folder for the results; default results/<name of the scenario>.
     figures : bool
@@ -52,7 +54,7 @@ def run_scenario(
     bool
         Whether the plan reaches its target, and the closed loop ends there.
     """
-    chosen = scenario(name, allow_import=allow_import)
+    chosen = scenario(name, allow_import=allow_import) if isinstance(name, str) else name
     folder = chosen_folder(out, chosen.name)
     errors, output = Console(stderr=True), output_console()
     at_once = writes_files(chosen)
@@ -74,6 +76,16 @@ def run_scenario(
     elif show and figures:
         _show(folder / "motion.png", output)
     return outcome.trajectory.reached and bool(numbers["tracking"]["arrived"])
+
+
+def replayed(folder: str, seed: str, allow_import: bool = False) -> Scenario:
+    """The scenario of one run of a campaign, named after its seed."""
+    from ffsms_pin.campaigns import replayed_scenario
+
+    if not seed.isdecimal():
+        raise InvalidValue("SEED", seed, "must be a whole number of at least 0")
+    chosen = replayed_scenario(folder, int(seed), allow_import=allow_import)
+    return replace(chosen, name=f"{chosen.name}-{int(seed)}")
 
 
 def _show(picture: Path, output: Console) -> None:

@@ -18,6 +18,7 @@ keys). Prints a summary table, and writes trajectory.npz, tracking.npz, summary.
 png).
 
 example: ffsms-pin run case-2 --out results/case-2
+One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign 4711
 
 exit codes: 0 the plan reaches the target and the closed loop ends there; 1 one of them does not, results
 written; 2 bad input, or the run was stopped; 70 a defect of ffsms-pin; 130 interrupted; 143 terminated
@@ -32,8 +33,15 @@ def add_parser(subparsers: Any) -> None:
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "scenario", metavar="SCENARIO", help="case-1, case-2, wrong-model, or a scenario file (TOML)"
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument(
+        "scenario",
+        metavar="SCENARIO",
+        nargs="?",
+        help="case-1, case-2, wrong-model, or a scenario file (TOML)",
+    )
+    what.add_argument(
+        "--replay", metavar=("DIR", "SEED"), nargs=2, help="one run of the campaign in a folder, by its seed"
     )
     parser.add_argument("--out", metavar="DIR", help="folder for the results (default: results/SCENARIO)")
     parser.add_argument(
@@ -52,10 +60,14 @@ def add_parser(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the scenario; returns the exit code."""
-    from ffsms_pin.cli.run import run_scenario
+    from ffsms_pin.cli.run import replayed, run_scenario
 
+    chosen = arguments.scenario
+    if arguments.replay is not None:
+        folder, seed = arguments.replay
+        chosen = replayed(folder, seed, arguments.allow_import)
     reached = run_scenario(
-        arguments.scenario,
+        chosen,
         arguments.out,
         arguments.figures,
         arguments.show,

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, dimensions, matrix, positive, vector
+from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray, positive, vector
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["SatelliteBase"]
@@ -53,7 +54,7 @@ class SatelliteBase:
         if self.panels is not None:
             self._set("panels", _positives("panels", self.panels, 2))
         if self.inertia is not None:
-            tensor = _inertia(self.inertia)
+            tensor = checks.inertia("inertia", self.inertia)
             self._set("inertia", tuple(tuple(float(x) for x in row) for row in tensor))
 
     def _set(self, name: str, value: Any) -> None:
@@ -73,18 +74,3 @@ def _positives(name: str, value: ArrayLike, count: int) -> tuple[float, ...]:
     if min(numbers) <= 0.0:
         raise InvalidValue(name, value, "must be above zero [m]")
     return numbers
-
-
-def _inertia(value: ArrayLike) -> FloatArray:
-    if dimensions("inertia", value) == 1:
-        tensor = np.diag(vector("inertia", value, 3, "kg m^2"))
-    else:
-        tensor = matrix("inertia", value, 3, 3)
-    if np.abs(tensor - tensor.T).max() > 1e-9 * np.abs(tensor).max():
-        raise InvalidValue("inertia", value, "must be symmetric")
-    a, b, c = np.linalg.eigvalsh(tensor)
-    if a <= 0.0:
-        raise InvalidValue("inertia", value, "must be positive definite")
-    if a + b < c * (1.0 - 1e-9):
-        raise InvalidValue("inertia", value, "breaks the triangle inequality of principal inertias")
-    return tensor

@@ -31,6 +31,7 @@ def load(
     acceleration: ArrayLike | None = None,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     wheels: Sequence[str] = (),
+    srdf: str | os.PathLike[str] | None = None,
 ) -> SpaceManipulator:
     """Load a space manipulator: a free-flyer root joint, zero gravity.
 
@@ -56,6 +57,9 @@ def load(
     wheels : sequence of str
         Names of continuous joints of the URDF that are reaction wheels: they are no joints of the arm, and
         the base counts their masses. Other wheels: `SpaceManipulator.with_actuators`.
+    srdf : str or path, optional
+        SRDF with pairs of links whose collisions do not count. Default: the file of the same name beside the
+        URDF, ending in .srdf, where there is one.
 
     Returns
     -------
@@ -72,10 +76,11 @@ def load(
     if isinstance(robot, str) and robot in satellite_names():
         if wheels:
             raise InvalidValue("wheels", wheels, "are joints of a URDF; here use with_actuators(wheels=...)")
-        return mount(
+        sms = mount(
             robot[len(_PREFIX) :], end_effector=end_effector, acceleration=acceleration, base_size=base_size
         )
+        return sms if srdf is None else system.with_srdf(sms, srdf)
     try:
-        return system.load(robot, end_effector, base_size, acceleration, package_dirs, wheels)
+        return system.load(robot, end_effector, base_size, acceleration, package_dirs, wheels, srdf)
     except ModelNotFound as error:
         raise ModelNotFound(error.model, [*model_names(), *satellite_names()]) from None

@@ -52,7 +52,11 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
         # The limits are far away from what slow motion needs: once more without them.
         lambda o, ax: tracking.plot_torques(o.sms, o.tracking, ax),
     ),
-    "motion": (lambda o, ax: plot_motion(o.sms, o.trajectory, ax, paths=_true_paths(o)),),
+    "motion": (
+        lambda o, ax: plot_motion(
+            o.sms, o.trajectory, ax, paths=_true_paths(o), obstacles=o.scenario.obstacles()
+        ),
+    ),
 }
 """Figures by file name, and their panels from top to bottom."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,8 @@ from matplotlib.patches import Circle, Polygon
 from scipy.spatial import ConvexHull
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt import Trajectory
+from ffsms_pin.opt import Obstacle, Trajectory
+from ffsms_pin.plotting.obstacles import draw_obstacle
 from ffsms_pin.plotting.style import ACCENT, applied, axes_or_new, line
 from ffsms_pin.system import SpaceManipulator
 
@@ -29,6 +30,7 @@ def plot_motion(
     ax: Axes | None = None,
     instants: int = 6,
     paths: Mapping[str, FloatArray] | None = None,
+    obstacles: Sequence[Obstacle] = (),
 ) -> Axes:
     """Draw the motion in the plane of inertial axes in which it spreads most.
 
@@ -43,6 +45,8 @@ def plot_motion(
         How many postures are drawn, from pale (start) to full (end), the first and last among them.
     paths : mapping of str to ndarray of shape (k, 3), optional
         More paths, with their names for the legend: where the end effector really went [m].
+    obstacles : sequence of Obstacle
+        What the plan kept clear of.
     """
     paths = {} if paths is None else paths
     rows = np.unique(np.linspace(0, len(trajectory.t) - 1, max(2, instants)).round().astype(int))
@@ -57,6 +61,8 @@ def plot_motion(
         ax = axes_or_new(ax)
         for i, posture in enumerate(shown):
             posture.draw(ax, axes, 0.15 + 0.85 * i / (len(shown) - 1), last=i == len(shown) - 1)
+        for obstacle in obstacles:
+            draw_obstacle(ax, axes, obstacle, trajectory)
         path = trajectory.end_effector[:, axes]
         ax.plot(path[:, 0], path[:, 1], color="black", linewidth=1.0, linestyle=(0, (4, 1.5)), zorder=4)
         ax.plot(

@@ -15,6 +15,7 @@ from ffsms_pin.scenarios.tables import DEGREES, radians
 from ffsms_pin.simulation import (
     Actuator,
     Capture,
+    Estimator,
     JointFault,
     JointFriction,
     Sensors,
@@ -68,6 +69,10 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
         options["actuator"] = Actuator(**scenario.actuator)
     if scenario.sensors:
         options["sensors"] = Sensors(**radians(scenario.sensors))
+    if scenario.estimator:
+        given = dict(scenario.estimator)
+        on = given.pop("on", True)
+        options["estimator"] = Estimator(**given) if on else False
     if scenario.watchdog is not None:
         limits = radians(scenario.watchdog)
         options["watchdog"] = Watchdog(**{key: limits[key] for key in limits if key != "path"})

@@ -21,12 +21,14 @@ from ffsms_pin.opt import (
     Effort,
     JointLimits,
     Limit,
+    Obstacle,
     Problem,
     Smooth,
     Term,
 )
 from ffsms_pin.scenarios.actuated import with_actuators
 from ffsms_pin.scenarios.joint_units import joint_units, slides
+from ffsms_pin.scenarios.obstacles import made_obstacles
 from ffsms_pin.scenarios.parts import made_part, with_parts
 from ffsms_pin.scenarios.reading import packaged_path, read, scenario_names
 from ffsms_pin.scenarios.schema import checked_tables
@@ -34,7 +36,7 @@ from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, radians
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
-__all__ = ["Scenario", "scenario", "scenario_names"]
+__all__ = ["Scenario", "scenario", "scenario_names", "scenario_of"]
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Scenario:
         As in the file: SI units, radians, and degrees under keys that end in `_deg`.
     laws : mapping of str to mapping
         Gains of other control laws, for `compare_laws`.
-    reference, simulation, plant, friction, actuator, sensors : mapping of str to values
+    reference, simulation, plant, friction, actuator, sensors, estimator : mapping of str to values
         The closed loop under real conditions.
     disturbance, capture, fault : tuple of mappings
         What happens on the way.
@@ -62,6 +64,10 @@ class Scenario:
         None: there is none, and for `attitude` that the base is left to itself.
     term, limit : tuple of mappings
         Terms and limits of the plan beside, or in place of, those that `plan` describes.
+    obstacle : tuple of mappings
+        What the robot keeps clear of beside itself.
+    campaign : mapping of str to values
+        What a campaign draws; a single run does not use it.
     allow_import : bool
         Whether terms and limits may be a user's own, imported from Python modules.
     """
@@ -81,6 +87,7 @@ class Scenario:
     friction: Mapping[str, Any] = field(default_factory=dict)
     actuator: Mapping[str, Any] = field(default_factory=dict)
     sensors: Mapping[str, Any] = field(default_factory=dict)
+    estimator: Mapping[str, Any] = field(default_factory=dict)
     disturbance: tuple[Mapping[str, Any], ...] = ()
     capture: tuple[Mapping[str, Any], ...] = ()
     fault: tuple[Mapping[str, Any], ...] = ()
@@ -90,6 +97,8 @@ class Scenario:
     attitude: Mapping[str, Any] | None = None
     term: tuple[Mapping[str, Any], ...] = ()
     limit: tuple[Mapping[str, Any], ...] = ()
+    obstacle: tuple[Mapping[str, Any], ...] = ()
+    campaign: Mapping[str, Any] = field(default_factory=dict)
     allow_import: bool = False
 
     @property
@@ -176,12 +185,19 @@ class Scenario:
         terms.append(Effort(plan["effort"]) if "effort" in plan else Effort())
         if plan.get("base", 0.0) > 0.0:
             terms.append(BaseTurn(plan["base"]))
-        limits: list[Limit] = [JointLimits(), Clearance(*self.clearance)]
+        try:
+            clear = Clearance(*self.clearance, obstacles=self.obstacles())
+        except InvalidValue as error:
+            raise InvalidScenario(self.source, str(error)) from None
+        limits: list[Limit] = [JointLimits(), clear]
         if "base_limits" in plan:
             limits.append(BaseLimits(**radians(plan["base_limits"])))
         rows = enumerate(self.term, start=1), enumerate(self.limit, start=1)
         own_terms = [made_part(self.source, "term", i, row, self.allow_import) for i, row in rows[0]]
-        own_limits = [made_part(self.source, "limit", i, row, self.allow_import) for i, row in rows[1]]
+        own_limits = [
+            clear if row["use"] == "clearance" else made_part(self.source, "limit", i, row, self.allow_import)
+            for i, row in rows[1]
+        ]
         try:
             return Problem(
                 sms,
@@ -197,6 +213,10 @@ class Scenario:
             )
         except InvalidValue as error:
             raise InvalidScenario(self.source, str(error)) from None
+
+    def obstacles(self) -> list[Obstacle]:
+        """What the robot keeps clear of beside itself."""
+        return made_obstacles(self.source, self.obstacle)
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
         """Start (nq,) of the simulated arm where it is not the plan's `q0`; None where it is."""
@@ -279,5 +299,15 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
             source = Path(name_or_path)
         except TypeError:
             raise InvalidValue("scenario", name_or_path, "must be a name or a path") from None
-    tables = checked_tables(source, read(source))
-    return Scenario(source.stem, source, **tables, allow_import=allow_import)
+    return scenario_of(source, read(source), allow_import=allow_import)
+
+
+def scenario_of(source: Path, content: Mapping[str, Any], *, allow_import: bool = False) -> Scenario:
+    """A scenario from what a TOML file holds; names of files in it count from the folder of `source`.
+
+    Raises
+    ------
+    InvalidScenario
+        As for `scenario`.
+    """
+    return Scenario(source.stem, source, **checked_tables(source, content), allow_import=allow_import)

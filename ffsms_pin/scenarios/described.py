@@ -27,7 +27,7 @@ def described(scenario: Scenario) -> dict[str, str]:
         "control": _words({"law": scenario.law, **scenario.control}),
         "reference": _words({"kind": "plan", **reference}),
     }
-    for name in ("simulation", "plant", "friction", "actuator", "sensors"):
+    for name in ("simulation", "plant", "friction", "actuator", "sensors", "estimator"):
         if values := getattr(scenario, name):
             words[name] = _words(values)
     for name in ("disturbance", "capture", "fault", "term", "limit"):

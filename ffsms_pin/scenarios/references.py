@@ -8,6 +8,7 @@ from dataclasses import replace
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import AlphaBox, Replanning, SearchOptions, Trajectory
 from ffsms_pin.opt.planning.plan import plan_problem
+from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.system import SpaceManipulator
 
@@ -34,7 +35,10 @@ def replanning(scenario: Scenario, sms: SpaceManipulator) -> Replanning:
     problem = scenario.problem(sms, dt=scenario.reference.get("dt"))
     if not any(isinstance(limit, AlphaBox) for limit in problem.limits):
         problem = replace(problem, limits=(*problem.limits, AlphaBox()))  # the paper's step has it always
-    return Replanning(problem, scenario.reference.get("hold", 0.0))
+    options = ReplanOptions(
+        dead_band=scenario.reference.get("dead_band"), jerk=scenario.per_joint(sms, "reference", "jerk")
+    )
+    return Replanning(problem, scenario.reference.get("hold", 0.0), options=options)
 
 
 class Held:

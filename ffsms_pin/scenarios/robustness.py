@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.engine import Chunks, Table, collected, joined
+from ffsms_pin.errors import InvalidValue, TaskError, TasksFailed
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.processes import all_results, outcomes
 from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, named, prepared
 from ffsms_pin.scenarios.conditions import control_steps, controller
 from ffsms_pin.scenarios.definition import Scenario
@@ -113,6 +115,8 @@ def robustness(
         No plants, or a share out of range.
     TasksFailed
         Some runs raised errors; those that were stopped are no error.
+    DependencyMissing
+        Several processes are asked for, and Dask is not installed.
     """
     whole = (("plants", plants, 1), ("seed", seed, 0), ("jobs", 1 if jobs is None else jobs, 1))
     for name, value, least in whole:
@@ -120,15 +124,27 @@ def robustness(
             raise InvalidValue(name, value, f"must be a whole number of at least {least}")
     sms = scenario.load()
     shares = {"arm_mass": arm_mass, "base_mass": base_mass, "base_inertia": base_inertia}
-    drawn = list(random_plants(sms, np.random.default_rng(seed), plants, **shares))
+    next(random_plants(sms, np.random.default_rng(seed), 1, **shares))  # shares out of range show up here
     with named(scenario):
         q0 = scenario.start_configuration(sms)
         loop = prepared(scenario, sms, q0)
         controller(scenario, sms)
         plan = planned(scenario, sms, q0, stage(progress, "planning"))
         report = stage(progress, "plants")
-        pairs = all_results(outcomes(_ends, (loop, plan), drawn, jobs), plants, report)
-    ends = dict(zip(METHODS, zip(*pairs, strict=True), strict=True))
+        work = _Runs(loop, plan, shares, seed)
+        found = collected(
+            work,
+            Chunks.fitting(plants),
+            jobs=jobs,
+            lost=work.lost,
+            progress=None if report is None else lambda done, total: report(done / total),
+        )
+    failures: dict[int, Exception] = {
+        int(i): TaskError(str(found["error"][i])) for i in np.flatnonzero(found["error"] != "")
+    }
+    if failures:
+        rows = [{name: column[i] for name, column in found.items()} for i in range(plants)]
+        raise TasksFailed(failures, [None if i in failures else row for i, row in enumerate(rows)])
     t = np.linspace(0.0, scenario.duration, control_steps(scenario) + 1)[_rows(scenario)]
     return Robustness(
         scenario,
@@ -137,9 +153,9 @@ def robustness(
         shares,
         seed,
         t,
-        {method: np.array([end.distance for end in ends[method]]) for method in METHODS},
-        {method: np.array([end.arrived for end in ends[method]]) for method in METHODS},
-        {method: [end.stopped for end in ends[method]] for method in METHODS},
+        {method: found["distance"][:, i] for i, method in enumerate(METHODS)},
+        {method: found["arrived"][:, i] for i, method in enumerate(METHODS)},
+        {method: [str(why) for why in found["stopped"][:, i]] for i, method in enumerate(METHODS)},
     )
 
 
@@ -166,9 +182,42 @@ def robustness_numbers(found: Robustness) -> dict[str, Any]:
     return numbers
 
 
-def _ends(shared: tuple[ClosedLoop, Trajectory], plant: SpaceManipulator) -> tuple[_End, ...]:
-    """The runs on one plant, by method."""
-    return tuple(_end(*shared, method, plant) for method in METHODS)
+@dataclass(frozen=True, eq=False)
+class _Runs:
+    """The work of the engine: each row is one plant, with its runs by method."""
+
+    loop: ClosedLoop
+    plan: Trajectory
+    shares: dict[str, float]
+    seed: int
+
+    def __call__(self, rows: range) -> Table:
+        """Runs on some plants; what raises an error is a row with its error."""
+        # A draw takes a millisecond: those before the first row are made and left out.
+        rng = np.random.default_rng(self.seed)
+        drawn = islice(random_plants(self.loop.sms, rng, rows.stop, **self.shares), rows.start, None)
+        return joined([self._row(plant) for plant in drawn])
+
+    def lost(self, _: int, why: str) -> Table:
+        """The row of a plant that killed its worker."""
+        nothing = _End(np.full(len(_rows(self.loop.scenario)), np.nan), False, "")
+        return _table([nothing] * len(METHODS), why)
+
+    def _row(self, plant: SpaceManipulator) -> Table:
+        try:
+            return _table([_end(self.loop, self.plan, method, plant) for method in METHODS], "")
+        except Exception as error:  # whatever it is, the other plants go on
+            return self.lost(0, f"{type(error).__name__}: {error}")
+
+
+def _table(ends: Sequence[_End], error: str) -> dict[str, Any]:
+    """One row: the runs on one plant, by method."""
+    return {
+        "distance": np.array([[end.distance for end in ends]]),
+        "arrived": np.array([[end.arrived for end in ends]]),
+        "stopped": np.array([[end.stopped for end in ends]]),
+        "error": np.array([error]),
+    }
 
 
 def _end(loop: ClosedLoop, plan: Trajectory, method: str, plant: SpaceManipulator) -> _End:

@@ -24,6 +24,13 @@ _SAID_TWICE = (
     ("limit", "base", ("base_limits",)),
 )
 
+_OF_REPLANNING = {
+    "dt": "the step of planning again",
+    "dead_band": "of planning again",
+    "jerk": "of planning again",
+    "jerk" + DEGREES: "of planning again",
+}
+
 
 def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     """Every table of a scenario, its keys known and its values usable.
@@ -147,10 +154,10 @@ def _check_alternatives(source: Path, tables: Mapping[str, Any]) -> None:
         raise InvalidScenario(source, "[simulation] has both v0 and momentum; keep one")
     if "q0" in simulation and {"offset", "offset" + DEGREES} & tables["control"].keys():
         raise InvalidScenario(source, "[simulation] q0 and [control] offset both move the start; keep one")
-    if "dt" in reference and reference.get("kind", "plan") == "plan":
-        raise InvalidScenario(
-            source, '[reference] dt, the step of planning again, needs kind = "re-planning"'
-        )
+    if reference.get("kind", "plan") == "plan":
+        for key, what in _OF_REPLANNING.items():
+            if key in reference:
+                raise InvalidScenario(source, f'[reference] {key}, {what}, needs kind = "re-planning"')
     if "end_effector" in tables["plant"] and "model" not in tables["plant"]:
         raise InvalidScenario(source, "[plant] end_effector needs a model, the plant's own")
 

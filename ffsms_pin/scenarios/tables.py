@@ -22,6 +22,7 @@ from ffsms_pin.scenarios.values import (
     or_infinite,
     per_joint,
     positive,
+    table,
     text,
     texts,
     whole,
@@ -109,6 +110,24 @@ TABLES: Mapping[str, Table] = {
             "alpha-box": Table({}),
         },
     ),
+    "obstacle": Table(
+        {
+            "name": text,
+            "shape": one_of("box", "sphere", "cylinder", "capsule", "mesh"),
+            "size": numbers(3, positive),
+            "radius": positive,
+            "length": positive,
+            "file": text,
+            "scale": positive,
+            "position": numbers(3),
+            "rpy": numbers(3),
+            "on": one_of("inertial", "base"),
+            "margin": not_negative,
+        },
+        frozenset({"rpy"}),
+        required=("shape",),
+        several=True,
+    ),
     "limits": Table(
         {
             "lower": per_joint(),
@@ -130,7 +149,16 @@ TABLES: Mapping[str, Table] = {
         frozenset({"offset"}),
     ),
     "laws": Table({}, tables={law: Table({name: _GAINS[name] for name in gains_of(law)}) for law in LAWS}),
-    "reference": Table({"kind": one_of("plan", "re-planning"), "dt": positive, "hold": not_negative}),
+    "reference": Table(
+        {
+            "kind": one_of("plan", "re-planning"),
+            "dt": positive,
+            "hold": not_negative,
+            "dead_band": not_negative,
+            "jerk": per_joint(positive),
+        },
+        frozenset({"jerk"}),
+    ),
     "simulation": Table(
         {
             "integrator": one_of(*INTEGRATORS),
@@ -190,6 +218,14 @@ TABLES: Mapping[str, Table] = {
             {"joint_resolution", "joint_noise", "joint_rate_noise", "base_attitude_noise", "base_rate_noise"}
         ),
     ),
+    "estimator": Table(
+        {
+            "on": flag,
+            "joint_acceleration": not_negative,
+            "base_acceleration": not_negative,
+            "base_angular_acceleration": not_negative,
+        }
+    ),
     "disturbance": Table(
         {
             "wrench": numbers(6),
@@ -232,5 +268,7 @@ TABLES: Mapping[str, Table] = {
         frozenset({"position_margin", "joint_error"}),
         none_if_absent=True,
     ),
+    # What the distributions may be, `ffsms_pin.campaigns` says: a single run has no use for them.
+    "campaign": Table({"seed": whole(0), "draw": table}),
 }
 """Of a whole file, by name."""

@@ -23,6 +23,7 @@ __all__ = [
     "or_infinite",
     "per_joint",
     "positive",
+    "table",
     "text",
     "texts",
     "whole",
@@ -103,6 +104,13 @@ def texts(value: Any) -> tuple[str, ...]:
     if not isinstance(value, list):
         raise Unusable("must be a list of texts")
     return tuple(text(item) for item in value)
+
+
+def table(value: Any) -> dict[str, Any]:
+    """Any table."""
+    if not isinstance(value, dict):
+        raise Unusable("must be a table")
+    return {key: frozen(item) for key, item in value.items()}
 
 
 def frozen(value: Any) -> Any:

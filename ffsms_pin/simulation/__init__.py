@@ -3,6 +3,7 @@
 from ffsms_pin.simulation.actuator import Actuator
 from ffsms_pin.simulation.closed_loop import simulate
 from ffsms_pin.simulation.disturbances import Wrench
+from ffsms_pin.simulation.estimator import Estimator
 from ffsms_pin.simulation.events import Capture, JointFault
 from ffsms_pin.simulation.friction import JointFriction
 from ffsms_pin.simulation.integrators import INTEGRATORS
@@ -18,6 +19,7 @@ __all__ = [
     "Actuator",
     "Capture",
     "Controller",
+    "Estimator",
     "InertialError",
     "JointFault",
     "JointFriction",

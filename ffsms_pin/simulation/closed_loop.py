@@ -17,6 +17,7 @@ from ffsms_pin.simulation import disturbances as outside
 from ffsms_pin.simulation import events as happening
 from ffsms_pin.simulation.actuator import Actuator
 from ffsms_pin.simulation.disturbances import Wrench
+from ffsms_pin.simulation.estimator import Estimator
 from ffsms_pin.simulation.events import Event, JointFault
 from ffsms_pin.simulation.friction import JointFriction
 from ffsms_pin.simulation.integrators import integrator as integrator_named
@@ -24,12 +25,14 @@ from ffsms_pin.simulation.interfaces import Controller, Reference
 from ffsms_pin.simulation.loop_checks import (
     check_kinds,
     checked_plant,
+    estimator_of,
     first_sample,
     start,
     start_velocity,
     target_function,
 )
 from ffsms_pin.simulation.record import Record
+from ffsms_pin.simulation.seen_place import place_deviation
 from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
@@ -60,6 +63,7 @@ def simulate(
     friction: JointFriction | None = None,
     actuator: Actuator | None = None,
     sensors: Sensors | None = None,
+    estimator: Estimator | bool | None = None,
     disturbances: Wrench | Sequence[Wrench] = (),
     events: Event | Sequence[Event] = (),
     watchdog: Watchdog | None = None,
@@ -106,6 +110,11 @@ def simulate(
         Saturation, rate limit and delay of the torques.
     sensors : Sensors, optional
         What the controller and the reference see instead of the true state.
+    estimator : Estimator or bool, optional
+        What is made of the measurements before controller and reference see them: filtered, and carried over
+        the sensors' latency with the model `sms`. True: `Estimator()`; False: they are shown as they are.
+        Default: True for a reference that plans again in the loop (one with `expect_noise`), False for any
+        other. Perfect sensors need none, and get none.
     disturbances : Wrench or sequence of them
         External forces.
     events : Event or sequence of them
@@ -141,7 +150,7 @@ def simulate(
     ResultError
         The file of `stream` or of the watchdog cannot be written; found out before the run.
     """
-    check_kinds(sms, reference, controller, progress, friction, actuator, sensors, watchdog)
+    check_kinds(sms, reference, controller, progress, friction, actuator, sensors, estimator, watchdog)
     plant = checked_plant(sms, sms if plant is None else plant)
     duration, dt = positive("reference.duration", reference.duration, "s"), positive("dt", dt, "s")
     if dt > duration * (1.0 + 1e-9):
@@ -156,6 +165,11 @@ def simulate(
     coming = happening.checked(events, plant, duration)
     drive = None if actuator is None else actuator.start(plant.n, dt, duration)
     sensing = None if sensors is None else sensors.start(plant, dt, duration)
+    expect_noise = getattr(reference, "expect_noise", None)
+    estimator = (expect_noise is not None) if estimator is None else estimator
+    estimating = estimator_of(estimator, sms, sensors, dt)
+    if expect_noise is not None and sensors is not None and not sensors.perfect:
+        expect_noise(place_deviation(sms, q, sensors, estimating))
     observe = getattr(reference, "observe", None)
     reset = getattr(controller, "reset", None)
     if reset is not None:
@@ -189,6 +203,8 @@ def simulate(
                 if isinstance(event, JointFault) and event.told and hasattr(reference, "joint_failed"):
                     reference.joint_failed(event.index(plant), event.kind == "locked")
             seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
+            if estimating is not None:
+                seen_q, seen_v = estimating.update(seen_q, seen_v, record.tau[k - 1] if k else None)
             if observe is not None and k < steps:
                 observe(now, seen_q, seen_v)
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)

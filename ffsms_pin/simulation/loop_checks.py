@@ -10,13 +10,22 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, instance, optional_callable, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation.actuator import Actuator
+from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
 from ffsms_pin.simulation.friction import JointFriction
 from ffsms_pin.simulation.interfaces import Reference
 from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.simulation.watchdog import Watchdog
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["check_kinds", "checked_plant", "first_sample", "start", "start_velocity", "target_function"]
+__all__ = [
+    "check_kinds",
+    "checked_plant",
+    "estimator_of",
+    "first_sample",
+    "start",
+    "start_velocity",
+    "target_function",
+]
 
 
 def check_kinds(
@@ -27,6 +36,7 @@ def check_kinds(
     friction: Any,
     actuator: Any,
     sensors: Any,
+    estimator: Any,
     watchdog: Any,
 ) -> None:
     """Raise `InvalidValue`, with the argument's name, for an object that cannot be what it is given as."""
@@ -42,6 +52,8 @@ def check_kinds(
     instance("friction", friction, JointFriction, optional=True)
     instance("actuator", actuator, Actuator, optional=True)
     instance("sensors", sensors, Sensors, optional=True)
+    if not isinstance(estimator, bool):
+        instance("estimator", estimator, Estimator, optional=True)
     instance("watchdog", watchdog, Watchdog, optional=True)
 
 
@@ -54,6 +66,16 @@ def checked_plant(sms: SpaceManipulator, plant: SpaceManipulator) -> SpaceManipu
             "plant", plant.joint_names, f"must have the model's joints ({', '.join(sms.joint_names)})"
         )
     return plant
+
+
+def estimator_of(
+    estimator: Estimator | bool, sms: SpaceManipulator, sensors: Sensors | None, dt: float
+) -> RunningEstimator | None:
+    """What makes a state of the measurements in a run; None where they are taken as they are."""
+    if estimator is False or sensors is None or sensors.perfect:
+        return None
+    chosen = estimator if isinstance(estimator, Estimator) else Estimator()
+    return chosen.start(sms, sensors, dt)
 
 
 def start(plant: SpaceManipulator, reference: Reference, q0: ArrayLike | None) -> FloatArray:

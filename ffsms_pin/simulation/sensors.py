@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -44,6 +45,16 @@ class Sensors:
     base_rate_noise: float = 0.0
     base_latency: float = 0.0
     seed: int = 0
+
+    @property
+    def perfect(self) -> bool:
+        """Whether they show the state as it is."""
+        return not any(value for name, value in vars(self).items() if name != "seed")
+
+    @property
+    def joint_deviation(self) -> float:
+        """Standard deviation of a joint position as shown [rad]: of its noise, and of the encoder's steps."""
+        return math.hypot(self.joint_noise, self.joint_resolution / math.sqrt(12.0))
 
     def start(self, plant: SpaceManipulator, dt: float, duration: float) -> RunningSensors:
         """Sensors for one run."""

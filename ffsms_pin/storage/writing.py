@@ -88,11 +88,10 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], 
             write(file)
             file.flush()
             os.replace(temporary, target)  # while the lock is held
-    except OSError as error:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
-        raise ResultError(path, f"cannot be written ({error.strerror})") from None
-    except BaseException:
-        temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and not isinstance(error, ResultError):  # one of another file stays
+            raise ResultError(path, f"cannot be written ({error.strerror})") from None
         raise
 
 

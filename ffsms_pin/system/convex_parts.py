@@ -15,7 +15,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["Part", "convex_parts", "whole_shapes"]
+__all__ = ["Part", "convex_parts", "part_of", "whole_shapes"]
 
 # A slab is about this share of the box's second side thick: stubby parts lie in small balls, and bends are
 # followed.
@@ -59,7 +59,7 @@ def convex_parts(geometry: Any) -> list[Part]:
     for item in geometry.geometryObjects:
         body, placed = int(item.parentJoint) - 2, item.placement
         if not _is_mesh(item.geometry):
-            parts.append(_part(item.geometry, body, placed, True))
+            parts.append(part_of(item.geometry, body, placed, True))
             continue
         parts.extend(_hull(corners, body, placed) for corners in _slabs(item.geometry))
     return parts
@@ -68,7 +68,7 @@ def convex_parts(geometry: Any) -> list[Part]:
 def whole_shapes(geometry: Any) -> list[Part]:
     """All shapes of a pinocchio.GeometryModel as they are."""
     return [
-        _part(one.geometry, int(one.parentJoint) - 2, one.placement, not _is_mesh(one.geometry))
+        part_of(one.geometry, int(one.parentJoint) - 2, one.placement, not _is_mesh(one.geometry))
         for one in geometry.geometryObjects
     ]
 
@@ -77,8 +77,8 @@ def _is_mesh(shape: Any) -> bool:
     return bool(shape.getObjectType() == coal.OBJECT_TYPE.OT_BVH)
 
 
-def _part(shape: Any, body: int, placed: Any, convex: bool) -> Part:
-    """A shape of coal's own, in its box; meshes and hulls also in a tighter ball."""
+def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
+    """A shape of coal's own that is fixed to a body (-1: the base) at a pose, in its box and a ball."""
     shape.computeLocalAABB()
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
     centre, half = 0.5 * (low + high), 0.5 * (high - low)

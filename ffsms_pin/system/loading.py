@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.wheel_joints import taken_out
 from ffsms_pin.urdf import model_names, model_path
 
-__all__ = ["build", "folders", "load"]
+__all__ = ["build", "folders", "load", "with_srdf"]
 
 
 def load(
@@ -29,6 +30,7 @@ def load(
     acceleration: ArrayLike | None = None,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     wheels: Sequence[str] = (),
+    srdf: str | os.PathLike[str] | None = None,
 ) -> SpaceManipulator:
     """Load a space manipulator: a URDF with a free-flyer root joint and zero gravity.
 
@@ -50,6 +52,9 @@ def load(
     wheels : sequence of str
         Names of continuous joints that are reaction wheels: they are no joints of the arm, and the base
         counts their masses. See `ffsms_pin.ReactionWheels`.
+    srdf : str or path, optional
+        SRDF with pairs of links whose collisions do not count. Default: the file of the same name beside the
+        URDF, ending in .srdf, where there is one.
 
     Returns
     -------
@@ -65,7 +70,30 @@ def load(
     if wheels:
         urdf, reaction_wheels = taken_out(urdf, wheels)
     sms = build(urdf, end_effector, base_size, acceleration, package_dirs=folders(package_dirs))
-    return sms if reaction_wheels is None else sms.with_actuators(wheels=reaction_wheels)
+    if reaction_wheels is not None:
+        sms = sms.with_actuators(wheels=reaction_wheels)
+    beside = Path(urdf.path).with_suffix(".srdf")
+    if srdf is None and not beside.is_file():
+        return sms
+    return with_srdf(sms, beside if srdf is None else srdf)
+
+
+def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManipulator:
+    """The same robot without the pairs of links that an SRDF disables.
+
+    Raises
+    ------
+    InvalidValue
+        No such file.
+    """
+    try:
+        path = Path(srdf)
+    except TypeError:
+        raise InvalidValue("srdf", srdf, "must be a path") from None
+    if not os.path.isfile(path):
+        raise InvalidValue("srdf", str(srdf), "must be a file")
+    assert sms.description is not None  # it was built from a URDF
+    return sms._variant(sms.model, description=replace(sms.description, srdf=path))
 
 
 def build(

@@ -16,6 +16,7 @@ from ffsms_pin.actuation.gyrostat import check_inertia
 from ffsms_pin.checks import FloatArray, instance, one_of, pose, vector
 from ffsms_pin.errors import GeometryError, InvalidInertia, InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
+from ffsms_pin.system.batch import Batch
 from ffsms_pin.system.convex_parts import Part, convex_parts
 from ffsms_pin.system.limits import JointLimits, limits_of
 from ffsms_pin.system.mechanism import Mechanism, scratch
@@ -184,6 +185,16 @@ class SpaceManipulator(Mechanism):
         """
         rates = np.zeros(self.nv) if v is None else vector("v", v, self.nv, largest=math.inf)
         return State(self, self.checked_configuration("q", q), rates)
+
+    def batch(self, joints: ArrayLike) -> Batch:
+        """Coupling, Jacobians and inertia at many joint positions at once, in base axes.
+
+        Parameters
+        ----------
+        joints : array_like, shape (N, n)
+            Joint positions [rad].
+        """
+        return Batch(self, joints)
 
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
         """Copy of `q`, checked for shape, finite values and a unit quaternion."""

@@ -40,14 +40,20 @@ class Description:
         The file that it comes from, from which mesh names are looked up.
     package_dirs : tuple of Path
         Folders in which `package://` names are looked up first.
+    srdf : Path, optional
+        File that names pairs of links whose collisions do not count.
     """
 
     text: str
     path: Path
     package_dirs: tuple[Path, ...] = ()
+    srdf: Path | None = None
 
     def geometry(self, model: Any, kind: ShapeKind) -> Any:
-        """Geometry model (pinocchio.GeometryModel) of the visual or collision shapes, for `model`."""
+        """Geometry model (pinocchio.GeometryModel) of the visual or collision shapes, for `model`.
+
+        With an SRDF, that of the collision shapes has all pairs that count as collision pairs; else none.
+        """
         robot, count = self._shapes_alone(kind)
         wanted = pin.GeometryType.VISUAL if kind == "visual" else pin.GeometryType.COLLISION
         text = ElementTree.tostring(robot, encoding="unicode")
@@ -57,6 +63,12 @@ class Description:
             raise GeometryError(f"{self.path}: its {kind} shapes cannot be built ({error})") from None
         if geometry.ngeoms != count:
             raise GeometryError(f"{self.path}: of its {count} {kind} shapes {geometry.ngeoms} can be built")
+        if kind == "collision" and self.srdf is not None:
+            geometry.addAllCollisionPairs()
+            try:
+                pin.removeCollisionPairs(model, geometry, str(self.srdf), False)
+            except Exception as error:  # of the parser: it has its own kinds
+                raise GeometryError(f"{self.srdf}: it cannot be read as an SRDF ({error})") from None
         return geometry
 
     def _shapes_alone(self, kind: ShapeKind) -> tuple[ElementTree.Element, int]:

@@ -30,6 +30,7 @@ COLOURS = {
     "start": "#E69F00",
     "end": "#56B4E9",
     "trail": "#777777",
+    "obstacle": "#A03030",
 }
 
 # cos(theta_a) from -1 (straight away) over 0 (across) to 1 (straight at the target).

@@ -42,6 +42,7 @@ LAYERS = {
         f"linear-gradient(to right, {COLOURS['start']}, {COLOURS['end']})",
     ),
     "target": Layer("target", ("target",), COLOURS["target"]),
+    "obstacles": Layer("obstacles", ("obstacles",), COLOURS["obstacle"]),
     "planned_path": Layer("planned path, by cos θₐ", ("planned path",), _gradient(ASSISTANCE_STOPS)),
     "tracked_path": Layer("tracked path", ("tracked path",), COLOURS["tracked"]),
     "base_trail": Layer(
@@ -66,6 +67,7 @@ DEFAULT = (
     "robot",
     "ghosts",
     "target",
+    "obstacles",
     "planned_path",
     "tracked_path",
     "base_motion",

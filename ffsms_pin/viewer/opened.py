@@ -12,7 +12,7 @@ import umsgpack
 
 from ffsms_pin.checks import positive
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt import Trajectory
+from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.opt.trajectory import REACH
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import write_content
@@ -23,6 +23,7 @@ from ffsms_pin.viewer.facts import facts
 from ffsms_pin.viewer.frames import Frames, Result, Target, surroundings
 from ffsms_pin.viewer.layers import LAYERS, chosen_layers
 from ffsms_pin.viewer.margins import ClearanceLayer, LimitLayer
+from ffsms_pin.viewer.obstacles import add_obstacles
 from ffsms_pin.viewer.page import page
 from ffsms_pin.viewer.paths import add_base_trail, add_path, add_target
 from ffsms_pin.viewer.robot import Robot
@@ -41,6 +42,7 @@ def view(
     plan: Trajectory | None = None,
     *,
     target: Target | None = None,
+    obstacles: Sequence[Obstacle] = (),
     show: str | Sequence[str] | None = None,
     speed: float = 1.0,
     fps: float = 30.0,
@@ -61,6 +63,8 @@ def view(
     target : array_like, shape (3,), or pinocchio.SE3, or callable, optional
         [m], inertial axes, or a function of time [s]. Default: the plan's. Without one there is no target,
         no direction to it and no cone.
+    obstacles : sequence of Obstacle
+        What the plan kept clear of.
     show : str or sequence of str, optional
         Layers that are visible at first, of `LAYERS`; "all" for every one. The others are in the scene too
         and can be switched on in it.
@@ -102,7 +106,9 @@ def view(
     frames = Frames.of(sms, result, target, kappa, fps)
     path = None if planned is None else Frames.of(sms, planned, target, kappa, fps)
     reach = REACH if planned is None else planned.reach
-    return View(frames, path, result is not planned, reach, shown, speed, title or sms.model.name, play)
+    return View(
+        frames, path, result is not planned, reach, shown, speed, title or sms.model.name, play, obstacles
+    )
 
 
 class View:
@@ -118,6 +124,7 @@ class View:
         speed: float,
         title: str,
         play: bool,
+        obstacles: Sequence[Obstacle] = (),
     ) -> None:
         self._frames, self._title, self._speed, self._play = frames, title, speed, play
         self._server: Server | None = None
@@ -126,6 +133,7 @@ class View:
         flat = bool(np.ptp(frames.tips[:, 2]) < _FLAT)
         stage.set_up(centre, radius, np.array([-0.12, -0.75, 1.5] if flat else [1.0, -1.5, 0.95]))
         _draw(stage, frames, plan, tracked, reach)
+        add_obstacles(stage, frames, obstacles)
         there = set(stage.nodes)
         self.layers: dict[str, bool] = {}
         """Whether each layer that the scene has is visible at first."""

@@ -1,4 +1,4 @@
-"""The paper's entropy of the coupling at many configurations, with its gradient."""
+"""The paper's entropy of the coupling at many configurations, with its gradient; see `coupling.stacked`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["entropy", "entropy_and_gradient", "singular"]
+__all__ = ["entropy_and_gradient", "singular"]
 
 # Singular values are kept above this: x log x is zero there to rounding, and its slope is finite.
 _LEAST = 1e-12
@@ -17,13 +17,6 @@ _LEAST = 1e-12
 _SHARE = 1e-8
 # Below this share, squares cost digits that show.
 _FEW_DIGITS = 1e-4
-
-
-def entropy(sigma: FloatArray, n: int) -> FloatArray:
-    """H_norm (...) of singular values (r, ...) of C_bm, of n joints."""
-    if n == 1:
-        return np.zeros(sigma.shape[1:])
-    return _entropy(np.maximum(sigma, _LEAST), n)[0]
 
 
 def singular(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
 from ffsms_pin.opt.batch.entropy import entropy_and_gradient
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.stacks import apply, cross
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import apply, cross
 
 __all__ = ["EXACT", "Motions", "Smoothing", "apply_rates"]
 
@@ -70,8 +71,10 @@ class Motions:
     smoothing : Smoothing
     lag : float
         The paper pairs a step's rates, those of its end, with the place at its start: so much earlier [s].
+    wheels : ReactionWheels, optional
+        Those that hold the attitude, where wheels do.
     wheel_total : ndarray, shape (w,)
-        Momenta of the wheels that hold the attitude while the joints are at rest [N m s]; empty without.
+        Their momenta, were the joints at rest [N m s].
     """
 
     stack: ArmStack
@@ -94,6 +97,7 @@ class Motions:
     mean_speed: float
     smoothing: Smoothing = EXACT
     lag: float = 0.0
+    wheels: ReactionWheels | None = None
     wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.stacks import apply, dot, log3, skew
+from ffsms_pin.system.batch.stacks import apply, dot, log3, skew
 
 __all__ = ["orientation_residual"]
 

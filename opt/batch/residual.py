@@ -63,15 +63,10 @@ class Residual:
     by_entropy: FloatArray | None = None
     by_coupling: FloatArray | None = None
 
-    def scaled(self, factor: float | FloatArray) -> Residual:
-        """The residual times a factor, a number or one an instant (K,)."""
-        changed: dict[str, Any] = {name: factor * slope for name, slope in self.slopes().items()}
-        return replace(self, value=factor * self.value, **changed)
-
     def slopes(self) -> dict[str, FloatArray]:
         """The slopes that there are, by name."""
-        named = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {name: x for name, x in named.items() if name.startswith("by_") and x is not None}
+        named = {name: getattr(self, name) for name in _SLOPES}
+        return {name: x for name, x in named.items() if x is not None}
 
     def take(self, index: Indices) -> Residual:
         """That of the motions at an ascending index (T,), numbered anew."""
@@ -93,6 +88,9 @@ class Residual:
             return np.asarray(square.sum(axis=1))
         sums: FloatArray = np.bincount(self.motion, square, minlength=motions).astype(np.float64)
         return sums
+
+
+_SLOPES = [one.name for one in fields(Residual) if one.name.startswith("by_")]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.batch.motions import Motions, apply_rates
-from ffsms_pin.opt.batch.stacks import apply, cross, exp3, products, quaternions
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.batch.stacks import apply, cross, exp3, products, quaternions
 
 __all__ = ["configurations", "rolled_out", "velocities"]
 

@@ -18,8 +18,8 @@ from __future__ import annotations
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
-from ffsms_pin.opt.batch.stacks import apply, cross, dot
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import apply, cross, dot
 
 __all__ = ["coupling_slopes", "momentum_slopes", "spin_slopes", "velocity_slopes"]
 

@@ -18,12 +18,12 @@ import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmValues
 from ffsms_pin.opt.batch.motions import Motions, apply_rates
 from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.batch.slopes import momentum_slopes
-from ffsms_pin.opt.batch.stacks import cross
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.arm import ArmValues
+from ffsms_pin.system.batch.stacks import cross
 
 __all__ = [
     "TorqueSlopes",
@@ -71,7 +71,7 @@ def momentum_slopes_by_joints(motions: Motions) -> tuple[FloatArray, FloatArray]
 
 def wheel_momentum(motions: Motions) -> FloatArray:
     """Spin momenta h (w, S, K) of the wheels against the base [N m s]; no rows where no wheels hold it."""
-    wheels = motions.stack.wheels
+    wheels = motions.wheels
     if wheels is None:
         return np.zeros((0, *motions.rates.shape[1:]))
     taken = np.einsum("wx,xsk->wsk", wheel_shares(wheels), arm_momentum(motions))
@@ -80,7 +80,7 @@ def wheel_momentum(motions: Motions) -> FloatArray:
 
 def wheel_torque(motions: Motions, momentum: FloatArray | None = None) -> FloatArray:
     """Motor torques (w, S, K) [N m], friction made good; `momentum` is `wheel_momentum`, where known."""
-    wheels = motions.stack.wheels
+    wheels = motions.wheels
     if wheels is None:
         return np.zeros((0, *motions.rates.shape[1:]))
     torque = -np.einsum("wx,xsk->wsk", wheel_shares(wheels), arm_torque(motions))
@@ -94,7 +94,7 @@ def wheel_torque(motions: Motions, momentum: FloatArray | None = None) -> FloatA
 def nodal_momentum(motion: Motions, sms: SpaceManipulator) -> FloatArray:
     """Momenta (N + 1, w) of the robot's wheels at the nodes of a finished motion [N m s]."""
     nodes = (motion.rates.shape[-1] + 1) // 2
-    if motion.stack.wheels is None:  # wheels that hold nothing stand still
+    if motion.wheels is None:  # wheels that hold nothing stand still
         return np.zeros((nodes, 0 if sms.wheels is None else len(sms.wheels)))
     return wheel_momentum(motion)[:, 0, ::2].T
 
@@ -112,8 +112,8 @@ class TorqueSlopes:
 
     Only instants at which a wheel asks for too much need them: there are few, so a call each will do.
 
-    Reference: J. Carpentier, N. Mansard, "Analytical derivatives of rigid body dynamics algorithms", Robotics:
-    Science and Systems (2018).
+    Reference: J. Carpentier, N. Mansard, "Analytical derivatives of rigid body dynamics algorithms",
+    Robotics: Science and Systems (2018).
 
     Parameters
     ----------

@@ -10,8 +10,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.orientation import orientation_residual
 from ffsms_pin.opt.batch.residual import Indices, Residual
-from ffsms_pin.opt.batch.stacks import dot
 from ffsms_pin.opt.goals import Goal
+from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Arrival", "arrival"]
 
@@ -82,9 +82,8 @@ def _distance(motions: Motions, at: Indices, near: float) -> tuple[list[Residual
 
 def _attitude(goal: Goal, motions: Motions, at: Indices, near: float) -> tuple[list[Residual], FloatArray]:
     """The components of the turn to the wanted attitude beyond `near`; the largest angle (S,)."""
-    times = motions.times[at].tolist()
-    rotations = [goal.place(t).rotation for t in (times if goal.moves else times[:1])]
-    wanted = np.stack([one for one in rotations if one is not None], axis=-1)
+    wanted = goal.rotations(motions.times[at])
+    assert wanted is not None
     value, by_turn, angle = orientation_residual(wanted[:, :, None], motions.attitude[..., at], near)
     return [_components(value, at, "by_turn", by_turn)], angle.max(axis=1)
 

@@ -21,7 +21,7 @@ from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED, ControlMaps, ControlRows
 from ffsms_pin.opt.problem import Problem
 
-__all__ = ["AT_REST", "ControlQP", "braking"]
+__all__ = ["AT_REST", "ControlQP", "at_rest", "braking"]
 
 # [rad/s] At the last node: small enough to count as rest, large enough to have a direction.
 AT_REST = 8e-4
@@ -102,9 +102,21 @@ class ControlQP:
         # Of order one: the solver's tolerances are absolute.
         scale = len(gradient) / float(np.trace(hessian))
         options = {"primal_tol": _TOLERANCE, "iter_limit": _MAX_ITERATIONS}
-        found, _, status, _ = daqp.solve(
-            scale * hessian, scale * gradient, self._free_rows, high, low, **options
-        )
+        hessian, gradient = scale * hessian, scale * gradient
+        # DAQP transforms every row that it is given, and few of them matter: those that its solution breaks
+        # are added until there is none.
+        rows, chosen = self._free_rows, (move > high) | (move < low)
+        while True:
+            found, _, status, _ = daqp.solve(
+                hessian, gradient, rows[chosen], high[chosen], low[chosen], **options
+            )
+            if status != 1:
+                break
+            beyond = rows @ found
+            broken = ((beyond > high + _TOLERANCE) | (beyond < low - _TOLERANCE)) & ~chosen
+            if not broken.any():
+                break
+            chosen |= broken
         if status != 1 or not np.isfinite(found).all():
             found = unbounded * self.share(move, low, high)
         step[free] = found
@@ -131,6 +143,11 @@ class ControlQP:
         return max(0.0, float(room.min(initial=1.0)))
 
 
+def at_rest(problem: Problem) -> FloatArray:
+    """Rates (n,) up to which the joints count as standing still at the deadline."""
+    return np.minimum(AT_REST, _REST_SHARE * problem.sms.limits.velocity)
+
+
 def braking(problem: Problem, spline: RateSpline) -> FloatArray:
     """Control points (M, n) of an arm that brakes from the rates it starts with."""
     rates, limit = problem.joint_rates, problem.sms.limits.acceleration
@@ -152,7 +169,7 @@ def _kinds(problem: Problem, spline: RateSpline) -> list[ControlRows]:
     )
     kinds = [row for limit in problem.limits for row in limit.control_rows(maps)]
     if not spline.free_end:
-        rest = np.minimum(AT_REST, _REST_SHARE * problem.sms.limits.velocity)
+        rest = at_rest(problem)
         last = spline.last_rate
         kinds.append(ControlRows("rest", 1.0, last.free, last.fixed[:, None] * rates0, -rest, rest))
     return kinds

@@ -18,14 +18,19 @@ from ffsms_pin.opt.trajectory import Trajectory
 __all__ = ["arrival_error", "corrected_goal"]
 
 
-def arrival_error(plan: Trajectory) -> float:
-    """The largest error at the deadline [m, rad]."""
-    return max(float(plan.position_error[-1]), float(plan.orientation_error[-1]))
+def arrival_error(goal: Goal, plan: Trajectory) -> float:
+    """The largest error at the deadline [m, rad], and of velocities that the goal asks for [m/s, rad/s]."""
+    place = goal.place(plan.duration)
+    errors = [float(plan.position_error[-1]), float(plan.orientation_error[-1])]
+    for wanted, miss in zip((place.velocity, place.spin), np.split(plan.contact_velocity, 2), strict=True):
+        if wanted is not None:
+            errors.append(float(np.linalg.norm(miss)))
+    return max(errors)
 
 
 def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
     """The next goal, after a landing at `goal` gave this plan; None where the plan arrives."""
-    if plan.reached and arrival_error(plan) <= problem.goal.tolerance:
+    if plan.reached and arrival_error(problem.goal, plan) <= problem.goal.tolerance:
         return None
     offset: FloatArray = np.zeros(3)
     turn: FloatArray = np.eye(3)

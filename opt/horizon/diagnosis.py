@@ -9,8 +9,10 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.opt.horizon.blocked import blocking
+from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
 from ffsms_pin.opt.horizon.starts import JointGoals, joint_range, spread_postures, straight_time
-from ffsms_pin.opt.limits import Clearance
+from ffsms_pin.opt.limits import Clearance, Corridor
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
@@ -27,15 +29,21 @@ _LONGER, _DOUBLINGS = 1.25, 3  # than the failed duration; how often a duration 
 
 
 def start_in_collision(problem: Problem) -> Trajectory | None:
-    """A plan that stays where it is, where the start already breaks a clearance; else None."""
+    """A plan that stays where it is, where the start breaks a clearance or stands beside a corridor."""
     begin = rolled_out(
         problem.sms, problem.stack, problem.q0, np.zeros((2, problem.sms.n)), problem.dt, None, ARRIVAL_SHARE
     )
+    for corridor in (limit for limit in problem.limits if isinstance(limit, Corridor)):
+        if replace(corridor, deadline=problem.dt).violation(begin).amount > 0.0:
+            still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
+            note = f"the start is beside the corridor, within {corridor.length:g} m of the grasp"
+            return replace(still, clear=False, note=f"{note}; move the start, or take a shorter standoff")
     clearances = [limit for limit in problem.limits if isinstance(limit, Clearance)]
-    if all(limit.violation(begin).amount == 0.0 for limit in clearances):
+    notes = [found.note for limit in clearances if (found := limit.violation(begin)).amount > 0.0]
+    if not notes:
         return None
     still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
-    note = f"the start breaks the clearance: {still.note}; move the start, or ask for less"
+    note = f"the start breaks the clearance: {'; '.join(notes)}; move the start, or ask for less"
     return replace(still, note=note)
 
 
@@ -76,14 +84,24 @@ def explain(
             f"binding: the workspace, since the end effector can be {least:.3f} to {most:.3f} m from the "
             f"system's centre of mass and the target is {distance:.3f} m from it"
         )
+        if problem.goal.moves:
+            words.append(time_within_reach(problem, least, most))
         return replace(plan, note="; ".join(words))
+    fast = too_fast(problem, goals) if problem.goal.moves else ""
+    if fast:
+        words.append(fast)
+    if stands := blocking(problem, plan):
+        words.append(stands)
     others = [name for name in plan.binding if name != "joints"]
     if others:
         words.append(f"binding: {', '.join(others)}")
     if binding:
         names = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
         words.append(f"binding: {', '.join(names)}")
-    shortest = _sufficient(problem, goals, binding, attempt)
+    if problem.goal.exact:
+        shortest = 0.0 if fast else later_deadline(problem, least, most, attempt)
+    else:
+        shortest = _sufficient(problem, goals, binding, attempt)
     if shortest > 0.0:
         words.append(f"a duration of {shortest:.2f} s would do")
     else:

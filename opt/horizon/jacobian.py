@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmValues
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices, Residual
 from ffsms_pin.opt.batch.slopes import coupling_slopes, spin_slopes, velocity_slopes
-from ffsms_pin.opt.batch.stacks import apply, cross, dot
 from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.system.batch.arm import ArmValues
+from ffsms_pin.system.batch.stacks import apply, cross, dot
 
 __all__ = ["Jacobian"]
 

@@ -62,7 +62,7 @@ class Judge:
 
     def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
         """Whether a plan fails, whether it arrives poorly, and by how much it misses."""
-        error = arrival_error(plan)
+        error = arrival_error(self._problem.goal, plan)
         if not plan.reached:
             return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
         rates, options = plan.joint_rates, self._options

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmValues
-from ffsms_pin.opt.batch.entropy import entropy, singular
+from ffsms_pin.coupling.stacked import entropies
+from ffsms_pin.opt.batch.entropy import singular
 from ffsms_pin.opt.batch.motions import apply_rates
-from ffsms_pin.opt.batch.stacks import apply, dot, exp3, log3
+from ffsms_pin.opt.horizon.control_qp import at_rest
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.starts import joint_range
@@ -24,11 +24,16 @@ from ffsms_pin.opt.step.direction import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.march import start_sides
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import advance
+from ffsms_pin.system.batch.arm import ArmValues
+from ffsms_pin.system.batch.stacks import apply, dot, exp3, log3
 
-__all__ = ["cone_marches", "free_marches", "march_starts"]
+__all__ = ["cone_marches", "free_marches", "landed", "march_starts"]
 
 _DAMPING = 0.003  # [arm lengths] of the least squares, near singular postures
 _SHARE = 0.8  # of the rate limits
+_STRIDES = 60  # a step of a march with all limits is at most such a part of the time left
+_BEHIND = 1.5  # at such a multiple of the way that is left at the mean speed a march is given up
+_BRAKING = 0.5  # of the acceleration limits, at the end of such a march
 
 
 def march_starts(problem: Problem, spline: RateSpline, options: SearchOptions) -> FloatArray:
@@ -41,26 +46,54 @@ def march_starts(problem: Problem, spline: RateSpline, options: SearchOptions) -
 
 
 def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
-    """Joint rates (N + 1, n) of marches that cost less than a budget [s], one for each side.
+    """Joint rates (N + 1, n) of marches that cost less than a budget [s], one for each side, landed.
 
-    A march is given up where it has cost more, or where a step's programme was not solved.
+    A march is given up where it has cost more, where a step's programme was not solved, or where it is so far
+    behind its schedule that it will not arrive. Far from the
+    deadline a step is longer than one of the motion: nothing changes fast there. In between the rates are
+    linear.
     """
-    place, dt = problem.goal.place(problem.duration), problem.dt
-    stepper = Stepper(problem.sms, dt, problem.kappa, problem.limits, momentum=problem.momentum)
-    for side in start_sides(problem.sms, problem.q0, place.position):
+    place, sms, dt, steps = problem.goal.place(problem.duration), problem.sms, problem.dt, problem.steps
+    stepper = Stepper(sms, dt, problem.kappa, problem.limits, problem.terms, momentum=problem.momentum)
+    for side in start_sides(sms, problem.q0, place.position):
         stepper.reset(side)
-        q, cost, rates = problem.q0, 0.0, np.empty((problem.steps + 1, problem.sms.n))
-        rates[0] = problem.joint_rates
-        for k in range(problem.steps):
-            left = problem.duration - k * dt
-            step = stepper.advance(q, rates[k], place.position, left, place.rotation)
-            cost += step.cost * dt
-            if cost > budget or not step.solved:
+        q, cost, k, nodes, rates = problem.q0, 0.0, 0, [0], [problem.joint_rates]
+        while k < steps:
+            stride = max(1, (steps - k) // _STRIDES)
+            stepper.dt = stride * dt
+            # The paper pairs rates with where the arm was one step before.
+            before, _ = advance(sms, q, rates[-1], np.zeros(sms.n), stepper.dt - dt, problem.momentum)
+            step = stepper.advance(before, rates[-1], place.position, (steps - k) * dt, place.rotation)
+            cost += step.cost * stepper.dt
+            way = place.position - sms.at(q).end_effector_pose.translation
+            behind = float(np.linalg.norm(way)) > _BEHIND * problem.mean_speed * (steps - k) * dt
+            if cost > budget or not step.solved or behind:
                 break
-            rates[k + 1] = step.joint_rates
-            q, _ = advance(problem.sms, q, rates[k], (rates[k + 1] - rates[k]) / dt, dt, problem.momentum)
+            slope = (step.joint_rates - rates[-1]) / stepper.dt
+            q, _ = advance(sms, q, rates[-1], slope, stepper.dt, problem.momentum)
+            k += stride
+            nodes.append(k)
+            rates.append(step.joint_rates)
         else:
-            yield rates
+            yield landed(problem, _between(np.array(nodes), np.array(rates)))
+
+
+def landed(problem: Problem, rates: FloatArray) -> FloatArray:
+    """The same motion (N + 1, n), at rest at the end: slowed down where a joint would brake too late.
+
+    All joints by the same share, so that the end effector keeps its direction, and with it the cost.
+    """
+    left = np.arange(len(rates))[::-1, None]
+    most = at_rest(problem) + _BRAKING * problem.dt * left * np.minimum(problem.sms.limits.acceleration, 1e6)
+    share = np.min(most / np.maximum(np.abs(rates), 1e-12), axis=1, keepdims=True)
+    share[0] = 1.0  # the rates at the start are given
+    return np.asarray(rates * np.minimum(share, 1.0))
+
+
+def _between(nodes: FloatArray, rates: FloatArray) -> FloatArray:
+    """Rates (N + 1, n) at every node of the motion, linear between those of some (k,), (k, n)."""
+    at = np.arange(nodes[-1] + 1)
+    return np.stack([np.interp(at, nodes, one) for one in rates.T], axis=1)
 
 
 def cone_marches(problem: Problem, steps: int) -> FloatArray:
@@ -115,7 +148,7 @@ def _gain(problem: Problem, steps: int, distance: FloatArray) -> FloatArray:
 def _ideal_cosine(arm: ArmValues, kappa: float) -> FloatArray:
     """The cosine c* of no cost, log(exp(kappa (1 - H)) - 1) / kappa, within [-1, 1]."""
     sigma, _ = singular(arm.coupling)
-    x = np.maximum(kappa * (1.0 - entropy(sigma, arm.jstar.shape[1])), 1e-9)
+    x = np.maximum(kappa * (1.0 - entropies(sigma, arm.jstar.shape[1])), 1e-9)
     return np.asarray(np.clip((x + np.log(-np.expm1(-x))) / kappa, -1.0, 1.0))
 
 

@@ -6,14 +6,14 @@ Terms, goal and limits contribute residuals; this file only stacks them. To add 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions, Smoothing
-from ffsms_pin.opt.batch.residual import Indices, JointResidual, Residual, Residuals
+from ffsms_pin.opt.batch.residual import Indices, JointResidual, Residual
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.arrival import arrival
 from ffsms_pin.opt.horizon.jacobian import Jacobian
@@ -125,27 +125,55 @@ def linearise(
     result.gradient = np.zeros((len(p), size))
     result.hessian = np.zeros((len(p), size, size))
     if good.size:
-        taken = residuals if good.size == len(p) else [one.take(good) for one in residuals]
-        gradient, hessian = _summed(spline, motions, good, taken)
+        gradient, hessian = _summed(spline, motions, good, residuals)
         result.gradient[good], result.hessian[good] = gradient, hessian
     return result
 
 
+class Weighted(NamedTuple):
+    """A residual, and the weight of the square of each of its values.
+
+    Attributes
+    ----------
+    residual : Residual or JointResidual
+    weight : ndarray, shape (K,), or (V,) of a residual with entries
+    """
+
+    residual: Residual | JointResidual
+    weight: FloatArray
+
+    @classmethod
+    def of(cls, residual: Residual | JointResidual, factor: float, over_time: FloatArray) -> Weighted:
+        """A weight that is the same for all values, times the quadrature's where the square is integrated."""
+        if isinstance(residual, JointResidual):
+            return cls(residual, factor * over_time)
+        if residual.over_time:
+            return cls(residual, factor * over_time[residual.instants])
+        return cls(residual, np.full(residual.value.shape[-1], factor))
+
+    def take(self, index: Indices) -> Weighted:
+        """That of the motions at an ascending index."""
+        residual, weight = self.residual, self.weight
+        if isinstance(residual, Residual) and residual.motion is not None:
+            weight = weight[np.isin(residual.motion, index)]
+        return Weighted(residual.take(index), weight)
+
+
 def _measured(
     problem: Problem, goal: Goal, motions: Motions, weights: Weights
-) -> tuple[Linearisation, Residuals]:
+) -> tuple[Linearisation, list[Weighted]]:
     """All residuals with their weights, and what needs no derivatives."""
     count, over_time = motions.count, motions.weights
-    residuals: Residuals = []
+    residuals: list[Weighted] = []
     merit, objective, cost = np.zeros(count), np.zeros(count), np.zeros(count)
     for term in problem.terms:
-        ease = np.sqrt(weights.tie_break) if term.tie_breaker else 1.0
+        ease = weights.tie_break if term.tie_breaker else 1.0
         for residual in term.residual(motions):
             square = residual.squares(over_time, count)
-            merit += ease * ease * square
+            merit += ease * square
             if not isinstance(term, Coupling):
                 objective += square
-            residuals.append(_over_time(residual, ease, over_time))
+            residuals.append(Weighted.of(residual, ease, over_time))
         if isinstance(term, Coupling):
             cost = term.cost(motions)
             objective += term.weight * cost
@@ -153,33 +181,17 @@ def _measured(
     end = weights.end * time_scale(motions) / problem.stack.length**2
     for ones, share in ((at_goal.end, 1.0), (at_goal.tail, 0.1)):
         for one in ones:
-            scaled = one.scaled(float(np.sqrt(share * end)))
-            merit += scaled.squares(over_time, count)
-            residuals.append(scaled)
+            merit += share * end * one.squares(over_time, count)
+            residuals.append(Weighted.of(one, share * end, over_time))
     lack = np.zeros(count)
     for limit in problem.limits:
         for residual in limit.residual(motions):
             merit += weights.limits * residual.squares(motions.limit_weights, count)
             np.maximum.at(lack, *_largest(residual, limit.margin))
-            residuals.append(_over_time(residual, float(np.sqrt(weights.limits)), motions.limit_weights))
+            residuals.append(Weighted.of(residual, weights.limits, motions.limit_weights))
     empty = np.empty(0)
     result = Linearisation(merit, objective, cost, empty, empty, at_goal.end_share, at_goal.late_share, lack)
     return result, residuals
-
-
-def _over_time(
-    residual: Residual | JointResidual, factor: float, over_time: FloatArray
-) -> Residual | JointResidual:
-    """A residual times a factor and the root of the quadrature's weights."""
-    if isinstance(residual, JointResidual):
-        scale = factor * np.sqrt(over_time)
-        parts = (residual.value, residual.by_position, residual.by_rate, residual.by_acceleration)
-        value, *slopes = [None if x is None else scale * x for x in parts]
-        assert value is not None
-        return JointResidual(value, *slopes)
-    if not residual.over_time:
-        return residual.scaled(factor)
-    return replace(residual.scaled(factor * np.sqrt(over_time)[residual.instants]), over_time=False)
 
 
 def _largest(residual: Residual | JointResidual, margin: float) -> tuple[Indices, FloatArray]:
@@ -195,35 +207,64 @@ def _largest(residual: Residual | JointResidual, margin: float) -> tuple[Indices
 
 
 def _summed(
-    spline: RateSpline, motions: Motions, chosen: Indices, residuals: Residuals
+    spline: RateSpline, motions: Motions, chosen: Indices, residuals: list[Weighted]
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient (S, Mn) and Hessian (S, Mn, Mn) of half the sum of squares; control points first."""
     n, size, count = motions.stack.n, spline.size, len(chosen)
+    if count < motions.count:
+        residuals = [one.take(chosen) for one in residuals]
     jacobian = Jacobian(spline, motions, chosen)
     gradient, hessian = np.zeros((count, n * size)), np.zeros((count, n * size, n * size))
-    dense = [one for one in residuals if isinstance(one, Residual) and one.motion is None]
-    if dense:
-        S = np.concatenate([jacobian.rows(one) for one in dense], axis=-1)
-        value = np.concatenate([one.value for one in dense], axis=1)
-        gradient += (S @ value[..., None])[..., 0]
-        hessian += S @ np.swapaxes(S, 1, 2)
-    for residual in residuals:
+    for residual, weight in _merged(residuals):
         if isinstance(residual, JointResidual):
-            _add_joints(spline, residual, gradient, hessian)
-        elif residual.motion is not None and residual.value.size:
-            rows = jacobian.rows(residual)
+            _add_joints(spline, residual, weight, gradient, hessian)
+        elif residual.motion is None:
+            S = jacobian.rows(residual)
+            gradient += (S @ (weight * residual.value)[..., None])[..., 0]
+            hessian += (weight * S) @ np.swapaxes(S, 1, 2)
+        elif residual.value.size:
+            rows, value = jacobian.rows(residual), weight * residual.value
             for s in np.unique(residual.motion):
-                own = rows[:, residual.motion == s]
-                gradient[s] += own @ residual.value[residual.motion == s]
-                hessian[s] += own @ own.T
+                its = residual.motion == s
+                own = rows[:, its]
+                gradient[s] += own @ value[its]
+                hessian[s] += (weight[its] * own) @ own.T
     # So far the joints came first.
     blocks = hessian.reshape(count, n, size, n, size).transpose(0, 2, 1, 4, 3)
     points = gradient.reshape(count, n, size).transpose(0, 2, 1)
     return points.reshape(count, -1), blocks.reshape(hessian.shape)
 
 
+def _merged(residuals: list[Weighted]) -> list[Weighted]:
+    """Fewer residuals: dense ones at chosen instants that depend on the same things become one."""
+    merged: list[Weighted] = []
+    alike: dict[tuple[str, ...], list[Weighted]] = {}
+    for one in residuals:
+        residual = one.residual
+        if (
+            isinstance(residual, JointResidual)
+            or residual.motion is not None
+            or isinstance(residual.instants, slice)
+        ):
+            merged.append(one)
+        else:
+            alike.setdefault(tuple(residual.slopes()), []).append(one)
+    for names, group in alike.items():
+        own = [one.residual for one in group if isinstance(one.residual, Residual)]
+        slopes: dict[str, Any] = {x: np.concatenate([one.slopes()[x] for one in own], axis=-1) for x in names}
+        value = np.concatenate([one.value for one in own], axis=-1)
+        instants = np.concatenate([np.asarray(one.instants) for one in own])
+        weight = np.concatenate([one.weight for one in group])
+        merged.append(Weighted(Residual(value, instants, over_time=False, **slopes), weight))
+    return merged
+
+
 def _add_joints(
-    spline: RateSpline, residual: JointResidual, gradient: FloatArray, hessian: FloatArray
+    spline: RateSpline,
+    residual: JointResidual,
+    weight: FloatArray,
+    gradient: FloatArray,
+    hessian: FloatArray,
 ) -> None:
     """What depends on one joint alone: blocks on the diagonal."""
     n, count, size = residual.value.shape[0], len(gradient), spline.size
@@ -234,9 +275,9 @@ def _add_joints(
     )
     rows = [slope[..., None] * free for slope, free in parts if slope is not None]
     S: FloatArray = sum(rows[1:], rows[0])  # (n or 1, S or 1, K, M)
-    squares = np.broadcast_to(np.swapaxes(S, -1, -2) @ S, (n, count, size, size))
-    slopes = np.broadcast_to(np.swapaxes(S, -1, -2), (n, count, *S.shape[:1:-1])) @ residual.value[..., None]
-    blocks, points = hessian.reshape(count, n, size, n, size), gradient.reshape(count, n, size)
-    for j in range(n):
-        blocks[:, j, :, j] += squares[j]
-        points[:, j] += slopes[j, ..., 0]
+    weighted = weight[:, None] * S
+    squares = np.swapaxes(weighted, -1, -2) @ S
+    slopes = (residual.value[..., None, :] @ weighted)[..., 0, :]
+    gradient += np.swapaxes(slopes, 0, 1).reshape(count, -1)
+    blocks = np.einsum("sjmjk->jsmk", hessian.reshape(count, n, size, n, size))  # a view
+    blocks += squares

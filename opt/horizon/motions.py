@@ -10,10 +10,10 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions, Smoothing, apply_rates
-from ffsms_pin.opt.batch.stacks import apply, exp3, products
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.system.batch.stacks import apply, exp3, products
 
 __all__ = ["base_turns", "motions_of", "targets"]
 
@@ -68,15 +68,14 @@ def motions_of(
         mean_speed=problem.mean_speed,
         smoothing=smoothing,
         lag=problem.dt,
+        wheels=problem.wheels,
         wheel_total=problem.wheel_total,
     )
 
 
 def targets(goal: Goal, times: FloatArray) -> FloatArray:
     """Where a goal's position is (3, K) at times (K,)."""
-    if not goal.moves:
-        return np.repeat(goal.place(0.0).position[:, None], len(times), axis=1)
-    return np.stack([goal.place(t).position for t in times.tolist()], axis=-1)
+    return goal.positions(times)
 
 
 def base_turns(spline: RateSpline, omega: FloatArray) -> FloatArray:

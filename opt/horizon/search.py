@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.approaches import moves_to
 from ffsms_pin.opt.horizon.correction import corrected_goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
+from ffsms_pin.opt.horizon.detours import obstructed, pushed_aside
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.judge import Found, Judge, cost_of
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts
@@ -32,7 +34,6 @@ from ffsms_pin.opt.horizon.starts import (
     JointGoals,
     joint_goals,
     spread_postures,
-    straight_moves,
     straight_time,
 )
 from ffsms_pin.opt.problem import Problem
@@ -110,6 +111,8 @@ class Search:
         self._judge = Judge(problem, self.options)
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
         self.found: list[Found] = []
+        # Without the paper's cost "nearly free" says nothing: the first plan that meets a client will do.
+        self._coupled = not problem.goal.exact or any(isinstance(term, Coupling) for term in problem.terms)
         self._pool: Candidates | None = None
         self._drawn = 0
         self._started = time.perf_counter()
@@ -126,7 +129,8 @@ class Search:
                 group = QUICK[0]
             self._report((turn + 0.5) / len(groups))
             self._follow(group)
-            if self._arrived(group.content(self.problem.kappa) * scale) or self._out_of_time() or outside:
+            content = group.content(self.problem.kappa) * scale if self._coupled else np.inf
+            if self._arrived(content) or self._out_of_time() or outside:
                 break
             if turn and not self._arrived() and not self._there().any():
                 break  # neither motions of any shape nor straight moves end at the goal
@@ -159,7 +163,8 @@ class Search:
         self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
         length, half = problem.stack.length, (len(goals.distance) - 1) // 2
         reach = max(self.options.goal_radius * length, float(np.sort(goals.distance)[half]))
-        p = straight_moves(problem, coarse.spline, goals.joints[goals.distance <= reach])
+        p = moves_to(problem, coarse.spline, goals.joints[goals.distance <= reach])
+        p = np.concatenate([p, pushed_aside(coarse, p, self._drawn)])
         if group.marches:
             p = np.concatenate([p, march_starts(problem, coarse.spline, self.options)])
         p = np.stack([coarse.qp.within(one) for one in p])
@@ -191,7 +196,7 @@ class Search:
         weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
         found = self._finish_on(self._fine, motion)
         cheap = self.options.nearly_free * self._judge.scale
-        if not found.plan.reached or cost_of(found.plan) <= cheap or self._out_of_time():
+        if not found.plan.reached or not self._coupled or cost_of(found.plan) <= cheap or self._out_of_time():
             return
         model = Model.make(self.problem, self.options.finest)
         p = embedded(found.model.spline, model.spline, found.p, self.problem.joint_rates)
@@ -261,6 +266,8 @@ class Search:
         if place.velocity is not None or place.spin is not None:
             return
         least = self._judge.least_cost(self.found)
+        if least < np.inf and obstructed(self.problem, self.best().plan):
+            return  # a march stops at an obstacle that the plan goes round
         if least <= cheap or not any(isinstance(term, Coupling) for term in self.problem.terms):
             return
         if least == np.inf and not self._there().any():
@@ -284,7 +291,7 @@ class Search:
 
     def _go_to(self, goal: FloatArray, iterations: int) -> None:
         model = self._fine
-        p = model.qp.within(straight_moves(self.problem, model.spline, goal[None])[0])
+        p = model.qp.within(moves_to(self.problem, model.spline, goal[None])[0])
         motion = Candidates.start(model, p[None], STRAIGHT_STAGE.weights, STRAIGHT_STAGE.damping or 1.0)
         self._finish_on(model, descend(model, motion, STRAIGHT_STAGE.weights, iterations))
 

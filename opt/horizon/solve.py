@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ffsms_pin.checks import instance, optional_callable
+from ffsms_pin.opt.horizon.blocked import check_obstacles
 from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import QUICK, Search
@@ -41,10 +42,16 @@ def solve(
     Trajectory
         `reached` says whether the goal was met; `note` what stood in the way; `shares` what each term came
         to; `binding` when each limit binds.
+
+    Raises
+    ------
+    InvalidValue
+        The start overlaps an obstacle, or the target lies inside one.
     """
     instance("problem", problem, Problem)
     instance("options", options, SearchOptions, optional=True)
     optional_callable("progress", progress)
+    check_obstacles(problem)
     refused = start_in_collision(problem)
     if refused is not None:
         return refused

@@ -14,11 +14,11 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import apply_rates
-from ffsms_pin.opt.batch.stacks import apply, dot, exp3, log3, products
 from ffsms_pin.opt.horizon.control_qp import braking
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.limits import BaseLimits
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.system.batch.stacks import apply, dot, exp3, log3, products
 
 __all__ = [
     "GoalFromStart",

@@ -11,10 +11,10 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residual, Residuals
-from ffsms_pin.opt.batch.stacks import apply, dot, log3
 from ffsms_pin.opt.limits.base_rows import base_rows, settled
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.system.batch.stacks import apply, dot, log3
 
 __all__ = ["BaseLimits"]
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.body_stack import BodyStack
 
-__all__ = ["TOLERANCE", "Least", "least_of_bodies"]
+__all__ = ["TOLERANCE", "Least", "joints_after", "least_between", "least_of_bodies"]
 
 TOLERANCE = 1e-5  # [m] So much less than the asked clearance counts as kept.
 # How often an interval between two instants is halved, and how many clearances are measured in between at
@@ -62,20 +64,48 @@ def least_of_bodies(stack: BodyStack, motion: Motions, clearance: float, binding
     least = Least(float(values[which, k]), int(which), float(times[k]), close)
     if least.value < floor:
         return least
-    between = _between(stack, motion, values, change, floor)
+
+    def measure(pair: Indices, k: Indices, after: FloatArray) -> FloatArray:
+        return stack.at(joints_after(motion, k, after), pair, floor)
+
+    between = least_between(times, values, change, floor, measure)
     return least if between is None else between._replace(near=close)
 
 
-def _between(
-    stack: BodyStack, motion: Motions, values: FloatArray, change: FloatArray, floor: float
+def joints_after(motion: Motions, k: Indices, after: FloatArray) -> FloatArray:
+    """Joint positions (n, V) of one motion `after` (V,) seconds after the instants k (V,)."""
+    u = motion.rates[:, 0]
+    slope = (u[:, k + 1] - u[:, k]) / (motion.times[k + 1] - motion.times[k])
+    return np.asarray(motion.joints[:, 0, k] + after * (u[:, k] + 0.5 * after * slope))
+
+
+def least_between(
+    times: FloatArray,
+    values: FloatArray,
+    change: FloatArray,
+    floor: float,
+    measure: Callable[[Indices, Indices, FloatArray], FloatArray],
 ) -> Least | None:
-    """What is broken, or cannot be proven kept, between instants; None: nothing."""
-    times, joints, u = motion.times, motion.joints[:, 0], motion.rates[:, 0]
+    """What is broken, or cannot be proven kept, between instants; None: nothing.
+
+    Parameters
+    ----------
+    times : ndarray, shape (K,)
+        Instants [s].
+    values : ndarray, shape (m, K)
+        Clearances there, at least `floor` [m].
+    change : ndarray, shape (m, K - 1)
+        The most that a clearance can change from one instant to the next, and as an even share of it in a
+        part of that time [m].
+    floor : float
+        What is kept [m].
+    measure : callable
+        Clearances (V,) of pairs (V,), so many seconds (V,) after instants (V,).
+    """
     bound = 0.5 * (values[:, :-1] + values[:, 1:] - change)
     pair, k = np.nonzero(bound < floor)
-    step = np.diff(times)[k]
     first, last = values[pair, k], values[pair, k + 1]
-    begin, length, change = np.zeros(len(k)), step.copy(), change[pair, k]
+    begin, length, change = np.zeros(len(k)), np.diff(times)[k], change[pair, k]
     measured = 0
     for _ in range(_HALVINGS):
         if not k.size:
@@ -84,8 +114,7 @@ def _between(
         if measured > _MOST:
             break
         middle = begin + 0.5 * length
-        slope = (u[:, k + 1] - u[:, k]) / step
-        found = stack.at(joints[:, k] + middle * (u[:, k] + 0.5 * middle * slope), pair, floor)
+        found = measure(pair, k, middle)
         worst = int(np.argmin(found))
         if found[worst] < floor:
             return Least(
@@ -98,9 +127,7 @@ def _between(
             np.concatenate([half[i][keep] for half, keep in zip(halves, kept, strict=True)]) for i in range(3)
         )
         pair, k = (np.concatenate([one[keep] for keep in kept]) for one in (pair, k))
-        step, length, change = (
-            np.concatenate([one[keep] for keep in kept]) for one in (step, length, change)
-        )
+        length, change = (np.concatenate([one[keep] for keep in kept]) for one in (length, change))
     low = 0.5 * (first + last - change)
     worst = int(np.argmin(low)) if low.size else 0
     if not low.size:

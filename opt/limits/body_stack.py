@@ -8,10 +8,10 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
 from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.part_pairs import PartPairs, Poses
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.convex_parts import Part, whole_shapes
 
 __all__ = ["BodyStack", "body_pairs"]
@@ -21,12 +21,21 @@ _FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are give
 
 
 def body_pairs(sms: SpaceManipulator, parts: list[Part]) -> list[tuple[int, int]]:
-    """Bodies with shapes that can meet: all pairs but those that one joint connects; -1 is the base."""
+    """Bodies with shapes that can meet; -1 is the base.
+
+    All pairs but those that one joint connects, and those of which an SRDF disables all pairs of links.
+    """
     model = sms.model
     bodies = sorted({part.body for part in parts})
-    return [
+    pairs = [
         (a, b) for i, a in enumerate(bodies) for b in bodies[i + 1 :] if int(model.parents[b + 2]) - 2 != a
     ]
+    if sms.description is None or sms.description.srdf is None:
+        return pairs
+    geometry = sms.geometry("collision")
+    carriers = [int(one.parentJoint) - 2 for one in geometry.geometryObjects]
+    counted = {frozenset((carriers[one.first], carriers[one.second])) for one in geometry.collisionPairs}
+    return [pair for pair in pairs if frozenset(pair) in counted]
 
 
 class BodyStack:
@@ -44,6 +53,8 @@ class BodyStack:
     mode : {"hulls", "shapes"}
     clearance : float
         What is asked for [m].
+    payload : Part, optional
+        What the end effector holds, as a part of the body that holds it.
 
     Attributes
     ----------
@@ -56,11 +67,14 @@ class BodyStack:
         No two bodies with shapes can meet.
     """
 
-    def __init__(self, sms: SpaceManipulator, mode: str, clearance: float) -> None:
-        self.mode, self._sms, self._clearance = mode, sms, clearance
+    def __init__(
+        self, sms: SpaceManipulator, mode: str, clearance: float, payload: Part | None = None
+    ) -> None:
+        self.mode, self._sms, self._settings = mode, sms, (sms, mode, clearance, payload)
         self._arm = ArmStack(sms)
-        whole = whole_shapes(sms.geometry("collision"))
-        parts = sms.convex_parts() if mode == "hulls" else whole
+        held = [] if payload is None else [payload]
+        whole = [*whole_shapes(sms.geometry("collision")), *held]
+        parts = [*sms.convex_parts(), *held] if mode == "hulls" else whole
         bodies = body_pairs(sms, parts)
         if not bodies:
             raise InvalidValue(
@@ -85,7 +99,7 @@ class BodyStack:
         self.refines = mode == "hulls" and not all(part.convex for part in whole)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return BodyStack, (self._sms, self.mode, self._clearance)  # a copy has data of its own
+        return BodyStack, self._settings  # a copy has data of its own
 
     def names(self) -> list[str]:
         """What each clearance is between, in order."""

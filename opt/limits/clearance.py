@@ -1,13 +1,14 @@
-"""What keeps the arm clear of itself and of the base, as a limit."""
+"""What keeps the arm clear of itself, of the base and of obstacles, as a limit."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, number
+from ffsms_pin.checks import FloatArray, number, pose
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residual, Residuals
@@ -15,7 +16,12 @@ from ffsms_pin.opt.limits.between import TOLERANCE, Least, least_of_bodies
 from ffsms_pin.opt.limits.body_stack import BodyStack
 from ffsms_pin.opt.limits.clearance_rows import BodyModel, clearance_model, clearance_rows
 from ffsms_pin.opt.limits.clearance_stack import ClearanceStack, chosen_mode, clearance_stack
-from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
+from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
+from ffsms_pin.opt.limits.obstacles.bodies import payload_part
+from ffsms_pin.opt.limits.obstacles.judged import least_of_obstacles
+from ffsms_pin.opt.limits.obstacles.obstacle import Obstacle, checked_obstacles, convex_shape
+from ffsms_pin.opt.limits.obstacles.rows import obstacle_rows
+from ffsms_pin.opt.limits.obstacles.stack import ObstacleStack
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.system import SpaceManipulator
 
@@ -33,42 +39,62 @@ _BINDING = 1e-3  # [m] with less than this left beside the margin the limit bind
 
 @dataclass(frozen=True)
 class Clearance(Limit):
-    """Distances within the arm and from the arm to the base.
+    """Distances within the arm, from the arm to the base, and from both to obstacles.
 
     Attributes
     ----------
     clearance : float
-        The paper's d_safe, and the margin to the base [m].
+        The paper's d_safe, and the margin to the base and to obstacles [m].
     collision : {"auto", "points", "hulls", "shapes", "off"}
         What is kept apart: the paper's points and the base's box (const4 to const7); the URDF's collision
         shapes in convex parts ("hulls"), or as they are ("shapes"), which takes much longer; or nothing.
-        "auto": hulls where bodies with shapes can meet, points where none can and for planar arms.
+        "auto": hulls where bodies with shapes can meet, points where none can and for planar arms. Obstacles
+        are kept from the hulls in all modes but "points", also in "off", and from points with the straight
+        lines between them in "points" and where the robot has no shapes.
+    margin : float
+        What whole motions keep beside the clearance while they are searched for [arm lengths].
+    obstacles : sequence of Obstacle
+    payload : (coal shape, pinocchio.SE3), optional
+        What the end effector holds, convex, and where it is in the end-effector frame. It is kept from
+        obstacles, and from the robot's own bodies as a part of the one that holds it.
     """
 
     clearance: float = 0.01
     collision: CollisionMode = "auto"
-    # [arm lengths] A penalty gives way, and only some instants of a whole motion are watched.
+    # A penalty gives way, and only some instants of a whole motion are watched.
     margin: float = 0.01
+    obstacles: Sequence[Obstacle] = ()
+    payload: tuple[Any, Any] | None = None
     name = "clearance"
     _stack: ClearanceStack | None = None
     _model: Any = None
+    _around: ObstacleStack | None = None
 
     def __post_init__(self) -> None:
         number("clearance", self.clearance)
         if self.collision not in MODES:
             raise InvalidValue("collision", self.collision, f"must be one of {', '.join(MODES)}")
+        object.__setattr__(self, "obstacles", checked_obstacles(self.obstacles))
+        if self.payload is not None:
+            if not isinstance(self.payload, tuple) or len(self.payload) != 2:
+                raise InvalidValue("payload", self.payload, "must be a coal shape and its pinocchio.SE3")
+            pose("payload[1]", self.payload[1])
+            held = convex_shape("payload[0]", self.payload[0]), self.payload[1]
+            object.__setattr__(self, "payload", held)
 
     def for_robot(self, sms: SpaceManipulator) -> Clearance:
         """With the robot's points or shapes."""
+        held = None if self.payload is None else payload_part(sms, *self.payload)
+        around = ObstacleStack(sms, self.obstacles, self.collision, held) if self.obstacles else None
         mode = chosen_mode(sms) if self.collision == "auto" else self.collision
-        stack = clearance_stack(sms, mode, self.clearance)
+        stack = clearance_stack(sms, mode, self.clearance, held)
         if stack is None:
-            return replace(self, _stack=None, _model=None)
+            return replace(self, _stack=None, _model=None, _around=around)
         model = BodyModel(stack) if isinstance(stack, BodyStack) else clearance_model(sms, mode)
         # Neighbours but one are hardly further apart than this in any posture, so bodies are given less than
         # points.
         margin = _BODY_MARGIN if isinstance(stack, BodyStack) else self.margin
-        return replace(self, _stack=stack, _model=model, margin=margin)
+        return replace(self, _stack=stack, _model=model, margin=margin, _around=around)
 
     @property
     def left_out(self) -> list[str]:
@@ -79,20 +105,43 @@ class Clearance(Limit):
         """With a greater clearance."""
         return replace(self, clearance=self.clearance + by)
 
+    def later(self, by: float) -> Clearance:
+        """With obstacles that move seen from a later time."""
+        return replace(self, obstacles=[one.later(by) for one in self.obstacles], _around=None)
+
     def least(self, motions: Motions) -> tuple[float, str]:
         """The least clearance [m] of motions, and between what; infinite where nothing is kept apart."""
-        if self._stack is None:
-            return np.inf, ""
-        values = self._stack.values(motions.joints, motions.arm).min(axis=(1, 2))
-        which = int(np.argmin(values))
-        return float(values[which]), self._stack.names()[which]
+        found = [(np.inf, "")]
+        if self._stack is not None:
+            values = self._stack.values(motions.joints, motions.arm).min(axis=(1, 2))
+            found.append((float(values.min()), self._stack.names()[int(np.argmin(values))]))
+        if self._around is not None:
+            values = self._around.values(motions).min(axis=(1, 2))
+            found.append((float(values.min()), self._around.names()[int(np.argmin(values))]))
+        return min(found)
+
+    def contact(self, q: FloatArray) -> tuple[float, str] | None:
+        """The deepest overlap [m] of the robot at q (nq,) with an obstacle at time zero, and with which."""
+        if self._around is None:
+            return None
+        distances = self._around.distances(q, 0.0)
+        which = int(np.argmin(distances))
+        return (-float(distances[which]), self._around.names()[which]) if distances[which] < 0.0 else None
 
     def rows(self, step: StepState) -> Rows | None:
         """A clearance may shrink at most at a rate proportional to what is left of it."""
-        return None if self._model is None else clearance_rows(self._model, self.clearance, step)
+        found = []
+        if self._model is not None:
+            found.append(clearance_rows(self._model, self.clearance, step))
+        if self._around is not None:
+            found.append(obstacle_rows(self._around, self.clearance, step))
+        return stacked(found)
 
     def residual(self, motions: Motions) -> Residuals:
         """What clearances lack of the asked one and the margin, in arm lengths."""
+        return [*self._own_residual(motions), *self.around_residual(motions)]
+
+    def _own_residual(self, motions: Motions) -> Residuals:
         if self._stack is None:
             return []
         length = motions.stack.length
@@ -107,23 +156,46 @@ class Clearance(Limit):
         slope = self._stack.gradients(motions.stack, motions.joints, motions.arm, where)
         return [Residual(lack[where] / length, motion=where[1], instants=where[2], by_joints=-slope / length)]
 
+    def around_residual(self, motions: Motions) -> Residuals:
+        """The part of the residual that is due to obstacles."""
+        if self._around is None:
+            return []
+        length = motions.stack.length
+        kept = self.clearance + self.margin * length
+        lack = kept - self._around.values(motions, kept)
+        where = np.nonzero(lack > 0.0)
+        if not where[0].size:
+            return []
+        slopes: dict[str, Any] = {
+            name: -slope / length for name, slope in self._around.slopes(motions, where).items()
+        }
+        return [Residual(lack[where] / length, motion=where[1], instants=where[2], **slopes)]
+
     def violation(self, motion: Motions) -> Violation:
-        """The largest lack of clearance at the nodes and in the middles between them."""
-        if self._stack is None:
-            return Violation()
+        """The largest lack of clearance at the nodes, in the middles, and between shapes everywhere."""
         near = self.margin * motion.stack.length + _BINDING
+        found: list[tuple[Least, str, float]] = []
         if isinstance(self._stack, BodyStack):
-            found = least_of_bodies(self._stack, motion, self.clearance, near)
-        else:
+            least = least_of_bodies(self._stack, motion, self.clearance, near)
+            found.append((least, self._stack.names()[least.pair], TOLERANCE))
+        elif self._stack is not None:
             values = self._stack.values(motion.joints, motion.arm)[:, 0]
             which, k = np.unravel_index(int(np.argmin(values)), values.shape)
             instants = motion.times[values.min(axis=0) < self.clearance + near]
-            found = Least(float(values[which, k]), int(which), float(motion.times[k]), instants)
-        lack = self.clearance - found.value
-        if lack <= -_BETWEEN or (isinstance(self._stack, BodyStack) and lack <= TOLERANCE):
-            return Violation(0.0, found.near)
+            least = Least(float(values[which, k]), int(which), float(motion.times[k]), instants)
+            found.append((least, self._stack.names()[least.pair], -_BETWEEN))
+        if self._around is not None:
+            least = least_of_obstacles(self._around, motion, self.clearance, near)
+            found.append((least, self._around.names()[least.pair], TOLERANCE))
+        if not found:
+            return Violation()
+        instants = np.unique(np.concatenate([least.near for least, _, _ in found]))
+        broken = [(least, pair) for least, pair, most in found if self.clearance - least.value > most]
+        if not broken:
+            return Violation(0.0, instants)
+        worst, pair = min(broken, key=lambda one: one[0].value)
         note = (
-            f"a clearance is broken: {self._stack.names()[found.pair]} is {1e3 * found.value:.1f} mm at "
-            f"{found.time:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
+            f"a clearance is broken: {pair} is {1e3 * worst.value:.1f} mm at "
+            f"{worst.time:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
         )
-        return Violation(max(lack, _BETWEEN), found.near, note)
+        return Violation(max(self.clearance - worst.value, _BETWEEN), instants, note)

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
-from ffsms_pin.opt.batch.arm import ArmStack, ArmValues
-from ffsms_pin.opt.batch.stacks import cross, dot
 from ffsms_pin.opt.limits.body_stack import BodyStack, body_pairs
 from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.convex_parts import whole_shapes
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import cross, dot
+from ffsms_pin.system.convex_parts import Part, whole_shapes
 
 # Of entries of an array.
 Indices: TypeAlias = NDArray[np.signedinteger[Any]]
@@ -42,7 +42,9 @@ class ClearanceStack(Protocol):
         """Gradients (n, V) of the clearances at V entries of `values`."""
 
 
-def clearance_stack(sms: SpaceManipulator, collision: str, clearance: float = 0.0) -> ClearanceStack | None:
+def clearance_stack(
+    sms: SpaceManipulator, collision: str, clearance: float = 0.0, payload: Part | None = None
+) -> ClearanceStack | None:
     """The clearances that a mode keeps; None for "off", and where nothing can come near anything.
 
     Parameters
@@ -52,13 +54,15 @@ def clearance_stack(sms: SpaceManipulator, collision: str, clearance: float = 0.
         See `Clearance`; "auto" is chosen by `chosen_mode`.
     clearance : float
         What is asked for: pairs of bodies that are always nearer are left out [m].
+    payload : Part, optional
+        What the end effector holds; for "hulls" and "shapes".
     """
     if collision == "off":
         return None
     if collision not in ("points", "hulls", "shapes"):
         raise InvalidValue("collision", collision, 'must be "points", "hulls", "shapes" or "off"')
     points = collision == "points"
-    stack: ClearanceStack = PointStack(sms) if points else BodyStack(sms, collision, clearance)
+    stack: ClearanceStack = PointStack(sms) if points else BodyStack(sms, collision, clearance, payload)
     return stack if stack.names() else None
 
 

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmValues
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.stacks import dot
+from ffsms_pin.system.batch.arm import ArmValues
+from ffsms_pin.system.batch.stacks import dot
 from ffsms_pin.system.convex_parts import Part
 
 __all__ = ["Covers", "Poses"]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.limits.step_state import StepState
     from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["UNBOUNDED", "ControlMaps", "ControlRows", "Limit", "Rows", "Violation"]
+__all__ = ["UNBOUNDED", "ControlMaps", "ControlRows", "Limit", "Rows", "Violation", "stacked"]
 
 # What stands for "no bound" in a quadratic programme; finite, so that sums stay numbers.
 UNBOUNDED = 1e20
@@ -38,6 +38,14 @@ class Rows(NamedTuple):
     lower: FloatArray
     upper: FloatArray
     give: float = 0.0
+
+
+def stacked(rows: list[Rows]) -> Rows | None:
+    """Rows one below the other, which all give way alike; None: no rows."""
+    if len(rows) < 2:
+        return rows[0] if rows else None
+    G, lower, upper = (np.concatenate(parts) for parts in zip(*(one[:3] for one in rows), strict=True))
+    return Rows(G, lower, upper, max(one.give for one in rows))
 
 
 class ControlMaps(NamedTuple):
@@ -117,10 +125,13 @@ class Limit(ABC):
         What the residual keeps in hand, in the residual's unit: a penalty gives way a little, and whole
         motions are watched at some instants only. A motion whose residual is below half of it counts as one
         that keeps the limit.
+    of_goal : bool
+        Whether a problem has the limit from its goal (`Goal.limits`); with another goal it goes.
     """
 
     name: str
     margin: float = 0.0
+    of_goal: bool = False
 
     def for_robot(self, sms: SpaceManipulator) -> Limit:
         """The limit, prepared for a robot; called once by each solver. Default: itself."""
@@ -128,6 +139,10 @@ class Limit(ABC):
 
     def tightened(self, by: float) -> Limit:
         """The same limit with so much more in hand, in its own unit; default: the limit itself."""
+        return self
+
+    def later(self, by: float) -> Limit:
+        """The same limit for a motion that begins `by` seconds later; default: the limit itself."""
         return self
 
     @abstractmethod

@@ -13,10 +13,10 @@ import coal
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.stacks import cross, dot
 from ffsms_pin.opt.limits.covers import Covers, Poses
+from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.batch.stacks import cross, dot
 from ffsms_pin.system.convex_parts import Part
 
 __all__ = ["Nearest", "PartPairs", "Poses"]
@@ -55,10 +55,16 @@ class PartPairs:
     pairs : sequence of sequence of (int, int)
         For each pair of bodies the pairs of parts, as indices; the first part of each belongs to the first
         body.
+    others : int
+        Bodies that no joint moves beside the base, numbered after the arm's.
     """
 
     def __init__(
-        self, stack: ArmStack, parts: Sequence[Part], pairs: Sequence[Sequence[tuple[int, int]]]
+        self,
+        stack: ArmStack,
+        parts: Sequence[Part],
+        pairs: Sequence[Sequence[tuple[int, int]]],
+        others: int = 0,
     ) -> None:
         self._stack, self._parts = stack, list(parts)
         flat = [pair for group in pairs for pair in group]
@@ -74,7 +80,7 @@ class PartPairs:
         self._body_covers = Covers.of_bodies(parts, used)
         self._ends = np.searchsorted(used, self.bodies)  # of each pair, as indices of the bodies' covers
         #: carried[b, j]: joint j moves body b; the last row is the base's.
-        self._carried = np.vstack([stack.carries.T, np.zeros(stack.n)])
+        self._carried = np.vstack([stack.carries.T, np.zeros((others + 1, stack.n))])
 
     def values(self, poses: Poses, near: float | FloatArray) -> FloatArray:
         """Distances (m, B) of pairs of bodies: exact below `near`, a number or (m,), else bounds."""
@@ -147,24 +153,31 @@ class PartPairs:
 
     def slopes(self, poses: Poses, where: tuple[Indices, ...]) -> tuple[FloatArray, FloatArray]:
         """Distances (V,) and their gradients (n, V) by the joints, base held still, at entries."""
-        columns, at = where
         found = self.nearest(poses, where)
+        return found.distance, self.by_joints(poses, where, found)
+
+    def by_joints(self, poses: Poses, where: tuple[Indices, ...], found: Nearest) -> FloatArray:
+        """Gradients (n, V) by the joints of distances that were found at entries, base held still."""
+        columns, at = where
         a, b = self.bodies[columns].T
         axes, velocities = poses.axes[..., at], poses.velocities[..., at]
         moves = (velocities + cross(axes, found.there[:, None])) * self._carried[b].T
         moves -= (velocities + cross(axes, found.here[:, None])) * self._carried[a].T
-        return found.distance, dot(moves, found.normal[:, None])
+        return dot(moves, found.normal[:, None])
 
     def near_slopes(self, poses: Poses, near: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Distances (m,), gradients (n, m) at one configuration; beyond `near` (m,) bounds and zero."""
-        first, second = self._ends.T
-        at = np.zeros(len(first), dtype=np.intp)
-        value = self._body_covers.bounds(poses, first, second, at, float(near.max()))
+        value = self.bounds(poses, float(near.max()))
         gradient = np.zeros((self._stack.n, len(value)))
         columns = np.flatnonzero(value < near)
         if columns.size:
-            value[columns], gradient[:, columns] = self.slopes(poses, (columns, at[columns]))
+            value[columns], gradient[:, columns] = self.slopes(poses, (columns, np.zeros_like(columns)))
         return value, gradient
+
+    def bounds(self, poses: Poses, near: float) -> FloatArray:
+        """Bounds (m,) from below on the distances at one configuration; better ones below `near`."""
+        first, second = self._ends.T
+        return self._body_covers.bounds(poses, first, second, np.zeros(len(first), dtype=np.intp), near)
 
     def reaches(self, slides: FloatArray) -> FloatArray:
         """How fast each distance can change at most by a unit rate of each joint (m, n) [m/rad].

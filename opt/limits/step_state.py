@@ -45,6 +45,8 @@ class StepState:
         Total momentum [linear; angular], inertial axes, about the system's centre of mass.
     base_start : ndarray, shape (7,)
         Root pose at the start of the motion: turn and shift of the base count from there.
+    time : float
+        Of the step's start, from the start of the motion [s]: for what moves by itself.
     """
 
     sms: SpaceManipulator
@@ -64,3 +66,4 @@ class StepState:
     tip_drift: FloatArray
     momentum: FloatArray | None
     base_start: FloatArray
+    time: float = 0.0

@@ -65,7 +65,7 @@ class WheelLimits(Limit):
 
     def residual(self, motions: Motions) -> Residuals:
         """Shares of the limits that are used beyond 1 less what is kept in hand, over the whole motion."""
-        wheels = motions.stack.wheels
+        wheels = motions.wheels
         if wheels is None:
             return []
         momentum = wheel_momentum(motions)
@@ -87,7 +87,7 @@ class WheelLimits(Limit):
 
     def violation(self, motion: Motions) -> Violation:
         """The largest share by which a wheel lacks momentum or torque, and what would do."""
-        wheels = motion.stack.wheels
+        wheels = motion.wheels
         if wheels is None:
             return Violation()
         momentum = np.abs(wheel_momentum(motion)[:, 0])
@@ -111,7 +111,7 @@ class WheelLimits(Limit):
         rest = np.abs(taken - wheels.axes.T @ (wheel_shares(wheels) @ taken)).max()
         if rest > _UNCOVERED * max(float(np.abs(taken).max()), 1e-9):
             worst = max(worst, 1.0)
-            notes.append(f"{rest:.3g} N m s of the arm's momentum are about an axis that no wheel turns about")
+            notes.append(f"{rest:.3g} N m s of the arm's momentum are about an axis that no wheel has")
         note = f"the wheels would saturate: {'; '.join(notes)}" if notes else ""
         return Violation(worst, motion.times[binds], note)
 

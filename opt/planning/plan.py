@@ -10,8 +10,10 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import number
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
-from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit
+from ffsms_pin.opt.horizon.blocked import check_obstacles
+from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, Obstacle
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import Progress, Steps, march, start_sides
@@ -44,6 +46,7 @@ def plan(
     *,
     clearance: float = 0.01,
     collision: str = "auto",
+    obstacles: Sequence[Obstacle] = (),
     method: str = "horizon",
     base_limits: BaseLimits | None = None,
     momentum: ArrayLike | None = None,
@@ -75,13 +78,16 @@ def plan(
         Step [s]; the paper states none. A whole number of steps makes up the duration, so the step used is
         the nearest that does.
     kappa : float
-        Sharpness of C~. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)).
+        Sharpness of C~. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)). A target that is
+        approached through a corridor (`opt.Meet`) is planned without the paper's cost, see docs/clients.md.
     clearance : float
         The paper's d_safe [m], within the arm and from the arm to the base.
     collision : {"auto", "points", "hulls", "shapes", "off"}
         What is kept clear: the paper's points (const4 to const7), the collision shapes in convex parts, the
         shapes as they are, or nothing. "auto": hulls where bodies with shapes can meet, else points (see
         `Clearance`).
+    obstacles : sequence of Obstacle
+        What else is kept clear of (docs/obstacles.md).
     method : str
         "horizon": the whole motion at once, from several starts (see docs/horizon.md). The default: it
         reaches what the step marches past, and its cost is that of a full nonlinear programme.
@@ -126,16 +132,19 @@ def plan(
         raise InvalidValue("method", method, f"must be one of {', '.join(METHODS)}")
     if base_limits is not None and not isinstance(base_limits, BaseLimits):
         raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")
-    terms: list[Term] = [Coupling(kappa), Smooth(), Effort() if effort is None else Effort(effort)]
+    goal = as_goal(target)
+    terms: list[Term] = [Smooth(), Effort() if effort is None else Effort(effort)]
+    if goal.coupled:
+        terms.insert(0, Coupling(kappa))
     if number("base", base) != 0.0:
         terms.append(BaseTurn(base))
-    limits: list[Limit] = [JointLimits(), Clearance(clearance, collision)]
+    limits: list[Limit] = [JointLimits(), Clearance(clearance, collision, obstacles=obstacles)]
     if base_limits is not None:
         limits.append(base_limits)
     problem = Problem(
         sms,
         q0,
-        target,
+        goal,
         duration,
         dt,
         terms,
@@ -180,6 +189,9 @@ def plan_problem(
     based = any(isinstance(limit, BaseLimits) for limit in problem.limits)
     if method == "paper" and (based or problem.momentum is not None):
         raise InvalidValue("method", method, "knows no base limits and no momentum; take another one")
+    around = [one for limit in problem.limits if isinstance(limit, Clearance) for one in limit.obstacles]
+    if method == "paper" and any(one.moves for one in around):
+        raise InvalidValue("method", method, "knows no obstacles that move; take another one")
     if method != "horizon" and (problem.goal.moves or problem.locked):
         raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
     if method != "horizon" and problem.mode != "floating":
@@ -189,6 +201,7 @@ def plan_problem(
         return still
     if method == "horizon":
         return solve(problem, options, progress)
+    check_obstacles(problem)
     return _marched(problem, method, progress)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from ffsms_pin.opt.horizon.merit import Weights
 from ffsms_pin.opt.horizon.spline import Grid
@@ -10,6 +11,7 @@ from ffsms_pin.opt.horizon.spline import Grid
 __all__ = ["ReplanOptions"]
 
 _LONG, _MIDDLE, _SHORT = Grid(12, 5, 3), Grid(8, 4, 2), Grid(4, 3, 2)
+_BAND, _NARROWEST, _WIDEST = 3.0, 1e-4, 1e-3  # the dead band: times the noise, and its range [m]
 _WEIGHTS = Weights(end=1e5, limits=1e4)
 
 
@@ -53,6 +55,17 @@ class ReplanOptions:
     follow_miss : float
         [m] Where the plan ends further away, single steps would only push against what is in the way: the
         plan is followed to its end.
+    dead_band : float, optional
+        [m] After the deadline an arm that is this near to a goal that stands still rests until it is further
+        away. Default: three times the noise with which its place is seen, from 0.1 to 1 mm; none with perfect
+        sensors.
+    settle : float
+        [s] With noisy or late sensors what error is left after the deadline is closed as if there were so
+        much time: more calmly than at once. With a limit on the jerk in five times that, also shortly before
+        the deadline.
+    jerk : array_like, optional
+        [rad/s^3] One number or (n,). Commanded accelerations change no faster, as far as the limits allow:
+        these come first. Default: no limit.
     search_again : float
         [s] Where the rest of a plan does not arrive, a whole search is made, at most once in this time, and
         at most once in a quarter of the time left.
@@ -75,6 +88,15 @@ class ReplanOptions:
     arrived_miss: float = 2e-3
     follow_miss: float = 1e-2
     search_again: float = 1.0
+    dead_band: float | None = None
+    settle: float = 0.1
+    jerk: Any = None
+
+    def band(self, noise: float | None) -> float:
+        """The dead band [m], for sensors of which `noise` [m] is known; None: they are perfect."""
+        if self.dead_band is not None:
+            return self.dead_band
+        return 0.0 if noise is None else min(max(_BAND * noise, _NARROWEST), _WIDEST)
 
     def grid(self, share_left: float) -> Grid:
         """The spline for a share of the whole time."""

@@ -24,7 +24,8 @@ class ReactionEstimate:
     Total momentum stays what it was at the first sample, and it is linear in the factors: each sample gives
     six equations, whatever the torques. Momentum has no scale of its own, so the base's mass is the unit. The
     estimate is the least-squares one with a prior around the model, so factors that the motion does not show
-    stay at 1. External forces are not known to it: what they do counts as an error of the masses.
+    stay at 1. External forces are not known to it: what they do counts as an error of the masses. With noisy
+    sensors the first sample is as noisy as any other, and the constant momentum is estimated too.
 
     Parameters
     ----------
@@ -33,6 +34,8 @@ class ReactionEstimate:
 
     Attributes
     ----------
+    noisy : bool
+        Whether what is observed is noisy; False: the first sample's momentum is taken as it is.
     factors : ndarray, shape (n + 1,)
         Of the arm's bodies, then of the base's inertia.
     """
@@ -47,10 +50,16 @@ class ReactionEstimate:
         self._turning = pin.Inertia(0.0, lever, np.array(base.inertia))
         size = float(np.trace(base.inertia)) / 3.0
         self._scale = 1.0 / (_NOISE * np.repeat([mass, size], 3))[:, None]
-        self._G = np.eye(self._count) / _PRIOR**2
-        self._g = np.zeros(self._count)
+        self.noisy = False
         self._first: FloatArray | None = None
         self._last: FloatArray | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Start the sums of the least squares: A x = -c + (by what the first sample's momentum is off)."""
+        self._G = np.eye(self._count) / _PRIOR**2
+        self._g = np.zeros(self._count)
+        self._sum_A, self._sum_c, self._samples = np.zeros((6, self._count)), np.zeros(6), 0
 
     def observe(self, q: FloatArray, v: FloatArray) -> bool:
         """Take in a measured state, Pinocchio's; whether it is that of another robot than before."""
@@ -58,14 +67,16 @@ class ReactionEstimate:
         jumped = self._jumped(parts)
         if self._first is None or jumped:
             # The first sample; or a body was captured, and what was learnt is of another robot.
-            self._G, self._g = np.eye(self._count) / _PRIOR**2, np.zeros(self._count)
+            self._forget()
             self._first = parts
         self._last = parts
         change = (parts - self._first) * self._scale
         A = change[:, 1:]
         # sum of factor times part is constant; with factor = 1 + x: A x = -(sum of all changes).
+        c = change.sum(axis=1)
         self._G += A.T @ A
-        self._g -= A.T @ change.sum(axis=1)
+        self._g -= A.T @ c
+        self._sum_A, self._sum_c, self._samples = self._sum_A + A, self._sum_c + c, self._samples + 1
         return jumped
 
     def _jumped(self, parts: FloatArray) -> bool:
@@ -89,7 +100,12 @@ class ReactionEstimate:
 
     def solve(self) -> FloatArray:
         """The factors (n + 1,) by what was measured until now."""
-        factors = np.asarray(1.0 + np.linalg.solve(self._G, self._g), dtype=np.float64)
+        G, g = self._G, self._g
+        if self.noisy:
+            # The best constant for factors x is the mean of c + A x, with a prior of one sample's noise.
+            G = G - self._sum_A.T @ self._sum_A / (self._samples + 1)
+            g = g + self._sum_A.T @ self._sum_c / (self._samples + 1)
+        factors = np.asarray(1.0 + np.linalg.solve(G, g), dtype=np.float64)
         believable = bool((factors >= _LEAST).all() and (factors <= _MOST).all())
         return factors if believable else np.ones_like(factors)
 

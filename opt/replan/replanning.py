@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray, number
+from ffsms_pin.checks import FloatArray, at_least_zero, number, per_joint
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.correctable import Correctable
+from ffsms_pin.opt.replan.dead_band import DeadBand
 from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.one_thread import OneThread
 from ffsms_pin.opt.replan.options import ReplanOptions
@@ -27,6 +31,7 @@ _STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
 # Ten times a step's own price of redundant motion: a goal at the edge of the workspace is not worth fast
 # joints.
 _GENTLE = StepWeights(effort=1e-5)
+_JERKY = 5.0  # times the time to settle: an error that is closed faster than the jerk allows swings
 _DEADLINE = 0.5  # steps before the deadline that count as the deadline
 
 
@@ -93,6 +98,11 @@ class Replanning:
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = 0
+        self._noise: float | None = None
+        self._correctable, self._uncorrectable = Correctable(sms), 0.0
+        self._dead_band = DeadBand(sms)
+        self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
+        at_least_zero("dead_band", self.options.band(None), "m")
 
     @property
     def target(self) -> Any:
@@ -110,9 +120,12 @@ class Replanning:
 
     @property
     def expected_miss(self) -> float:
-        """Distance to the goal at the deadline as last foreseen [m]; infinite before the first plan."""
+        """Distance to the goal at the deadline as last foreseen [m]; infinite before the first plan.
+
+        With the part of it that the arm cannot correct, such as a planar arm's across its plane.
+        """
         plan = self._planner.current
-        return np.inf if plan is None else plan.miss
+        return np.inf if plan is None else math.hypot(plan.miss, self._uncorrectable)
 
     @property
     def computing_time(self) -> float:
@@ -169,19 +182,21 @@ class Replanning:
         planner.observe(q, v)
         if self._step < 0:
             self._start, self._rates = self.problem.sms.layout.positions(q), v[6:].copy()
-            self._stepper.reset(base_start=q[:7].copy())
+            self._stepper.reset(base_start=q[:7].copy(), deadline=self.problem.duration)
         else:
             self._start, self._rates, _ = self._after((step - self._step) * dt)
         failed = planner.failed
         self._start = np.where(failed, self.problem.sms.layout.positions(q), self._start)
         self._rates = np.where(failed, 0.0, self._rates)
         self._step, now = step, step * dt
+        deadline = now if self.problem.goal.moves else self.problem.duration
+        goal, self._uncorrectable = self._correctable.goal(self.problem.goal, q, deadline)
         plan = planner.current
         if plan is None or (self._left > self._handover and now >= planner.due - 1e-9):
-            plan = planner.plan(now, q, self._start, self._rates)
+            plan = planner.plan(now, q, self._start, self._rates, goal)
             if planner.robot is not self._robot:
                 self._renew_stepper()
-        chosen = self._stepped(now, q, plan)
+        chosen = self._stepped(now, q, plan, goal)
         self.failed_in_a_row = 0 if chosen.solved else self.failed_in_a_row + 1
         self.failed_steps += not chosen.solved
         rates = np.where(failed, 0.0, chosen.joint_rates)
@@ -190,6 +205,11 @@ class Replanning:
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s], as last planned."""
         return self._after(number("t", t) - max(self._step, 0) * self.problem.dt)
+
+    def expect_noise(self, distance: float) -> None:
+        """Count on sensors that see the end effector's place with this standard deviation [m]."""
+        self._noise = at_least_zero("distance", distance, "m")
+        self._planner.expect_noise()
 
     def joint_failed(self, joint: int, locked: bool) -> None:
         """Plan with what is left: the joint (index from 0) moves no more, or as it will.
@@ -207,16 +227,31 @@ class Replanning:
     def _handover(self) -> float:
         return max(self.options.handover, self.options.least_steps * self.problem.dt)
 
-    def _stepped(self, now: float, q: FloatArray, plan: JointPlan) -> Step:
+    def _stepped(self, now: float, q: FloatArray, plan: JointPlan, goal: Goal) -> Step:
         """The next step: along the plan, or to the goal."""
-        dt, left = self.problem.dt, self.problem.duration - now
-        if self.mode == "plan" or plan.miss > self.options.follow_miss:
+        dt, left, options = self.problem.dt, self.problem.duration - now, self.options
+        rotation, wanted = None, None
+        if self.mode == "plan" or plan.miss > options.follow_miss:
+            position = goal.place(now).position
             there, wanted = plan.sample(now + dt)
-            wanted = wanted + self.options.return_rate * (there - self._start - dt * wanted)
-            position = self.problem.goal.place(now).position
-            return self._stepper.advance(q, self._rates, position, left, prefer=wanted)
-        position, rotation = _aim(self.problem, now)
-        return self._stepper.advance(q, self._rates, position, left, rotation)
+            wanted = wanted + options.return_rate * (there - self._start - dt * wanted)
+        else:
+            position, rotation = _aim(self.problem, goal, now)
+            if self._jerk is not None and not goal.moves:
+                left = max(left, _JERKY * options.settle)
+            if self.mode == "hold" and not goal.moves:
+                if self._dead_band.rests(options.band(self._noise), q, position):
+                    wanted = np.zeros_like(self._rates)
+                elif self._noise is not None:
+                    left = max(left, options.settle)
+        step = self._stepper.advance(q, self._rates, position, left, rotation, wanted)
+        if self._jerk is None:
+            return step
+        usual, most = self._rates + dt * self._accelerations, dt * dt * self._jerk
+        smooth = np.clip(step.joint_rates, usual - most, usual + most)
+        if np.array_equal(smooth, step.joint_rates):
+            return step
+        return self._stepper.advance(q, self._rates, position, left, prefer=smooth)
 
     def _renew_stepper(self) -> None:
         """Go on with a stepper for the robot as it is known now."""
@@ -225,7 +260,7 @@ class Replanning:
         if failed.any():
             robot = _without(robot, failed)
         self._stepper = self._stepper.like(sms=robot)
-        self._stepper.reset(base_start=base_start)
+        self._stepper.reset(base_start=base_start, deadline=self.problem.duration)
 
     def _after(self, h: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Motion `h` seconds into the planned step, and on at its last rates if nobody plans the next."""
@@ -246,7 +281,7 @@ def _without(sms: SpaceManipulator, failed: NDArray[np.bool_]) -> SpaceManipulat
     return sms.with_limits(replace(limits, velocity=velocity, acceleration=acceleration))
 
 
-def _aim(problem: Problem, now: float) -> tuple[FloatArray, FloatArray | None]:
+def _aim(problem: Problem, goal: Goal, now: float) -> tuple[FloatArray, FloatArray | None]:
     """Where a step has to aim, ahead of a goal that moves: a position (3,) [m], and an attitude or None.
 
     A step's speed is 2.5 times the way over the time left, each a little later (`reference_speed`). Aimed
@@ -255,11 +290,11 @@ def _aim(problem: Problem, now: float) -> tuple[FloatArray, FloatArray | None]:
     deadline, counts as passing by with it.
     """
     dt, left = problem.dt, problem.duration - now
-    place = problem.goal.place(now if problem.goal.moves else problem.duration)
+    place = goal.place(now if goal.moves else problem.duration)
     position, velocity = place.position, place.velocity
-    if velocity is None or (left <= 0.0 and not problem.goal.moves):
+    if velocity is None or (left <= 0.0 and not goal.moves):
         return position, place.rotation
-    if not problem.goal.moves:
+    if not goal.moves:
         position = position - left * velocity
     ahead = velocity * ((max(left - dt, 0.0) + 3.25 * dt) / 2.5 + 0.5 * dt)
     return position + ahead, place.rotation

@@ -115,6 +115,7 @@ def rest_of(
     rates: FloatArray,
     base_start: FloatArray,
     locked: Sequence[str] = (),
+    goal: Goal | None = None,
 ) -> Problem:
     """The problem from time t on.
 
@@ -134,20 +135,23 @@ def rest_of(
         Root pose that turn and shift of the base count from.
     locked : sequence of str
         Joints that cannot move.
+    goal : Goal, optional
+        Default: the problem's.
     """
+    goal = problem.goal if goal is None else goal
     if any(isinstance(limit, JointLimits) for limit in problem.limits):
         joints = np.clip(joints, sms.limits.lower, sms.limits.upper)
     q0 = q.copy()
     sms.layout.set_positions(q0, joints)
     moving = [
-        limit if isinstance(limit, JointLimits) else CountedFrom(limit, base_start)
+        limit if isinstance(limit, JointLimits) else CountedFrom(limit.later(t), base_start)
         for limit in problem.limits
     ]
     return replace(
         problem,
         sms=sms,
         q0=q0,
-        goal=Later(problem.goal, t) if problem.goal.moves else problem.goal,
+        goal=Later(goal, t) if goal.moves else goal,
         duration=(problem.steps - round(t / problem.dt)) * problem.dt,
         limits=moving,
         joint_rates=rates,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.diagnosis import start_in_collision, within_workspace
 from ffsms_pin.opt.horizon.search import QUICK, START_GROUPS, Search
 from ffsms_pin.opt.problem import Problem
@@ -65,13 +66,17 @@ class RestPlanner:
         if self._estimate.observe(q, v):
             self.due = 0.0  # a body was captured: the plan is that of another robot
 
+    def expect_noise(self) -> None:
+        """Count on noise in what is observed."""
+        self._estimate.noisy = True
+
     def without(self, joint: int) -> None:
         """Plan without a joint, at once."""
         self.failed[joint] = True
         self.due = self._next_search = 0.0
 
     @one_blas_thread()
-    def plan(self, now: float, q: FloatArray, joints: FloatArray, rates: FloatArray) -> JointPlan:
+    def plan(self, now: float, q: FloatArray, joints: FloatArray, rates: FloatArray, goal: Goal) -> JointPlan:
         """Plan the rest of the motion.
 
         Parameters
@@ -82,13 +87,15 @@ class RestPlanner:
             Measured configuration.
         joints, rates : ndarray, shape (n,)
             Commanded joint positions [rad] and rates [rad/s].
+        goal : Goal
+            The problem's, as far as the arm can come to it.
         """
         begun, options, whole = time.perf_counter(), self._options, self._problem
         self._learn()
         names = whole.sms.joint_names
         locked = [names[i] for i in np.flatnonzero(self.failed)]
         base_start = q[:7] if self._base_start is None else self._base_start
-        rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked)
+        rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked, goal)
         if self.current is not None:
             share = rest.duration / whole.duration
             plan = replanned(rest, now, joints, self.current, options, share)

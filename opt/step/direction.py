@@ -35,6 +35,9 @@ ARRIVAL_POWER = 2.5
 AFTER = 2.0
 # Below this cosine the path would be a spiral of many turns; its length is then taken as if at this cosine.
 LEAST_APPROACH = 0.2
+# Of the way to the point of a straight step that is nearest to the target, the share that one step goes at
+# most: a longer step at an angle to the target would go round it instead of nearing it.
+_NEARING = 0.5
 _ARRIVED = 1e-12  # [m, rad] nearer than this the direction to the target is rounding
 _MOST = 1e6  # [rad/s^2] stands for no limit on an acceleration
 
@@ -86,6 +89,7 @@ def wanted_motion(step: StepState, target: FloatArray, cosine: float, side: Floa
     # A path at a constant angle to the direction of the target is 1 / cos longer than the straight one.
     path = distance / max(cosine, LEAST_APPROACH)
     speed = _scheduled(step, path, float(velocity @ direction), direction @ J_v)
+    speed = min(speed, _NEARING * distance * max(cosine, LEAST_APPROACH) / step.dt)
     return WantedMotion(towards, direction, speed, lateral)
 
 

@@ -29,6 +29,7 @@ def step_state(
     momentum: FloatArray | None = None,
     base_start: FloatArray | None = None,
     data: Any = None,
+    time: float = 0.0,
 ) -> StepState:
     """The robot at the start of a step.
 
@@ -45,6 +46,8 @@ def step_state(
         Root pose that turn and shift of the base count from; default: where it is now.
     data : pinocchio.Data, optional
         Scratch memory of `sms.model`, of one thread only; default: new.
+    time : float
+        Of the step's start, from the start of the motion [s].
     """
     model, n = sms.model, sms.n
     data = model.createData() if data is None else data
@@ -85,6 +88,7 @@ def step_state(
         tip_drift=tip_drift,
         momentum=momentum,
         base_start=q[:7].copy() if base_start is None else base_start,
+        time=time,
     )
 
 

@@ -96,6 +96,9 @@ class Stepper:
         The side of the cone that the last step was on; zero before the first.
     base_start : ndarray, shape (7,), or None
         Root pose that turn and shift of the base count from; None: where it is at the next step.
+    deadline : float or None
+        Of the motion, in the time that obstacles which move are given in [s]; None: that time begins with the
+        next step.
     """
 
     def __init__(
@@ -117,6 +120,7 @@ class Stepper:
         self.momentum = None if momentum is None else vector("momentum", momentum, 6)
         self.side: FloatArray = np.zeros(3)
         self.base_start: FloatArray | None = None
+        self.deadline: float | None = None
         self._given = tuple(limits)
         self.limits = tuple(limit.for_robot(sms) for limit in limits)
         # Those that have a say in what the programme has chosen.
@@ -126,7 +130,7 @@ class Stepper:
 
     def __reduce__(self) -> tuple[Any, ...]:
         settings = (self.sms, self.dt, self.kappa, self._given, self.terms, self.weights, self.reference)
-        return _copied, ((*settings, self.momentum), self.side, self.base_start, self._last)
+        return _copied, ((*settings, self.momentum), self.side, self.base_start, self.deadline, self._last)
 
     def like(
         self,
@@ -146,7 +150,12 @@ class Stepper:
             self.momentum,
         )
 
-    def reset(self, side: ArrayLike = (0.0, 0.0, 0.0), base_start: FloatArray | None = None) -> None:
+    def reset(
+        self,
+        side: ArrayLike = (0.0, 0.0, 0.0),
+        base_start: FloatArray | None = None,
+        deadline: float | None = None,
+    ) -> None:
         """Forget the last step.
 
         Parameters
@@ -156,8 +165,11 @@ class Stepper:
             the side on which the end effector is moving, and any where it is at rest.
         base_start : ndarray, shape (7,), optional
             Root pose that turn and shift of the base count from; default: where it is at the next step.
+        deadline : float, optional
+            Of the motion, in the time of obstacles that move [s]; default: that begins with the next step.
         """
         self.side, self.base_start, self._last = vector("side", side, 3), base_start, None
+        self.deadline = deadline
 
     def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
         """The next joint rates.
@@ -212,6 +224,7 @@ class Stepper:
         """Solve a programme, remember its solution, and say what it comes to."""
         step, wanted, n = built.step, built.wanted, self.sms.n
         self.side, self.base_start = wanted.side, step.base_start
+        self.deadline = step.time + step.time_left
         found = self._solver.solve(built.problem, self._start(step.V))
         if found.solved:
             # Within the solver's tolerance already; this makes the limits hold to the last bit.
@@ -239,7 +252,10 @@ class Stepper:
         prefer: FloatArray | None = None,
     ) -> _Build:
         reference = REFERENCES[self.reference]
-        step = step_state(self.sms, q, rates, self.dt, time_left, self.momentum, self.base_start, self._data)
+        time = 0.0 if self.deadline is None else max(0.0, self.deadline - time_left)
+        step = step_state(
+            self.sms, q, rates, self.dt, time_left, self.momentum, self.base_start, self._data, time
+        )
         cosine_wanted = ideal_cosine(step.entropy, self.kappa) if reference.on_cone else 1.0
         wanted = wanted_motion(step, target, cosine_wanted, self.side)
         if prefer is not None:
@@ -285,9 +301,10 @@ def _copied(
     settings: tuple[Any, ...],
     side: FloatArray,
     base_start: FloatArray | None,
+    deadline: float | None,
     last: _Last | None,
 ) -> Stepper:
     """A stepper that goes on as another one would."""
     stepper = Stepper(*settings)
-    stepper.side, stepper.base_start, stepper._last = side, base_start, last
+    stepper.side, stepper.base_start, stepper.deadline, stepper._last = side, base_start, deadline, last
     return stepper

@@ -9,8 +9,8 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residual, Residuals
-from ffsms_pin.opt.batch.stacks import dot
 from ffsms_pin.opt.terms.term import Term
+from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Coupling"]
 

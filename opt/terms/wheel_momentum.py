@@ -33,7 +33,7 @@ class WheelMomentum(Term):
 
     def residual(self, motions: Motions) -> Residuals:
         """The momentum of each wheel."""
-        wheels = motions.stack.wheels
+        wheels = motions.wheels
         if wheels is None:
             return []
         root = np.sqrt(self.weight) * time_scale(motions)

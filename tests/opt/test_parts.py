@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -49,6 +50,7 @@ class Use(NamedTuple):
     least: Callable[[str], float]  # clearance, of points or shapes
     path: FloatArray  # of the end effector (3, K)
     rates: FloatArray  # the largest (n,)
+    base: list[Any]  # poses of the base link (pinocchio.SE3)
 
 
 # A limit that a motion breaks: from what that motion does, and the robot, tightened for joint limits.
@@ -71,6 +73,39 @@ def slow(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator,
     return sms.with_limits(replace(sms.limits, velocity=0.8 * use.rates)), opt.JointLimits()
 
 
+class Drifting:
+    """A client that drifts and turns slowly, and is at a place in the middle of a motion."""
+
+    def __init__(self, place: FloatArray, time: float) -> None:
+        self._place, self._time = place, time
+
+    def pose(self, t: float) -> Any:
+        turn = pin.exp3(np.array([0.1, -0.2, 0.3]) * (t - self._time))
+        return pin.SE3(turn, self._place + np.array([0.002, 0.001, 0.03]) * (t - self._time))
+
+    def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        poses = [self.pose(t) for t in times.tolist()]
+        return np.array([p.translation for p in poses]), np.array([p.rotation for p in poses])
+
+
+def in_the_way(on: str) -> Tight:
+    """A cylinder where the motion's end effector is in the middle of its time."""
+
+    def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+        middle = use.path.shape[1] // 2
+        place, shape = pin.SE3(np.eye(3), use.path[:, middle]), coal.Capsule(0.02, 0.05)
+        if on == "base":
+            obstacle = opt.Obstacle(shape, use.base[middle].actInv(place), "base")
+        elif on == "client":
+            aside = pin.SE3(np.eye(3), np.array([0.02, 0.0, 0.0]))
+            obstacle = opt.Obstacle(shape, aside, Drifting(place.translation, 3.0))
+        else:
+            obstacle = opt.Obstacle(shape, place)
+        return sms, opt.Clearance(0.01, "off", obstacles=[obstacle])
+
+    return made
+
+
 LIMITS: dict[str, Tight] = {
     "joints": slow,
     "attitude": lambda sms, use: (sms, BaseLimits(attitude=0.6 * use.attitude)),
@@ -79,6 +114,9 @@ LIMITS: dict[str, Tight] = {
     "final_attitude": lambda sms, use: (sms, BaseLimits(final_attitude=0.5 * use.final_attitude)),
     "points": lambda sms, use: (sms, opt.Clearance(use.least("points") + 0.015, "points")),
     "shapes": lambda sms, use: (sms, opt.Clearance(use.least("shapes") + 0.015, "shapes")),
+    "obstacle": in_the_way("inertial"),
+    "obstacle on the base": in_the_way("base"),
+    "obstacle on a client": in_the_way("client"),
     "own": beside_the_chord,
 }
 # Those that whole motions see as residuals, and robots; the distances of many meshes would take minutes.
@@ -128,6 +166,7 @@ def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
         lambda mode: opt.Clearance(0.0, mode).for_robot(sms).least(motion)[0],
         plan.end_effector.T,
         np.abs(rates).max(axis=0),
+        [pin.XYZQUATToSE3(q[:7]) for q in plan.q],
     )
 
 
@@ -247,7 +286,7 @@ def test_shares_are_integrals_of_squares(
         * np.sum(rates[1:] ** 2 + rates[:-1] ** 2 + 4.0 * middles**2)
         * plan.dt
         / 6.0,
-        "base turn": 100.0 * (T / 8.0) ** 2 * np.trapezoid(spins, plan.t),
+        "base turn": 32.0 * 100.0 * (T / 8.0) ** 2 * np.trapezoid(spins, plan.t),
         "own": 10.0 * np.trapezoid(looks, plan.t),
     }[name]
     assert plan.shares[term.name] == pytest.approx(expected, rel=2e-2 if name == "smooth" else 5e-3)

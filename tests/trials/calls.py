@@ -34,6 +34,7 @@ NOT_CALLED = {
 CONDITIONS = {
     "friction": simulation.JointFriction, "actuator": simulation.Actuator, "sensors": simulation.Sensors,
     "disturbances": simulation.Wrench, "watchdog": simulation.Watchdog, "events": simulation.Capture,
+    "estimator": simulation.Estimator,
 }  # fmt: skip
 
 

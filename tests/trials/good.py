@@ -112,6 +112,8 @@ def good_arguments(owner: str) -> dict[str, Any]:
         "point": [0.0, 0.0, 0.0], "tolerance": 1e-9, "reference": motion(), "controller": control.PD(sms),
         "plant": sms, "q0": q0(), "v0": np.zeros(sms.nv), "integrator": "rk4",
         "friction": simulation.JointFriction(0.01, 0.01), "actuator": simulation.Actuator(1.0),
+        "estimator": simulation.Estimator(), "joint_acceleration": 5e-3, "base_acceleration": 5e-4,
+        "base_angular_acceleration": 5e-4,
         "sensors": simulation.Sensors(joint_noise=1e-4), "disturbances": simulation.Wrench([0.1] * 6),
         "events": simulation.JointFault(0.02, 1), "watchdog": simulation.Watchdog(), "stream": "run.npz",
         "path": "result.npz", "target": [0.9, 0.2, 0.0], "duration": 0.3, "dt": 0.1, "kappa": 10.0,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ffsms_pin.opt.batch.entropy import entropy, entropy_and_gradient, singular
+from ffsms_pin.coupling.stacked import entropies
+from ffsms_pin.opt.batch.entropy import entropy_and_gradient, singular
 
 
 @pytest.mark.parametrize("n", [1, 3, 6, 7])
@@ -16,7 +17,7 @@ def test_entropy_and_its_gradient(n: int, rng: np.random.Generator) -> None:
     share = sigma / sigma.sum()
     expected = 0.0 if n == 1 else -float(share @ np.log(share)) / np.log(n)
     assert value[1] == pytest.approx(expected, abs=1e-12)
-    assert entropy(sigma, n) == pytest.approx(expected, abs=1e-12)
+    assert entropies(sigma, n) == pytest.approx(expected, abs=1e-12)
     for index in np.ndindex(6, n):
         step = np.zeros_like(C)
         step[index] = h
@@ -30,7 +31,7 @@ def test_entropy_of_coupling_that_lacks_a_direction(rng: np.random.Generator) ->
     C[[0, 1, 5], :, 0] = rng.normal(size=(3, 4))
     value, gradient = entropy_and_gradient(C)
     sigma = np.asarray(np.linalg.svd(C[..., 0], compute_uv=False), dtype=np.float64)
-    assert value[0] == pytest.approx(float(entropy(sigma, 4)), abs=1e-6)
+    assert value[0] == pytest.approx(float(entropies(sigma, 4)), abs=1e-6)
     for index in np.ndindex(2, 4):
         step = np.zeros_like(C)
         step[index] = h

@@ -12,10 +12,10 @@ from motions import random_pose
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
 from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.system.batch.arm import ArmStack
 
 DT, STEPS = 0.02, 60
 MOMENTUM = np.array([0.4, -0.3, 0.2, 0.3, -0.2, 0.5])

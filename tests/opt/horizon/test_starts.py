@@ -9,7 +9,7 @@ from horizon_parts import moving_problem, node_rates, planar_problem, spline_of,
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.marches import cone_marches, free_marches, march_starts
+from ffsms_pin.opt.horizon.marches import cone_marches, free_marches, landed, march_starts
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.starts import (
     halton,
@@ -153,3 +153,26 @@ def test_free_marches_keep_the_limits_and_stop_at_their_budget(planar: ffsms.Spa
     kept = list(free_marches(problem, budget))
     assert len(kept) == sum(cost <= budget for cost in costs)
     assert list(free_marches(problem, -1.0)) == []
+
+
+def test_a_march_in_space_ends_at_rest_on_its_cone() -> None:
+    sms = ffsms.load("satellite_panda")
+    q0 = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
+    target = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.2, 0.1])
+    limits = [opt.JointLimits(), opt.Clearance(0.01, collision="points")]
+    problem = opt.Problem(sms, q0, target, 12.0, 0.02, limits=limits)
+    plan = told(problem, next(free_marches(problem, 1e-3)))
+    assert plan.reached, plan.note
+    assert plan.cost_integral < 1e-3
+    assert np.abs(plan.joint_rates[-1]).max() < SearchOptions().rest_rate
+
+
+def test_landing_slows_all_joints_alike(planar: ffsms.SpaceManipulator) -> None:
+    problem = planar_problem(planar, duration=2.0, dt=0.05)
+    rates = np.tile([0.02, -0.01, 0.005], (problem.steps + 1, 1))
+    slowed = landed(problem, rates)
+    np.testing.assert_array_equal(slowed[0], rates[0])
+    assert np.abs(slowed[-1]).max() < SearchOptions().rest_rate
+    np.testing.assert_allclose(slowed[:, 1:] / slowed[:, :1], rates[:, 1:] / rates[:, :1])
+    braking = np.abs(np.diff(slowed[1:], axis=0)).max(axis=0) / problem.dt
+    assert (braking <= planar.limits.acceleration).all()

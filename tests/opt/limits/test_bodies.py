@@ -10,11 +10,11 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.arm import ArmStack
 from ffsms_pin.opt.limits.body_stack import BodyStack, body_pairs
 from ffsms_pin.opt.limits.clearance_rows import BodyModel
 from ffsms_pin.opt.limits.clearance_stack import chosen_mode
 from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.system.batch.arm import ArmStack
 
 ARMS = ["satellite_panda", "satellite_ur10"]
 

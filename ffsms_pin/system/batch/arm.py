@@ -14,11 +14,14 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.stacks import apply, cross, diagonal, dot, inverse3, skew
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
+from ffsms_pin.system.batch.stacks import apply, cross, diagonal, dot, inverse3, skew
+from ffsms_pin.system.mechanism import Mechanism
 
 __all__ = ["ArmStack", "ArmValues"]
+
+# Of a joint's axis, as Pinocchio's Jacobian gives it.
+_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,21 +105,19 @@ class ArmStack:
 
     Parameters
     ----------
-    sms : SpaceManipulator
+    robot : Mechanism
     mode : str
         One of `MODES`: what of the base is held, and by what.
     """
 
-    def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
+    def __init__(self, robot: Mechanism, mode: str = "floating") -> None:
         #: Rows of C_bm that the mode leaves free; whether these let the base move, and turn.
         self.free_rows = list(MODES[mode])
         self.moves, self.turns_freely = 0 in self.free_rows, 3 in self.free_rows
-        #: What holds the attitude, where wheels do.
-        self.wheels = sms.wheels if mode == "rotation-floating" else None
-        model, frame = sms.model, sms.model.frames[sms.frame_id]
+        model, frame = robot.model, robot.model.frames[robot.frame_id]
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
-        self.n = n = sms.n
+        self.n = n = robot.n
         joints = range(2, model.njoints)
         #: Index of the joint that carries the end effector; -1: the base. The same for parents.
         self.last = int(frame.parentJoint) - 2
@@ -131,12 +132,14 @@ class ArmStack:
             for j, column, turning in zip(joints, columns, self.revolute, strict=True)
         ]
         self.offset = [place.translation.copy() for place in places]
-        # What the carrier's rotation turns: the joint's own rotation (Rodrigues' formula, I + sin K +
-        # (1 - cos) K^2, behind the placement), its axis, and its origin from the carrier's.
-        self.turns = []
-        for place, axis in zip(places, axes, strict=True):
+        # What the carrier's rotation turns: the placement's rotation, its axis, and its origin from the
+        # carrier's. Where the axis is not one of the joint frame's own, the joint's rotation too (Rodrigues'
+        # formula, I + sin K + (1 - cos) K^2, behind the placement).
+        self.turns, self.own_axis = [], [_own_axis(np.asarray(axis)) for axis in axes]
+        for place, axis, own in zip(places, axes, self.own_axis, strict=True):
             P, K = place.rotation, skew(np.asarray(axis))
-            self.turns.append(np.vstack([P.T, (P @ K).T, (P @ K @ K).T, P @ axis, place.translation]))
+            parts = [P.T, P @ axis, place.translation]
+            self.turns.append(np.vstack(parts if own is not None else [*parts, (P @ K).T, (P @ K @ K).T]))
         #: Of the way from the root to the end effector along the joints, stretched [m].
         self.length = float(np.linalg.norm(self.tip_in_last))
         j = self.last
@@ -244,15 +247,20 @@ class ArmStack:
         n, count = positions.shape
         rotations, origins = np.empty((3, 3, n, count)), np.empty((3, n, count))
         axes, velocities = np.zeros((3, n, count)), np.empty((3, n, count))
-        sines, cosines = np.sin(positions), 1.0 - np.cos(positions)
+        sines, cosines = np.sin(positions), np.cos(positions)
         for j, (up, turns) in enumerate(zip(self.parents, self.turns, strict=True)):
-            # (3, 11, B), or (3, 11, 1) on the base itself.
+            # (3, 5, B) or (3, 11, B); on the base itself the same for all of the stack.
             parts = turns @ rotations[:, :, up] if up >= 0 else turns.T[:, :, None]
-            direction, origin = parts[:, 9], parts[:, 10]
+            direction, origin = parts[:, 3], parts[:, 4]
             if up >= 0:
                 origin = origin + origins[:, up]
+            own = self.own_axis[j]
             if self.revolute[j]:
-                rotations[:, :, j] = parts[:, :3] + sines[j] * parts[:, 3:6] + cosines[j] * parts[:, 6:9]
+                if own is not None:
+                    _turned(rotations[:, :, j], parts[:, :3], own, sines[j], cosines[j])
+                else:
+                    turned = parts[:, :3] + sines[j] * parts[:, 5:8] + (1.0 - cosines[j]) * parts[:, 8:]
+                    rotations[:, :, j] = turned
                 origins[:, j], axes[:, j] = origin, direction
                 velocities[:, j] = cross(origins[:, j], axes[:, j])
             else:
@@ -260,3 +268,23 @@ class ArmStack:
                 origins[:, j] = origin + positions[j] * direction
         origins, axes, velocities = (x.reshape(3, *shape) for x in (origins, axes, velocities))
         return rotations.reshape(3, 3, *shape), origins, axes, velocities
+
+
+def _own_axis(axis: FloatArray) -> tuple[int, float] | None:
+    """Which axis of its own frame a joint turns about, and in which sense; None where it is none of them."""
+    k = int(np.argmax(np.abs(axis)))
+    unit = np.zeros(3)
+    unit[k] = np.copysign(1.0, axis[k])
+    return (k, float(unit[k])) if np.abs(axis - unit).max() < _ROUNDING else None
+
+
+def _turned(
+    out: FloatArray, placed: FloatArray, own: tuple[int, float], sine: FloatArray, cosine: FloatArray
+) -> None:
+    """Rotations (3, 3, B) of frames (3, 3, B) that are turned about one of their own axes."""
+    k, sense = own
+    i, j = (k + 1) % 3, (k + 2) % 3
+    signed = sense * sine
+    out[:, k] = placed[:, k]
+    out[:, i] = cosine * placed[:, i] + signed * placed[:, j]
+    out[:, j] = cosine * placed[:, j] - signed * placed[:, i]

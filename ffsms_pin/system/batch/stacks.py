@@ -13,6 +13,7 @@ __all__ = ["apply", "cross", "diagonal", "dot", "exp3", "inverse3", "log3", "pro
 
 _TINY = 1e-150  # added to angles: sin(x) / x is then one at zero
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
+_FIRST, _SECOND = np.append(_NEXT, _AFTER), np.append(_AFTER, _NEXT)  # the products of a cross product
 
 
 def dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -28,9 +29,8 @@ def apply(A: FloatArray, b: FloatArray) -> FloatArray:
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """A x b of stacks (3, ...), broadcast against each other."""
-    out: FloatArray = a.take(_NEXT, 0) * b.take(_AFTER, 0)
-    out -= a.take(_AFTER, 0) * b.take(_NEXT, 0)
-    return out
+    both: FloatArray = a.take(_FIRST, 0) * b.take(_SECOND, 0)
+    return both[:3] - both[3:]
 
 
 def skew(v: FloatArray) -> FloatArray:

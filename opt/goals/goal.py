@@ -1,17 +1,20 @@
-"""Goals: where the end effector should be at the deadline, and how it should arrive."""
+"""What every goal has; goals that stand still, and a path."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, number, positive, vector
 from ffsms_pin.errors import InvalidValue
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.limits.limit import Limit
 
 __all__ = [
     "ORIENTATION_REACH",
@@ -24,6 +27,7 @@ __all__ = [
     "Position",
     "Shifted",
     "as_goal",
+    "check_reaches",
     "rotation_matrix",
 ]
 
@@ -76,6 +80,39 @@ class Goal(ABC):
         """Whether the place depends on the time."""
         return False
 
+    @property
+    def exact(self) -> bool:
+        """Whether a plan has reached the goal only with an end within the tolerance, velocities included."""
+        return False
+
+    @property
+    def coupled(self) -> bool:
+        """Whether the paper's cost is a term by default.
+
+        It asks for ways across the one to the goal, so not of a goal that is approached along a line.
+        """
+        return True
+
+    def positions(self, times: FloatArray) -> FloatArray:
+        """Positions (3, K) [m] at times (K,) [s]."""
+        if not self.moves:
+            return np.repeat(self.place(0.0).position[:, None], len(times), axis=1)
+        return np.stack([self.place(t).position for t in times.tolist()], axis=-1)
+
+    def rotations(self, times: FloatArray) -> FloatArray | None:
+        """Attitudes (3, 3, K), K = 1 where the goal stands still; None where any will do."""
+        found = [self.place(t).rotation for t in (times.tolist() if self.moves else [0.0])]
+        wanted = [one for one in found if one is not None]
+        return np.stack(wanted, axis=-1) if wanted else None
+
+    def passing(self, duration: float) -> tuple[float, Place] | None:
+        """A time [s] and a place to come by on the way to a deadline, in motions to start a search from."""
+        return None
+
+    def limits(self, duration: float) -> tuple[Limit, ...]:
+        """Limits that belong to the goal, for a motion to a deadline [s]; a problem takes them up."""
+        return ()
+
 
 @dataclass(frozen=True, eq=False)
 class Position(Goal):
@@ -98,7 +135,7 @@ class Position(Goal):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", frozen(vector("target", self.position, 3, "m")))
-        _check(self)
+        check_reaches(self)
         if self.velocity is not None:
             object.__setattr__(self, "velocity", frozen(vector("goal.velocity", self.velocity, 3, "m/s")))
 
@@ -130,7 +167,7 @@ class Pose(Goal):
     _place: Place = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        _check(self)
+        check_reaches(self)
         position = frozen(vector("target.translation", self.pose.translation, 3, "m"))
         rotation = frozen(rotation_matrix("target.rotation", self.pose.rotation))
         velocity = spin = None
@@ -141,7 +178,6 @@ class Pose(Goal):
 
     def place(self, t: float) -> Place:
         """The same at all times."""
-        number("t", t)
         return self._place
 
 
@@ -166,7 +202,7 @@ class Moving(Goal):
     _STEP = 1e-3
 
     def __post_init__(self) -> None:
-        _check(self)
+        check_reaches(self)
         if not callable(self.path):
             raise InvalidValue("path", self.path, "must be a function of time [s]")
         self.place(0.0)
@@ -220,6 +256,15 @@ class Shifted(Goal):
         rotation = None if place.rotation is None else self.turn @ place.rotation
         return place._replace(position=place.position + self.offset, rotation=rotation)
 
+    def positions(self, times: FloatArray) -> FloatArray:
+        """The other's, shifted."""
+        return self.goal.positions(times) + self.offset[:, None]
+
+    def rotations(self, times: FloatArray) -> FloatArray | None:
+        """The other's, turned."""
+        found = self.goal.rotations(times)
+        return found if found is None else np.einsum("xy,yzk->xzk", self.turn, found)
+
 
 def as_goal(target: Any) -> Goal:
     """The goal that a plain value means: a position (3,), a pose, or a function of time that gives one.
@@ -249,6 +294,7 @@ def rotation_matrix(name: str, value: Any) -> FloatArray:
     return rotation
 
 
-def _check(goal: Goal) -> None:
+def check_reaches(goal: Goal) -> None:
+    """Raise `InvalidValue` unless the tolerance and the reaches of a goal are above zero."""
     for name in ("tolerance", "reach", "orientation_reach"):
         positive(f"goal.{name}", getattr(goal, name))

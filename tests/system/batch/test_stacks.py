@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.opt.batch.stacks import apply, cross, dot, exp3, inverse3, log3, products, quaternions, skew
+from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, inverse3, log3, products, quaternions, skew
 
 
 def test_rotations_of_stacks(rng: np.random.Generator) -> None:

@@ -1,0 +1,156 @@
+"""Whether targets are reached among obstacles, whether plans keep clear of them, and what that costs.
+
+Targets are reachable by construction (`benchmarks.targets`): by a straight joint-space move. Three obstacles
+are drawn near to where the arm sweeps in that move, such that the move keeps clear of them. Of the targets
+that are reached without obstacles, how many are reached among them? Finished plans are judged by coal itself,
+on the robot's meshes, at nodes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import coal
+import numpy as np
+import pinocchio as pin
+from targets import Task, reachable_targets
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.batch.stacks import apply
+
+DT, CLEARANCE = 0.01, 0.01  # [s], [m]
+SPARE = 0.005  # [m] beyond the clearance, that the straight move keeps to each obstacle
+COUNT = 3  # obstacles
+NEAR = 0.3  # [m] Obstacles are drawn within this of a place that some link's shape passes.
+MOVE = 200  # configurations of the straight move that are looked at
+EVERY = 4  # of a plan's nodes, at which meshes are measured
+
+
+class Meshes:
+    """Distances of the robot's collision meshes to obstacles, by coal alone."""
+
+    def __init__(self, sms: ffsms.SpaceManipulator) -> None:
+        self._sms, self._data = sms, sms.model.createData()
+        self._geometry = sms.geometry("collision")
+        self._placed = self._geometry.createData()
+
+    def places(self, q: FloatArray) -> list[pin.SE3]:
+        """Poses of the shapes."""
+        pin.updateGeometryPlacements(self._sms.model, self._data, self._geometry, self._placed, q)
+        return [pose.copy() for pose in self._placed.oMg]
+
+    def distance(self, places: list[pin.SE3], obstacle: opt.Obstacle) -> float:
+        """The least distance of any shape to an obstacle in inertial space [m]."""
+        there = coal.Transform3s(obstacle.pose.rotation, obstacle.pose.translation)
+        least = np.inf
+        for item, place in zip(self._geometry.geometryObjects, places, strict=True):
+            here = coal.Transform3s(place.rotation, place.translation)
+            result = coal.DistanceResult()
+            found = coal.distance(item.geometry, here, obstacle.shape, there, coal.DistanceRequest(), result)
+            least = min(least, found)
+        return float(least)
+
+
+def random_shape(rng: np.random.Generator) -> coal.ShapeBase:
+    """A box, sphere, cylinder or capsule, 0.1 to 0.3 m across."""
+    a, b, c = rng.uniform(0.1, 0.3, 3)
+    kinds = [
+        lambda: coal.Box(a, b, c),
+        lambda: coal.Sphere(0.5 * a),
+        lambda: coal.Cylinder(0.4 * a, b),
+        lambda: coal.Capsule(0.3 * a, b),
+    ]
+    return kinds[rng.integers(4)]()
+
+
+def obstacles_beside(sms: ffsms.SpaceManipulator, task: Task, rng: np.random.Generator) -> list[opt.Obstacle]:
+    """Obstacles that the straight move keeps clear of, near to where it passes."""
+    profile = 1.5 * (1.0 - (2.0 * np.linspace(0.0, 1.0, MOVE + 1) - 1.0) ** 2)
+    rates = profile[:, None] * (task.joint_goal - sms.joint_positions(task.q0))
+    motion = rolled_out(sms, ArmStack(sms), task.q0, rates, 1.0 / MOVE, None, 0.9)
+    points = motion.com[:, None] + apply(
+        motion.base_attitude[:, :, :1], motion.arm.points[:, 2:, 0] - motion.arm.com
+    )
+    found: list[opt.Obstacle] = []
+    while len(found) < COUNT:
+        place = points[:, rng.integers(points.shape[1]), rng.integers(points.shape[2])]
+        way = rng.normal(size=3)
+        centre = place + NEAR * rng.uniform() ** (1.0 / 3.0) * way / np.linalg.norm(way)
+        turn = pin.Quaternion(rng.normal(size=4)).normalized().toRotationMatrix()
+        one = opt.Obstacle(random_shape(rng), pin.SE3(turn, centre))
+        if one.distance(task.target, 0.0) < CLEARANCE:
+            continue
+        limit = opt.Clearance(CLEARANCE + SPARE, "off", obstacles=[one]).for_robot(sms)
+        if limit.violation(motion).amount == 0.0:
+            found.append(one)
+    return found
+
+
+def least_distance(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, obstacles: list[opt.Obstacle]) -> float:
+    """The least distance of meshes to obstacles along a plan, at nodes [m]."""
+    meshes = Meshes(sms)
+    return min(
+        meshes.distance(places, one)
+        for q in plan.q[::EVERY]
+        for places in [meshes.places(q)]
+        for one in obstacles
+    )
+
+
+def run(name: str, count: int, seed: int) -> None:
+    """A line a target, and the figures of all."""
+    sms = ffsms.load(name)
+    limits, rng = sms.limits, np.random.default_rng(seed)
+    low, high = (np.clip(bound, -2.0, 2.0) for bound in (limits.lower, limits.upper))
+    start = 0.5 * (low + high)
+    free_time, held_time, reached, blocked, through, least = [], [], 0, 0, 0, np.inf
+    asked = 0
+    for i, task in enumerate(reachable_targets(sms, start, count, seed, DT)):
+        begin = time.process_time()
+        free = opt.plan(sms, task.q0, task.target, task.duration, DT, clearance=CLEARANCE)
+        spent = time.process_time() - begin
+        if not free.reached:
+            continue
+        obstacles = obstacles_beside(sms, task, rng)
+        asked += 1
+        free_time.append(spent)
+        begin = time.process_time()
+        plan = opt.plan(
+            sms, task.q0, task.target, task.duration, DT, clearance=CLEARANCE, obstacles=obstacles
+        )
+        held_time.append(time.process_time() - begin)
+        reached += plan.reached
+        blocks = least_distance(sms, free, obstacles) < CLEARANCE
+        blocked += blocks
+        kept = least_distance(sms, plan, obstacles)
+        least = min(least, kept) if plan.clear else least
+        through += plan.clear and kept < CLEARANCE - 1e-4
+        print(
+            f"  {i:3d} {'in the way' if blocks else 'beside':10s} reached {plan.reached!s:5s} "
+            f"{1e3 * kept:6.1f} mm {free_time[-1]:.2f} s -> {held_time[-1]:.2f} s {plan.note[:150]}",
+            flush=True,
+        )
+    free_sum, held_sum = sum(free_time), sum(held_time)
+    print(
+        f"{name:18s} reached {reached}/{asked} (of {count} targets {asked} are reached without obstacles), "
+        f"the plan without them breaks the clearance in {blocked}, clear plans that break it {through}, "
+        f"least distance {1e3 * least:.2f} mm; CPU {np.median(free_time):.2f} s -> "
+        f"{np.median(held_time):.2f} s in the median, {held_sum / free_sum:.2f} times in all, "
+        f"the median of the ratios {np.median(np.array(held_time) / free_time):.2f}",
+        flush=True,
+    )
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("robots", nargs="*", default=["satellite_panda", "satellite_xarm7"])
+    parser.add_argument("--targets", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    for robot in given.robots:
+        run(robot, given.targets, given.seed)

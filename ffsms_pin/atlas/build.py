@@ -1,0 +1,217 @@
+"""`atlas`: sample a robot's configurations into a Zarr file, and `open_atlas`, which reads one."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from ffsms_pin.atlas.dataset import write_samples
+from ffsms_pin.atlas.measures import AtlasWork, unit_directions
+from ffsms_pin.atlas.packages import xarray
+from ffsms_pin.atlas.sampling import BLOCK, Sampling
+from ffsms_pin.atlas.workspace import write_workspace
+from ffsms_pin.checks import instance, one_of, whole
+from ffsms_pin.engine import ChunkFolder, Chunks, Shard, run
+from ffsms_pin.errors import ResultError
+from ffsms_pin.storage import path_like, remove_leftovers, require_space
+from ffsms_pin.storage.temporary import locked_folder
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.version import __version__
+
+__all__ = ["atlas", "digest", "open_atlas", "parts_folder"]
+
+#: Rows of a chunk: what is lost when a run is killed, and what a process holds in memory.
+CHUNK = BLOCK
+#: Along the longest side of a workspace.
+CELLS = 48
+
+
+def atlas(
+    sms: SpaceManipulator,
+    out: str | os.PathLike[str],
+    samples: int,
+    over: str = "joints",
+    *,
+    method: str = "sobol",
+    seed: int = 0,
+    directions: Sequence[ArrayLike] = (),
+    cells: int = CELLS,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    shard: Shard | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    provenance: Mapping[str, Any] | None = None,
+) -> Path | None:
+    """Measure a robot's coupling over its joint ranges, and write what was found to a Zarr file.
+
+    The samples are computed in chunks of 65,536 rows, which go into a folder beside `out` first; a run that
+    was killed goes on from there, and the folder goes when `out` is written. See docs/atlas.md for what is
+    measured, and for memory and time.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    out : path
+        Must not be there yet.
+    samples : int
+        Of a grid, the largest number of them.
+    over : {"joints", "workspace"}
+        One row a sample, or statistics of the samples in each cell of the workspace.
+    method : {"sobol", "grid"}
+        See `Sampling`.
+    seed : int
+    directions : sequence of array_like, shape (3,)
+        Base axes, for the coupling assistance.
+    cells : int
+        Along the longest side of the workspace.
+    jobs, scheduler, shard, progress
+        See `ffsms_pin.engine.run`. A shard computes its chunks only; a run without one, after all shards,
+        writes the file.
+    provenance : mapping, optional
+        More attributes of the dataset: the command, for one.
+
+    Returns
+    -------
+    Path or None
+        Of the Zarr file; None for a shard.
+
+    Raises
+    ------
+    DependencyMissing
+        xarray and zarr are not installed: they come with ffsms-pin[cluster].
+    InvalidValue, ResultError, ClusterError
+    """
+    xarray()  # found out before the work
+    instance("sms", sms, SpaceManipulator)
+    one_of("over", over, ("joints", "workspace"))
+    whole("cells", cells, 1)
+    target = Path(os.path.realpath(path_like("out", out)))
+    if target.exists():
+        raise ResultError(out, "is there already; remove it, or choose another name")
+    sampling = Sampling.of(sms, samples, method, seed)
+    work = AtlasWork(sms, sampling, unit_directions(directions))
+    numbers = 7 + sms.n + min(6, sms.n) + len(work.directions)
+    require_space(target, 2 * 4 * numbers * sampling.rows)  # as chunks, then as the dataset
+    parts = run(
+        work,
+        Chunks(sampling.rows, CHUNK),
+        parts_folder(target),
+        specification=_specification(work),
+        jobs=jobs,
+        scheduler=scheduler,
+        shard=shard,
+        progress=progress,
+    )
+    if shard is not None:
+        return None
+    attributes = {**_attributes(work, over), **(provenance or {})}
+    _write(target, parts, work, over, cells, attributes)
+    shutil.rmtree(parts.path, ignore_errors=True)
+    return target
+
+
+def open_atlas(path: str | os.PathLike[str]) -> Any:
+    """An atlas as an xarray.Dataset, which reads what is asked for when it is asked for.
+
+    Raises
+    ------
+    ResultError
+        It is missing, or cannot be read.
+    DependencyMissing
+        xarray and zarr are not installed.
+    """
+    xr = xarray()
+    place = path_like("path", path)
+    try:
+        return xr.open_zarr(place, consolidated=False)
+    except (OSError, ValueError, KeyError) as error:
+        raise ResultError(place, f"cannot be read as an atlas ({error})") from None
+
+
+def parts_folder(target: Path) -> Path:
+    """Where the chunks of an atlas stand until it is written."""
+    return target.with_name(f"{target.name}.parts")
+
+
+def _write(
+    target: Path, parts: ChunkFolder, work: AtlasWork, over: str, cells: int, attributes: Mapping[str, Any]
+) -> None:
+    """The dataset, whole or not at all."""
+    remove_leftovers(target.parent)
+    staging, lock = locked_folder(target.parent, target.name)
+    new = staging / "atlas"
+    try:
+        if over == "joints":
+            write_samples(new, parts.tables(), parts.chunks.size, _coordinates(work), attributes)
+        else:
+            write_workspace(new, parts.tables, cells, attributes)
+        new.rename(target)
+    except OSError as error:
+        if isinstance(error, ResultError):
+            raise
+        raise ResultError(target, f"cannot be written ({error.strerror or error})") from None
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+        os.close(lock)
+
+
+def _coordinates(work: AtlasWork) -> dict[str, Any]:
+    coordinates: dict[str, Any] = {
+        "joint": work.sms.joint_names,
+        "axis": ["x", "y", "z"],
+        "mode": list(range(1, min(6, work.sms.n) + 1)),
+    }
+    if work.directions:
+        coordinates["direction"] = [" ".join(f"{x:.6g}" for x in row) for row in work.directions]
+    return coordinates
+
+
+def _specification(work: AtlasWork) -> dict[str, Any]:
+    """All that the chunks depend on; what they are made into later is not part of it."""
+    return {
+        "what": "atlas",
+        "model": work.sms.model.name,
+        "robot_sha256": digest(work.sms),
+        "end_effector": work.sms.end_effector,
+        "sampling": work.sampling.content(),
+        "directions": [list(row) for row in work.directions],
+        "version": __version__,
+    }
+
+
+def _attributes(work: AtlasWork, over: str) -> dict[str, Any]:
+    sampling = work.sampling
+    return {
+        "title": f"Dynamic coupling of {work.sms.model.name} over its {over}",
+        "source": f"ffsms-pin {__version__}",
+        "model": work.sms.model.name,
+        "robot_sha256": digest(work.sms),
+        "end_effector_frame": work.sms.end_effector,
+        "conventions": "base axes; reference point: the base's centre of mass; zero momentum",
+        "over": over,
+        "sampling": sampling.method,
+        "samples": sampling.rows,
+        "seed": sampling.seed,
+        "lower_limits_rad": list(sampling.lower),
+        "upper_limits_rad": list(sampling.upper),
+        "joint_names": work.sms.joint_names,
+        "directions": [x for row in work.directions for x in row],
+    }
+
+
+def digest(sms: SpaceManipulator) -> str:
+    """Of all that the samples depend on: the tree, its inertias and the end effector's place."""
+    model, frame = sms.model, sms.model.frames[sms.frame_id]
+    digest = hashlib.sha256()
+    for j in range(1, model.njoints):
+        digest.update(f"{model.parents[j]} {model.joints[j].shortname()}".encode())
+        digest.update(model.jointPlacements[j].homogeneous.tobytes())
+        digest.update(model.inertias[j].matrix().tobytes())
+    digest.update(f"{frame.parentJoint}".encode() + frame.placement.homogeneous.tobytes())
+    return digest.hexdigest()

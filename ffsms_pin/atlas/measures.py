@@ -1,0 +1,103 @@
+"""What an atlas holds of each sample, and the work that a chunk of it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ffsms_pin.atlas.sampling import Sampling
+from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.quantities import assistance, base_motion
+
+__all__ = ["SCALARS", "AtlasWork", "measured", "unit_directions"]
+
+#: Quantities of one number a sample.
+SCALARS = ("entropy", "manipulability", "base_translation", "base_rotation")
+# Rows that are measured together: some 30 MB stand in memory meanwhile.
+_ROWS = 8192
+
+
+@dataclass(frozen=True)
+class AtlasWork:
+    """The table of a range of rows, for `ffsms_pin.engine.run`.
+
+    Attributes
+    ----------
+    sms : SpaceManipulator
+    sampling : Sampling
+    directions : tuple of tuple of float
+        Of unit length, base axes.
+    """
+
+    sms: SpaceManipulator
+    sampling: Sampling
+    directions: tuple[tuple[float, ...], ...] = ()
+
+    def __call__(self, rows: range) -> dict[str, NDArray[np.float32]]:
+        """Measures of these rows; see `measured`."""
+        parts = [
+            measured(self.sms, self.sampling.joints(rows[k : k + _ROWS]), self.directions)
+            for k in range(0, len(rows), _ROWS)
+        ]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def measured(
+    sms: SpaceManipulator, joints: FloatArray, directions: Sequence[Sequence[float]] = ()
+) -> dict[str, NDArray[np.float32]]:
+    """Measures of some samples, in single precision: seven digits, in half the room.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    joints : ndarray, shape (N, n)
+        [rad]
+    directions : sequence of (3,)
+        Of unit length, base axes.
+
+    Returns
+    -------
+    dict of ndarray
+        `joints` (N, n), `end_effector` (N, 3) from the base's centre of mass [m], `sigma` (N, min(6, n)),
+        `entropy`, `manipulability`, `base_translation` [m/m], `base_rotation` [rad/m], each (N,), and, with
+        directions, `assistance` (N, d). See `ffsms_pin.system.batch.quantities`.
+    """
+    batch = sms.batch(joints)
+    C_bm, J_v = batch.C_bm.transpose(1, 2, 0), batch.J_star[:, :3].transpose(1, 2, 0)
+    motion = base_motion(C_bm, J_v)
+    table = {
+        "joints": batch.joints,
+        "end_effector": batch.end_effector_position,
+        "sigma": batch.sigma,
+        "entropy": batch.entropy,
+        "manipulability": batch.manipulability,
+        "base_translation": motion.translation,
+        "base_rotation": motion.rotation,
+    }
+    if directions:
+        on_fixed_base = batch.J_m[:, :3].transpose(1, 2, 0)
+        table["assistance"] = assistance(on_fixed_base, J_v, np.array(directions)).T
+    return {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in table.items()}
+
+
+def unit_directions(directions: Sequence[ArrayLike]) -> tuple[tuple[float, ...], ...]:
+    """Directions of unit length from vectors (3,) of any.
+
+    Raises
+    ------
+    InvalidValue
+        One is not three numbers, or vanishes.
+    """
+    found = []
+    for i, direction in enumerate(directions):
+        given = vector(f"directions[{i}]", direction, 3)
+        length = float(np.linalg.norm(given))
+        if length == 0.0:
+            raise InvalidValue(f"directions[{i}]", direction, "must not vanish")
+        found.append(tuple((given / length).tolist()))
+    return tuple(found)

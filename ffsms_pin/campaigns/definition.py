@@ -1,0 +1,175 @@
+"""A campaign: a scenario file, what of it is drawn, and the scenario that belongs to a seed."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import os
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.campaigns.draws import Draw, DrawError, read_draws
+from ffsms_pin.checks import whole
+from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.scenarios import Scenario, scenario
+from ffsms_pin.scenarios.definition import scenario_of
+from ffsms_pin.scenarios.reading import read
+from ffsms_pin.scenarios.tables import DEGREES
+from ffsms_pin.version import __version__
+
+__all__ = ["Campaign"]
+
+# Tables with a seed of their own: every run gets its own, unless the file draws it.
+_SEEDS = ("sensors.seed", "plant.random.seed")
+_PACKAGES = ("pin", "proxsuite", "numpy", "scipy")
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Runs of one scenario, whose seeds are `seed`, `seed` + 1, ...
+
+    Attributes
+    ----------
+    source : Path
+        The scenario file.
+    content : mapping
+        What it holds, without [campaign].
+    draws : tuple of Draw
+    runs : int
+    seed : int
+        Of the first run.
+    allow_import : bool
+        As for `ffsms_pin.scenario`.
+    """
+
+    source: Path
+    content: Mapping[str, Any]
+    draws: tuple[Draw, ...]
+    runs: int
+    seed: int = 1
+    allow_import: bool = False
+
+    @classmethod
+    def read(
+        cls,
+        name_or_path: str | os.PathLike[str],
+        runs: int,
+        seed: int | None = None,
+        *,
+        allow_import: bool = False,
+    ) -> Campaign:
+        """A campaign from a scenario file; `seed` stands in for the file's.
+
+        Raises
+        ------
+        InvalidScenario
+            The file or one of its draws cannot be used.
+        InvalidValue
+            No runs, or a seed below zero.
+        """
+        whole("runs", runs, 1)
+        plain = scenario(name_or_path, allow_import=allow_import)
+        seed = whole("seed", plain.campaign.get("seed", 1) if seed is None else seed, 0)
+        content = read(plain.source)
+        table = content.pop("campaign", {})
+        try:
+            draws = read_draws(table.get("draw", {}))
+        except DrawError as problem:
+            raise InvalidScenario(plain.source, f"[campaign.draw] {problem}") from None
+        found = cls(plain.source.absolute(), content, draws, runs, seed, allow_import)
+        found.scenario(seed).load()  # a key or a robot that is not there is found out before anything is run
+        return found
+
+    @classmethod
+    def from_specification(cls, specification: Mapping[str, Any], allow_import: bool = False) -> Campaign:
+        """The campaign whose `specification` this is."""
+        draws = tuple(Draw(key, kind, tuple(values)) for key, kind, values in specification["draws"])
+        source, content = Path(specification["source"]), specification["scenario"]
+        return cls(source, content, draws, specification["runs"], specification["seed"], allow_import)
+
+    def specification(self) -> dict[str, Any]:
+        """Everything that the table depends on, as JSON can hold it."""
+        return {
+            "campaign": self.source.stem,
+            "source": str(self.source),
+            "runs": self.runs,
+            "seed": self.seed,
+            "scenario": dict(self.content),
+            "draws": [[draw.key, draw.kind, list(draw.values)] for draw in self.draws],
+            "models": self._model_hashes(),
+            "versions": {"ffsms_pin": __version__, **{name: version(name) for name in _PACKAGES}},
+        }
+
+    def drawn(self, seed: int) -> dict[str, Any]:
+        """What a seed draws, by key."""
+        return {draw.key: draw.value(seed) for draw in self.draws}
+
+    def scenario(self, seed: int) -> Scenario:
+        """The scenario of one run.
+
+        Raises
+        ------
+        InvalidScenario
+            A draw has a key that the scenario does not have, or a value that it cannot use.
+        """
+        content = copy.deepcopy(dict(self.content))
+        for key, value in {**self._own_seeds(seed), **self.drawn(seed)}.items():
+            if not _set(content, key.split("."), value):
+                raise InvalidScenario(
+                    self.source,
+                    f"[campaign.draw] {key} is no key of the file: write it as plant.arm_mass, "
+                    "or as fault.1.time for the first [[fault]]",
+                )
+        for name in ("fault", "capture", "disturbance"):  # {} among the choices: without it
+            if isinstance(content.get(name), list):
+                content[name] = [row for row in content[name] if row != {}]
+        return scenario_of(self.source, content, allow_import=self.allow_import)
+
+    def _own_seeds(self, seed: int) -> dict[str, int]:
+        """Seeds of noise and of random plants, where the scenario has them."""
+        chosen = {}
+        for key in _SEEDS:
+            table: Any = self.content
+            for name in key.split(".")[:-1]:
+                table = table.get(name) if isinstance(table, Mapping) else None
+            if table is not None:
+                rng = np.random.default_rng([seed, zlib.crc32(key.encode())])
+                chosen[key] = int(rng.integers(2**31))
+        return chosen
+
+    def _model_hashes(self) -> dict[str, str]:
+        """SHA-256 of the robots that are files, by their name in the scenario."""
+        found = {}
+        for table in ("robot", "plant"):
+            model = self.content.get(table, {}).get("model")
+            path = self.source.parent / str(model)
+            if model is not None and path.is_file():
+                found[str(model)] = hashlib.sha256(path.read_bytes()).hexdigest()
+        return found
+
+
+def _set(content: Any, path: list[str], value: Any) -> bool:
+    """Set a key of nested tables and lists of tables, counted from 1; False where there is no such place."""
+    name, *rest = path
+    if isinstance(content, list):
+        index = int(name) - 1 if name.isdecimal() else -1
+        if index not in range(len(content)):
+            return False
+        if rest:
+            return _set(content[index], rest, value)
+        content[index] = copy.deepcopy(value)
+        return True
+    if not isinstance(content, dict) or not name:
+        return False
+    if rest:
+        return _set(content.setdefault(name, {}), rest, value)
+    # The drawn value stands in for the file's, whatever the unit of each.
+    content.pop(name.removesuffix(DEGREES) if name.endswith(DEGREES) else name + DEGREES, None)
+    content[name] = copy.deepcopy(value)
+    return True

@@ -1,0 +1,173 @@
+"""What a campaign comes to: success rate, percentiles, and the worst runs with their seeds."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ffsms_pin.campaigns.columns import METRICS, OUTCOMES
+from ffsms_pin.campaigns.merging import runs_file
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import DependencyMissing, InvalidValue, ResultError
+
+__all__ = ["Report", "report", "report_numbers", "wilson_interval"]
+
+PERCENTILES = (5, 25, 50, 75, 95, 99)
+_WORST = 10  # runs
+_Z = 1.959963984540054  # of the standard normal distribution: 95 % lie within
+_ERRORS = 5  # different errors that are told
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A campaign's table in numbers.
+
+    Attributes
+    ----------
+    runs : int
+    outcomes : dict of str to int
+        Number of runs by outcome.
+    success : float
+        Share of the runs that arrived.
+    interval : tuple of float
+        95 % confidence interval of it, Wilson's.
+    percentiles : dict of str to dict of int to float
+        By metric; of the runs that have it.
+    worst : list of dict
+        Runs that ended worst: those without an end first, then by their final error. Keys: run, seed,
+        outcome, error, final_error_m.
+    errors : dict of str to int
+        The most frequent errors, and how often each occurred.
+    final_errors : ndarray, shape (runs,)
+        [m], NaN where a run has none.
+    outcome : ndarray of str, shape (runs,)
+    draws : dict of str to ndarray, shape (runs,)
+        Drawn numbers by key.
+    """
+
+    runs: int
+    outcomes: dict[str, int]
+    success: float
+    interval: tuple[float, float]
+    percentiles: dict[str, dict[int, float]]
+    worst: list[dict[str, Any]]
+    errors: dict[str, int]
+    final_errors: FloatArray
+    outcome: NDArray[np.str_]
+    draws: dict[str, FloatArray]
+
+
+def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
+    """95 % confidence interval of a success rate.
+
+    Parameters
+    ----------
+    successes, runs : int
+        runs at least 1.
+
+    Returns
+    -------
+    low, high : float
+        Within 0 and 1, also where none or all succeed.
+
+    References
+    ----------
+    E. B. Wilson, Probable inference, the law of succession, and statistical inference, J. Am. Stat. Assoc.
+    22 (1927) 209-212: (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n).
+    """
+    if not 0 <= successes <= runs or runs < 1:
+        raise InvalidValue("successes", successes, f"must lie within 0 and the {runs} runs, at least one")
+    p, square = successes / runs, _Z**2 / runs
+    middle = (p + 0.5 * square) / (1.0 + square)
+    half = _Z / (1.0 + square) * math.sqrt(p * (1.0 - p) / runs + 0.25 * square / runs)
+    low = 0.0 if successes == 0 else middle - half
+    return low, 1.0 if successes == runs else middle + half
+
+
+def report(folder: str | os.PathLike[str]) -> Report:
+    """The report of a campaign that `merge` made one table of.
+
+    Raises
+    ------
+    ResultError
+        There is no table, or it is damaged.
+    DependencyMissing
+        pyarrow is not installed.
+    """
+    table = _read(folder)
+    outcome = np.array(table["outcome"], dtype=np.str_)
+    final = table["final_error_m"]
+    runs, arrived = len(outcome), int((outcome == OUTCOMES[0]).sum())
+    # A run that has no end, or not the end it should have, is worse than any that arrived or missed.
+    unfinished = ~np.isin(outcome, OUTCOMES[:2])
+    order = np.lexsort((table["run"], -np.nan_to_num(final, nan=np.inf), ~unfinished))[:_WORST]
+    keys = ("run", "seed", "outcome", "error", "final_error_m")
+    texts, counts = np.unique(np.array([text for text in table["error"] if text]), return_counts=True)
+    most = np.argsort(-counts, kind="stable")[:_ERRORS]
+    return Report(
+        runs,
+        {name: int((outcome == name).sum()) for name in OUTCOMES},
+        arrived / runs,
+        wilson_interval(arrived, runs),
+        {name: found for name in METRICS if (found := _percentiles(table[name]))},
+        [{key: _plain(table[key][i]) for key in keys} for i in order],
+        {str(texts[i]): int(counts[i]) for i in most},
+        final,
+        outcome,
+        {
+            name.removeprefix("draw."): np.asarray(column)
+            for name, column in table.items()
+            if name.startswith("draw.") and np.asarray(column).dtype.kind == "f"
+        },
+    )
+
+
+def report_numbers(found: Report) -> dict[str, Any]:
+    """A report as JSON can hold it."""
+    return {
+        "runs": found.runs,
+        "outcomes": found.outcomes,
+        "success_rate": found.success,
+        "success_rate_95_percent": list(found.interval),
+        "percentiles": {
+            name: {str(percent): value for percent, value in values.items()}
+            for name, values in found.percentiles.items()
+        },
+        "worst": found.worst,
+        "errors": found.errors,
+    }
+
+
+def _read(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """The columns of the table: numbers as arrays, text as lists."""
+    try:
+        from pyarrow import ArrowException, parquet
+    except ImportError:
+        raise DependencyMissing("pyarrow", "a campaign's table", "cluster") from None
+    path = runs_file(folder)
+    try:
+        table = parquet.read_table(path)
+        return {name: table[name].to_numpy() for name in table.column_names}
+    except FileNotFoundError:
+        raise ResultError(path, "there is no such file; make it with: ffsms-pin merge") from None
+    except (OSError, ArrowException):
+        raise ResultError(path, "cannot be read as a table of runs") from None
+
+
+def _percentiles(column: FloatArray) -> dict[int, float]:
+    """Percentiles of the finite values; empty where there is none."""
+    finite = column[np.isfinite(column)]
+    if not finite.size:
+        return {}
+    return {p: float(np.percentile(finite, p)) for p in PERCENTILES}
+
+
+def _plain(value: Any) -> Any:
+    """A number or text for JSON; None for NaN."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(plain, float) and not math.isfinite(plain) else plain

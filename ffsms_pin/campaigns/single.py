@@ -1,0 +1,112 @@
+"""One run of a campaign: planned, followed in closed loop, and told in one row of numbers."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.campaigns.columns import METRICS, OUTCOMES, table_of
+from ffsms_pin.campaigns.definition import Campaign
+from ffsms_pin.engine import Table
+from ffsms_pin.errors import FfsmsWarning
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.scenarios import Scenario
+from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, named, prepared
+from ffsms_pin.scenarios.conditions import controller
+from ffsms_pin.scenarios.extremes import base_numbers
+from ffsms_pin.scenarios.references import planned
+from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["KILLED", "CampaignRuns"]
+
+ARRIVED, MISSED, STOPPED, FAILED, KILLED = OUTCOMES
+# What a plan depends on: runs that differ in nothing of it share the plan.
+_OF_THE_PLAN = ("robot", "start", "target", "plan", "limits", "term", "limit")
+
+
+@dataclass(frozen=True)
+class CampaignRuns:
+    """The work of the engine: the rows of a range of runs."""
+
+    campaign: Campaign
+
+    def __call__(self, rows: range) -> Table:
+        """The table of some runs; one that raises an error is a row with its error."""
+        plans = _Plans()
+        return table_of(self.campaign, [(row, self._row(row, plans)) for row in rows])
+
+    def lost(self, row: int, why: str) -> Table:
+        """The row of a run that killed its worker."""
+        return table_of(self.campaign, [(row, {"outcome": KILLED, "error": why})])
+
+    def _row(self, row: int, plans: _Plans) -> dict[str, Any]:
+        try:
+            chosen = self.campaign.scenario(self.campaign.seed + row)
+            with named(chosen), warnings.catch_warnings():
+                warnings.simplefilter("ignore", FfsmsWarning)  # one for each of a million runs helps nobody
+                return _numbers(chosen, plans)
+        except Exception as error:  # whatever it is, the other runs go on
+            return {"outcome": FAILED, "error": f"{type(error).__name__}: {error}"}
+
+
+@dataclass
+class _Plans:
+    """The last plan: where nothing of the plan is drawn, it is made once for the runs of a chunk."""
+
+    key: Any = None
+    plan: Trajectory | None = field(default=None)
+
+    def of(self, chosen: Scenario, sms: SpaceManipulator, q0: Any) -> Trajectory:
+        """The plan of a scenario; the same whether it was made before or is made now."""
+        key = [getattr(chosen, table) for table in _OF_THE_PLAN]
+        if self.plan is None or key != self.key:
+            self.plan = planned(chosen, sms, q0, None)
+            self.key = key
+        return self.plan
+
+
+def _numbers(chosen: Scenario, plans: _Plans) -> dict[str, Any]:
+    """Outcome and metrics of one run."""
+    sms = chosen.load()
+    q0 = chosen.start_configuration(sms)
+    law = controller(chosen, sms)
+    loop = prepared(chosen, sms, q0)
+    plan = plans.of(chosen, sms, q0)
+    ended = attempt(lambda: loop.run(loop.reference(plan), law))
+    there = arrived(plan, ended.tracking)
+    outcome = STOPPED if ended.stopped else ARRIVED if there else MISSED
+    return {
+        "outcome": outcome,
+        "error": ended.stopped,
+        "plan_reached": plan.reached,
+        "plan_cost_integral_s": plan.cost_integral,
+        "plan_final_error_m": float(plan.position_error[-1]),
+        **_tracked(loop, plan, ended),
+    }
+
+
+def _tracked(loop: ClosedLoop, plan: Trajectory, ended: Attempt) -> dict[str, float]:
+    """Metrics of a closed loop, as far as it went."""
+    tracking = ended.tracking
+    if len(tracking.t) < 2:
+        return {}
+    late = tracking.t >= ARRIVAL_SHARE * plan.duration - 1e-9
+    base = base_numbers(loop.plant, tracking.q)
+    momentum = tracking.momentum - tracking.momentum[0]
+    numbers = {
+        "end_time_s": float(tracking.t[-1]),
+        "final_error_m": float(tracking.position_error[-1]),
+        "error_over_last_10_percent_m": float(tracking.position_error[late].max()) if late.any() else np.nan,
+        "torque_max": float(np.abs(tracking.tau).max()),
+        "base_translation_max_m": base["translation_max_m"],
+        "base_rotation_max_deg": base["rotation_max_deg"],
+        "linear_momentum_change_kg_m_per_s": float(np.linalg.norm(momentum[:, :3], axis=1).max()),
+        "angular_momentum_change_kg_m2_per_s": float(np.linalg.norm(momentum[:, 3:], axis=1).max()),
+        **joint_error_numbers(loop.sms, tracking),
+    }
+    return {name: value for name, value in numbers.items() if name in METRICS}

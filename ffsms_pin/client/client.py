@@ -1,0 +1,187 @@
+"""A client: the satellite that is to be met, a free rigid body in torque-free motion."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.client.torque_free import Rotation, torque_free
+from ffsms_pin.client.urdf import one_body
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.system.loading import folders
+
+__all__ = ["Client", "Shape"]
+
+
+class Shape(NamedTuple):
+    """A coal geometry and its placement (pinocchio.SE3) in body axes."""
+
+    geometry: Any
+    placement: Any
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Client:
+    """A free rigid body that moves without force and torque.
+
+    Its body frame has its origin at the centre of mass; "body axes" are that frame's.
+
+    Parameters
+    ----------
+    mass : float
+        [kg]
+    inertia : array_like, shape (3, 3) or (3,)
+        About the centre of mass, body axes [kg m^2]; three numbers are the principal ones along x, y, z.
+    pose : pinocchio.SE3, optional
+        Of the body frame at time zero, inertial axes. Default: at the inertial origin.
+    twist : array_like, shape (6,), optional
+        At time zero: velocity of the centre of mass [m/s] and angular velocity [rad/s], inertial axes.
+        Default: at rest.
+    shapes : sequence, optional
+        Coal geometries, or pairs of one and its placement (pinocchio.SE3) in body axes.
+    link_placement : pinocchio.SE3, optional
+        For a body that comes from a URDF: its root link's frame in body axes; default the body frame. A grasp
+        that is known in link axes is `client.link_placement * grasp` in body axes.
+
+    Attributes
+    ----------
+    mass, inertia, link_placement
+        As given; the inertia of shape (3, 3).
+    start_pose, start_twist
+        The pose and the twist at time zero.
+    shapes : tuple of Shape
+
+    Raises
+    ------
+    InvalidValue
+        A value of the wrong kind or shape, or an inertia that no rigid body has.
+    """
+
+    mass: float
+    inertia: FloatArray
+    start_pose: Any
+    start_twist: FloatArray
+    shapes: tuple[Shape, ...]
+    link_placement: Any
+    _rotation: Rotation = field(repr=False)
+
+    def __init__(
+        self,
+        mass: float,
+        inertia: ArrayLike,
+        pose: Any = None,
+        twist: ArrayLike | None = None,
+        shapes: Sequence[Any] = (),
+        link_placement: Any = None,
+    ) -> None:
+        tensor = checks.inertia("inertia", inertia)
+        start = _placement("pose", pose)
+        motion = np.zeros(6) if twist is None else checks.vector("twist", twist, 6)
+        if isinstance(shapes, str) or not isinstance(shapes, Sequence):
+            raise InvalidValue("shapes", shapes, "must be a sequence of coal geometries")
+        values = {
+            "mass": checks.positive("mass", mass, "kg"),
+            "inertia": frozen(tensor),
+            "start_pose": start,
+            "start_twist": frozen(motion),
+            "shapes": tuple(_shape(item) for item in shapes),
+            "link_placement": _placement("link_placement", link_placement),
+            "_rotation": torque_free(tensor, np.array(start.rotation), motion[3:]),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path: str | os.PathLike[str],
+        pose: Any = None,
+        twist: ArrayLike | None = None,
+        package_dirs: Sequence[str | os.PathLike[str]] = (),
+    ) -> Client:
+        """The client that a URDF of one body describes: links, fixed to each other.
+
+        Its shapes are the collision shapes, or the visual ones where the file has no others.
+
+        Parameters
+        ----------
+        path : str or path
+            The file.
+        pose, twist
+            See `Client`: the pose has its origin at the centre of mass and the axes of the root link.
+        package_dirs : sequence of paths, optional
+            Folders in which the `package://` names of meshes are looked for.
+
+        Raises
+        ------
+        InvalidUrdf, InvalidInertia, UnsupportedJoint, GeometryError, InvalidValue
+        """
+        body = one_body(Path(path), folders(package_dirs))
+        link = pin.SE3(np.eye(3), -body.inertia.lever)
+        shapes = [(geometry, link * placement) for geometry, placement in body.shapes]
+        return cls(body.inertia.mass, body.inertia.inertia, pose, twist, shapes, link)
+
+    def pose(self, t: float) -> Any:
+        """Pose (pinocchio.SE3) of the body frame at a time [s], before zero as well."""
+        positions, rotations = self.poses([t])
+        return pin.SE3(rotations[0], positions[0])
+
+    def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Positions (K, 3) [m] and attitudes (K, 3, 3) of the body frame at times (K,) [s]."""
+        t = checks.times("times", times)
+        return self.start_pose.translation + t[:, None] * self.start_twist[:3], self._rotation(t)
+
+    def twist(self, t: float) -> FloatArray:
+        """Twist (6,) at a time, inertial axes: of the centre of mass [m/s], and the spin [rad/s]."""
+        return np.asarray(self.twists([t])[0])
+
+    def twists(self, times: ArrayLike) -> FloatArray:
+        """Twists (K, 6) at times (K,) [s]; see `twist`."""
+        _, attitudes = self.poses(times)
+        linear = np.broadcast_to(self.start_twist[:3], (len(attitudes), 3))
+        return np.hstack([linear, self._spins(attitudes)])
+
+    @property
+    def momentum(self) -> FloatArray:
+        """Momentum [linear; angular] about the client's centre of mass, inertial axes, (6,): constant."""
+        R = self.start_pose.rotation
+        angular = R @ self.inertia @ R.T @ self.start_twist[3:]
+        return np.concatenate([self.mass * self.start_twist[:3], angular])
+
+    @property
+    def kinetic_energy(self) -> float:
+        """[J]: constant."""
+        momentum = self.momentum
+        linear = 0.5 * self.mass * float(self.start_twist[:3] @ self.start_twist[:3])
+        return linear + 0.5 * float(momentum[3:] @ self.start_twist[3:])
+
+    def _spins(self, attitudes: FloatArray) -> FloatArray:
+        """Angular velocities (K, 3), inertial axes, from the angular momentum: R I^-1 R^T h."""
+        h = self.momentum[3:] @ attitudes  # in body axes
+        spins: FloatArray = (attitudes @ np.linalg.solve(self.inertia, h.T).T[..., None])[..., 0]
+        return spins
+
+
+def _placement(name: str, value: Any) -> Any:
+    """A copy of a pose; identity for None."""
+    if value is None:
+        return pin.SE3.Identity()
+    checks.pose(name, value)
+    return pin.SE3(value)
+
+
+def _shape(item: Any) -> Shape:
+    geometry, placement = item if isinstance(item, (tuple, list)) and len(item) == 2 else (item, None)
+    if not isinstance(geometry, coal.CollisionGeometry):
+        raise InvalidValue("shapes", item, "must hold coal geometries, or pairs of one and a pinocchio.SE3")
+    return Shape(geometry, _placement("placement of a shape", placement))

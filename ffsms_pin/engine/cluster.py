@@ -1,0 +1,238 @@
+"""The cluster of a run: Dask's scheduler in this process with workers of our own, or one that stands."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import IO, Any
+
+from ffsms_pin.engine.worker import NOT_STARTED
+from ffsms_pin.errors import ClusterError, DependencyMissing, InvalidValue
+
+__all__ = ["Cluster", "connected", "embedded", "usable_cores"]
+
+ALLOWED_FAILURES = 6  # deaths of workers that a task may have been assigned to; Dask's default is 3
+MOST_JOBS = 1024
+ONE_THREAD = {
+    f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "BLIS", "VECLIB_MAXIMUM", "NUMEXPR")
+}
+_FAILED_STARTS = 3  # in a row, before a run gives up
+_CLOSING = 2.0  # [s]
+_CONNECTING = 15.0  # [s]
+_LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
+# Run by a worker's interpreter: it finds the modules that this process finds.
+_BOOT = """\
+import json, signal, sys
+signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its workers
+settings = json.loads(sys.argv[1])
+sys.path[:] = settings["path"]
+from ffsms_pin.engine.worker import serve
+serve(settings["address"], settings["parent"])
+"""
+
+
+def usable_cores() -> int:
+    """Number of cores that this process may use; 1 where the packages for more are not installed."""
+    try:
+        from dask.system import CPU_COUNT
+    except ImportError:
+        return 1
+    return int(CPU_COUNT)
+
+
+class Cluster:
+    """A client of a scheduler, and the worker processes that are ours to keep alive.
+
+    Attributes
+    ----------
+    client : distributed.Client
+    """
+
+    def __init__(self, client: Any, address: str, jobs: int = 0) -> None:
+        self.client, self.address = client, address
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self._words: IO[bytes] | None = None
+        self._failed_starts = 0
+        self._jobs = jobs
+
+    @property
+    def embedded(self) -> bool:
+        """Whether the workers are ours."""
+        return self._jobs > 0
+
+    def workers(self) -> int:
+        """Number of workers that the scheduler knows."""
+        try:
+            return len(self.client.nthreads())
+        except (OSError, asyncio.TimeoutError) as error:
+            raise self.gone() from error
+
+    def worked(self) -> None:
+        """Note that a task has come to its end, so workers can be started."""
+        self._failed_starts = 0
+
+    def tend(self) -> None:
+        """Start workers where they are missing.
+
+        Raises
+        ------
+        ClusterError
+            Workers cannot be started.
+        """
+        alive = [process for process in self._processes if process.poll() is None]
+        ended = [process for process in self._processes if process.poll() is not None]
+        self._failed_starts += sum(process.returncode == NOT_STARTED for process in ended)
+        if self._failed_starts >= _FAILED_STARTS:
+            raise ClusterError(f"the workers do not start: {self._last_words()}")
+        self._processes = [*alive, *(self._started() for _ in range(self._jobs - len(alive)))]
+
+    def end_workers(self) -> None:
+        """Kill the workers that are ours: chunks that are not written are computed again."""
+        for process in self._processes:
+            process.kill()
+        for process in self._processes:
+            process.wait()
+        self._processes = []
+        if self._words is not None:
+            self._words.close()
+
+    def gone(self) -> ClusterError:
+        """The error that says that the scheduler is lost."""
+        return ClusterError(
+            f"the scheduler at {self.address} is gone; what is written stays, "
+            "and the same command goes on from there"
+        )
+
+    def _started(self) -> subprocess.Popen[bytes]:
+        if self._words is None:
+            self._words = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the workers
+        settings = {"path": sys.path, "address": self.address, "parent": os.getpid()}
+        try:
+            return subprocess.Popen(
+                [sys.executable, "-c", _BOOT, json.dumps(settings)],
+                stdin=subprocess.DEVNULL,
+                stdout=self._words,
+                stderr=self._words,
+                env={**os.environ, **ONE_THREAD},
+            )
+        except OSError as error:
+            raise ClusterError(f"no worker can be started ({error.strerror}); ask for fewer jobs") from None
+
+    def _last_words(self) -> str:
+        if self._words is None:
+            return ""
+        self._words.seek(0)
+        lines = [line for line in self._words.read().decode(errors="replace").splitlines() if line.strip()]
+        return lines[-1] if lines else "they say nothing"
+
+
+@contextmanager
+def embedded(jobs: int, allowed_failures: int = ALLOWED_FAILURES) -> Iterator[Cluster]:
+    """A cluster of this machine: the scheduler in this process, workers with one thread each, on loopback.
+
+    Parameters
+    ----------
+    jobs : int
+        Workers.
+    allowed_failures : int
+        Deaths of workers after which Dask gives up a task that was assigned to them.
+
+    Raises
+    ------
+    DependencyMissing
+        Dask is not installed.
+    """
+    dask, distributed = _packages()
+    config = {
+        "distributed.scheduler.http.routes": [],
+        "distributed.admin.tick.limit": "1h",
+        "distributed.comm.timeouts.connect": f"{_CONNECTING:g}s",
+    }
+    with ExitStack() as stack:
+        stack.enter_context(_quiet())
+        stack.enter_context(dask.config.set(config))
+        scratch = tempfile.mkdtemp(prefix="ffsms-pin-scheduler-")
+        try:
+            with dask.config.set({"temporary-directory": scratch}):
+                local = stack.enter_context(
+                    distributed.LocalCluster(
+                        n_workers=0,
+                        processes=True,
+                        threads_per_worker=1,
+                        host="127.0.0.1",
+                        dashboard_address="127.0.0.1:0",
+                        scheduler_kwargs={"dashboard": False, "allowed_failures": allowed_failures},
+                        silence_logs=logging.CRITICAL,
+                    )
+                )
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)  # a scheduler puts nothing there
+        client = stack.enter_context(distributed.Client(local, set_as_default=False))
+        cluster = Cluster(client, local.scheduler_address, jobs)
+        stack.callback(cluster.end_workers)
+        cluster.tend()
+        yield cluster
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Cluster]:
+    """A cluster that stands already.
+
+    Parameters
+    ----------
+    address : str
+        Of its scheduler, as tcp://host:port.
+
+    Raises
+    ------
+    ClusterError
+        Nothing answers there.
+    DependencyMissing
+        Dask is not installed.
+    """
+    if not isinstance(address, str) or "://" not in address:
+        raise InvalidValue("scheduler", address, "must be an address as tcp://host:8786")
+    dask, distributed = _packages()
+    with _quiet(), dask.config.set({"distributed.comm.timeouts.connect": f"{_CONNECTING:g}s"}):
+        try:
+            client = distributed.Client(address, timeout=_CONNECTING, set_as_default=False)
+        except (OSError, asyncio.TimeoutError, ValueError) as error:
+            raise ClusterError(
+                f"no scheduler answers at {address}; start one with: dask scheduler"
+            ) from error
+        try:
+            yield Cluster(client, address)
+        finally:
+            with suppress(Exception):  # a scheduler that is gone cannot be told
+                client.close(timeout=_CLOSING)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's log of lost connections off the error stream: what matters becomes an error of ours."""
+    loggers = [logging.getLogger(name) for name in _LOGGERS]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+def _packages() -> tuple[Any, Any]:
+    try:
+        import dask
+        import distributed
+    except ImportError:
+        raise DependencyMissing("distributed", "working with several processes", "cluster") from None
+    return dask, distributed

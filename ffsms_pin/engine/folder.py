@@ -1,0 +1,161 @@
+"""The folder of a run: what is to be computed, and the chunks that are done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from ffsms_pin.engine.chunks import Chunks
+from ffsms_pin.engine.task import load_table
+from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.storage import check_writable, path_like, remove_leftovers, write_content
+
+__all__ = ["ChunkFolder"]
+
+SPECIFICATION = "specification.json"
+_CHUNKS = "chunks"
+_NAME = re.compile(r"(\d{8})\.npz")
+_FORMAT = "ffsms-pin chunks 1"
+
+
+class ChunkFolder:
+    """A folder with a specification and one file for each chunk that is done.
+
+    Parameters
+    ----------
+    path : path
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = path_like("folder", path)
+
+    def open(self, chunks: Chunks, specification: Mapping[str, Any]) -> None:
+        """Make the folder, or go on in one with the same specification.
+
+        Parameters
+        ----------
+        chunks : Chunks
+        specification : mapping
+            Everything that the result depends on, as JSON can hold it.
+
+        Raises
+        ------
+        ResultError
+            The folder cannot be written, or holds results of another specification.
+        """
+        content = _content(chunks, specification)
+        try:
+            (self.path / _CHUNKS).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ResultError(self.path, f"cannot be written ({error.strerror})") from None
+        check_writable(self.path / _CHUNKS / "writable")
+        remove_leftovers(self.path / _CHUNKS)
+        if not (self.path / SPECIFICATION).exists():
+            write_content(self.path / SPECIFICATION, json.dumps(content, indent=2) + "\n")
+        there = self._read()
+        if there["hash"] != content["hash"]:
+            raise ResultError(
+                self.path,
+                f"holds results of another specification ({_difference(there, content)}); choose another "
+                "folder, or remove this one",
+            )
+
+    @property
+    def chunks(self) -> Chunks:
+        """How the rows are cut."""
+        there = self._read()
+        return Chunks(there["rows"], there["size"])
+
+    @property
+    def specification(self) -> dict[str, Any]:
+        """What the folder was made for."""
+        specification: dict[str, Any] = self._read()["specification"]
+        return specification
+
+    def file(self, index: int) -> Path:
+        """Where a chunk is, or will be."""
+        return self.path / _CHUNKS / f"{index:08d}.npz"
+
+    def done(self) -> set[int]:
+        """Indices of the chunks that are written."""
+        try:
+            with os.scandir(self.path / _CHUNKS) as entries:
+                return {int(found[1]) for entry in entries if (found := _NAME.fullmatch(entry.name))}
+        except OSError as error:
+            raise ResultError(self.path, f"cannot be read ({error.strerror})") from None
+
+    def missing(self) -> list[int]:
+        """Indices of the chunks that are not written yet, rising."""
+        count, done = len(self.chunks), self.done()
+        return [index for index in range(count) if index not in done]
+
+    def tables(self, partial: bool = False) -> Iterator[dict[str, Any]]:
+        """Tables of the chunks in their order, one at a time.
+
+        Parameters
+        ----------
+        partial : bool
+            Whether chunks may be missing; they are left out then.
+
+        Raises
+        ------
+        ResultError
+            Chunks are missing, or a file is damaged.
+        """
+        missing, count = self.missing(), len(self.chunks)
+        if missing and not partial:
+            raise ResultError(
+                self.path,
+                f"lacks {len(missing)} of {count} chunks, the first is {missing[0]}; "
+                "run the same command again",
+            )
+        left_out = set(missing)
+        return (load_table(self.file(index)) for index in range(count) if index not in left_out)
+
+    def _read(self) -> dict[str, Any]:
+        path = self.path / SPECIFICATION
+        try:
+            there = json.loads(path.read_text())
+            if there["format"] == _FORMAT and there["hash"] == _hash(there):
+                return dict(there)
+        except FileNotFoundError:
+            raise ResultError(self.path, f"holds no results: there is no {SPECIFICATION} in it") from None
+        except OSError as error:
+            raise ResultError(path, f"cannot be read ({error.strerror})") from None
+        except (ValueError, TypeError, KeyError, RecursionError):
+            pass
+        raise ResultError(path, "is no specification that this version wrote")
+
+
+def _content(chunks: Chunks, specification: Mapping[str, Any]) -> dict[str, Any]:
+    try:
+        own = json.loads(json.dumps(specification, allow_nan=False))
+    except (TypeError, ValueError):
+        raise InvalidValue("specification", specification, "must hold what JSON can hold") from None
+    content = {"format": _FORMAT, "rows": chunks.rows, "size": chunks.size, "specification": own}
+    return {**content, "hash": _hash(content)}
+
+
+def _hash(content: Mapping[str, Any]) -> str:
+    """SHA-256 of all but the hash itself."""
+    text = json.dumps({key: content[key] for key in content if key != "hash"}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _difference(there: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+    """The keys in which two contents differ, in words."""
+    flat = [{**content, **content["specification"]} for content in (there, wanted)]
+    skipped = {"hash", "specification", "format"}
+    keys = [key for key in sorted(flat[0].keys() | flat[1].keys()) if key not in skipped]
+    changed = [key for key in keys if flat[0].get(key) != flat[1].get(key)]
+    return "; ".join(_change(key, flat[0].get(key), flat[1].get(key)) for key in changed)
+
+
+def _change(key: str, there: Any, wanted: Any) -> str:
+    simple = all(isinstance(value, (int, float, str)) and len(str(value)) <= 40 for value in (there, wanted))
+    return f"{key} is {there} there and {wanted} here" if simple else f"{key} differs"

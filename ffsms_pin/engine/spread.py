@@ -1,0 +1,131 @@
+"""Tasks over a cluster: a few ahead of what is done, workers that die, and tasks that kill them."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from typing import Any
+from uuid import uuid4
+
+from ffsms_pin.engine.cluster import Cluster
+from ffsms_pin.errors import ClusterError
+
+__all__ = ["Killed", "Submit", "spread"]
+
+AHEAD = 4  # tasks a worker that the scheduler holds: so many ride out a slow one, and N does not matter
+_LOOK = 0.5  # [s] between two looks at the workers
+_FETCH = 5.0  # [s] for a result to come from its worker
+_PATIENCE = 60.0  # [s] without any worker
+
+# Submits one task: given its arguments, a function and the rest of its arguments.
+Submit = Callable[[Any], tuple[Callable[..., Any], tuple[Any, ...]]]
+
+
+@dataclass(frozen=True)
+class Killed:
+    """Stands for the result of a task that killed its workers."""
+
+
+@dataclass(frozen=True)
+class _Lost:
+    """The worker that held a result died: the scheduler has the task done again."""
+
+
+def spread(cluster: Cluster, tasks: Iterable[Any], submit: Submit) -> Iterator[tuple[Any, Any]]:
+    """Tasks and their results, in the order in which they end.
+
+    Parameters
+    ----------
+    cluster : Cluster
+    tasks : iterable
+        Taken as they are needed.
+    submit : callable
+        Gives the function of a task, and its arguments.
+
+    Yields
+    ------
+    task, result
+        The result is `Killed` where Dask gave the task up because its workers died. It need not be to blame:
+        Dask counts a death against every task that was assigned to the worker.
+
+    Raises
+    ------
+    ClusterError
+        The scheduler is gone, or there are no workers.
+    FfsmsError
+        What a task raised.
+    """
+    rest, run = iter(tasks), uuid4().hex
+    ended: SimpleQueue[Any] = SimpleQueue()
+    waiting: dict[str, tuple[Any, Any]] = {}
+    number = workers = 0
+    seen = looked = time.monotonic()
+    try:
+        while True:
+            room = AHEAD * max(workers, 1) - len(waiting)
+            for _, task in zip(range(room), rest, strict=False):
+                function, arguments = submit(task)
+                key = f"ffsms-pin-{run}-{number}"
+                number += 1
+                future = cluster.client.submit(function, *arguments, key=key, pure=False)
+                waiting[key] = task, future
+                future.add_done_callback(ended.put)
+            if not waiting:
+                return
+            try:
+                future = ended.get(timeout=_LOOK)
+            except Empty:
+                future = None
+            if future is not None:
+                result = _result(cluster, future)
+                if isinstance(result, _Lost):
+                    future.add_done_callback(ended.put)
+                else:
+                    if not isinstance(result, Killed):
+                        cluster.worked()
+                    task, _ = waiting.pop(future.key)
+                    future.release()
+                    yield task, result
+            now = time.monotonic()
+            if now - looked >= _LOOK:
+                looked = now
+                if cluster.embedded:
+                    cluster.tend()
+                workers = cluster.workers()
+                seen = now if workers or cluster.embedded else seen
+                if now - seen > _PATIENCE:
+                    raise ClusterError(
+                        f"the scheduler at {cluster.address} has had no workers for {_PATIENCE:g} s; "
+                        f"start some with: dask worker {cluster.address}"
+                    )
+    finally:
+        for _, future in waiting.values():
+            future.release()
+
+
+def _result(cluster: Cluster, future: Any) -> Any:
+    """What a future came to."""
+    from distributed.scheduler import KilledWorker
+
+    if future.status == "finished":
+        try:
+            return future.result(timeout=_FETCH)
+        except (
+            asyncio.TimeoutError,
+            OSError,
+        ):  # its worker died meanwhile, or the scheduler did
+            return _Lost()
+        except CancelledError:
+            raise cluster.gone() from None
+    if future.status in ("pending", "lost"):
+        return _Lost()
+    if future.status != "error":  # cancelled, as all futures of a scheduler that is gone
+        raise cluster.gone()
+    error = future.exception()
+    if isinstance(error, KilledWorker):
+        return Killed()
+    raise error

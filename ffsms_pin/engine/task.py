@@ -1,0 +1,84 @@
+"""What a worker does: compute the rows of a chunk, and write them."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ffsms_pin.errors import FfsmsError, TaskError
+from ffsms_pin.storage import load_arrays, save_arrays
+
+__all__ = ["KIND", "Table", "Work", "computed", "joined", "load_table", "save_table", "sent", "stored"]
+
+KIND = "chunk"  # of result file
+Table: TypeAlias = Mapping[str, Any]  # columns by name: arrays with one row for each row of work
+Work: TypeAlias = Callable[[range], Table]
+
+
+def computed(work: Work, rows: range) -> dict[str, Any]:
+    """The table of some rows, its columns as arrays of the right length.
+
+    Raises
+    ------
+    TaskError
+        The work gave something else.
+    """
+    table = {str(name): np.asarray(column) for name, column in work(rows).items()}
+    for name, column in table.items():
+        if column.dtype.hasobject or column.ndim == 0 or len(column) != len(rows):
+            raise TaskError(
+                f"column '{name}' of rows {rows.start} to {rows.stop - 1} has shape {column.shape} and type "
+                f"{column.dtype}; it must hold {len(rows)} rows of numbers or text"
+            )
+    return table
+
+
+def stored(work: Work, rows: range, path: Path) -> None:
+    """Compute some rows and write them to a file, whole or not at all."""
+    save_table(path, computed(work, rows))
+
+
+def save_table(path: Path, table: Table) -> None:
+    """Write a table as a chunk file."""
+    save_arrays(path, KIND, {"columns": np.array(list(table)), **table})
+
+
+def load_table(path: Path) -> dict[str, Any]:
+    """Read a chunk file.
+
+    Raises
+    ------
+    ResultError
+        It is missing, or no chunk file.
+    """
+    names = [str(name) for name in load_arrays(path, KIND, ["columns"])["columns"]]
+    return load_arrays(path, KIND, names)
+
+
+def joined(tables: Sequence[Table]) -> dict[str, Any]:
+    """One table of several with the same columns, in their order."""
+    return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+
+
+def sent(function: Callable[..., Any], packed: bytes, *arguments: Any) -> Any:
+    """In a worker: call a function of this module for work that came as bytes.
+
+    Work travels as bytes so that a scheduler need not be able to import it. An error that would not survive
+    the way back is sent as text.
+    """
+    try:
+        return function(_unpacked(packed), *arguments)
+    except FfsmsError:
+        raise
+    except Exception as error:
+        raise TaskError(f"{type(error).__name__}: {error}") from None
+
+
+@lru_cache(maxsize=4)
+def _unpacked(packed: bytes) -> Any:
+    return pickle.loads(packed)

@@ -1,0 +1,69 @@
+"""A worker process of the embedded cluster: one thread, loopback only, gone when its parent is."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import tempfile
+import traceback
+from typing import Any
+
+from ffsms_pin.parent import end_with_parent
+
+__all__ = ["NOT_STARTED", "serve"]
+
+NOT_STARTED = 71  # exit status of a worker that could not begin
+
+_CONFIG = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.worker.use-file-locking": False,
+    "distributed.admin.tick.limit": "1h",  # long steps in compiled code are what a worker is for
+    # At Dask's 20 ms the second thread takes a tenth of the work's time.
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "10s",
+}
+
+
+def serve(address: str, parent: int) -> None:
+    """Work for a scheduler until it closes, or the parent process is gone.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler.
+    parent : int
+        Process id.
+    """
+    end_with_parent(parent)
+    asyncio.run(_serve(address))
+
+
+async def _serve(address: str) -> None:
+    try:
+        worker = await _started(address)
+    except BaseException:  # the parent reads the last line and the status
+        traceback.print_exc()
+        os._exit(NOT_STARTED)
+    await worker.finished()
+
+
+async def _started(address: str) -> Any:
+    import dask
+    from distributed import Worker
+
+    dask.config.set(_CONFIG)
+    folder = tempfile.mkdtemp(prefix="ffsms-pin-worker-")
+    try:
+        return await Worker(
+            address,
+            nthreads=1,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+            dashboard=False,
+            local_directory=folder,
+            memory_limit=0,
+        )
+    finally:
+        # Workers without a memory limit put nothing on disk: what is removed now cannot be left over.
+        shutil.rmtree(folder, ignore_errors=True)

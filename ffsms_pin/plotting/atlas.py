@@ -1,0 +1,217 @@
+"""Figures of an atlas: histograms, maps and slices; and of a sweep over designs, the Pareto front."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ffsms_pin.atlas.labels import long_name, unit
+from ffsms_pin.atlas.sweep import STATISTICS, Sweep
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.plotting.style import ACCENT, NEUTRAL, applied, axes_or_new
+
+__all__ = ["plot_atlas", "plot_histogram", "plot_joint_map", "plot_pareto", "plot_workspace_map"]
+
+_AXES = ("x", "y", "z")
+# Near singular postures base motion has no bound: axes end where this share of the samples does.
+_SHOWN = 0.98
+_BOUNDED = ("entropy",)
+#: Of a figure of all: those of one number a sample.
+_SCALARS = ("entropy", "manipulability", "base_translation", "base_rotation")
+
+
+def plot_atlas(data: Any) -> Figure:
+    """One figure of an atlas: histograms of the quantities, or maps of their means over the workspace.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        From `open_atlas`.
+    """
+    with applied():
+        figure = Figure(figsize=(7.2, 5.6), layout="constrained")
+        panels = figure.subplots(2, 2)
+    for name, ax in zip(_SCALARS, panels.flat, strict=True):
+        if "sample" in data.sizes:
+            plot_histogram(data, name, ax)
+        else:
+            plot_workspace_map(data, name, ax=ax)
+    return figure
+
+
+def plot_histogram(data: Any, name: str, ax: Axes | None = None, bins: int = 80) -> Axes:
+    """Distribution of a quantity over the samples; of one without bound, the largest 2 % are left out.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        Over the joints.
+    name : str
+        As "entropy".
+    ax : Axes, optional
+    bins : int
+    """
+    values = _values(data, name)
+    low = float(values.min())
+    top = float(values.max() if name in _BOUNDED else np.quantile(values, _SHOWN))
+    with applied():
+        ax = axes_or_new(ax)
+        ax.hist(values, bins=bins, range=(low, max(top, low + 1e-9)), color=ACCENT, density=True)
+        ax.axvline(float(np.median(values)), color=NEUTRAL, linestyle=":", label="median")
+        ax.set_xlabel(_label(name))
+        ax.set_ylabel("density")
+        ax.legend()
+    return ax
+
+
+def plot_joint_map(
+    data: Any,
+    name: str,
+    joints: tuple[int, int] = (0, 1),
+    at: Mapping[int, tuple[float, float]] | None = None,
+    ax: Axes | None = None,
+    bins: int = 48,
+) -> Axes:
+    """Mean of a quantity over two joints; all samples, or a slice of those with other joints in a range.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        Over the joints.
+    name : str
+    joints : tuple of int
+        Counted from 0.
+    at : mapping of int to (float, float), optional
+        A slice: ranges of other joints [rad].
+    ax : Axes, optional
+    bins : int
+        On each axis.
+
+    Raises
+    ------
+    InvalidValue
+        There is no sample in the slice.
+    """
+    n = int(data.sizes["joint"])
+    if len(set(joints)) != 2 or not all(0 <= j < n for j in joints):
+        raise InvalidValue("joints", joints, f"must be two different joints of 0 to {n - 1}")
+    values, positions = _values(data, name), np.asarray(data["joints"])
+    for joint, (low, high) in (at or {}).items():
+        inside = (positions[:, joint] >= low) & (positions[:, joint] <= high)
+        values, positions = values[inside], positions[inside]
+    if not len(values):
+        raise InvalidValue("at", at, "leaves no sample")
+    x, y = positions[:, joints[0]], positions[:, joints[1]]
+    count, first, second = np.histogram2d(x, y, bins)
+    total, _, _ = np.histogram2d(x, y, (first, second), weights=values.astype(np.float64))
+    mean = np.where(count > 0, total / np.where(count > 0, count, 1.0), np.nan)
+    names = [str(data["joint"].values[j]) for j in joints]
+    with applied():
+        ax = axes_or_new(ax)
+        _coloured(ax, first, second, mean, name)
+        ax.set_xlabel(f"{names[0]} [rad]")
+        ax.set_ylabel(f"{names[1]} [rad]")
+    return ax
+
+
+def plot_workspace_map(
+    data: Any,
+    name: str,
+    plane: str = "xy",
+    at: float | None = None,
+    statistic: str = "mean",
+    ax: Axes | None = None,
+) -> Axes:
+    """Map of a quantity over a plane through the workspace.
+
+    Parameters
+    ----------
+    data : xarray.Dataset
+        Over the workspace.
+    name : str
+        As "entropy".
+    plane : str
+        Two of x, y, z: base axes.
+    at : float, optional
+        Where the plane lies on the third axis [m]; default: the middle cell.
+    statistic : {"mean", "least", "largest"}
+    ax : Axes, optional
+    """
+    if len(plane) != 2 or len(set(plane)) != 2 or not set(plane) <= set(_AXES):
+        raise InvalidValue("plane", plane, "must be two of x, y and z")
+    third = next(axis for axis in _AXES if axis not in plane)
+    values = data[name].sel(statistic=statistic)
+    middle = int(data.sizes[third]) // 2
+    cut = values.isel({third: middle}) if at is None else values.sel({third: at}, method="nearest")
+    x, y = (_edges(np.asarray(data[axis]), float(data.attrs["cell_edge_m"])) for axis in plane)
+    with applied():
+        ax = axes_or_new(ax)
+        _coloured(ax, x, y, np.asarray(cut.transpose(*plane)), name)
+        ax.set_aspect("equal")
+        ax.set_xlabel(f"{plane[0]} [m]")
+        ax.set_ylabel(f"{plane[1]} [m]")
+    return ax
+
+
+def plot_pareto(
+    found: Sweep, motion: str = "base_rotation", colour: str | None = None, ax: Axes | None = None
+) -> Axes:
+    """Base motion against reach of every design; those that none beats are joined by a line.
+
+    Parameters
+    ----------
+    found : Sweep
+    motion : str
+        A statistic that should be small.
+    colour : str, optional
+        The parameter that colours the designs; default: the first one.
+    ax : Axes, optional
+    """
+    shade = next(iter(found.parameters)) if colour is None else colour
+    if shade not in found.parameters:
+        raise InvalidValue("colour", colour, f"must be one of {', '.join(found.parameters)}")
+    best = found.best(motion)
+    reach, moved = found.statistics["reach"], found.statistics[motion]
+    order = np.argsort(reach[best])
+    with applied():
+        ax = axes_or_new(ax)
+        ax.plot(reach[best][order], moved[best][order], color=ACCENT, label="not beaten")
+        dots = ax.scatter(reach, moved, c=found.parameters[shade], cmap="cividis", s=18, zorder=3)
+        bar = ax.get_figure().colorbar(dots, ax=ax)  # type: ignore[union-attr]
+        bar.set_label(shade)
+        ax.set_xlabel("reach [m]")
+        ax.set_ylabel(f"{motion.replace('_', ' ')}\n[{STATISTICS[motion].rpartition('[')[2]}")
+        ax.legend()
+    return ax
+
+
+def _coloured(ax: Axes, x: FloatArray, y: FloatArray, values: FloatArray, name: str) -> None:
+    """Cells between edges x and y, values (x, y) as colours, and the bar."""
+    there = values[np.isfinite(values)]
+    top = float(np.quantile(there, _SHOWN)) if there.size else 1.0
+    mesh = ax.pcolormesh(x, y, values.T, cmap="cividis", vmax=top, rasterized=True)
+    bar = ax.get_figure().colorbar(mesh, ax=ax, extend="max")  # type: ignore[union-attr]
+    bar.set_label(_label(name))
+    ax.grid(False)
+
+
+def _edges(centres: FloatArray, edge: float) -> FloatArray:
+    return np.append(centres - 0.5 * edge, centres[-1] + 0.5 * edge)
+
+
+def _values(data: Any, name: str) -> FloatArray:
+    values = np.asarray(data[name])
+    if values.ndim != 1:
+        raise InvalidValue("name", name, "must be a quantity of one number a sample")
+    return values[np.isfinite(values)] if math.isnan(float(values.sum())) else values
+
+
+def _label(name: str) -> str:
+    shown = "-" if unit(name) == "1" else unit(name)
+    return f"{long_name(name)}\n[{shown}]"

@@ -1,0 +1,171 @@
+"""What the arm at a stack of configurations says: Jacobians, inertia, manipulability, base motion.
+
+Base axes; twists ordered [linear; angular], of the base's centre of mass and of the end-effector frame's
+origin. Components first, the stack last.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.coupling.stacked import singular_values
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import dot
+from ffsms_pin.system.mechanism import Mechanism
+
+__all__ = [
+    "BaseMotion",
+    "assistance",
+    "base_motion",
+    "end_effector",
+    "generalised_jacobian",
+    "generic_rank",
+    "manipulability",
+    "manipulator_jacobian",
+    "reduced_inertia",
+]
+
+# A singular value of J* below this fraction of the largest counts as zero where the rank is looked for.
+_RANK_TOLERANCE = 1e-9
+# Directions in which the end effector moves less than 1e-6 of the strongest do not count: here, of squares.
+_WEAK = 1e-12
+
+
+class BaseMotion(NamedTuple):
+    """How much the base moves when the end effector does; each (...,).
+
+    Attributes
+    ----------
+    translation : ndarray
+        Of the base's centre of mass, for each metre of the end effector [m/m].
+    rotation : ndarray
+        [rad/m]
+    """
+
+    translation: FloatArray
+    rotation: FloatArray
+
+
+def generalised_jacobian(stack: ArmStack, arm: ArmValues) -> FloatArray:
+    """J* (6, n, ...): end-effector twist a joint rate, the base reacting at zero momentum."""
+    return np.concatenate([arm.jstar, arm.spin + _tip_axes(stack, arm)])
+
+
+def manipulator_jacobian(stack: ArmStack, arm: ArmValues) -> FloatArray:
+    """J_m (6, n, ...): end-effector twist a joint rate on a fixed base."""
+    return np.concatenate([arm.arm, _tip_axes(stack, arm)])
+
+
+def end_effector(stack: ArmStack, arm: ArmValues) -> FloatArray:
+    """End effector from the base's centre of mass (3, ...) [m]."""
+    return np.asarray(arm.tip - _along(stack.base_com, arm.tip.ndim))
+
+
+def reduced_inertia(stack: ArmStack, arm: ArmValues) -> FloatArray:
+    """H_q (n, n, ...): H_m less what the base's reaction takes away.
+
+    H_m is the twist of joint i on the momentum of all that joint j carries, where i carries j too
+    (Featherstone's composite rigid bodies); the base's reaction adds H_bm^T C_bm.
+    """
+    H = np.empty((stack.n, stack.n, *arm.com.shape[1:]))
+    for j in range(stack.n):
+        # How the momentum of joint j's motion answers to the motions of the floating base.
+        H[j] = dot(arm.linear[:, j, None], arm.root) + dot(arm.angular[:, j, None], arm.spin)
+        for i in range(j + 1):
+            if stack.carries[i, j]:
+                carried = dot(arm.axes[:, i], arm.angular[:, j]) + dot(arm.velocities[:, i], arm.linear[:, j])
+                H[i, j] += carried
+                if i != j:
+                    H[j, i] += carried
+    return H
+
+
+def generic_rank(robot: Mechanism) -> int:
+    """Rank of J* at most configurations: 3 for an arm in a plane, else usually min(6, n).
+
+    The largest rank at sixteen configurations drawn at random, always the same.
+    """
+    stack = ArmStack(robot)
+    arm = stack.evaluate(np.random.default_rng(0).uniform(-2.0, 2.0, (robot.n, 16)))
+    sigma = singular_values(generalised_jacobian(stack, arm))
+    return int(np.count_nonzero(sigma > _RANK_TOLERANCE * sigma[0], axis=0).max())
+
+
+def manipulability(sigma: FloatArray, rank: int) -> FloatArray:
+    """Yoshikawa's measure (...), sqrt(det(J* J*^T)), of the singular values (r, ...) of J*, largest first.
+
+    That is their product: the volume of the ellipsoid of end-effector twists at joint rates of length one.
+    Where an arm can never move its end effector in all six ways, some are zero at every configuration (three
+    of the paper's planar arm) and the determinant says nothing. So the product is of the first `rank`, see
+    `generic_rank`: sqrt(det(J*^T J*)) for n < 6 joints in space, the determinant of the rows [x, y, angle]
+    for three joints in the plane. Zero at singular postures, and only there. Its unit is that of the rows it
+    is made of: (m/rad)^3 in space, (m/rad)^2 in the plane.
+
+    Reference: T. Yoshikawa, "Manipulability of robotic mechanisms", International Journal of Robotics
+    Research 4 (1985).
+    """
+    return np.asarray(np.prod(sigma[:rank], axis=0))
+
+
+def base_motion(coupling: FloatArray, jstar: FloatArray) -> BaseMotion:
+    """How far the base moves and turns for each metre of the end effector, in its worst direction.
+
+    Let X = C_bm J_v^+, J_v the linear rows of J*: the base's twist while the end effector moves with unit
+    velocity by the least joint rates. The two numbers are the largest singular values of the linear and of
+    the angular rows of X. Directions in which the end effector can hardly move (1e-6 of the strongest) do
+    not count; near a singular posture both numbers grow without bound.
+
+    Parameters
+    ----------
+    coupling : ndarray, shape (6, n, B)
+        C_bm.
+    jstar : ndarray, shape (3, n, B)
+        Linear rows of J*.
+    """
+    X = np.einsum("inb,nxb->ixb", coupling, _pseudo_inverse(jstar))
+    return BaseMotion(singular_values(X[:3])[0], singular_values(X[3:])[0])
+
+
+def assistance(arm_rows: FloatArray, jstar: FloatArray, directions: FloatArray) -> FloatArray:
+    """Coupling assistance cos(theta_a) (d, B) along directions fixed in base axes.
+
+    The paper's measure belongs to joint rates. Here they are the least ones that would move the end effector
+    straight along the direction if the base were fixed. So 1 says that the base's reaction leaves the
+    direction as it is, 0 that it turns it by a right angle, below zero that it drives the end effector back.
+    Zero too where the arm cannot move along the direction at all.
+
+    Parameters
+    ----------
+    arm_rows, jstar : ndarray, shape (3, n, B)
+        Linear rows of J_m and of J*.
+    directions : ndarray, shape (d, 3)
+        Of unit length.
+    """
+    rates = np.einsum("nxb,dx->dnb", _pseudo_inverse(arm_rows), directions)
+    velocity = np.einsum("xnb,dnb->xdb", jstar, rates)
+    speed = np.sqrt(dot(velocity, velocity))
+    # Rounding has no direction.
+    size = np.sqrt(np.einsum("xnb,xnb->b", jstar, jstar) * np.einsum("dnb,dnb->db", rates, rates))
+    moves = speed > 1e-12 * size
+    along = np.einsum("xdb,dx->db", velocity, directions)
+    return np.asarray(np.clip(np.where(moves, along / np.where(moves, speed, 1.0), 0.0), -1.0, 1.0))
+
+
+def _pseudo_inverse(rows: FloatArray) -> FloatArray:
+    """Pseudo-inverses (n, 3, B) of matrices (3, n, B), without directions that are too weak."""
+    values, vectors = np.linalg.eigh(np.einsum("xnb,ynb->bxy", rows, rows))
+    strong = values > _WEAK * values[:, -1:]
+    inverse = np.where(strong, 1.0 / np.where(strong, values, 1.0), 0.0)
+    square = np.einsum("bxk,bk,byk->xyb", vectors, inverse, vectors)
+    return np.asarray(np.einsum("xnb,xyb->nyb", rows, square))
+
+
+def _tip_axes(stack: ArmStack, arm: ArmValues) -> FloatArray:
+    return np.asarray(arm.axes * stack.moves_tip.reshape(-1, *(1,) * (arm.axes.ndim - 2)))
+
+
+def _along(values: FloatArray, dimensions: int) -> FloatArray:
+    return values.reshape(*values.shape, *(1,) * (dimensions - values.ndim))

@@ -1,0 +1,155 @@
+"""To meet a client: the end effector at a grasp on a free body, with its velocity."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.client import Client
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.goals.goal import (
+    ORIENTATION_REACH,
+    REACH,
+    TOLERANCE,
+    Goal,
+    Place,
+    check_reaches,
+)
+from ffsms_pin.opt.limits.corridor import Corridor
+from ffsms_pin.opt.limits.limit import Limit
+
+__all__ = ["HALF_ANGLE", "STANDOFF", "Meet"]
+
+# [m] The last hand's breadth, in which a gripper's fingers are beside the grasp.
+STANDOFF = 0.15
+# [rad] At the standoff the corridor is then 55 mm wide to each side, about as far as a gripper opens.
+HALF_ANGLE = math.radians(20.0)
+
+# Share of the time at which motions that a search starts from are at the corridor's mouth.
+_MOUTH = 0.75
+
+
+@dataclass(frozen=True, eq=False)
+class Meet(Goal):
+    """The end-effector frame at a grasp frame on a client at the deadline, without relative velocity.
+
+    What lies within `standoff` of the grasp is approached through a corridor only: a cone on the grasp's
+    axis, its tip at the grasp, fixed to the client. The axis is the direction in which the end effector moves
+    up to the grasp, so it comes from the side of minus `axis`. A problem with this goal has the corridor
+    among its limits (`opt.limits.corridor.Corridor`, named "corridor").
+
+    Attributes
+    ----------
+    client : Client
+    grasp : pinocchio.SE3, optional
+        Of the grasp frame, in the client's body axes, from its centre of mass. Default: the body frame.
+    standoff : float
+        Length of the corridor [m]; zero: no corridor.
+    half_angle : float
+        Of the corridor [rad], above zero and below a right angle.
+    axis : array_like, shape (3,)
+        Direction of approach, in grasp axes; its length does not matter. Default z, which points away from
+        the flange in most tool frames.
+    tolerance : float
+        At the deadline, of the position [m], the attitude [rad] and the relative velocities [m/s, rad/s]: a
+        plan that misses by more has not `reached`.
+    reach, orientation_reach : float
+        In the last tenth of the time, see `Goal`.
+
+    Raises
+    ------
+    InvalidValue
+    """
+
+    client: Client
+    grasp: Any = None
+    standoff: float = STANDOFF
+    half_angle: float = HALF_ANGLE
+    axis: Any = (0.0, 0.0, 1.0)
+    tolerance: float = TOLERANCE
+    reach: float = REACH
+    orientation_reach: float = ORIENTATION_REACH
+
+    def __post_init__(self) -> None:
+        checks.instance("client", self.client, Client)
+        grasp = pin.SE3.Identity() if self.grasp is None else self.grasp
+        checks.pose("grasp", grasp)
+        axis = checks.vector("axis", self.axis, 3)
+        length = float(np.linalg.norm(axis))
+        if length < 1e-9:
+            raise InvalidValue("axis", self.axis, "must not be zero")
+        half_angle = checks.positive("half_angle", self.half_angle, "rad")
+        if half_angle >= 0.5 * math.pi:
+            raise InvalidValue("half_angle", self.half_angle, "must be below a right angle [rad]")
+        check_reaches(self)
+        values = {
+            "grasp": pin.SE3(grasp),
+            "standoff": checks.at_least_zero("standoff", self.standoff, "m"),
+            "half_angle": half_angle,
+            "axis": frozen(axis / length),
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def moves(self) -> bool:
+        """Always: a client that rests is a path too."""
+        return True
+
+    @property
+    def exact(self) -> bool:
+        """A contact is no contact a centimetre away, nor one with a knock."""
+        return True
+
+    @property
+    def coupled(self) -> bool:
+        """Only where no corridor sets the way."""
+        return self.standoff == 0.0
+
+    def place(self, t: float) -> Place:
+        """The grasp frame and its velocities."""
+        body, twist = self.client.pose(t), self.client.twist(t)
+        grasp = body * self.grasp
+        velocity = twist[:3] + np.cross(twist[3:], grasp.translation - body.translation)
+        return Place(grasp.translation, grasp.rotation, velocity, twist[3:])
+
+    def positions(self, times: FloatArray) -> FloatArray:
+        """All at once."""
+        positions, attitudes = self.client.poses(times)
+        return np.asarray((positions + attitudes @ self.grasp.translation).T)
+
+    def rotations(self, times: FloatArray) -> FloatArray:
+        """All at once."""
+        _, attitudes = self.client.poses(times)
+        return np.moveaxis(attitudes @ self.grasp.rotation, 0, -1)
+
+    def passing(self, duration: float) -> tuple[float, Place] | None:
+        """The mouth of the corridor, where there is one."""
+        if self.standoff == 0.0:
+            return None
+        t = _MOUTH * duration
+        mouth = pin.SE3(np.eye(3), -self.standoff * self.axis)
+        pose = self.client.pose(t) * self.grasp * mouth
+        return t, Place(pose.translation, pose.rotation)
+
+    def limits(self, duration: float) -> tuple[Limit, ...]:
+        """The corridor, where there is one."""
+        if self.standoff == 0.0:
+            return ()
+        one = Corridor(
+            client=self.client,
+            grasp=self.grasp,
+            deadline=duration,
+            length=self.standoff,
+            half_angle=self.half_angle,
+            axis=self.axis,
+            slack=self.tolerance,
+            inside=(1.0 - _MOUTH) * duration,
+        )
+        return (one,)

@@ -1,0 +1,77 @@
+"""Trajectories in npz files: which arrays there are, of which shapes."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.errors import ResultError
+from ffsms_pin.storage import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
+
+__all__ = ["read", "write"]
+
+_FORMAT = "ffsms-pin trajectory"
+_TEXTS = ("shares", "binding", "broken")  # kept as JSON
+_SCALARS = (
+    ("kappa", float),
+    ("reach", float),
+    ("orientation_reach", float),
+    ("note", str),
+    ("clear", bool),
+    ("met", bool),
+    ("shortest_duration", float),
+)
+_SHAPES: dict[str, tuple[str | int, ...]] = {
+    "t": ("N+1",),
+    "v": ("N+1", "n+6"),
+    "q": ("N+1", "nq"),
+    "joint_positions": ("N+1", "n"),
+    "end_effector": ("N+1", 3),
+    "target": (3,),
+    "target_rotation": (3, 3),
+    "contact_velocity": (6,),
+    "momentum": (6,),
+    "wheel_momentum": ("rows", "w"),
+    **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
+    **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
+    **dict.fromkeys(("position_error", "orientation_error"), ("N+1",)),
+    **{name: () for name, _ in _SCALARS},
+    **dict.fromkeys(_TEXTS, ()),
+}
+
+
+def write(path: str | os.PathLike[str], values: dict[str, Any]) -> None:
+    """Write a trajectory's fields, atomically."""
+    arrays = dict(values)
+    for name in _TEXTS:
+        arrays[name] = json.dumps(arrays[name], default=lambda array: array.tolist())
+    save_arrays(path, _FORMAT, arrays)
+
+
+def read(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """What `write` wrote; a `ResultError` says what is wrong with another file."""
+    # Files from before there was momentum, or before there were terms, clients or wheels, have none.
+    before = {
+        "momentum": np.zeros(6),
+        "contact_velocity": np.zeros(6),
+        "met": np.array(True),
+        "wheel_momentum": np.zeros((0, 0)),
+        **{name: np.array("{}") for name in _TEXTS},
+    }
+    kinds = {"clear": "b", "met": "b", **dict.fromkeys(("note", *_TEXTS), "U")}
+    arrays = load_arrays(
+        path, _FORMAT, list(_SHAPES), before, lambda heads: check_shapes(path, heads, _SHAPES, kinds)
+    )
+    check_times(path, arrays["t"], least=2)
+    if len(arrays["wheel_momentum"]) not in (0, len(arrays["t"])):
+        raise ResultError(
+            path, f"holds {len(arrays['wheel_momentum'])} rows of wheel_momentum, one a node fits"
+        )
+    for name in _TEXTS:
+        arrays[name] = numbers_by_name(path, name, str(arrays[name]), rows=name == "binding")
+    for name, kind in _SCALARS:
+        arrays[name] = kind(arrays[name])
+    return arrays

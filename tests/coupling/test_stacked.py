@@ -1,0 +1,73 @@
+"""Singular values and entropies of stacks of matrices, against LAPACK's and those of one matrix."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ffsms_pin.coupling import normalised_entropy
+from ffsms_pin.coupling.stacked import entropies, singular_values
+
+Array = NDArray[np.float64]
+COUNT = 400
+
+
+def with_values(rng: np.random.Generator, values: Array) -> Array:
+    """Random matrices (6, 7, B) of given singular values (6, B)."""
+    U, _ = np.linalg.qr(rng.normal(size=(values.shape[1], 6, 6)))
+    V, _ = np.linalg.qr(rng.normal(size=(values.shape[1], 7, 7)))
+    return np.asarray(np.einsum("bik,kb,bjk->ijb", U, values, V[:, :, :6]))
+
+
+def cases(rng: np.random.Generator) -> dict[str, Array]:
+    """Stacks that are hard for one reason each."""
+    planar = np.zeros((6, 4, COUNT))
+    planar[[0, 1, 5]] = rng.normal(size=(3, 4, COUNT))
+    return {
+        "wide": rng.normal(size=(6, 7, COUNT)),
+        "tall": rng.normal(size=(6, 3, COUNT)),
+        "one column": rng.normal(size=(6, 1, COUNT)),
+        "planar, rank 3": planar,
+        "zero": np.zeros((6, 7, 3)),
+        "identity": np.eye(6, 7)[..., None].repeat(3, 2),
+        "ones": np.ones((6, 7, 3)),
+        "zeros and ones": rng.integers(0, 2, (6, 7, 5 * COUNT)).astype(float),
+        "all equal": with_values(rng, np.ones((6, COUNT))),
+        "in clusters": with_values(rng, rng.integers(0, 3, (6, COUNT)).astype(float)),
+        "graded": with_values(rng, 10.0 ** rng.uniform(-12.0, 0.0, (6, COUNT))),
+        "nearly equal": with_values(rng, 1.0 + 1e-9 * rng.normal(size=(6, COUNT))),
+        "large": 1e200 * rng.normal(size=(6, 7, COUNT)),
+        "small": 1e-200 * rng.normal(size=(6, 7, COUNT)),
+    }
+
+
+@pytest.mark.parametrize("case", cases(np.random.default_rng(0)))
+def test_singular_values_are_lapacks(case: str, rng: np.random.Generator) -> None:
+    matrices = cases(rng)[case]
+    given = matrices.copy()
+    found = singular_values(matrices)
+    expected = np.linalg.svd(matrices.transpose(2, 0, 1), compute_uv=False).T
+    assert found.shape == expected.shape
+    assert (np.abs(found - expected) <= 2e-14 * expected[0]).all()
+    assert (np.diff(found, axis=0) <= 0.0).all()
+    np.testing.assert_array_equal(matrices, given)
+
+
+def test_small_singular_values_keep_digits_that_squares_lose(rng: np.random.Generator) -> None:
+    values = np.sort(10.0 ** rng.uniform(-9.0, 0.0, (6, COUNT)), axis=0)[::-1]
+    matrices = with_values(rng, values)
+    squares = np.linalg.eigvalsh(np.einsum("ikb,jkb->bij", matrices, matrices))
+    by_squares = np.sqrt(np.maximum(squares, 0.0))[:, ::-1].T
+    assert np.abs(singular_values(matrices) - values).max() < 3e-15
+    assert np.abs(by_squares - values).max() > 1e-10
+
+
+@pytest.mark.parametrize("n", [1, 3, 7])
+def test_entropies_are_those_of_one_spectrum_each(n: int, rng: np.random.Generator) -> None:
+    sigma = np.sort(rng.uniform(size=(min(n, 6), 50)), axis=0)[::-1].copy()
+    sigma[-1, :10] = 0.0
+    sigma[:, 10] = 0.0
+    found = entropies(sigma, n)
+    expected = [normalised_entropy(column, n) for column in sigma.T]
+    np.testing.assert_allclose(found, expected, atol=1e-14)

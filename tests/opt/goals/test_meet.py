@@ -1,0 +1,219 @@
+"""Clients that are met, clients that cannot be, and the corridor with and without."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from horizon_parts import COARSE, spline_of
+from slopes import by_differences, by_slopes, motions
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.trajectory import measure
+
+DURATION = 24.0
+AXIS = (1.0, 0.0, 0.0)  # along the planar arm's last link
+
+
+def planar_case(sms: ffsms.SpaceManipulator, spin: float = 0.02) -> tuple[FloatArray, opt.Meet]:
+    """A client whose grasp is where a straight move of the planar arm ends, turning in the plane."""
+    q0 = sms.configuration([0.4, 0.9, -0.5])
+    s = np.linspace(0.0, 1.0, 121)[:, None]
+    rates = np.array([0.8, 0.4, -0.6]) / DURATION * 30.0 * s**2 * (1.0 - s) ** 2
+    straight = measure(opt.Problem(sms, q0, [0.0, 0.0, 0.0], DURATION, 0.1), rates)
+    tip = sms.at(straight.q[-1]).end_effector_pose
+    grasp = pin.SE3(np.eye(3), np.array([-0.3, 0.0, 0.0]))
+    twist = np.array([0.002, -0.003, 0.0, 0.0, 0.0, spin])
+    then = ffsms.Client(50.0, [4.0, 5.0, 6.0], tip * grasp.inverse(), twist)
+    now = ffsms.Client(50.0, [4.0, 5.0, 6.0], then.pose(-DURATION), then.twist(-DURATION))
+    return q0, opt.Meet(now, grasp, axis=AXIS)
+
+
+def strayed(plan: opt.Trajectory, goal: opt.Meet) -> float:
+    """Within the standoff: the largest distance outside the cone at the nodes, by plain geometry [m]."""
+    worst = -np.inf
+    for t, tip in zip(plan.t, plan.end_effector, strict=True):
+        x = (goal.client.pose(t) * goal.grasp).inverse().act(tip)
+        ahead, beside = -goal.axis @ x, np.linalg.norm(x - goal.axis * (goal.axis @ x))
+        if np.linalg.norm(x) <= goal.standoff:
+            worst = max(worst, beside * np.cos(goal.half_angle) - ahead * np.sin(goal.half_angle))
+    return float(worst)
+
+
+def check_contact(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, goal: opt.Meet) -> None:
+    """The end effector at the deadline beside the client, from Pinocchio and the client's own motion."""
+    T = plan.duration
+    state = sms.at(plan.q[-1], plan.v[-1])
+    data, frame = sms.model.createData(), sms.model.getFrameId(sms.end_effector)
+    pin.forwardKinematics(sms.model, data, plan.q[-1], plan.v[-1])
+    tip = pin.getFrameVelocity(sms.model, data, frame, pin.LOCAL_WORLD_ALIGNED).vector
+    h = 1e-4
+    grasp, ahead, behind = (goal.client.pose(T + d) * goal.grasp for d in (0.0, h, -h))
+    velocity = (ahead.translation - behind.translation) / (2.0 * h)
+    spin = pin.log3(ahead.rotation @ behind.rotation.T) / (2.0 * h)
+    relative = tip - np.concatenate([velocity, spin])
+    np.testing.assert_allclose(plan.contact_velocity, relative, atol=1e-7)
+    assert np.linalg.norm(relative[:3]) <= 1e-3
+    assert np.linalg.norm(relative[3:]) <= np.radians(0.1)
+    assert np.linalg.norm(state.end_effector_pose.translation - grasp.translation) <= goal.tolerance
+    assert np.linalg.norm(pin.log3(state.end_effector_pose.rotation.T @ grasp.rotation)) <= goal.tolerance
+
+
+@pytest.fixture(scope="module")
+def planar() -> ffsms.SpaceManipulator:
+    return ffsms.load("planar_3r")
+
+
+@pytest.fixture(scope="module")
+def met(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
+    q0, goal = planar_case(planar)
+    return opt.plan(planar, q0, goal, DURATION, 0.02)
+
+
+def test_a_turning_client_is_met_through_its_corridor(
+    planar: ffsms.SpaceManipulator, met: opt.Trajectory
+) -> None:
+    _, goal = planar_case(planar)
+    assert met.reached, met.note
+    assert met.met
+    check_contact(planar, met, goal)
+    assert strayed(met, goal) <= goal.tolerance + 1e-9
+
+
+def test_without_the_corridor_the_way_leaves_it(planar: ffsms.SpaceManipulator) -> None:
+    q0, goal = planar_case(planar)
+    free = replace(goal, standoff=0.0)
+    plan = opt.plan(planar, q0, free, DURATION, 0.02)
+    assert plan.reached, plan.note
+    assert strayed(plan, goal) > 5e-3
+    held = measure(opt.Problem(planar, q0, goal, DURATION, 0.02), plan.joint_rates)
+    assert held.broken.keys() == {"corridor"}
+    assert not held.reached
+    # The residual sees what breaks the limit; the slopes are among those of tests/opt/test_parts.py.
+    assert "outside its corridor" in held.note
+
+
+def test_a_spatial_arm_meets_a_tumbling_client_while_the_base_has_momentum() -> None:
+    sms = ffsms.load("satellite_panda")
+    momentum = np.array([1.0, -0.5, 0.3, 0.4, 0.2, -0.3])
+    low, high = sms.limits.lower, sms.limits.upper
+    start = 0.5 * (low + high)
+    q0 = sms.configuration(start)
+    s = np.linspace(0.0, 1.0, 201)[:, None]
+    rates = np.array([0.5, -0.4, 0.3, 0.5, -0.2, 0.4, 0.3]) / 20.0 * 30.0 * s**2 * (1.0 - s) ** 2
+    problem = opt.Problem(sms, q0, [0.0, 0.0, 0.0], 20.0, 0.1, momentum=momentum)
+    straight = measure(problem, rates)
+    tip = sms.at(straight.q[-1]).end_effector_pose
+    grasp = pin.SE3(np.eye(3), np.array([0.1, 0.1, -0.3]))
+    spin = np.radians([2.0, -1.5, 2.5])
+    then = ffsms.Client(100.0, [20.0, 30.0, 35.0], tip * grasp.inverse(), [0.0, 0.0, 0.0, *spin])
+    client = ffsms.Client(100.0, [20.0, 30.0, 35.0], then.pose(-20.0), then.twist(-20.0))
+    goal = opt.Meet(client, grasp)
+    plan = opt.plan(sms, q0, goal, 20.0, 0.04, momentum=momentum)
+    assert plan.reached, plan.note
+    check_contact(sms, plan, goal)
+    assert strayed(plan, goal) <= goal.tolerance + 1e-9
+
+
+def test_a_client_out_of_reach_is_told_with_the_time_to_try(planar: ffsms.SpaceManipulator) -> None:
+    # It comes by: out of reach at 6 s, within reach later.
+    q0 = planar.configuration([0.4, 0.9, -0.5])
+    pose = pin.SE3(np.eye(3), np.array([6.0, 0.5, 0.0]))
+    client = ffsms.Client(50.0, [4.0, 5.0, 6.0], pose, [-0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+    plan = opt.plan(planar, q0, opt.Meet(client, axis=AXIS), 6.0, 0.05)
+    assert not plan.reached
+    assert "binding: the workspace" in plan.note
+    assert "within reach from" in plan.note
+    first = float(plan.note.split("within reach from ")[1].split(" s")[0])
+    com = planar.at(q0).com
+    distances = [float(np.linalg.norm(client.pose(t).translation - com)) for t in (first - 3.0, first)]
+    note_reach = float(plan.note.split(" m from the system's")[0].split(" to ")[-1])
+    assert distances[0] > note_reach >= distances[1] - 0.05
+
+
+def test_a_start_beside_the_corridor_is_refused(planar: ffsms.SpaceManipulator) -> None:
+    q0 = planar.configuration([0.4, 0.9, -0.5])
+    tip = planar.at(q0).end_effector_pose
+    pose = pin.SE3(tip.rotation, tip.act(np.array([0.0, 0.05, 0.0])))
+    goal = opt.Meet(ffsms.Client(50.0, [4.0, 5.0, 6.0], pose), axis=AXIS)
+    plan = opt.plan(planar, q0, goal, 6.0, 0.05)
+    assert not plan.reached
+    assert plan.note.startswith("the start is beside the corridor")
+
+
+def test_a_client_that_spins_too_fast_is_told_so(planar: ffsms.SpaceManipulator) -> None:
+    q0, goal = planar_case(planar, spin=6.0)
+    plan = opt.plan(planar, q0, replace(goal, standoff=0.0), DURATION, 0.1, time_limit=0.5)
+    assert not plan.reached
+    assert "too fast: to move with the goal at the deadline takes" in plan.note
+
+
+@pytest.mark.parametrize("inside", [0.0, 24.0])
+def test_slopes_of_the_corridor(
+    planar: ffsms.SpaceManipulator, inside: float, rng: np.random.Generator
+) -> None:
+    """By control points, against central differences; with a ball that holds most of the motion."""
+    q0, goal = planar_case(planar)
+    problem = opt.Problem(planar, q0, goal, DURATION)
+    (corridor,) = (one for one in problem.limits if isinstance(one, opt.Corridor))
+    corridor = replace(corridor, length=1.2, inside=inside)
+    spline = spline_of(problem, COARSE, free_end=True)
+    p = 0.02 * rng.normal(size=(1, spline.size, planar.n))
+    residuals = corridor.residual(motions(problem, spline, p))
+    slopes = by_slopes(problem, spline, p, residuals)
+    differences = by_differences(problem, spline, p, corridor.residual)
+    size = float(np.abs(differences).max())
+    assert size > 1e-4
+    np.testing.assert_allclose(slopes, differences, atol=1e-4 * size)
+
+
+def test_a_knock_is_no_contact(planar: ffsms.SpaceManipulator, met: opt.Trajectory) -> None:
+    q0, goal = planar_case(planar)
+    rates = met.joint_rates.copy()
+    rates[-1] += 0.02
+    knocked = measure(opt.Problem(planar, q0, goal, DURATION, 0.02), rates)
+    assert not knocked.met
+    assert not knocked.reached
+    assert "at contact the grasp is missed by" in knocked.note
+
+
+def test_a_plan_that_meets_is_kept_in_a_file(met: opt.Trajectory, tmp_path: Path) -> None:
+    met.save(tmp_path / "plan.npz")
+    again = opt.Trajectory.load(tmp_path / "plan.npz")
+    np.testing.assert_array_equal(again.contact_velocity, met.contact_velocity)
+    assert again.met
+    assert again.reached
+
+
+def test_the_corridor_belongs_to_the_goal(planar: ffsms.SpaceManipulator) -> None:
+    q0, goal = planar_case(planar)
+    problem = opt.Problem(planar, q0, goal, DURATION)
+    (corridor,) = (one for one in problem.limits if isinstance(one, opt.Corridor))
+    assert corridor.deadline == DURATION
+    (corridor,) = (one for one in problem.lasting(20.0).limits if isinstance(one, opt.Corridor))
+    assert corridor.deadline == pytest.approx(20.0)
+    assert not any(isinstance(one, opt.Corridor) for one in replace(problem, goal=[1.0, 0.5, 0.0]).limits)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"client": "it"}, "client must be a Client"),
+        ({"grasp": np.eye(4)}, "grasp must be a pinocchio.SE3"),
+        ({"axis": [0.0, 0.0, 0.0]}, "axis must not be zero"),
+        ({"half_angle": 2.0}, "right angle"),
+        ({"standoff": -0.1}, "standoff must be at least zero"),
+        ({"tolerance": 0.0}, "goal.tolerance must be above zero"),
+    ],
+)
+def test_what_no_goal_is(change: dict[str, Any], match: str) -> None:
+    values: dict[str, Any] = {"client": ffsms.Client(10.0, [1.0, 1.0, 1.0]), **change}
+    with pytest.raises(InvalidValue, match=match):
+        opt.Meet(**values)

@@ -1,0 +1,318 @@
+"""Obstacles: plans with and without them judged by coal alone, between nodes, on a client and on the base."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.trajectory import measure
+
+START = np.radians([23.0, 40.0, -29.0])
+GOAL = [0.45, 0.75, 0.0]
+
+
+class ByCoal:
+    """Least distance of the robot's collision shapes to a shape in inertial space, without the library."""
+
+    def __init__(self, sms: ffsms.SpaceManipulator) -> None:
+        self._model, self._data = sms.model, sms.model.createData()
+        self._geometry = sms.geometry("collision")
+        self._placed = self._geometry.createData()
+
+    def __call__(self, q: FloatArray, shape: Any, pose: pin.SE3, bodies: list[int] | None = None) -> float:
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, q)
+        least, there = np.inf, coal.Transform3s(pose.rotation, pose.translation)
+        for item, place in zip(self._geometry.geometryObjects, self._placed.oMg, strict=True):
+            if bodies is None or int(item.parentJoint) in bodies:
+                here = coal.Transform3s(place.rotation, place.translation)
+                result = coal.DistanceResult()
+                found = coal.distance(item.geometry, here, shape, there, coal.DistanceRequest(), result)
+                least = min(least, found)
+        return float(least)
+
+
+def middle_of(plan: opt.Trajectory) -> pin.SE3:
+    """Where the end effector is in the middle of a plan."""
+    return pin.SE3(np.eye(3), plan.end_effector[len(plan.end_effector) // 2])
+
+
+@pytest.fixture(scope="module")
+def free(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
+    return opt.plan(planar, planar.configuration(START), GOAL, duration=8.0, dt=0.02)
+
+
+@pytest.mark.parametrize(
+    "shape", [coal.Sphere(0.06), coal.Box(0.1, 0.08, 0.1), coal.Cylinder(0.05, 0.2), coal.Capsule(0.04, 0.1)]
+)
+def test_plans_with_and_without_an_obstacle(
+    planar: ffsms.SpaceManipulator, free: opt.Trajectory, shape: Any
+) -> None:
+    pose, by_coal = middle_of(free), ByCoal(planar)
+    assert min(by_coal(q, shape, pose) for q in free.q) < 0.0
+    obstacle = opt.Obstacle(shape, pose, margin=0.005)
+    plan = opt.plan(planar, free.q[0], GOAL, duration=8.0, dt=0.02, obstacles=[obstacle])
+    assert plan.reached, plan.note
+    assert min(by_coal(q, shape, pose) for q in plan.q) >= 0.015 - 2e-5
+
+
+def test_a_spatial_arm_goes_round() -> None:
+    sms = ffsms.load("satellite_panda")
+    low, high = (np.clip(bound, -2.0, 2.0) for bound in (sms.limits.lower, sms.limits.upper))
+    q0 = sms.configuration(0.5 * (low + high))
+    target = sms.at(q0).end_effector_pose.translation + np.array([-0.1, 0.45, 0.05])
+    free = opt.plan(sms, q0, target, duration=10.0, dt=0.05)
+    shape, by_coal = coal.Sphere(0.07), ByCoal(sms)
+    pose = middle_of(free)
+    assert free.reached
+    assert min(by_coal(q, shape, pose) for q in free.q) < 0.0
+    obstacles = [opt.Obstacle(shape, pose)]
+    plan = opt.plan(sms, q0, target, duration=10.0, dt=0.05, obstacles=obstacles)
+    assert plan.reached, plan.note
+    assert min(by_coal(q, shape, pose) for q in plan.q) >= 0.01 - 2e-5
+
+
+def test_distances_are_those_of_coal(rng: np.random.Generator) -> None:
+    """All shapes of this arm are convex, so its parts are its shapes."""
+    sms = ffsms.load("space_arm_7")
+    by_coal, pose = ByCoal(sms), pin.SE3(pin.exp3(np.array([0.3, 0.4, -0.5])), np.array([1.5, 2.0, 1.0]))
+    box = opt.Obstacle(coal.Box(0.4, 0.5, 0.6), pose, margin=0.02)
+    limit = opt.Clearance(0.0, "off", obstacles=[box]).for_robot(sms)
+    q0 = sms.configuration(rng.uniform(-1.0, 1.0, sms.n))
+    problem = opt.Problem(sms, q0, sms.at(q0).end_effector_pose.translation, 4.0, 0.5, limits=[limit])
+    rates = 0.2 * rng.normal(size=(9, sms.n))
+    motion = motion_of(problem, rates)
+    least, pair = limit.least(motion)
+    plan = measure(problem, rates)
+    nodes = min(by_coal(q, box.shape, pose) for q in plan.q) - 0.02
+    assert least <= nodes + 1e-6
+    assert least == pytest.approx(nodes, abs=0.05)
+    assert pair.endswith(" - box 1")
+
+
+def motion_of(problem: opt.Problem, rates: FloatArray) -> opt.Motions:
+    from ffsms_pin.opt.batch.rollout import rolled_out
+
+    return rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum, 0.9)
+
+
+def test_what_happens_between_instants_is_seen(planar: ffsms.SpaceManipulator) -> None:
+    """The arm sweeps past a thin rod within a quarter of a step, and is clear of it at all instants."""
+    q0, dt = planar.configuration(START), 0.8
+    rates = np.full((2, 3), 0.0)
+    rates[:, 0] = 0.7
+    problem = opt.Problem(planar, q0, GOAL, dt, dt, limits=[])
+    motion = motion_of(problem, rates)
+    # Beyond the end of the last link a quarter on: a body as wide as the way would touch at the instants.
+    plan = measure(opt.Problem(planar, q0, GOAL, dt, dt / 8, limits=[]), np.tile(rates[:1], (9, 1)))
+    at, shape = pin.SE3(np.eye(3), plan.end_effector[2]), coal.Sphere(0.004)
+    by_coal = ByCoal(planar)
+    instants = [by_coal(plan.q[k], shape, at) for k in (0, 4, 8)]
+    assert min(instants) > 0.012
+    assert by_coal(plan.q[2], shape, at) < 0.005
+    limit = opt.Clearance(0.01, "off", obstacles=[opt.Obstacle(shape, at)]).for_robot(planar)
+    assert limit.least(motion)[0] > 0.01
+    found = limit.violation(motion)
+    assert found.amount > 0.004
+    assert "sphere 1" in found.note
+
+
+def test_an_obstacle_on_the_base(planar: ffsms.SpaceManipulator, free: opt.Trajectory) -> None:
+    """A panel's corner, where the free plan passes as the base sees it; the base itself does not count."""
+    k = len(free.q) // 2
+    base = [pin.XYZQUATToSE3(q[:7]) for q in free.q]
+    place = base[k].actInv(middle_of(free))
+    panel = opt.Obstacle(coal.Box(0.08, 0.08, 0.08), place, "base", name="panel")
+    reaches_base = opt.Obstacle(coal.Box(0.1, 0.1, 0.1), pin.SE3.Identity(), "base")
+    limit = opt.Clearance(0.01, "off", obstacles=[panel, reaches_base]).for_robot(planar)
+    assert sum("panel" in name for name in limit._around.names()) == 3  # type: ignore[union-attr]
+    plan = opt.plan(planar, free.q[0], GOAL, duration=8.0, dt=0.02, obstacles=[panel])
+    assert plan.reached, plan.note
+    by_coal = ByCoal(planar)
+    poses = [pin.XYZQUATToSE3(q[:7]) * place for q in plan.q]
+    links = [2, 3, 4]
+    assert min(by_coal(q, panel.shape, p, links) for q, p in zip(plan.q, poses, strict=True)) >= 0.01 - 2e-5
+    poses = [b * place for b in base]
+    assert min(by_coal(q, panel.shape, p, links) for q, p in zip(free.q, poses, strict=True)) < 0.0
+
+
+def test_an_obstacle_on_a_client(planar: ffsms.SpaceManipulator, free: opt.Trajectory) -> None:
+    """A tumbling client passes where the free plan is at half time, and a later one has passed already."""
+    half, by_coal, shape = free.t[len(free.t) // 2], ByCoal(planar), coal.Box(0.06, 0.06, 0.06)
+    velocity = np.array([0.0, 0.0, 0.1])
+    start = pin.SE3(np.eye(3), middle_of(free).translation - half * velocity)
+    client = ffsms.Client(
+        50.0, np.diag([3.0, 4.0, 5.0]), pose=start, twist=np.concatenate([velocity, [0.05, 0.02, 0.1]])
+    )
+    obstacle = opt.Obstacle(shape, pin.SE3.Identity(), client)
+    held = opt.Problem(
+        planar, free.q[0], GOAL, 8.0, 0.02, limits=[opt.JointLimits(), opt.Clearance(obstacles=[obstacle])]
+    )
+    assert "clearance" in measure(held, free.joint_rates).broken
+    plan = opt.solve(held)
+    assert plan.reached, plan.note
+    near = [by_coal(q, shape, client.pose(t)) for q, t in zip(plan.q, plan.t, strict=True)]
+    assert min(near) >= 0.01 - 2e-5
+    # Seen from a time at which it has passed.
+    after = opt.Clearance(obstacles=[obstacle]).later(6.0)
+    assert (
+        "clearance"
+        not in measure(
+            opt.Problem(planar, free.q[0], GOAL, 8.0, 0.02, limits=[after]), free.joint_rates
+        ).broken
+    )
+
+
+def test_a_held_payload_is_kept_clear_too(planar: ffsms.SpaceManipulator, free: opt.Trajectory) -> None:
+    """An obstacle beside the free plan, which only what the end effector holds comes into."""
+    box, held = coal.Box(0.05, 0.05, 0.05), (coal.Box(0.04, 0.04, 0.3), pin.SE3.Identity())
+    place = pin.SE3(np.eye(3), middle_of(free).translation + np.array([0.0, 0.0, 0.15]))
+    obstacle = opt.Obstacle(box, place)
+    plain = opt.Clearance(obstacles=[obstacle])
+    loaded = opt.Clearance(obstacles=[obstacle], payload=held)
+
+    def problem(limit: opt.Limit) -> opt.Problem:
+        return opt.Problem(planar, free.q[0], GOAL, 8.0, 0.02, limits=[opt.JointLimits(), limit])
+
+    assert measure(problem(plain), free.joint_rates).broken == {}
+    broken = measure(problem(loaded), free.joint_rates)
+    assert "payload - box 1" in broken.note
+    plan = opt.solve(problem(loaded))
+    assert plan.reached, plan.note
+    result = coal.DistanceResult()
+    for q in plan.q[::5]:
+        pose = planar.at(q).end_effector_pose
+        here = coal.Transform3s(pose.rotation, pose.translation)
+        there = coal.Transform3s(np.eye(3), place.translation)
+        result.clear()
+        assert coal.distance(held[0], here, box, there, coal.DistanceRequest(), result) >= 0.01 - 2e-5
+
+
+def test_points_mode_keeps_the_lines_clear(planar: ffsms.SpaceManipulator) -> None:
+    """A ball on the line between two joints, far from both."""
+    q = planar.configuration(START)
+    data = planar.model.createData()
+    pin.forwardKinematics(planar.model, data, q)
+    between = 0.5 * (data.oMi[3].translation + data.oMi[4].translation)
+    limit = opt.Clearance(
+        0.01, "points", obstacles=[opt.Obstacle(coal.Sphere(0.01), pin.SE3(np.eye(3), between))]
+    )
+    depth, pair = limit.for_robot(planar).contact(q) or (0.0, "")
+    assert depth == pytest.approx(0.01, abs=1e-4)
+    assert pair.endswith("sphere 1")
+
+
+def test_a_blocked_plan_names_the_pair(planar: ffsms.SpaceManipulator) -> None:
+    q0 = planar.configuration(START)
+    target = np.array([0.45, 0.75, 0.0])
+    walls = [
+        opt.Obstacle(
+            coal.Box(0.3, 0.02, 0.4), pin.SE3(np.eye(3), target + np.array([0.0, side, 0.0])), name=name
+        )
+        for side, name in ((0.045, "upper wall"), (-0.045, "lower wall"))
+    ]
+    back = pin.SE3(np.eye(3), target + np.array([0.045, 0.0, 0.0]))
+    front = pin.SE3(np.eye(3), target - np.array([0.045, 0.0, 0.0]))
+    walls += [opt.Obstacle(coal.Box(0.02, 0.3, 0.4), place) for place in (back, front)]
+    plan = opt.plan(planar, q0, target, duration=8.0, dt=0.02, obstacles=walls, time_limit=0.5)
+    assert not plan.reached
+    assert "blocked by link_3 - " in plan.note or "broken: link_3 - " in plan.note, plan.note
+
+
+def test_steps_and_copies(planar: ffsms.SpaceManipulator, free: opt.Trajectory) -> None:
+    """A march keeps clear; a problem with obstacles can be sent to another process."""
+    obstacle = opt.Obstacle(coal.Sphere(0.05), middle_of(free))
+    options: dict[str, Any] = {"duration": 8.0, "dt": 0.02, "obstacles": [obstacle], "method": "step"}
+    plan = opt.plan(planar, free.q[0], GOAL, **options)
+    assert plan.clear, plan.note
+    limit = opt.Clearance(obstacles=[obstacle]).for_robot(planar)
+    copy = pickle.loads(pickle.dumps(limit))
+    motion = motion_of(opt.Problem(planar, free.q[0], GOAL, 8.0, 0.02), free.joint_rates)
+    assert copy.violation(motion).amount == limit.violation(motion).amount > 0.0
+
+
+# -- what cannot be used -------------------------------------------------------------------------------
+
+
+def tetrahedra() -> Any:
+    """A mesh that is not convex: two tetrahedra apart."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(8, 8)
+    for shift in (0.0, 3.0):
+        for face in faces:
+            mesh.addTriangle(*(corners[i] + shift for i in face))
+    mesh.endModel()
+    return mesh
+
+
+def test_a_convex_mesh_is_taken() -> None:
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    mesh = coal.BVHModelOBBRSS()
+    mesh.beginModel(4, 4)
+    for face in [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]:
+        mesh.addTriangle(*(corners[i] for i in face))
+    mesh.endModel()
+    obstacle = opt.Obstacle(mesh)
+    assert obstacle.distance(np.array([-0.5, 0.2, 0.2]), 0.0) == pytest.approx(0.5, abs=1e-5)
+    assert obstacle.distance(np.array([0.05, 0.2, 0.2]), 0.0) == pytest.approx(-0.05, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"shape": "box"}, "must be a coal shape"),
+        ({"shape": tetrahedra()}, "must be convex: cut it into convex pieces"),
+        ({"shape": coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)}, "must be a box"),
+        ({"shape": coal.Sphere(0.1), "on": "moon"}, '"inertial", "base", or a client'),
+        ({"shape": coal.Sphere(0.1), "on": 3}, '"inertial", "base", or a client'),
+        ({"shape": coal.Sphere(0.1), "pose": [0.0, 0.0, 0.0]}, "must be a pinocchio.SE3"),
+        ({"shape": coal.Sphere(0.1), "margin": -0.1}, "must be at least zero"),
+    ],
+)
+def test_bad_obstacles(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InvalidValue, match=words):
+        opt.Obstacle(**options)
+
+
+def test_bad_lists_and_payloads() -> None:
+    ball = opt.Obstacle(coal.Sphere(0.1), name="ball")
+    with pytest.raises(InvalidValue, match="a name each of its own"):
+        opt.Clearance(obstacles=[ball, ball])
+    with pytest.raises(InvalidValue, match=r"sequence of opt\.Obstacle"):
+        opt.Clearance(obstacles=ball)  # type: ignore[arg-type]
+    with pytest.raises(InvalidValue, match="payload must be a coal shape and its"):
+        opt.Clearance(payload=coal.Sphere(0.1))
+
+
+@pytest.mark.parametrize("method", ["horizon", "step"])
+def test_a_start_in_contact_and_a_target_inside(planar: ffsms.SpaceManipulator, method: str) -> None:
+    q0 = planar.configuration(START)
+    tip = planar.at(q0).end_effector_pose
+    ball = opt.Obstacle(coal.Sphere(0.05), pin.SE3(np.eye(3), tip.translation), name="ball")
+    with pytest.raises(InvalidValue, match=r"q0 .* link_3 - ball overlap by [0-9.]+ mm at the start"):
+        opt.plan(planar, q0, GOAL, obstacles=[ball], method=method)
+    there = opt.Obstacle(coal.Sphere(0.05), pin.SE3(np.eye(3), np.array(GOAL)), name="ball")
+    with pytest.raises(InvalidValue, match=r"target .* it is 50\.0 mm inside 'ball'"):
+        opt.plan(planar, q0, GOAL, obstacles=[there], method=method)
+
+
+def test_a_start_that_is_too_near_is_said(planar: ffsms.SpaceManipulator) -> None:
+    q0 = planar.configuration(START)
+    tip = planar.at(q0).end_effector_pose.translation
+    places = [pin.SE3(np.eye(3), tip + far * np.array([1.0, 1.0, 0.0])) for far in np.arange(0.03, 0.2, 2e-3)]
+    shape, by_coal = coal.Sphere(0.05), ByCoal(planar)
+    near = next(place for place in places if by_coal(q0, shape, place) > 0.003)
+    ball = opt.Obstacle(shape, near)
+    plan = opt.plan(planar, q0, GOAL, obstacles=[ball])
+    assert not plan.reached
+    assert plan.note.startswith("the start breaks the clearance: a clearance is broken: link_3 - sphere 1")

@@ -1,0 +1,53 @@
+"""The shortest motion, beside the time that the joints' limits alone take."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.planning.shortest import _one_joint
+
+
+def test_the_shortest_lies_between_its_bounds() -> None:
+    sms = ffsms.load("planar_3r")
+    q0 = sms.configuration(np.radians([23.0, 40.0, -29.0]))
+    terms = [opt.Smooth(), opt.Effort()]
+    problem = opt.Problem(sms, q0, [0.45, 0.75, 0.0], 8.0, 0.05, terms, [opt.JointLimits()])
+    plan = opt.shortest(problem, tolerance=0.1)
+    assert plan.reached
+    assert plan.duration < 8.0
+    assert plan.shortest_duration == plan.duration
+    failed = float(plan.note.split("none was found in ")[1].split(" s")[0])
+    bound = float(plan.note.split("alone take ")[1].split(" s")[0])
+    assert failed < plan.duration <= 1.1 * failed + 0.01
+    assert bound <= plan.duration
+    rates = np.abs(plan.joint_rates) / sms.limits.velocity
+    assert rates.max() <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("way", "u0", "u1", "most", "a", "expected"),
+    [
+        (1.0, 0.0, 0.0, 10.0, 1.0, 2.0),  # up and down: 2 sqrt(d / a)
+        (-1.0, 0.0, 0.0, 10.0, 1.0, 2.0),
+        (3.0, 0.0, 0.0, 1.0, 1.0, 4.0),  # with a cruise: d / u + u / a
+        (0.5, 0.0, 1.0, 10.0, 1.0, 1.0),  # speeds up only
+        (0.5, 1.0, 0.0, 10.0, 1.0, 1.0),  # brakes only
+        (0.0, 1.0, 0.0, 10.0, 1.0, 1.0 + 2.0 * np.sqrt(0.5)),  # overshoots and comes back
+        (0.0, 0.0, 0.0, 1.0, 1.0, 0.0),
+    ],
+)
+def test_least_time_of_one_joint(
+    way: float, u0: float, u1: float, most: float, a: float, expected: float
+) -> None:
+    assert _one_joint(way, u0, u1, most, a) == pytest.approx(expected)
+
+
+def test_a_tolerance_of_one_is_none() -> None:
+    sms = ffsms.load("planar_3r")
+    problem = opt.Problem(sms, sms.configuration([0.1, 0.2, 0.3]), [0.9, 0.9, 0.0])
+    with pytest.raises(InvalidValue, match="tolerance"):
+        opt.shortest(problem, tolerance=1.0)

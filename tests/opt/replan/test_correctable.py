@@ -1,0 +1,143 @@
+"""What an arm can correct, the dead band, the jerk limit, and momentum from noisy samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from motions import START
+from numpy.typing import NDArray
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.control import ComputedTorque
+from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.opt.replan.correctable import Correctable
+from ffsms_pin.opt.replan.dead_band import DeadBand
+from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.replan.reaction import ReactionEstimate
+from ffsms_pin.simulation import Tracking, perturb, simulate
+from ffsms_pin.system.base_motion import roll_out
+
+Array = NDArray[np.float64]
+
+
+def test_a_spatial_arm_can_correct_everything() -> None:
+    sms = ffsms.load("satellite_panda")
+    correctable, goal = Correctable(sms), opt.Position([1.0, 2.0, 3.0])
+    assert correctable.everything
+    q = sms.configuration(0.5 * (sms.limits.lower + sms.limits.upper))
+    assert correctable.goal(goal, q, 0.0) == (goal, 0.0)
+
+
+def test_a_planar_arm_corrects_what_is_in_its_plane(planar: ffsms.SpaceManipulator) -> None:
+    correctable = Correctable(planar)
+    # In an attitude of the base that is not the inertial one: the plane turns with it.
+    base = pin.SE3(pin.rpy.rpyToMatrix(0.3, -0.5, 0.2), np.array([0.1, 0.2, 0.3]))
+    q = planar.configuration(START, base)
+    here = planar.at(q).end_effector_pose
+    across, along = base.rotation[:, 2], base.rotation @ np.array([0.6, 0.8, 0.0])
+    target = here.translation + 0.2 * along + 0.004 * across
+    turned = here.rotation @ pin.rpy.rpyToMatrix(0.0, 0.0, 0.3)
+    goal, left = correctable.goal(opt.Pose(pin.SE3(turned, target)), q, 1.0)
+    assert left == pytest.approx(0.004)
+    place = goal.place(1.0)
+    np.testing.assert_allclose(place.position, here.translation + 0.2 * along, atol=1e-12)
+    assert place.rotation is not None
+    np.testing.assert_allclose(place.rotation, turned, atol=1e-12)
+    # A tilt out of the plane is not corrected either.
+    tilted = opt.Pose(pin.SE3(turned @ pin.rpy.rpyToMatrix(1e-3, 0.0, 0.0), target))
+    place = correctable.goal(tilted, q, 1.0)[0].place(1.0)
+    assert place.rotation is not None
+    assert np.abs(pin.log3(place.rotation @ here.rotation.T) @ np.c_[along]).max() < 1e-9
+    # Goals in the plane stay the very same objects, so nothing changes for them.
+    plain = opt.Position(here.translation + 0.1 * along)
+    assert correctable.goal(plain, q, 1.0) == (plain, 0.0)
+
+
+def test_a_target_across_the_plane_is_approached_and_told(planar: ffsms.SpaceManipulator) -> None:
+    reference = opt.StepPlanner(planar, dt=0.05).track([0.9, 0.3, 0.01], 4.0)
+    law, q0 = ComputedTorque(planar, 100.0, 20.0), planar.configuration(START)
+    tracking = simulate(planar, reference, law, dt=5e-3, q0=q0)
+    assert tracking.position_error[-1] == pytest.approx(0.01, abs=1e-4)
+    assert reference.expected_miss == pytest.approx(0.01, abs=1e-3)
+    assert "missed by 0.01" in reference.note
+
+
+def test_the_dead_band_has_two_edges(planar: ffsms.SpaceManipulator) -> None:
+    band, q = DeadBand(planar), planar.configuration(START)
+    here = planar.at(q).end_effector_pose.translation
+    offsets = [2e-3, 0.9e-3, 0.3e-3, 0.9e-3, 1.1e-3, 0.9e-3]
+    rests = [band.rests(1e-3, q, here + np.array([x, 0.0, 0.0])) for x in offsets]
+    assert rests == [False, False, True, True, False, False]
+    assert not band.rests(0.0, q, here)
+    options = ReplanOptions()
+    assert options.band(None) == 0.0
+    assert [options.band(noise) for noise in (0.0, 1e-4, 1.0)] == pytest.approx([1e-4, 3e-4, 1e-3])
+    assert ReplanOptions(dead_band=5e-3).band(None) == 5e-3
+
+
+def commands(planar: ffsms.SpaceManipulator, **given: object) -> tuple[Array, Tracking]:
+    """Accelerations (N, 3) that were commanded, one a planning step, on a wrong plant, and the motion."""
+    q0 = planar.configuration(START)
+    plan = opt.plan(planar, q0, [0.75, 0.5, 0.0], 6.0, dt=0.02, method="resolved-rate")
+    problem = opt.Problem(planar, q0, plan.target, 6.0, 0.02)
+    options = ReplanOptions(period=0.3, **given)  # type: ignore[arg-type]
+    reference = opt.Replanning(problem, 1.0, plan, options)
+    law, plant = ComputedTorque(planar, 100.0, 20.0), perturb(planar, arm_mass=1.2)
+    found: list[Array] = []
+
+    class Written:
+        duration, target, momentum = reference.duration, reference.target, None
+        sample = staticmethod(reference.sample)
+
+        @staticmethod
+        def observe(t: float, q: Array, v: Array) -> None:
+            reference.observe(t, q, v)
+            if not found or round(t / 0.02, 6) == round(t / 0.02):
+                found.append(reference.sample(t)[2])
+
+    tracking = simulate(planar, Written(), law, dt=5e-3, q0=q0, plant=plant)
+    return np.array(found), tracking
+
+
+def test_commands_keep_a_jerk_limit_on_request(planar: ffsms.SpaceManipulator) -> None:
+    free, _ = commands(planar)
+    held, tracking = commands(planar, jerk=[4.0, 4.0, 5.0])
+    jerk = np.abs(np.diff(held, axis=0)).max(axis=0) / 0.02
+    assert (jerk <= np.array([4.0, 4.0, 5.0]) + 1e-4).all()
+    assert np.abs(np.diff(free, axis=0)).max() / 0.02 > 10.0
+    assert tracking.position_error[-1] < 2e-3
+    assert (np.abs(held) <= planar.limits.acceleration + 1e-9).all()
+
+
+def test_wrong_numbers_of_replanning_are_refused(
+    planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]
+) -> None:
+    problem = opt.Problem(planar, planar.configuration(START), [0.75, 0.5, 0.0], 6.0, 0.02)
+    for word, options in {
+        "jerk": ReplanOptions(jerk=[1.0, 2.0]),
+        "dead_band": ReplanOptions(dead_band=-1.0),
+    }.items():
+        refused(lambda options=options: opt.Replanning(problem, options=options), InvalidValue, word)
+    reference = opt.Replanning(problem)
+    refused(lambda: reference.expect_noise(np.nan), InvalidValue, "distance")
+
+
+@pytest.mark.parametrize("noisy", [True, False])
+def test_a_noisy_first_sample_is_one_of_many(noisy: bool, planar: ffsms.SpaceManipulator) -> None:
+    plant = perturb(planar, arm_mass=[1.2, 0.9, 1.1])
+    rng, steps = np.random.default_rng(3), 400
+    accelerations = 0.4 * np.sin(np.linspace(0.0, 12.0, steps)[:, None] * rng.uniform(0.5, 2.0, 3))
+    q, rates = roll_out(plant, plant.configuration(np.ones(3)), np.zeros(3), accelerations, 0.02, None)
+    estimate = ReactionEstimate(planar)
+    estimate.noisy = noisy
+    for k, (at, u) in enumerate(zip(q, rates, strict=True)):
+        v = plant.velocity(at, u)
+        if k == 0:
+            v[:6] += 3e-3  # three standard deviations of one sample
+        estimate.observe(at, v)
+    off = np.abs(estimate.solve() - [1.2, 0.9, 1.1, 1.0]).max()
+    assert off < 0.1 if noisy else off > 0.15

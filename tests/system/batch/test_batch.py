@@ -1,0 +1,124 @@
+"""`SpaceManipulator.batch` against `SpaceManipulator.at`, robot by robot."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import ffsms_pin as ffsms
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.models.loading import satellite_names
+from ffsms_pin.system.batch import batch as blocks_of
+from ffsms_pin.urdf import model_names
+
+Array = NDArray[np.float64]
+ROBOTS = [*model_names(), *satellite_names()]
+
+
+def load(name: str) -> ffsms.SpaceManipulator:
+    """A robot by name; of two arms the left one."""
+    return ffsms.load(name, end_effector="left_tool" if name == "two_arms" else None)
+
+
+def close(found: Array, expected: Array) -> bool:
+    """Equal to 1e-12, for what is larger than one in proportion to it."""
+    return bool(np.abs(found - expected).max() <= 1e-12 * max(1.0, float(np.abs(expected).max())))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_row_is_the_state_at_these_joints(name: str, rng: np.random.Generator) -> None:
+    sms = load(name)
+    joints = rng.uniform(-3.0, 3.0, (25, sms.n))
+    batch = sms.batch(joints)
+    rank = min(6, sms.n) if name != "planar_3r" else 3
+    for i, row in enumerate(joints):
+        state = sms.at(sms.configuration(row))
+        assert close(batch.C_bm[i], state.C_bm)
+        assert close(batch.J_star[i], state.J_star)
+        assert close(batch.J_m[i], state.J_m)
+        assert close(batch.H_q[i], state.H_q)
+        assert close(batch.sigma[i], state.coupling.sigma)
+        assert batch.entropy[i] == pytest.approx(state.coupling.entropy, abs=1e-12)
+        from_base = state.base_pose.actInv(state.end_effector_pose.translation)
+        assert close(batch.end_effector_position[i], from_base)
+        volume = float(np.prod(np.linalg.svd(state.J_star, compute_uv=False)[:rank]))
+        assert batch.manipulability[i] == pytest.approx(volume, rel=1e-10, abs=1e-12)
+
+
+def test_manipulability_is_yoshikawas_determinant(rng: np.random.Generator) -> None:
+    panda, planar = ffsms.load("satellite_panda"), ffsms.load("planar_3r")
+    batch = panda.batch(rng.uniform(-2.0, 2.0, (20, 7)))
+    J = batch.J_star
+    np.testing.assert_allclose(
+        batch.manipulability, np.sqrt(np.linalg.det(J @ J.transpose(0, 2, 1))), rtol=1e-9
+    )
+    batch = planar.batch(rng.uniform(-2.0, 2.0, (20, 3)))
+    in_plane = batch.J_star[:, [0, 1, 5]]
+    np.testing.assert_allclose(batch.manipulability, np.abs(np.linalg.det(in_plane)), atol=1e-14)
+
+
+def test_blocks_do_not_show(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
+    """The same bits, whatever the length of the stack and of its blocks."""
+    sms = ffsms.load("satellite_panda")
+    joints = rng.uniform(-2.0, 2.0, (50, 7))
+    whole = sms.batch(joints)
+    monkeypatch.setattr(blocks_of, "BLOCK", 7)
+    monkeypatch.setattr(blocks_of, "MATRICES", 11)
+    parts = sms.batch(joints)
+    for name in ("C_bm", "J_star", "H_q", "sigma", "entropy", "manipulability", "end_effector_position"):
+        np.testing.assert_allclose(getattr(parts, name), getattr(whole, name), rtol=1e-12, atol=1e-15)
+
+
+def test_an_empty_batch_and_one_row() -> None:
+    sms = ffsms.load("planar_3r")
+    none = sms.batch(np.empty((0, 3)))
+    assert none.C_bm.shape == (0, 6, 3)
+    assert none.sigma.shape == (0, 3)
+    assert none.entropy.shape == none.manipulability.shape == (0,)
+    assert sms.batch([[0, 1, 2]]).H_q.shape == (1, 3, 3)
+
+
+def test_a_batch_cannot_be_changed() -> None:
+    joints = np.ones((4, 3))
+    batch = ffsms.load("planar_3r").batch(joints)
+    joints[:] = 0.0
+    assert (batch.joints == 1.0).all()
+    for name in ("joints", "C_bm", "J_star", "H_q", "sigma", "entropy", "manipulability"):
+        assert not getattr(batch, name).flags.writeable, name
+    with pytest.raises(AttributeError, match="cannot be changed"):
+        batch.joints = joints
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [np.ones(3), np.ones((2, 4)), [["a", "b", "c"]], [[0.0, np.nan, 0.0]], [[0, 1e10, 0]], [[1], [2, 3]]],
+)
+def test_wrong_joints_are_named(joints: object) -> None:
+    with pytest.raises(InvalidValue, match="joints"):
+        ffsms.load("planar_3r").batch(joints)  # type: ignore[arg-type]
+
+
+def test_a_batch_is_much_faster_than_single_states(rng: np.random.Generator) -> None:
+    """The page says ten times and more; half of that here, for machines with other work on them."""
+    sms = ffsms.load("satellite_panda")
+    joints = rng.uniform(-2.0, 2.0, (16384, 7))
+    configurations = [sms.configuration(row) for row in joints[:200]]
+
+    def batch_time() -> float:
+        begin = time.process_time()
+        batch = sms.batch(joints)
+        assert batch.entropy.shape == batch.C_bm.shape[:1]
+        return (time.process_time() - begin) / len(joints)
+
+    def state_time() -> float:
+        begin = time.process_time()
+        for q in configurations:
+            assert sms.at(q).coupling.entropy > 0.0
+        return (time.process_time() - begin) / len(configurations)
+
+    batch_time(), state_time()
+    ratios = [state_time() / batch_time() for _ in range(5)]
+    assert max(ratios) > 5.0
