@@ -247,7 +247,7 @@ def _check_held(mode: str, momentum: FloatArray | None) -> None:
 def _wheels_at_start(sms: SpaceManipulator, mode: str, given: Any) -> FloatArray:
     """Momenta (w,) of the wheels that hold the attitude [N m s]; none where none do."""
     wheels = sms.wheels if mode == "rotation-floating" else None
-    if given is None:
+    if given is None or np.size(given) == 0:
         return frozen(np.zeros(0 if wheels is None else len(wheels)))
     if wheels is None:
         raise InvalidValue(

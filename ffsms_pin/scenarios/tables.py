@@ -28,6 +28,7 @@ from ffsms_pin.scenarios.values import (
     whole,
 )
 from ffsms_pin.simulation import INTEGRATORS
+from ffsms_pin.system.base_reaction import MODES
 
 __all__ = ["DEFAULT_LAW", "DEGREES", "TABLES", "Table", "gains_of", "radians"]
 
@@ -87,6 +88,7 @@ TABLES: Mapping[str, Table] = {
             "base": not_negative,
             "time_limit": positive,
             "locked": texts,
+            "mode": one_of(*MODES),
         },
         tables={"base_limits": _BASE_LIMITS},
     ),
