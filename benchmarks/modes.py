@@ -1,8 +1,8 @@
 """Coupling used against coupling fought: many moves of two arms, with the base held and floating.
 
-`python benchmarks/modes.py --targets 100`. The moves are drawn as those of `wheels.py`: straight moves of 0.1 to
-0.5 m that resolved rates can make in 12 s with the base floating (0.1 to 0.3 m for `planar_3r`, in its plane).
-docs/used-or-fought.md says what came out.
+`python benchmarks/modes.py --targets 100`. The moves are drawn as those of `wheels.py`: straight moves of
+0.1 to 0.5 m that resolved rates can make in 12 s with the base floating (0.1 to 0.3 m for `planar_3r`, in its
+plane). docs/used-or-fought.md says what came out.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ class ModeComparison:
 def compare_modes(scenario: Scenario, progress: Callable[[str, float], None] | None = None) -> ModeComparison:
     """Do a scenario's task with the base's attitude held, and floating.
 
-    Everything is as planned; `tests/scenarios/test_modes.py` compares plans with simulations.
+    Everything is as planned; `tests/opt/planning/test_held_base.py` compares plans with simulations.
 
     Parameters
     ----------

@@ -58,14 +58,16 @@ def _of_rows(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:
     r, n = coupling.shape[:2]
     shape = coupling.shape[2:]
     C = coupling.reshape(r, n, -1)
-    square = np.einsum("ikb,jkb->ijb" if n > r else "kib,kjb->ijb", C, C)
+    # Rows that are zero, as those of a planar arm, are exactly so from the left only.
+    by_rows = n > r or n == r < 6
+    square = np.einsum("ikb,jkb->ijb" if by_rows else "kib,kjb->ijb", C, C)
     eigenvalues, vectors = np.linalg.eigh(square.transpose(2, 0, 1))
     sigma, V = np.sqrt(np.maximum(eigenvalues, _LEAST**2)).T.copy(), vectors.transpose(1, 2, 0).copy()
     sigma = np.maximum(sigma, _SHARE * sigma[-1])
     value, slope = _entropy(sigma, n)
     # With C = U sigma V^T the gradient is U slope V^T = C V (slope / sigma) V^T, or from the left.
     W = np.einsum("ikb,jkb->ijb", V * (slope / sigma), V)
-    left, right = (W, C) if n > r else (C, W)
+    left, right = (W, C) if by_rows else (C, W)
     gradient = np.einsum("ijb,jkb->ikb", left, right)
     return value.reshape(shape), gradient.reshape(coupling.shape)
 

@@ -101,7 +101,8 @@ def explain(
     if problem.goal.exact:
         shortest = 0.0 if fast else later_deadline(problem, least, most, attempt)
     else:
-        slow = "wheels" in plan.broken or any(kind in ("rate", "acceleration") for kind, _ in binding)
+        slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
+        slow = slow or "wheels" in plan.broken or "wheels" in plan.binding
         shortest = _sufficient(problem, goals, slow, attempt)
     if shortest > 0.0:
         words.append(f"a duration of {shortest:.2f} s would do")
