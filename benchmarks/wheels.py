@@ -1,7 +1,7 @@
 """Bases that act: momentum over an hour of turning wheels, and the attitude held on the README's moves.
 
-`python benchmarks/wheels.py --targets 20`. The moves are those of `motions.py`, with the attitude held by four
-wheels: planned for that (`opt.plan(..., mode="rotation-floating")`), or, with `--mode floating`, for a
+`python benchmarks/wheels.py --targets 20`. The moves are those of `motions.py`, with the attitude held by
+four wheels: planned for that (`opt.plan(..., mode="rotation-floating")`), or, with `--mode floating`, for a
 floating base, without regard to the wheels.
 """
 
@@ -126,8 +126,10 @@ def main() -> None:
     for duration in arguments.durations:
         rows = [row for row in results["panda"] if row["duration"] == duration]
         errors = np.array([row["attitude_deg"] for row in rows])
+        reached = sum(row["reached"] for row in rows)
         print(
-            f"satellite_panda, {duration:g} s: {sum(row['reached'] for row in rows)} reached, within 0.1 deg {int((errors < 0.1).sum())} of {len(rows)}, "
+            f"satellite_panda, {duration:g} s: {reached} reached, "
+            f"within 0.1 deg {int((errors < 0.1).sum())} of {len(rows)}, "
             f"median {np.median(errors):.2g}, largest {errors.max():.2g} deg; at the torque limit "
             f"{sum('torque' in row['note'] for row in rows)}; momentum at most "
             f"{max(row['momentum'] for row in rows):.2g} N m s; floating it turns by "

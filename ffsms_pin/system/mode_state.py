@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling import decompose, normalised_entropy
 from ffsms_pin.system.base_reaction import mode_coupling
@@ -55,7 +53,6 @@ def coupling_of(state: State, mode: str) -> ModeCoupling:
     """
     C_bm = mode_coupling(state.H_b, state.H_bm, mode)
     _, sigma, V = decompose(C_bm)
-    sigma = np.where(C_bm.any(), sigma, 0.0)
     return ModeCoupling(
         C_bm, sigma, V, normalised_entropy(sigma, C_bm.shape[1]), state.J_b @ C_bm + state.J_m
     )
