@@ -13,7 +13,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.scenarios import compare_modes, scenario
+from ffsms_pin.scenarios import compare_modes, run, scenario
 from ffsms_pin.scenarios.modes import STRATEGIES, mode_numbers
 from ffsms_pin.scenarios.turn_back import held_torque, spent, turn_back
 
@@ -155,6 +155,22 @@ def test_the_mode_is_a_key_of_a_scenario(tmp_path: Path) -> None:
     problem = chosen.problem(chosen.load())
     assert problem.mode == "rotation-floating"
     assert problem.wheel_momentum.tolist() == [0.1, 0.0, 0.0, 0.0]
+    path.write_text(held + WHEELS)
+    with pytest.raises(InvalidScenario, match=r"needs a table \[attitude\], with wheels"):
+        scenario(path)
     path.write_text(held.replace("rotation-floating", "held") + WHEELS)
     with pytest.raises(InvalidScenario, match="mode"):
         scenario(path)
+
+
+def test_a_scenario_with_the_base_held_is_run(tmp_path: Path) -> None:
+    """Plan and closed loop know of each other: the end effector arrives, the base stays."""
+    path = tmp_path / "held.toml"
+    held = SCENARIO.replace("dt = 0.05", 'dt = 0.05\nmode = "rotation-floating"')
+    path.write_text(held + WHEELS + '[control]\nlaw = "computed-torque"\n[attitude]\nlaw = "coordinated"\n')
+    outcome = run(scenario(path))
+    assert outcome.trajectory.reached
+    assert outcome.tracking.position_error[-1] < 1e-3
+    assert np.abs(outcome.tracking.q[:, 3:6]).max() < 1e-5
+    most = np.abs(outcome.trajectory.wheel_momentum).max()
+    assert np.abs(outcome.tracking.wheel_momentum).max() == pytest.approx(most, rel=0.01)
