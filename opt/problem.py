@@ -177,8 +177,8 @@ class Problem:
         if self.wheels is None:
             return np.zeros(0)
         arm = self.stack.evaluate(self.joints0[:, None])
-        taken: FloatArray = wheel_shares(self.wheels) @ held_momentum(arm)[..., 0] @ self.joint_rates
-        return self.wheel_momentum + taken
+        taken = wheel_shares(self.wheels) @ held_momentum(arm)[..., 0] @ self.joint_rates
+        return np.asarray(self.wheel_momentum + taken)
 
     @cached_property
     def joints0(self) -> FloatArray:
