@@ -259,16 +259,14 @@ class Search:
 
     def _march(self, cheap: float) -> None:
         """Where the plan is not nearly free: the paper's own marches, where one is cheaper."""
-        goal = self.problem.goal
+        goal, floats = self.problem.goal, self.problem.mode == "floating"
         place = goal.place(self.problem.duration)
-        if self.problem.mode != "floating" or goal.moves or self.problem.locked:
-            return  # a march knows none of these
-        if place.velocity is not None or place.spin is not None:
-            return
+        if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
+            return  # a march knows no such goal
         least = self._judge.least_cost(self.found)
         if least < np.inf and obstructed(self.problem, self.best().plan):
             return  # a march stops at an obstacle that the plan goes round
-        if least <= cheap or not any(isinstance(term, Coupling) for term in self.problem.terms):
+        if least <= cheap or not floats or not any(isinstance(one, Coupling) for one in self.problem.terms):
             return
         if least == np.inf and not self._there().any():
             return

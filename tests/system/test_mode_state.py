@@ -29,7 +29,7 @@ def state() -> ffsms.State:
 def test_floating_is_the_state_s_own(state: ffsms.State) -> None:
     found = coupling_of(state, "floating")
     np.testing.assert_allclose(found.J_star, state.J_star, atol=1e-12)
-    C_bm = -np.linalg.solve(state.H_b, state.H_bm)
+    C_bm = np.asarray(-np.linalg.solve(state.H_b, state.H_bm), dtype=np.float64)
     np.testing.assert_allclose(found.C_bm, C_bm, atol=1e-12)
     assert found.entropy == pytest.approx(normalised_entropy(decompose(C_bm)[1], 7))
 
