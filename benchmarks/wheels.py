@@ -1,7 +1,8 @@
 """Bases that act: momentum over an hour of turning wheels, and the attitude held on the README's moves.
 
-`python benchmarks/wheels.py --targets 20`. The moves are those of `motions.py`, planned for a floating base
-by resolved rates or by `opt.plan`; here they are followed with the attitude held by four wheels.
+`python benchmarks/wheels.py --targets 20`. The moves are those of `motions.py`, with the attitude held by
+four wheels: planned for that (`opt.plan(..., mode="rotation-floating")`), or, with `--mode floating`, for a
+floating base, without regard to the wheels.
 """
 
 from __future__ import annotations
@@ -79,13 +80,15 @@ def held(sms: ffsms.SpaceManipulator, plan: Any) -> dict[str, Any]:
         "attitude_deg": float(np.degrees(max(turns))),
         "torque": float(np.abs(run.wheel_torque).max()),
         "momentum": float(np.abs(run.wheel_momentum).max()),
+        "predicted_momentum": float(np.abs(plan.wheel_momentum).max()),
+        "end_error_m": float(run.position_error[-1]),
         "floating_deg": float(np.degrees(plan.base_rotation.max())),
         "note": run.note,
     }
 
 
 def moves(
-    name: str, wheels: ffsms.ReactionWheels, count: int, durations: list[float]
+    name: str, wheels: ffsms.ReactionWheels, count: int, durations: list[float], mode: str
 ) -> list[dict[str, Any]]:
     """The moves of `motions.py` with seed 1, each planned for several durations."""
     sms, rng = ffsms.load(name).with_actuators(wheels=wheels), np.random.default_rng(1)
@@ -99,8 +102,8 @@ def moves(
         if not opt.plan(sms, q0, target, 12.0, 0.02, method="resolved-rate").reached:
             continue
         for duration in durations:
-            plan = opt.plan(sms, q0, target, duration, 0.02)
-            found.append({"duration": duration, **held(sms, plan)})
+            plan = opt.plan(sms, q0, target, duration, 0.02, mode=mode)
+            found.append({"duration": duration, "reached": plan.reached, **held(sms, plan)})
     return found
 
 
@@ -110,6 +113,7 @@ def main() -> None:
     parser.add_argument("--targets", type=int, default=10)
     parser.add_argument("--durations", type=float, nargs="+", default=[12.0, 24.0, 36.0])
     parser.add_argument("--seconds", type=float, default=3600.0)
+    parser.add_argument("--mode", default="rotation-floating", help="of the plans; or floating")
     parser.add_argument("--out", default="results/wheels.json", help="file for all numbers")
     arguments = parser.parse_args()
     results: dict[str, Any] = {"hour": an_hour(arguments.seconds, "rk4", 2.5e-3)}
@@ -118,12 +122,14 @@ def main() -> None:
     small = case.load().with_actuators(wheels=SMALL)
     results["case-2"] = held(small, opt.solve(case.problem(small)))
     print("case-2:", results["case-2"], flush=True)
-    results["panda"] = moves("satellite_panda", LARGE, arguments.targets, arguments.durations)
+    results["panda"] = moves("satellite_panda", LARGE, arguments.targets, arguments.durations, arguments.mode)
     for duration in arguments.durations:
         rows = [row for row in results["panda"] if row["duration"] == duration]
         errors = np.array([row["attitude_deg"] for row in rows])
+        reached = sum(row["reached"] for row in rows)
         print(
-            f"satellite_panda, {duration:g} s: within 0.1 deg {int((errors < 0.1).sum())} of {len(rows)}, "
+            f"satellite_panda, {duration:g} s: {reached} reached, "
+            f"within 0.1 deg {int((errors < 0.1).sum())} of {len(rows)}, "
             f"median {np.median(errors):.2g}, largest {errors.max():.2g} deg; at the torque limit "
             f"{sum('torque' in row['note'] for row in rows)}; momentum at most "
             f"{max(row['momentum'] for row in rows):.2g} N m s; floating it turns by "

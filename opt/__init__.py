@@ -14,6 +14,7 @@ from ffsms_pin.opt.limits import (
     Obstacle,
     Rows,
     Violation,
+    WheelLimits,
 )
 from ffsms_pin.opt.planning.many import plan_each, plan_many
 from ffsms_pin.opt.planning.plan import METHODS, plan
@@ -23,7 +24,7 @@ from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.replan.step_planner import StepPlanner
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
 from ffsms_pin.opt.step.result import Step
-from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
+from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term, WheelMomentum
 from ffsms_pin.opt.terms.cost import ideal_cosine, soft_assistance, step_cost
 from ffsms_pin.opt.trajectory import Trajectory
 
@@ -62,6 +63,8 @@ __all__ = [
     "Trajectory",
     "Via",
     "Violation",
+    "WheelLimits",
+    "WheelMomentum",
     "ideal_cosine",
     "plan",
     "plan_each",

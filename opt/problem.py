@@ -11,12 +11,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray, frozen, positive, vector
+from ffsms_pin.actuation import ReactionWheels
+from ffsms_pin.checks import FloatArray, frozen, one_of, positive, vector
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.goals import as_goal
-from ffsms_pin.opt.limits import Clearance, JointLimits, Limit
+from ffsms_pin.opt.limits import Clearance, JointLimits, Limit, WheelLimits
 from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack
 
 __all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem", "check_parts"]
@@ -49,7 +52,8 @@ class Problem:
         travel. Without the paper's cost where the goal sets the way (`Goal.coupled`).
     limits : sequence of Limit, optional
         What must hold. Default: the joints' limits, and a clearance of 0.01 m. Limits that belong to the
-        goal, such as the corridor of `opt.Meet`, come to these by themselves.
+        goal, such as the corridor of `opt.Meet`, come to these by themselves, and
+        so do `WheelLimits` where wheels hold the attitude.
     joint_rates : array_like, shape (n,), optional
         At the start [rad/s]; default: at rest.
     momentum : array_like, shape (6,), optional
@@ -57,6 +61,12 @@ class Problem:
         Default zero.
     locked : sequence of str
         Names of joints that cannot move.
+    mode : str
+        What of the base is held, one of `ffsms_pin.system.base_reaction.MODES`: "floating" nothing,
+        "rotation-floating" the attitude, by wheels, "rotation-flying" the attitude, "translation-flying" the
+        place of its centre of mass, "flying" both.
+    wheel_momentum : array_like, shape (w,), optional
+        Of the wheels at the start, against the base [N m s], where they hold the attitude. Default zero.
 
     Raises
     ------
@@ -74,6 +84,8 @@ class Problem:
     joint_rates: Any = None
     momentum: Any = None
     locked: Sequence[str] = ()
+    mode: str = "floating"
+    wheel_momentum: Any = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.sms, SpaceManipulator):
@@ -107,6 +119,11 @@ class Problem:
         for name in self.locked:
             if name not in self.sms.joint_names:
                 raise InvalidValue("locked", name, f"must be a joint: {', '.join(self.sms.joint_names)}")
+        mode = one_of("mode", self.mode, tuple(MODES))
+        _check_held(mode, momentum)
+        by_wheels = mode == "rotation-floating" and self.sms.wheels is not None
+        if by_wheels and not any(isinstance(limit, WheelLimits) for limit in limits):
+            limits = (*limits, WheelLimits())
         values = {
             "q0": q0,
             "goal": goal,
@@ -117,6 +134,8 @@ class Problem:
             "joint_rates": frozen(rates),
             "momentum": None if momentum is None else frozen(momentum),
             "locked": tuple(self.locked),
+            "mode": mode,
+            "wheel_momentum": _wheels_at_start(self.sms, mode, self.wheel_momentum),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -156,7 +175,21 @@ class Problem:
     @cached_property
     def stack(self) -> ArmStack:
         """The robot, prepared for stacks of configurations."""
-        return ArmStack(self.sms)
+        return ArmStack(self.sms, self.mode)
+
+    @property
+    def wheels(self) -> ReactionWheels | None:
+        """The wheels that hold the attitude, where wheels do."""
+        return self.sms.wheels if self.mode == "rotation-floating" else None
+
+    @cached_property
+    def wheel_total(self) -> FloatArray:
+        """Momenta (w,) of the wheels that hold the attitude, were the joints at rest [N m s]."""
+        if self.wheels is None:
+            return np.zeros(0)
+        arm = self.stack.evaluate(self.joints0[:, None])
+        taken = wheel_shares(self.wheels) @ held_momentum(arm)[..., 0] @ self.joint_rates
+        return np.asarray(self.wheel_momentum + taken)
 
     @cached_property
     def joints0(self) -> FloatArray:
@@ -210,6 +243,28 @@ def check_parts(name: str, parts: Any, kind: type) -> None:
     for one in names:
         if names.count(one) > 1:
             raise InvalidValue(name, one, "must have one part of each name; give yours another `name`")
+
+
+def _check_held(mode: str, momentum: FloatArray | None) -> None:
+    """Raise `InvalidValue` for momentum that the base would have to turn or move with where it is held."""
+    rows = MODES[mode]
+    if momentum is None or len(rows) == 6:
+        return
+    if momentum[3:].any() or 0 not in rows:
+        kept = "linear momentum only" if 0 in rows else "none"
+        raise InvalidValue("momentum", momentum, f"must be {kept} in mode '{mode}': the base is held")
+
+
+def _wheels_at_start(sms: SpaceManipulator, mode: str, given: Any) -> FloatArray:
+    """Momenta (w,) of the wheels that hold the attitude [N m s]; none where none do."""
+    wheels = sms.wheels if mode == "rotation-floating" else None
+    if given is None or np.size(given) == 0:
+        return frozen(np.zeros(0 if wheels is None else len(wheels)))
+    if wheels is None:
+        raise InvalidValue(
+            "wheel_momentum", given, "must be left out: in this mode no wheels hold the attitude"
+        )
+    return frozen(vector("wheel_momentum", given, len(wheels), "N m s"))
 
 
 def _check_start(problem: Problem) -> None:

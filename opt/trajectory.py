@@ -13,6 +13,7 @@ from ffsms_pin.opt.batch.entropy import singular
 from ffsms_pin.opt.batch.motions import apply_rates
 from ffsms_pin.opt.batch.nodes import angles_from_start, path_ratio, sampled
 from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
+from ffsms_pin.opt.batch.wheels import nodal_momentum
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.contact import contact_velocity, missed
 from ffsms_pin.opt.planning.trajectory_file import read, write
@@ -80,6 +81,8 @@ class Trajectory:
         Instants [s] at which each limit binds, by its name; a limit that never does is left out.
     broken : dict of str to float
         By how much each limit is broken, by its name, in the limit's own unit; empty where all are kept.
+    wheel_momentum : ndarray, shape (N + 1, w)
+        Predicted spin momenta of the robot's wheels against the base [N m s]: zero where they stand still.
     """
 
     t: FloatArray
@@ -108,8 +111,11 @@ class Trajectory:
     shares: dict[str, float] = field(default_factory=dict)
     binding: dict[str, FloatArray] = field(default_factory=dict)
     broken: dict[str, float] = field(default_factory=dict)
+    wheel_momentum: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
+        if not len(self.wheel_momentum):
+            object.__setattr__(self, "wheel_momentum", np.zeros((len(self.t), 0)))
         for one in fields(self):
             value = getattr(self, one.name)
             if isinstance(value, np.ndarray):
@@ -205,6 +211,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     motion = rolled_out(sms, stack, q0, rates, problem.dt, momentum, ARRIVAL_SHARE)
     place, target = goal.place(problem.duration), goal.positions(motion.times)
     motion = replace(motion, target=target, mean_speed=problem.mean_speed)
+    motion = replace(motion, wheels=problem.wheels, wheel_total=problem.wheel_total)
     nodes = slice(None, None, 2)
     R, arm, way = motion.base_attitude[:, :, 0, nodes], motion.arm, motion.to_target[:, 0, nodes]
 
@@ -261,4 +268,5 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         contact_velocity=contact,
         met=not misses,
         broken={name: violation.amount for name, violation in found if violation.amount > 0.0},
+        wheel_momentum=nodal_momentum(motion, sms),
     )

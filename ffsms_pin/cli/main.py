@@ -16,6 +16,7 @@ from ffsms_pin.cli import (
     atlas_command,
     campaign_command,
     compare_command,
+    compare_modes_command,
     info_command,
     inspect_command,
     laws_command,
@@ -38,6 +39,7 @@ _COMMANDS: dict[str, Any] = {
     "quickstart": quickstart_command,
     "run": run_command,
     "compare": compare_command,
+    "compare-modes": compare_modes_command,
     "laws": laws_command,
     "robustness": robustness_command,
     "atlas": atlas_command,
@@ -57,6 +59,7 @@ examples:
   ffsms-pin run case-2                     the paper's Case 2, into results/case-2
   ffsms-pin run mine.toml --out somewhere  a scenario of your own, into a folder of your choice
   ffsms-pin compare case-2                 the planning methods side by side
+  ffsms-pin compare-modes mine.toml        the base held by wheels, and floating
   ffsms-pin laws wrong-model               the control laws side by side
   ffsms-pin robustness case-2 --plants 20  on satellites that are not the model
   ffsms-pin atlas planar_3r                coupling over the joint ranges or the workspace

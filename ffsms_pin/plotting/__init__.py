@@ -24,6 +24,7 @@ from ffsms_pin.plotting.tracking import (
     plot_torques,
     plot_tracked_position_error,
 )
+from ffsms_pin.plotting.wheels import plot_modes, plot_wheel_momentum
 
 __all__ = [
     "FIGURES",
@@ -44,12 +45,14 @@ __all__ = [
     "plot_joint_positions",
     "plot_joint_rate_error",
     "plot_joint_rates",
+    "plot_modes",
     "plot_motion",
     "plot_position_error",
     "plot_sigma_bands",
     "plot_torque_bands",
     "plot_torques",
     "plot_tracked_position_error",
+    "plot_wheel_momentum",
     "save_figure",
     "save_figures",
 ]

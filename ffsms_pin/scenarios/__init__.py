@@ -4,6 +4,7 @@ from ffsms_pin.scenarios.closed_loop import Attempt
 from ffsms_pin.scenarios.compare import Comparison, compare
 from ffsms_pin.scenarios.definition import Scenario, scenario, scenario_names
 from ffsms_pin.scenarios.laws import LawComparison, compare_laws
+from ffsms_pin.scenarios.modes import ModeComparison, compare_modes
 from ffsms_pin.scenarios.robustness import Robustness, robustness
 from ffsms_pin.scenarios.run import Outcome, Timing, run
 from ffsms_pin.scenarios.summary import summary
@@ -12,12 +13,14 @@ __all__ = [
     "Attempt",
     "Comparison",
     "LawComparison",
+    "ModeComparison",
     "Outcome",
     "Robustness",
     "Scenario",
     "Timing",
     "compare",
     "compare_laws",
+    "compare_modes",
     "robustness",
     "run",
     "scenario",

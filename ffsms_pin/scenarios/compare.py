@@ -23,7 +23,7 @@ __all__ = ["Comparison", "compare", "comparison_numbers", "why_not_reached"]
 
 # Keys of [plan] that the paper's method has no place for, and those that only "horizon" knows.
 _NOT_FOR_PAPER = ("base_limits", "momentum")
-_FOR_HORIZON = ("locked",)
+_FOR_HORIZON = ("locked", "mode")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def _cannot(scenario: Scenario, method: str) -> str:
     keys = () if method == "horizon" else _FOR_HORIZON
     if method == "paper":
         keys = (*_NOT_FOR_PAPER, *keys)
-    asked = [key for key in keys if scenario.plan.get(key)]
+    asked = [key for key in keys if scenario.plan.get(key, "floating") not in ("floating", (), None)]
     if method == "paper" and any(part["use"] == "base" for part in scenario.limit):
         asked.insert(0, "base_limits")
     return f"knows no {' and no '.join(asked)}" if asked else ""

@@ -215,6 +215,8 @@ class Scenario:
                 self.per_joint(sms, "start", "joint_rates"),
                 plan.get("momentum"),
                 plan.get("locked", ()),
+                plan.get("mode", "floating"),
+                self.simulation.get("wheel_momentum") if plan.get("mode") == "rotation-floating" else None,
             )
         except InvalidValue as error:
             raise InvalidScenario(self.source, str(error)) from None

@@ -24,14 +24,28 @@ from ffsms_pin.opt import (
     Limit,
     Smooth,
     Term,
+    WheelLimits,
+    WheelMomentum,
 )
 from ffsms_pin.scenarios.tables import radians
 
 __all__ = ["PACKAGED", "is_import_path", "made_part", "with_parts"]
 
 PACKAGED: Mapping[str, Mapping[str, type]] = {
-    "term": {"coupling": Coupling, "smooth": Smooth, "effort": Effort, "base-turn": BaseTurn},
-    "limit": {"joints": JointLimits, "clearance": Clearance, "base": BaseLimits, "alpha-box": AlphaBox},
+    "term": {
+        "coupling": Coupling,
+        "smooth": Smooth,
+        "effort": Effort,
+        "base-turn": BaseTurn,
+        "wheel-momentum": WheelMomentum,
+    },
+    "limit": {
+        "joints": JointLimits,
+        "clearance": Clearance,
+        "base": BaseLimits,
+        "alpha-box": AlphaBox,
+        "wheels": WheelLimits,
+    },
 }
 """The library's own terms and limits by their names in a scenario file."""
 

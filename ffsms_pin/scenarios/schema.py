@@ -10,7 +10,7 @@ from typing import Any
 from ffsms_pin.control import LAWS
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios.actuated import COORDINATED_WITH
-from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, TABLES, Table, gains_of
+from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, HELD_BY, TABLES, Table, gains_of
 from ffsms_pin.scenarios.values import Unusable, frozen, text
 
 __all__ = ["checked_tables"]
@@ -165,6 +165,11 @@ def _check_alternatives(source: Path, tables: Mapping[str, Any]) -> None:
 def _check_base(source: Path, tables: Mapping[str, Any]) -> None:
     """Raise `InvalidScenario` where what acts on the base does not fit together."""
     attitude, wheels = tables["attitude"], tables["wheels"]
+    mode = tables["plan"].get("mode", "floating")
+    if mode in HELD_BY and attitude is None:
+        raise InvalidScenario(
+            source, f'[plan] mode = "{mode}" needs a table [attitude], with {HELD_BY[mode]} to hold the base'
+        )
     if "wheels" in tables["robot"] and wheels is not None:
         raise InvalidScenario(source, "[robot] wheels and [wheels] both give the wheels; keep one")
     turning = wheels is not None or "wheels" in tables["robot"]

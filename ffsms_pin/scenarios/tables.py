@@ -29,9 +29,11 @@ from ffsms_pin.scenarios.values import (
 )
 from ffsms_pin.simulation import INTEGRATORS
 
-__all__ = ["DEFAULT_LAW", "DEGREES", "TABLES", "Table", "gains_of", "radians"]
+__all__ = ["DEFAULT_LAW", "DEGREES", "HELD_BY", "TABLES", "Table", "gains_of", "radians"]
 
 DEFAULT_LAW = "sliding-mode"
+#: Modes of a plan that a closed loop can follow, and what then holds the attitude.
+HELD_BY = {"rotation-floating": "wheels", "rotation-flying": "thrusters"}
 
 
 def gains_of(law: str) -> tuple[str, ...]:
@@ -91,6 +93,7 @@ TABLES: Mapping[str, Table] = {
             "base": not_negative,
             "time_limit": positive,
             "locked": texts,
+            "mode": one_of("floating", *HELD_BY),
         },
         tables={"base_limits": _BASE_LIMITS},
     ),

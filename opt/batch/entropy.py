@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -33,23 +34,40 @@ def singular(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:
     return sigma.T, V
 
 
-def entropy_and_gradient(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:
+def entropy_and_gradient(
+    coupling: FloatArray, free_rows: Sequence[int] = range(6)
+) -> tuple[FloatArray, FloatArray]:
     """H_norm (...) of stacked C_bm (6, n, ...), and its gradient (6, n, ...).
 
     By the eigenvalues of C C^T or C^T C, whichever is smaller: several times faster than singular values.
+    `free_rows` are those that are not zero at all configurations; without any there is no coupling, and the
+    entropy is zero.
     """
-    n, shape = coupling.shape[1], coupling.shape[2:]
-    if n == 1:
+    n, shape, r = coupling.shape[1], coupling.shape[2:], len(free_rows)
+    if n == 1 or not r:
         return np.zeros(shape), np.zeros_like(coupling)
-    C = coupling.reshape(6, n, -1)
-    square = np.einsum("ikb,jkb->ijb" if n > 6 else "kib,kjb->ijb", C, C)
+    if r < 6:
+        rows, gradient = coupling[list(free_rows)], np.zeros_like(coupling)
+        value, gradient[list(free_rows)] = _of_rows(rows)
+        return value, gradient
+    return _of_rows(coupling)
+
+
+def _of_rows(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The same, of rows (r, n, ...)."""
+    r, n = coupling.shape[:2]
+    shape = coupling.shape[2:]
+    C = coupling.reshape(r, n, -1)
+    # Rows that are zero, as those of a planar arm, are exactly so from the left only.
+    by_rows = n > r or n == r < 6
+    square = np.einsum("ikb,jkb->ijb" if by_rows else "kib,kjb->ijb", C, C)
     eigenvalues, vectors = np.linalg.eigh(square.transpose(2, 0, 1))
     sigma, V = np.sqrt(np.maximum(eigenvalues, _LEAST**2)).T.copy(), vectors.transpose(1, 2, 0).copy()
     sigma = np.maximum(sigma, _SHARE * sigma[-1])
     value, slope = _entropy(sigma, n)
     # With C = U sigma V^T the gradient is U slope V^T = C V (slope / sigma) V^T, or from the left.
     W = np.einsum("ikb,jkb->ijb", V * (slope / sigma), V)
-    left, right = (W, C) if n > 6 else (C, W)
+    left, right = (W, C) if by_rows else (C, W)
     gradient = np.einsum("ijb,jkb->ikb", left, right)
     return value.reshape(shape), gradient.reshape(coupling.shape)
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.entropy import entropy_and_gradient
 from ffsms_pin.opt.batch.residual import Indices
@@ -70,6 +71,10 @@ class Motions:
     smoothing : Smoothing
     lag : float
         The paper pairs a step's rates, those of its end, with the place at its start: so much earlier [s].
+    wheels : ReactionWheels, optional
+        Those that hold the attitude, where wheels do.
+    wheel_total : ndarray, shape (w,)
+        Their momenta, were the joints at rest [N m s].
     """
 
     stack: ArmStack
@@ -92,6 +97,8 @@ class Motions:
     mean_speed: float
     smoothing: Smoothing = EXACT
     lag: float = 0.0
+    wheels: ReactionWheels | None = None
+    wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def count(self) -> int:
@@ -155,7 +162,7 @@ class Motions:
 
     @cached_property
     def _entropy(self) -> tuple[FloatArray, FloatArray]:
-        return entropy_and_gradient(self.arm.coupling)
+        return entropy_and_gradient(self.arm.coupling, self.stack.free_rows)
 
     @property
     def entropy(self) -> FloatArray:
@@ -170,7 +177,7 @@ class Motions:
     def take(self, index: Any) -> Motions:
         """The motions at an index."""
         stacked = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
         values.update({name: values[name][..., index, :] for name in stacked})
         values["arm"] = self.arm.take(index)
         return Motions(**values)

@@ -32,6 +32,8 @@ class Residual:
         Whether the square is integrated over time; otherwise it counts as it is.
     by_joints, by_rates : ndarray, shape (n, S, K)
         By the joint positions and rates, whatever moves with them held still.
+    by_accelerations : ndarray, shape (n, S, K)
+        By the joint accelerations; of V entries only.
     by_tip, by_turn : ndarray, shape (3, S, K)
         By the end effector's position, and by a turn of it (rotation vector).
     by_velocity, by_spin : ndarray, shape (3, S, K)
@@ -50,6 +52,7 @@ class Residual:
     over_time: bool = True
     by_joints: FloatArray | None = None
     by_rates: FloatArray | None = None
+    by_accelerations: FloatArray | None = None
     by_tip: FloatArray | None = None
     by_turn: FloatArray | None = None
     by_velocity: FloatArray | None = None

@@ -65,8 +65,9 @@ def rolled_out(
     com0 = q0[:3] + rotation0 @ arm.com[:, 0]
     drift, own = np.zeros(3), np.zeros((3, count))
     omega = apply_rates(arm.spin, u)
-    if momentum is None:
+    if momentum is None or not stack.turns_freely:
         R = _attitudes(rotation0, omega, dt)
+        drift = drift if momentum is None else momentum[:3] / stack.mass
     else:
         halves = np.repeat(slopes.T, 2, axis=0)
         q, _ = roll_out(sms, q0, rates[0], halves, 0.5 * dt, momentum)

@@ -21,7 +21,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 
-__all__ = ["coupling_slopes", "spin_slopes", "velocity_slopes"]
+__all__ = ["coupling_slopes", "momentum_slopes", "spin_slopes", "velocity_slopes"]
 
 
 def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -38,10 +38,39 @@ def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple
     spin, tip : ndarray, shape (3, n, ...)
         By joint k: of the base's angular velocity, spin @ rates, and of the end effector's, jstar @ rates.
     """
-    a, v, f, c, t = arm.axes, arm.velocities, arm.moments, arm.com[:, None], arm.tip[:, None]
+    a, c, t = arm.axes, arm.com[:, None], arm.tip[:, None]
     spin, root, velocity = (
         np.einsum("xj...,j...->x...", of, rates)[:, None] for of in (arm.spin, arm.root, arm.jstar)
     )
+    omega, v_0, d_linear, d_angular = _moved(stack, arm, rates, spin, root)
+    d_spin = apply(arm.inverse, cross(c, d_linear) - d_angular)
+    d_root = cross(c, d_spin) - d_linear / stack.mass
+    # The end effector turns about the joint with its velocity beyond the link before it.
+    moves = stack.moves_tip.reshape(-1, *(1,) * (rates.ndim - 1))
+    beyond = velocity - v_0 - cross(omega, t)
+    d_tip = d_root + cross(d_spin, t) + cross(omega, arm.arm) + moves * cross(a, beyond)
+    return d_spin, d_tip
+
+
+def momentum_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> FloatArray:
+    """Slopes (3, n, ...) by the joint positions of the angular momentum about the system's centre of mass.
+
+    At joint rates (n, ...), base axes, the base's attitude held and its place free. Without linear momentum
+    the point does not matter, so moving on with the centre of mass changes nothing.
+    """
+    root = np.einsum("xj...,j...->x...", arm.root, rates)[:, None]
+    _, _, d_linear, d_angular = _moved(stack, arm, rates, np.zeros_like(root), root)
+    return d_angular - cross(arm.com[:, None], d_linear)
+
+
+def _moved(
+    stack: ArmStack, arm: ArmValues, rates: FloatArray, spin: FloatArray, root: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Angular and linear velocity of the link before each joint, and slopes of the momentum by the joint.
+
+    Each (3, n, ...); the base moves on with angular velocity `spin` and linear velocity `root`, (3, 1, ...).
+    """
+    a, v, f = arm.axes, arm.velocities, arm.moments
     # Of the link before each joint, and the momentum of all that it carries; the base moving.
     before = _summed(stack.before, np.concatenate([a, v]) * rates)
     omega, v_0 = spin + before[:3], root + before[3:]
@@ -53,13 +82,7 @@ def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple
     turn, shift = cross(a, omega), cross(a, v_0) + cross(v, omega)
     d_linear = cross(a, linear) - mass * shift - cross(turn, f)
     d_angular = cross(a, angular) + cross(v, linear) - apply(arm.inertias, turn) - cross(f, shift)
-    d_spin = apply(arm.inverse, cross(c, d_linear) - d_angular)
-    d_root = cross(c, d_spin) - d_linear / stack.mass
-    # The end effector turns about the joint with its velocity beyond the link before it.
-    moves = stack.moves_tip.reshape(-1, *(1,) * (rates.ndim - 1))
-    beyond = velocity - v_0 - cross(omega, t)
-    d_tip = d_root + cross(d_spin, t) + cross(omega, arm.arm) + moves * cross(a, beyond)
-    return d_spin, d_tip
+    return omega, v_0, d_linear, d_angular
 
 
 def spin_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray, spin_q: FloatArray) -> FloatArray:

@@ -101,7 +101,9 @@ def explain(
     if problem.goal.exact:
         shortest = 0.0 if fast else later_deadline(problem, least, most, attempt)
     else:
-        shortest = _sufficient(problem, goals, binding, attempt)
+        slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
+        slow = slow or "wheels" in plan.broken or "wheels" in plan.binding
+        shortest = _sufficient(problem, goals, slow, attempt)
     if shortest > 0.0:
         words.append(f"a duration of {shortest:.2f} s would do")
     else:
@@ -147,16 +149,15 @@ def reach_range(problem: Problem) -> tuple[float, float]:
 def _sufficient(
     problem: Problem,
     goals: JointGoals,
-    binding: list[tuple[str, int]],
+    more_time_helps: bool,
     attempt: Callable[[Problem], bool],
 ) -> float:
     """The least duration [s] found for which the goal is met, by bisection; 0: none found.
 
-    Without momentum a path can be gone in any time that the rates and accelerations of the joints allow. So
-    where none of these binds, more time does not help.
+    Without momentum a path can be gone in any time that the rates and accelerations of the joints, and the
+    wheels, allow. So where none of these binds, more time does not help.
     """
-    quick = any(kind in ("rate", "acceleration") for kind, _ in binding)
-    if problem.goal.moves or not (quick or problem.momentum is not None):
+    if problem.goal.moves or not (more_time_helps or problem.momentum is not None):
         return 0.0  # another deadline is another goal, for one that moves
     near = goals.distance <= 0.05 * problem.stack.length
     straight = [straight_time(problem, joints) for joints in goals.joints[near]]

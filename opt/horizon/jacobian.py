@@ -81,6 +81,8 @@ class Jacobian:
         made = travel[:, None] * self._travel[:, instants]
         if rates is not None:
             made += rates[:, None] * self._rates[:, instants]
+        if residual.by_accelerations is not None:
+            made += residual.by_accelerations[:, None] * self._spline.accelerations.free.T[:, instants]
         if turn is not None:
             # Entry by entry: the index arrays come first in numpy's order, (V, 3, n, M).
             made += np.einsum("vxjm,xv->jmv", self._turned[residual.motion, :, :, :, instants], turn)

@@ -68,6 +68,8 @@ def motions_of(
         mean_speed=problem.mean_speed,
         smoothing=smoothing,
         lag=problem.dt,
+        wheels=problem.wheels,
+        wheel_total=problem.wheel_total,
     )
 
 

@@ -231,7 +231,7 @@ class Search:
 
     def _march(self) -> None:
         """The paper's own marches, where one may be cheaper than the plan by more than the tolerance."""
-        goal = self.problem.goal
+        goal, floats = self.problem.goal, self.problem.mode == "floating"
         place = goal.place(self.problem.duration)
         if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
             return  # a march knows no such goal
@@ -239,7 +239,8 @@ class Search:
         cost = cost_of(best.plan) if self._arrived() else np.inf
         if cost < np.inf and obstructed(self.problem, best.plan):
             return  # a march stops at an obstacle that the plan goes round
-        if cost <= tolerance or not any(isinstance(term, Coupling) for term in self.problem.terms):
+        coupled = any(isinstance(term, Coupling) for term in self.problem.terms)
+        if cost <= tolerance or not floats or not coupled:
             return
         if cost == np.inf and not self._there().any():
             return

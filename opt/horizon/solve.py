@@ -11,6 +11,7 @@ from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision
 from ffsms_pin.opt.horizon.groups import QUICK
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.wheel_needs import with_wheel_needs
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import one_blas_thread
@@ -60,6 +61,7 @@ def solve(
     plan = search.run()
     if plan.reached:
         return plan
+    plan = with_wheel_needs(problem, plan, options)
     return explain(problem, plan, search.goals, search.binding(), lambda other: _reached(other, options))
 
 

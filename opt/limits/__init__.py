@@ -7,6 +7,7 @@ from ffsms_pin.opt.limits.corridor import Corridor
 from ffsms_pin.opt.limits.joints import JointLimits
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
 from ffsms_pin.opt.limits.obstacles import Obstacle
+from ffsms_pin.opt.limits.wheels import WheelLimits
 
 __all__ = [
     "UNBOUNDED",
@@ -19,4 +20,5 @@ __all__ = [
     "Obstacle",
     "Rows",
     "Violation",
+    "WheelLimits",
 ]

@@ -58,6 +58,8 @@ def plan(
     also: Mapping[str, Any] | None = None,
     via: Sequence[Any] = (),
     progress: Progress | None = None,
+    mode: str = "floating",
+    wheel_momentum: ArrayLike | None = None,
 ) -> Trajectory:
     """Plan a coupling-informed motion from `q0` to `target`.
 
@@ -119,6 +121,10 @@ def plan(
         which may have a time. Not for "paper"; methods that march pass those with a time.
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
+    mode : str
+        What of the base is held (see `opt.Problem`); others than "floating" are for "horizon".
+    wheel_momentum : array_like, shape (w,), optional
+        Of the wheels at the start, where they hold the attitude [N m s].
 
     Returns
     -------
@@ -155,6 +161,8 @@ def plan(
         joint_rates=joint_rates,
         momentum=momentum,
         locked=locked,
+        mode=mode,
+        wheel_momentum=wheel_momentum,
     )
     return plan_problem(problem, method, SearchOptions(time_limit=time_limit), progress)
 
@@ -208,6 +216,8 @@ def plan_problem(
         raise InvalidValue("method", method, "knows no obstacles that move; take another one")
     if method != "horizon" and (problem.goal.moves or problem.locked):
         raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
+    if method != "horizon" and problem.mode != "floating":
+        raise InvalidValue("method", method, f"knows no mode '{problem.mode}'; take 'horizon'")
     still = _stand_still(problem)
     if still is not None:
         return still

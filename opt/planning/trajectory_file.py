@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "target_rotation": (3, 3),
     "contact_velocity": (6,),
     "momentum": (6,),
+    "wheel_momentum": ("N+1", "w"),
     **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
     **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
     **dict.fromkeys(("position_error", "orientation_error"), ("N+1",)),
@@ -51,17 +53,23 @@ def write(path: str | os.PathLike[str], values: dict[str, Any]) -> None:
 
 def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     """What `write` wrote; a `ResultError` says what is wrong with another file."""
-    # Files from before there was momentum, or before there were terms or clients, have none.
+    # Files from before there was momentum, or before there were terms, clients or wheels, have none.
+    none = np.zeros((0, 0))
     before = {
         "momentum": np.zeros(6),
         "contact_velocity": np.zeros(6),
         "met": np.array(True),
+        "wheel_momentum": none,
         **{name: np.array("{}") for name in _TEXTS},
     }
     kinds = {"clear": "b", "met": "b", **dict.fromkeys(("note", *_TEXTS), "U")}
-    arrays = load_arrays(
-        path, _FORMAT, list(_SHAPES), before, lambda heads: check_shapes(path, heads, _SHAPES, kinds)
-    )
+
+    def check(heads: Mapping[str, Any]) -> None:
+        if heads["wheel_momentum"] is none:
+            heads = {**heads, "wheel_momentum": np.zeros((*heads["t"].shape[:1], 0))}
+        check_shapes(path, heads, _SHAPES, kinds)
+
+    arrays = load_arrays(path, _FORMAT, list(_SHAPES), before, check)
     check_times(path, arrays["t"], least=2)
     for name in _TEXTS:
         arrays[name] = numbers_by_name(path, name, str(arrays[name]), rows=name == "binding")

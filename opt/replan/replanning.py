@@ -76,6 +76,8 @@ class Replanning:
     ) -> None:
         if number("hold", hold) < 0.0:
             raise InvalidValue("hold", hold, "must be at least zero [s]")
+        if problem.mode != "floating":
+            raise InvalidValue("problem.mode", problem.mode, "must be 'floating' to be planned again")
         sms, n = problem.sms, problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + hold

@@ -5,5 +5,6 @@ from ffsms_pin.opt.terms.coupling import Coupling
 from ffsms_pin.opt.terms.effort import Effort
 from ffsms_pin.opt.terms.smooth import Smooth
 from ffsms_pin.opt.terms.term import Term
+from ffsms_pin.opt.terms.wheel_momentum import WheelMomentum
 
-__all__ = ["BaseTurn", "Coupling", "Effort", "Smooth", "Term"]
+__all__ = ["BaseTurn", "Coupling", "Effort", "Smooth", "Term", "WheelMomentum"]

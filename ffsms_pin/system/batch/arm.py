@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.stacks import apply, cross, diagonal, dot, inverse3, skew
 from ffsms_pin.system.mechanism import Mechanism
 
@@ -38,9 +39,9 @@ class ArmValues:
     moments, inertias : ndarray, shape (3, n, ...), (3, 3, n, ...)
         First moment and inertia about the origin of all that a joint carries.
     com : ndarray, shape (3, ...)
-        Of the system.
+        Of the system; where the base's place is held, the base's own: the point that does not move.
     inverse : ndarray, shape (3, 3, ...)
-        Of the system's inertia about its centre of mass.
+        Of the system's inertia about that point; zero where the base's attitude is held.
     spin, root : ndarray, shape (3, n, ...)
         Angular and linear velocity of the root of the floating base: the momentum equation.
     tip : ndarray, shape (3, ...)
@@ -96,9 +97,23 @@ class ArmValues:
 
 
 class ArmStack:
-    """A manipulator, prepared for evaluation at many joint positions at once."""
+    """A manipulator, prepared for evaluation at many joint positions at once.
 
-    def __init__(self, robot: Mechanism) -> None:
+    What a mode holds of the base reacts like a base of infinite mass or of infinite inertia, so the momentum
+    equation and all slopes by it hold as they stand: held attitude makes `ArmValues.inverse` zero, held
+    translation makes `mass` infinite and `ArmValues.com` the base's centre of mass.
+
+    Parameters
+    ----------
+    robot : Mechanism
+    mode : str
+        One of `MODES`: what of the base is held, and by what.
+    """
+
+    def __init__(self, robot: Mechanism, mode: str = "floating") -> None:
+        #: Rows of C_bm that the mode leaves free; whether these let the base move, and turn.
+        self.free_rows = list(MODES[mode])
+        self.moves, self.turns_freely = 0 in self.free_rows, 3 in self.free_rows
         model, frame = robot.model, robot.model.frames[robot.frame_id]
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -140,7 +155,9 @@ class ArmStack:
         self.base_com = base.lever.copy()
         self.base_moment = base.mass * base.lever
         self.base_inertia = base.inertia - base.mass * skew(base.lever) @ skew(base.lever)
-        self.mass = base.mass + float(self.masses.sum())
+        self._total = base.mass + float(self.masses.sum())
+        #: That a force on the base moves [kg].
+        self.mass = self._total if self.moves else np.inf
         carried = [set(model.supports[j]) for j in joints]
         #: carries[k, j]: joint k moves body j.
         self.carries = np.array([[float(k in carried[j]) for j in range(n)] for k in joints])
@@ -173,10 +190,14 @@ class ArmStack:
         carried = (self.carries @ bodies.reshape(12, n, -1)).reshape(bodies.shape)
         moments, inertias = carried[:3], carried[3:].reshape(second.shape)
         whole = bodies.sum(axis=1)
-        com = (along(self.base_moment) + whole[:3]) / self.mass
-        inertia = along(self.base_inertia) + whole[3:].reshape(3, 3, *shape) + self.mass * com[:, None] * com
-        diagonal(inertia)[...] -= self.mass * dot(com, com)
-        inverse = inverse3(inertia)
+        com = (along(self.base_moment) + whole[:3]) / self._total
+        inertia = (
+            along(self.base_inertia) + whole[3:].reshape(3, 3, *shape) + self._total * com[:, None] * com
+        )
+        diagonal(inertia)[...] -= self._total * dot(com, com)
+        if not self.moves:
+            com = self._about_base(com, inertia)
+        inverse = inverse3(inertia) if self.turns_freely else np.zeros_like(inertia)
 
         linear = along(self.carried_mass) * velocities + cross(axes, moments)
         angular = cross(moments, velocities) + apply(inertias, axes)
@@ -211,6 +232,14 @@ class ArmStack:
             points=np.concatenate([origins, t], axis=1),
             rotations=rotations,
         )
+
+    def _about_base(self, com: FloatArray, inertia: FloatArray) -> FloatArray:
+        """The base's centre of mass, as a stack; the inertia about the system's becomes that about it."""
+        base = np.broadcast_to(self.base_com.reshape(3, *(1,) * (com.ndim - 1)), com.shape)
+        apart = base - com
+        inertia -= self._total * apart[:, None] * apart
+        diagonal(inertia)[...] += self._total * dot(apart, apart)
+        return base
 
     def poses(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Rotations (3, 3, n, ...), origins (3, n, ...) and twists of the joints on a fixed base."""

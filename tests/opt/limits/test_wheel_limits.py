@@ -1,0 +1,69 @@
+"""Wheels as a limit and as a term of whole motions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from horizon_parts import planar_problem, spline_of
+from slopes import by_differences, by_slopes, motions
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.opt.horizon.spline import RateSpline
+
+PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
+
+
+def wheels(**values: Any) -> ffsms.ReactionWheels:
+    """Four wheels, weak unless told otherwise."""
+    return ffsms.ReactionWheels(PYRAMID, 0.001364, **{"torque": 0.01, "momentum": 0.005, **values})
+
+
+def held(planar: ffsms.SpaceManipulator, of: ffsms.ReactionWheels) -> tuple[opt.Problem, RateSpline]:
+    problem = planar_problem(planar.with_actuators(wheels=of))
+    problem = replace(problem, mode="rotation-floating", wheel_momentum=[0.001, 0.0, -0.001, 0.002])
+    return problem, spline_of(problem)
+
+
+@pytest.mark.parametrize(
+    "of",
+    [
+        wheels(torque=np.inf),
+        wheels(momentum=np.inf),
+        wheels(momentum=np.inf, friction=1e-4, coulomb=1e-3),
+    ],
+    ids=["momentum", "torque", "torque and friction"],
+)
+def test_slopes_of_the_limit(
+    planar: ffsms.SpaceManipulator, of: ffsms.ReactionWheels, rng: np.random.Generator
+) -> None:
+    problem, spline = held(planar, of)
+    (limit,) = [one for one in problem.limits if isinstance(one, opt.WheelLimits)]  # came by itself
+    p = rng.uniform(-0.3, 0.3, (1, spline.size, 3))
+    found = limit.residual(motions(problem, spline, p))
+    assert sum(one.value.size for one in found if isinstance(one, opt.Residual)) > 10
+    slopes = by_slopes(problem, spline, p, found)
+    expected = by_differences(problem, spline, p, limit.residual)
+    np.testing.assert_allclose(slopes, expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_slopes_of_the_term(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
+    problem, spline = held(planar, wheels())
+    p, term = rng.uniform(-0.3, 0.3, (1, spline.size, 3)), opt.WheelMomentum(2.0)
+    slopes = by_slopes(problem, spline, p, term.residual(motions(problem, spline, p)))
+    expected = by_differences(problem, spline, p, term.residual)
+    np.testing.assert_allclose(slopes, expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_nothing_is_asked_of_wheels_that_stand_still(planar: ffsms.SpaceManipulator) -> None:
+    problem = planar_problem(planar.with_actuators(wheels=wheels()), limits=[opt.WheelLimits()])
+    spline = spline_of(problem)
+    at = motions(problem, spline, np.full((1, spline.size, 3), 0.3))
+    assert problem.limits[0].residual(at) == []
+    assert opt.WheelMomentum().residual(at) == []
+    plan = opt.solve(replace(problem, limits=(opt.JointLimits(), opt.WheelLimits())))
+    assert plan.wheel_momentum.shape == (len(plan.t), 4)
+    assert not plan.wheel_momentum.any()

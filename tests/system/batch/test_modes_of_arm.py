@@ -1,0 +1,89 @@
+"""The stacked arm in all modes: against `mode_coupling`, finite differences and Pinocchio."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.entropy import entropy_and_gradient
+from ffsms_pin.opt.batch.slopes import coupling_slopes, momentum_slopes, velocity_slopes
+from ffsms_pin.opt.batch.wheels import TorqueSlopes, held_momentum
+from ffsms_pin.system.base_reaction import MODES, mode_coupling
+from ffsms_pin.system.batch import ArmStack, ArmValues
+
+H = 1e-6
+
+
+@pytest.fixture(scope="module", params=["planar_3r", "satellite_panda"])
+def sms(request: pytest.FixtureRequest) -> ffsms.SpaceManipulator:
+    return ffsms.load(request.param)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_coupling_and_jacobian_of_a_mode(
+    sms: ffsms.SpaceManipulator, mode: str, rng: np.random.Generator
+) -> None:
+    joints = rng.uniform(-1.0, 1.0, (sms.n, 2))
+    arm = ArmStack(sms, mode).evaluate(joints)
+    for i in range(2):
+        state = sms.at(sms.configuration(joints[:, i]))
+        coupling = mode_coupling(state.H_b, state.H_bm, mode)
+        R = state.base_pose.rotation
+        np.testing.assert_allclose(R @ arm.coupling[:3, :, i], coupling[:3], atol=1e-13)
+        np.testing.assert_allclose(R @ arm.coupling[3:, :, i], coupling[3:], atol=1e-13)
+        J = state.J_b @ coupling + state.J_m
+        np.testing.assert_allclose(R @ arm.jstar[..., i], J[:3], atol=1e-13)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_slopes_of_a_mode(sms: ffsms.SpaceManipulator, mode: str, rng: np.random.Generator) -> None:
+    stack, joints = ArmStack(sms, mode), rng.uniform(-1.0, 1.0, (sms.n, 2))
+    rates, by = rng.normal(size=joints.shape), rng.normal(size=(6, sms.n, 2))
+    arm = stack.evaluate(joints)
+    spin, tip = velocity_slopes(stack, arm, rates)
+    coupled = coupling_slopes(stack, arm, by)
+    _, gradient = entropy_and_gradient(arm.coupling, stack.free_rows)
+    mixed = coupling_slopes(stack, arm, gradient)
+
+    def entropy(values: ArmValues) -> FloatArray:
+        return entropy_and_gradient(values.coupling, stack.free_rows)[0]
+
+    for k in range(sms.n):
+        step = np.zeros_like(joints)
+        step[k] = H
+        ahead, behind = stack.evaluate(joints + step), stack.evaluate(joints - step)
+        for of, slope in (("spin", spin), ("jstar", tip)):
+            moved = np.einsum("xj...,j...->x...", getattr(ahead, of) - getattr(behind, of), rates) / (2.0 * H)
+            np.testing.assert_allclose(slope[:, k], moved, atol=1e-7)
+        change = ((ahead.coupling - behind.coupling) * by).sum(axis=(0, 1)) / (2.0 * H)
+        np.testing.assert_allclose(coupled[k], change, atol=1e-7)
+        np.testing.assert_allclose(mixed[k], (entropy(ahead) - entropy(behind)) / (2.0 * H), atol=1e-6)
+
+
+def test_momentum_and_torque_of_a_held_base(sms: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
+    """Pinocchio's centroidal dynamics know nothing of modes: it is the base at rest that makes them alike."""
+    joints, rates, accelerations = (rng.uniform(-1.0, 1.0, (sms.n, 1)) for _ in range(3))
+    stack = ArmStack(sms, "rotation-floating")
+    arm = stack.evaluate(joints)
+    D, K = held_momentum(arm)[..., 0], momentum_slopes(stack, arm, rates)[..., 0]
+    data, q = sms.model.createData(), sms.configuration(joints[:, 0])
+    q[3:7] = (0.0, 0.0, 0.0, 1.0)
+    v, a = (np.concatenate([np.zeros(6), x[:, 0]]) for x in (rates, accelerations))
+    pin.computeCentroidalMomentumTimeVariation(sms.model, data, q, v, a)
+    np.testing.assert_allclose(D @ rates[:, 0], data.hg.angular, atol=1e-12)
+    torque = D @ accelerations[:, 0] + K @ rates[:, 0]
+    np.testing.assert_allclose(torque, data.dhg.angular, atol=1e-12)
+    # Slopes of the torque, by differences of the torque.
+    for kind, slope in enumerate(TorqueSlopes(sms).at(joints, rates, accelerations)):
+        for k in range(sms.n):
+            sides = []
+            for sign in (1.0, -1.0):
+                moved = [joints.copy(), rates.copy(), accelerations.copy()]
+                moved[kind][k] += sign * H
+                there = stack.evaluate(moved[0])
+                of = held_momentum(there)[..., 0] @ moved[2][:, 0]
+                sides.append(of + momentum_slopes(stack, there, moved[1])[..., 0] @ moved[1][:, 0])
+            np.testing.assert_allclose(slope[:, k, 0], (sides[0] - sides[1]) / (2.0 * H), atol=1e-6)

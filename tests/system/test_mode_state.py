@@ -1,0 +1,57 @@
+"""The paper's measures where something of the base is held."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin.coupling import decompose, normalised_entropy
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.system.mode_state import coupling_of
+
+FREE = {
+    "rotation-floating": (0, 1, 2),
+    "rotation-flying": (0, 1, 2),
+    "translation-flying": (3, 4, 5),
+    "flying": (),
+}
+
+
+@pytest.fixture(scope="module")
+def state() -> ffsms.State:
+    sms = ffsms.load("satellite_panda")
+    return sms.at(sms.configuration(np.linspace(0.2, 0.9, 7)))
+
+
+def test_floating_is_the_state_s_own(state: ffsms.State) -> None:
+    found = coupling_of(state, "floating")
+    np.testing.assert_allclose(found.J_star, state.J_star, atol=1e-12)
+    C_bm = np.asarray(-np.linalg.solve(state.H_b, state.H_bm), dtype=np.float64)
+    np.testing.assert_allclose(found.C_bm, C_bm, atol=1e-12)
+    assert found.entropy == pytest.approx(normalised_entropy(decompose(C_bm)[1], 7))
+
+
+@pytest.mark.parametrize("mode", FREE)
+def test_what_is_held_has_no_part(state: ffsms.State, mode: str) -> None:
+    found, free = coupling_of(state, mode), FREE[mode]
+    held = [row for row in range(6) if row not in free]
+    assert not found.C_bm[held].any()
+    assert np.count_nonzero(found.sigma > 1e-12) == len(free)
+    assert found.entropy <= math.log(3.0) / math.log(7.0)
+    # Of the rows that are free the momentum is zero, by the paper's inertia matrix.
+    momentum = state.H_b @ found.C_bm + state.H_bm
+    np.testing.assert_allclose(momentum[list(free)], 0.0, atol=1e-12)
+
+
+def test_nothing_moves_a_base_that_is_held_altogether(state: ffsms.State) -> None:
+    found = coupling_of(state, "flying")
+    assert found.entropy == 0.0
+    np.testing.assert_array_equal(found.J_star, state.J_m)
+
+
+def test_an_unknown_mode(state: ffsms.State) -> None:
+    with pytest.raises(InvalidValue, match="mode"):
+        coupling_of(state, "held")
