@@ -3,5 +3,17 @@
 from ffsms_pin.client.braking import Braking, brake
 from ffsms_pin.client.capture import AfterCapture, after_capture, rest_momentum
 from ffsms_pin.client.client import Client, Shape
+from ffsms_pin.client.estimate import ClientEstimate, ClientSensor, measured
 
-__all__ = ["AfterCapture", "Braking", "Client", "Shape", "after_capture", "brake", "rest_momentum"]
+__all__ = [
+    "AfterCapture",
+    "Braking",
+    "Client",
+    "ClientEstimate",
+    "ClientSensor",
+    "Shape",
+    "after_capture",
+    "brake",
+    "measured",
+    "rest_momentum",
+]

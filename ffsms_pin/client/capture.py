@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client.client import Client
+from ffsms_pin.client.estimate import ClientEstimate
 from ffsms_pin.client.welding import body_motion, welded
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import centroidal
@@ -126,7 +127,7 @@ def after_capture(
     )
 
 
-def rest_momentum(client: Client, com: ArrayLike) -> FloatArray:
+def rest_momentum(client: Client | ClientEstimate, com: ArrayLike) -> FloatArray:
     """The servicer's momentum (6,) before the capture that leaves servicer and client at rest after it.
 
     The total momentum about the common centre of mass must be zero. With p and L those of the client about
@@ -147,7 +148,6 @@ def rest_momentum(client: Client, com: ArrayLike) -> FloatArray:
     ndarray, shape (6,)
         [linear; angular] about the servicer's centre of mass, inertial axes [kg m/s; kg m^2/s].
     """
-    checks.instance("client", client, Client)
     own = client.momentum
     apart = client.start_pose.translation - checks.vector("com", com, 3, "m")
     return np.concatenate([-own[:3], -own[3:] - np.cross(apart, own[:3])])

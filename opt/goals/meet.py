@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
-from ffsms_pin.client import Client, rest_momentum
+from ffsms_pin.client import Client, ClientEstimate, rest_momentum
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import (
     ORIENTATION_REACH,
@@ -46,7 +46,7 @@ class Meet(Goal):
 
     Attributes
     ----------
-    client : Client
+    client : Client or ClientEstimate
     grasp : pinocchio.SE3, optional
         Of the grasp frame, in the client's body axes, from its centre of mass. Default: the body frame.
     standoff : float
@@ -70,7 +70,7 @@ class Meet(Goal):
     InvalidValue
     """
 
-    client: Client
+    client: Client | ClientEstimate
     grasp: Any = None
     standoff: float = STANDOFF
     half_angle: float = HALF_ANGLE
@@ -81,7 +81,8 @@ class Meet(Goal):
     rest_after: bool = False
 
     def __post_init__(self) -> None:
-        checks.instance("client", self.client, Client)
+        if not isinstance(self.client, (Client, ClientEstimate)):
+            raise InvalidValue("client", self.client, "must be a Client, or a ClientEstimate")
         grasp = pin.SE3.Identity() if self.grasp is None else self.grasp
         checks.pose("grasp", grasp)
         axis = checks.vector("axis", self.axis, 3)

@@ -109,7 +109,7 @@ class Replanning:
         """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one."""
         goal = self.problem.goal
         if goal.moves:
-            return lambda t: goal.place(t).position
+            return lambda t: goal.positions(np.array([t]))[:, 0]
         return goal.place(self.problem.duration).position
 
     @property
@@ -138,7 +138,8 @@ class Replanning:
         left = self._left
         if left <= _DEADLINE * self.problem.dt:
             return "hold"
-        return "step" if left <= self._handover else "plan"
+        # What must be met with its velocity is met by the plan's own end: a step knows a place only.
+        return "step" if left <= self._handover and not self.problem.goal.exact else "plan"
 
     @property
     def plan_age(self) -> float:
