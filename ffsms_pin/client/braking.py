@@ -102,7 +102,9 @@ def brake(
     checks.instance("after", after, AfterCapture)
     robot = after.robot
     limits = robot.limits
-    torques = limits.torque if torque_limit is None else checks.per_joint("torque_limit", torque_limit, robot.n)
+    torques = (
+        limits.torque if torque_limit is None else checks.per_joint("torque_limit", torque_limit, robot.n)
+    )
     share = checks.positive("share", share)
     hold = checks.at_least_zero("hold", hold, "s")
     rates = after.v[6:]

@@ -137,7 +137,9 @@ class ClientEstimate:
         H = np.eye(12)
         H[9:, 9:] = J_inverse
         H[9:, 6:9] = J_inverse @ pin.skew(h) - pin.skew(spin)
-        innovation = np.concatenate([shift, seen.start_twist[:3] - body.start_twist[:3], turn, seen.start_twist[3:] - spin])
+        innovation = np.concatenate(
+            [shift, seen.start_twist[:3] - body.start_twist[:3], turn, seen.start_twist[3:] - spin]
+        )
         S = H @ self._P @ H.T + np.diag(self._sensor.deviations**2)
         K = np.linalg.solve(S, H @ self._P).T
         x = K @ innovation

@@ -11,7 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt import Obstacle
 from ffsms_pin.plotting import base, coupling, joints, tracking
+from ffsms_pin.plotting.capture import plot_braking, plot_turning
 from ffsms_pin.plotting.motion import plot_motion
 from ffsms_pin.plotting.style import applied, stack
 from ffsms_pin.scenarios import Outcome
@@ -53,12 +55,13 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
         lambda o, ax: tracking.plot_torques(o.sms, o.tracking, ax),
     ),
     "motion": (
-        lambda o, ax: plot_motion(
-            o.sms, o.trajectory, ax, paths=_true_paths(o), obstacles=o.scenario.obstacles()
-        ),
+        lambda o, ax: plot_motion(o.sms, o.trajectory, ax, paths=_true_paths(o), obstacles=_obstacles(o)),
     ),
 }
 """Figures by file name, and their panels from top to bottom."""
+
+CAPTURE_FIGURES: Mapping[str, tuple[Panel, ...]] = {"capture": (plot_turning, plot_braking)}
+"""More of them, where a client was captured."""
 
 _DRAWING_WIDTH = 6.0  # [in]
 
@@ -74,9 +77,14 @@ def _true_paths(outcome: Outcome) -> dict[str, FloatArray]:
     return {name: end_effector_path(outcome.plant, run) for name, run in runs.items() if len(run.t) > 0}
 
 
+def _obstacles(outcome: Outcome) -> list[Obstacle]:
+    """What the plan kept clear of, the client's among them."""
+    return outcome.scenario.obstacles(None if outcome.capture is None else outcome.capture.client)
+
+
 def figure(outcome: Outcome, name: str) -> Figure:
-    """One of `FIGURES`, drawn."""
-    panels = FIGURES[name]
+    """One of `FIGURES`, or of `CAPTURE_FIGURES` where a client was captured, drawn."""
+    panels = {**FIGURES, **CAPTURE_FIGURES}[name]
     result, axes = stack(len(panels))
     for panel, ax in zip(panels, axes, strict=True):
         panel(outcome, ax)
@@ -110,14 +118,15 @@ def save_figures(
         The files.
     """
     written = []
-    for count, name in enumerate(FIGURES, start=1):
+    names = list(FIGURES) if outcome.capture is None else [*FIGURES, *CAPTURE_FIGURES]
+    for count, name in enumerate(names, start=1):
         drawn = figure(outcome, name)
         for ending in formats:
             path = Path(folder) / f"{name}.{ending}"
             save_figure(drawn, path, ending)
             written.append(path)
         if progress is not None:
-            progress(count / len(FIGURES))
+            progress(count / len(names))
     return written
 
 

@@ -145,7 +145,9 @@ def captured(
     plant: SpaceManipulator = options["plant"]
     grasp = meeting(scenario, client)
     state, place = plant.at(q, v), grasp.place(t)
-    assert place.rotation is not None and place.velocity is not None and place.spin is not None
+    assert place.rotation is not None
+    assert place.velocity is not None
+    assert place.spin is not None
     pose, twist = state.end_effector_pose, state.end_effector_twist
     miss = np.array(
         [
@@ -164,7 +166,9 @@ def captured(
         law = controller(scenario, model.robot)
         reference = brake(replace(model, v=v), torque, share, hold)
         given = {key: value for key, value in scenario.contact.items() if key in _COMPLIANCE}
-        contact = compliant_contact(plant, q, v, client, t, goal=grasp, law=law, reference=reference, dt=dt, **given)
+        contact = compliant_contact(
+            plant, q, v, client, t, goal=grasp, law=law, reference=reference, dt=dt, **given
+        )
         q, v, client_then = contact.q[-1], contact.v[-1], contact.client
         after = after_capture(plant, q, v, client_then, 0.0)
         model = after_capture(sms, q, v, client_then, 0.0)
@@ -206,9 +210,7 @@ _COMPLIANCE = ("stiffness", "damping", "turn_stiffness", "turn_damping", "time")
 def _about_origin(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
     """Total momentum (6,) about the inertial origin."""
     whole = centroidal(sms, q, v)
-    return np.concatenate(
-        [whole.momentum[:3], whole.momentum[3:] + np.cross(whole.com, whole.momentum[:3])]
-    )
+    return np.concatenate([whole.momentum[:3], whole.momentum[3:] + np.cross(whole.com, whole.momentum[:3])])
 
 
 def _client_about_origin(client: Client, t: float) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Tables of a scenario file about a client: what it is, how it is met, and what happens after it is caught."""
+"""Tables of a scenario file about a client: what it is, how it is met, and how it is caught."""
 
 from __future__ import annotations
 
@@ -106,8 +106,10 @@ def check_client(source: Path, tables: Mapping[str, Any]) -> None:
     if built and placed:
         raise InvalidScenario(source, "[client] joints and position both place it; keep one")
     if not built and "position" not in client:
-        raise InvalidScenario(source, "[client] position is missing (or joints, which meet it by construction)")
-    if client["sensor"] is not None and tables["reference"].get("kind", "plan") == "plan":
+        raise InvalidScenario(
+            source, "[client] position is missing (or joints, which meet it by construction)"
+        )
+    if client.get("sensor") is not None and tables["reference"].get("kind", "plan") == "plan":
         raise InvalidScenario(source, '[client.sensor] needs [reference] kind = "re-planning"')
     for key in _OF_COMPLIANCE:
         if key in tables["contact"] and tables["contact"].get("kind", "rigid") == "rigid":

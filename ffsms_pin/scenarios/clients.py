@@ -69,7 +69,7 @@ def meeting(scenario: Scenario, client: Client | ClientEstimate) -> Meet:
 
 def sensor(scenario: Scenario) -> ClientSensor | None:
     """How the client is seen in the loop; None: where it is, is known."""
-    given = None if scenario.client is None else scenario.client["sensor"]
+    given = None if scenario.client is None else scenario.client.get("sensor")
     return None if given is None else ClientSensor(**radians(given))
 
 

@@ -123,9 +123,7 @@ def run(
                 partial(loop.run, loop.plan_once(trajectory), law, stage(progress, "plan once"))
             )
         if scenario.client is not None:
-            capture = captured(
-                scenario, sms, trajectory, tracking, loop.options, stage(progress, "capture")
-            )
+            capture = captured(scenario, sms, trajectory, tracking, loop.options, stage(progress, "capture"))
     return Outcome(
         scenario,
         sms,

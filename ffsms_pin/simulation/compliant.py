@@ -26,7 +26,7 @@ from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["CompliantContact", "compliant_contact"]
 
-_SUBSTEPS = 4  # a control step: a stiff grasp moves faster than the arm
+_SUBSTEPS = 8  # a control step: a stiff grasp moves faster than the arm
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +53,12 @@ class CompliantContact:
 
     @property
     def largest_force(self) -> float:
-        """[N]"""
+        """Of the grasp [N]."""
         return float(np.linalg.norm(self.wrench[:, :3], axis=1).max())
 
     @property
     def largest_torque(self) -> float:
-        """[N m]"""
+        """Of the grasp [N m]."""
         return float(np.linalg.norm(self.wrench[:, 3:], axis=1).max())
 
 
@@ -81,8 +81,9 @@ def compliant_contact(
 ) -> CompliantContact:
     """Servicer and client with a spring and a damper between end effector and grasp, for a short time.
 
-    Two free bodies in one model of Pinocchio's, integrated by Runge-Kutta steps of order 4. Whoever calls
-    this makes the grasp rigid afterwards (`after_capture`), where both are then.
+    Two free bodies in one model of Pinocchio's, integrated by Runge-Kutta steps of order 4. What these lose of
+    the total momentum, some 1e-9 of it a step, the client is given back after each control step, so that the
+    total is kept to rounding. Whoever calls this makes the grasp rigid afterwards (`after_capture`), where both are then.
 
     Parameters
     ----------
@@ -142,15 +143,30 @@ def compliant_contact(
         pin.computeJointJacobians(model, own, q)
         pin.updateFramePlacement(model, own, frame)
         aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        total = np.concatenate([np.zeros(6), tau, np.zeros(6)])
+        force = np.concatenate([np.zeros(6), tau, np.zeros(6)])
         for sign, J, place in (
             (1.0, pin.getFrameJacobian(model, own, frame, aligned), tip.translation),
             (-1.0, pin.getJointJacobian(model, own, body, aligned), own.oMi[body].translation),
         ):
             moment = acting[3:] + np.cross(point - place, acting[:3])
-            total += sign * (J.T @ np.concatenate([acting[:3], moment]))
-        return total
+            force += sign * (J.T @ np.concatenate([acting[:3], moment]))
+        return force
 
+    def momentum(q: FloatArray, v: FloatArray) -> FloatArray:
+        """Total, about the inertial origin."""
+        pin.computeCentroidalMomentum(model, own, q, v)
+        return np.array(pin.SE3(np.eye(3), own.com[0]).act(own.hg).vector)
+
+    def kept(q: FloatArray, v: FloatArray) -> FloatArray:
+        """The velocity with what lacks of the total momentum given to the client."""
+        lack, place = total - momentum(q, v), pin.XYZQUATToSE3(q[nq:])
+        about = lack[3:] - np.cross(place.translation, lack[:3])
+        given = v.copy()
+        given[nv : nv + 3] += place.rotation.T @ lack[:3] / client.mass
+        given[nv + 3 :] += np.linalg.solve(client.inertia, place.rotation.T @ about)
+        return given
+
+    total = momentum(q_all, v_all)
     times = np.linspace(0.0, steps * dt, steps + 1)
     rows_q, rows_v, rows_w = [q_all], [v_all], [wrench(q_all, v_all)[0]]
     for now in times[:-1].tolist():
@@ -158,6 +174,7 @@ def compliant_contact(
             tau = law.torque(q_all[:nq], v_all[:nv], *reference.sample(now))
         for _ in range(_SUBSTEPS):
             q_all, v_all, _ = rk4_step(model, data, q_all, v_all, generalised, dt / _SUBSTEPS)
+        v_all = kept(q_all, v_all)
         rows_q.append(q_all)
         rows_v.append(v_all)
         rows_w.append(wrench(q_all, v_all)[0])

@@ -1,4 +1,4 @@
-"""The capture of a client: momentum kept, the rate that it dictates, and the motion after it beside MuJoCo."""
+"""The capture of a client: momentum kept, the rate that it dictates, the motion after it beside MuJoCo."""
 
 import mujoco as mj
 import numpy as np
@@ -48,7 +48,9 @@ def test_the_total_momentum_is_kept() -> None:
     assert after.energy_lost > 0.0
     com = pin.centerOfMass(after.robot.model, after.robot.model.createData(), q)
     angular = before[3:] - np.cross(com, before[:3])
-    np.testing.assert_allclose(after.momentum, [*before[:3], *angular], rtol=0.0, atol=1e-12 * np.abs(before).max())
+    np.testing.assert_allclose(
+        after.momentum, [*before[:3], *angular], rtol=0.0, atol=1e-12 * np.abs(before).max()
+    )
 
 
 def test_the_event_of_a_simulation_is_the_same_capture() -> None:
@@ -59,7 +61,9 @@ def test_the_event_of_a_simulation_is_the_same_capture() -> None:
     plant, other = event.apply(sms, q, v, [])
     after = after_capture(sms, q, v, client)
     np.testing.assert_allclose(other, after.v, atol=1e-13)
-    np.testing.assert_allclose(plant.model.inertias[8].inertia, after.robot.model.inertias[8].inertia, atol=1e-12)
+    np.testing.assert_allclose(
+        plant.model.inertias[8].inertia, after.robot.model.inertias[8].inertia, atol=1e-12
+    )
 
 
 def test_a_grasp_without_relative_velocity_is_not_felt() -> None:
@@ -77,8 +81,11 @@ def test_joints_at_rest_leave_the_rate_that_was_said() -> None:
     sms, q, v, client = _scene()
     after = after_capture(sms, q, v, client)
     braking = brake(after)
-    assert braking.note == "" and braking.torque_share <= 0.5
-    assert (np.abs(np.diff(braking.joint_rates, axis=0)) <= sms.limits.acceleration * np.diff(braking.t)[:, None]).all()
+    assert braking.note == ""
+    assert braking.torque_share <= 0.5
+    assert (
+        np.abs(np.diff(braking.joint_rates, axis=0)) <= sms.limits.acceleration * np.diff(braking.t)[:, None]
+    ).all()
     end = braking.q[-1]
     still = after.robot.velocity(end, np.zeros(sms.n), after.momentum)
     spin = pin.XYZQUATToSE3(end[:7]).rotation @ still[3:6]
@@ -108,7 +115,7 @@ def test_the_momentum_that_leaves_both_at_rest() -> None:
     after = after_capture(sms, q, sms.velocity(q, RATES, wanted), client)
     size = np.abs(client.momentum).max()
     np.testing.assert_allclose(after.momentum, np.zeros(6), atol=1e-12 * size)
-    # The same momentum serves at any time: the servicer's centre of mass and the client have moved on by then.
+    # The same momentum serves at any time: the servicer's centre of mass and the client have moved on.
     later = sms.configuration(JOINTS)
     later[:3] += com + 30.0 * wanted[:3] / pin.computeTotalMass(sms.model)
     then = after_capture(sms, later, sms.velocity(later, RATES, wanted), client, 30.0)

@@ -29,7 +29,8 @@ def met() -> tuple[ffsms.SpaceManipulator, np.ndarray, ffsms.Client, pin.SE3]:
 def test_a_problem_takes_the_momentum_and_both_rest_after_it(met) -> None:
     sms, q0, client, grasp = met
     plan = opt.plan(sms, q0, opt.Meet(client, grasp, rest_after=True), DURATION, 0.02)
-    assert plan.reached and plan.note == ""
+    assert plan.reached
+    assert plan.note == ""
     com = pin.centerOfMass(sms.model, sms.model.createData(), q0)
     np.testing.assert_allclose(plan.momentum, rest_momentum(client, com), rtol=1e-12)
     after = after_capture(sms, plan.q[-1], plan.v[-1], client, DURATION)
@@ -53,10 +54,11 @@ def test_without_it_the_momentum_is_zero(met) -> None:
 
 
 def test_a_goal_seen_from_later_is_the_same_goal(met) -> None:
-    sms, _, client, grasp = met
+    _, _, client, grasp = met
     goal = opt.Meet(client, grasp)
     later = Later(goal, 4.0)
-    assert later.exact and not later.coupled
+    assert later.exact
+    assert not later.coupled
     (t, place), (then, other) = goal.passing(DURATION), later.passing(DURATION - 4.0)
     assert then == pytest.approx(t - 4.0)
     np.testing.assert_allclose(other.position, place.position)
