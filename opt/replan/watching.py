@@ -10,7 +10,9 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.opt.replan.replanning import Replanning
 
-__all__ = ["Watching", "first_sight"]
+__all__ = ["LAST_LOOK", "Watching", "first_sight"]
+
+LAST_LOOK = 1.0  # [s]
 
 
 def first_sight(client: Client, sensor: ClientSensor) -> ClientEstimate:
@@ -31,15 +33,23 @@ class Watching:
     sensor : ClientSensor
     estimate : ClientEstimate
         As `first_sight` gives it.
+    last_look : float
+        So long before the deadline the client is measured for the last time [s]; from there its own motion is
+        trusted. Whatever is corrected later leaves a velocity, and a hand that is near hides the markers.
     """
 
     def __init__(
-        self, reference: Replanning, client: Client, sensor: ClientSensor, estimate: ClientEstimate
+        self,
+        reference: Replanning,
+        client: Client,
+        sensor: ClientSensor,
+        estimate: ClientEstimate,
+        last_look: float = LAST_LOOK,
     ) -> None:
         self.reference, self.estimate = reference, estimate
         self._client, self._sensor = client, sensor
         self._rng = np.random.default_rng((sensor.seed, 1))
-        self._due = sensor.period
+        self._due, self._last_look = sensor.period, last_look
         self.duration = reference.duration
 
     @property
@@ -64,7 +74,8 @@ class Watching:
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """Measure the client where that is due, then let the reference plan."""
-        if t >= self._due - 1e-9:
+        looks = t <= self.reference.problem.duration - self._last_look + 1e-9
+        if looks and t >= self._due - 1e-9:
             self._due += self._sensor.period
             then = t - self._sensor.latency
             self.estimate.observe(measured(self._client, then, self._sensor, self._rng), then)

@@ -15,7 +15,9 @@ GRASP = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.4]))
 
 def _about_origin(whole: object, client: ffsms.Client) -> np.ndarray:
     own, place = client.momentum, client.pose(0.0).translation
-    angular = whole.momentum[3:] + np.cross(whole.com, whole.momentum[:3]) + own[3:] + np.cross(place, own[:3])
+    angular = (
+        whole.momentum[3:] + np.cross(whole.com, whole.momentum[:3]) + own[3:] + np.cross(place, own[:3])
+    )
     return np.concatenate([whole.momentum[:3] + own[:3], angular])
 
 
