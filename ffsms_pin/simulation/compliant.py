@@ -81,9 +81,9 @@ def compliant_contact(
 ) -> CompliantContact:
     """Servicer and client with a spring and a damper between end effector and grasp, for a short time.
 
-    Two free bodies in one model of Pinocchio's, integrated by Runge-Kutta steps of order 4. What these lose of
-    the total momentum, some 1e-9 of it a step, the client is given back after each control step, so that the
-    total is kept to rounding. Whoever calls this makes the grasp rigid afterwards (`after_capture`), where both are then.
+    Two free bodies in one model of Pinocchio's, integrated by Runge-Kutta steps of order 4. What these lose
+    of the total momentum the client is given back after each control step, so that it is kept to rounding.
+    Whoever calls this makes the grasp rigid afterwards (`after_capture`), where both are then.
 
     Parameters
     ----------

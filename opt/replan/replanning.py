@@ -107,8 +107,7 @@ class Replanning:
     @property
     def target(self) -> Any:
         """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one."""
-        goal = self.problem.goal
-        if goal.moves:
+        if (goal := self.problem.goal).moves:
             return lambda t: goal.positions(np.array([t]))[:, 0]
         return goal.place(self.problem.duration).position
 
@@ -138,7 +137,6 @@ class Replanning:
         left = self._left
         if left <= _DEADLINE * self.problem.dt:
             return "hold"
-        # What must be met with its velocity is met by the plan's own end: a step knows a place only.
         return "step" if left <= self._handover and not self.problem.goal.exact else "plan"
 
     @property
@@ -226,7 +224,8 @@ class Replanning:
 
     @property
     def _handover(self) -> float:
-        return max(self.options.handover, self.options.least_steps * self.problem.dt)
+        options, exact = self.options, self.problem.goal.exact
+        return max(options.last_plan if exact else options.handover, options.least_steps * self.problem.dt)
 
     def _stepped(self, now: float, q: FloatArray, plan: JointPlan, goal: Goal) -> Step:
         """The next step: along the plan, or to the goal."""

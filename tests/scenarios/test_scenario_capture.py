@@ -7,7 +7,7 @@ import pytest
 
 from ffsms_pin import scenarios
 from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.opt import Meet
+from ffsms_pin.opt import Meet, Problem
 
 SHORT = """
 [robot]
@@ -40,6 +40,11 @@ def _written(folder: Path, text: str) -> scenarios.Scenario:
     path = folder / "short.toml"
     path.write_text(text, encoding="utf-8")
     return scenarios.scenario(path)
+
+
+def _problem(folder: Path, text: str) -> Problem:
+    made = _written(folder, text)
+    return made.problem(made.load())
 
 
 @pytest.fixture(scope="module")
@@ -89,8 +94,7 @@ def test_the_scene_holds_the_client(outcome: scenarios.Outcome) -> None:
 def test_what_does_not_fit_is_said(tmp_path: Path, old: str, new: str, word: str) -> None:
     assert old in SHORT
     with pytest.raises(InvalidScenario, match=word):
-        made = _written(tmp_path, SHORT.replace(old, new))
-        made.problem(made.load())
+        _problem(tmp_path, SHORT.replace(old, new))
 
 
 def test_the_packaged_scenario_meets_an_estimate() -> None:
