@@ -80,6 +80,7 @@ def brake(
     torque_limit: ArrayLike | None = None,
     share: float = 0.5,
     hold: float = 0.0,
+    coast: float = 0.0,
 ) -> Braking:
     """The fastest braking of this form that the joints' accelerations and torques allow.
 
@@ -92,6 +93,8 @@ def brake(
         Of the torque limits that the motion may need; the rest is for what a controller corrects.
     hold : float
         Rest after the braking [s].
+    coast : float
+        Time for which the joints keep their rates before they brake [s].
 
     Returns
     -------
@@ -107,23 +110,25 @@ def brake(
     )
     share = checks.positive("share", share)
     hold = checks.at_least_zero("hold", hold, "s")
+    coast = checks.at_least_zero("coast", coast, "s")
     rates = after.v[6:]
     duration = max(_LEAST, float((_PEAK * np.abs(rates) / limits.acceleration).max()))
     found: list[Braking] = []
     while not found or (found[-1].torque_share > share and duration <= _LONGEST):
-        found.append(_braking(after, duration, torques, hold))
+        found.append(_braking(after, duration, torques, hold, coast))
         duration *= _SLOWER
     best = found[-1] if found[-1].torque_share <= share else min(found, key=lambda one: one.torque_share)
     return _noted(best, share)
 
 
-def _braking(after: AfterCapture, duration: float, torques: FloatArray, hold: float) -> Braking:
-    robot, steps = after.robot, max(2, round(duration / _STEP))
-    t = np.linspace(0.0, duration, steps + 1)
-    s = t / duration
+def _braking(after: AfterCapture, duration: float, torques: FloatArray, hold: float, coast: float) -> Braking:
+    robot, whole = after.robot, coast + duration
+    steps = max(2, round(whole / _STEP))
+    t = np.linspace(0.0, whole, steps + 1)
+    s = np.clip((t - coast) / duration, 0.0, 1.0)
     rates = (1.0 - s**2 * (3.0 - 2.0 * s))[:, None] * after.v[6:]
-    accelerations = np.diff(rates, axis=0) * (steps / duration)
-    q, _ = roll_out(robot, after.q, rates[0], accelerations, duration / steps, after.momentum)
+    accelerations = np.diff(rates, axis=0) * (steps / whole)
+    q, _ = roll_out(robot, after.q, rates[0], accelerations, whole / steps, after.momentum)
     needed = np.zeros(robot.n)
     for k in range(steps):
         v = robot.velocity(q[k], rates[k], after.momentum)
@@ -131,7 +136,7 @@ def _braking(after: AfterCapture, duration: float, torques: FloatArray, hold: fl
             change = np.concatenate([np.zeros(6), acceleration])
             needed = np.maximum(needed, np.abs(floating_torque(robot, q[k], v, change)))
     worst = float((needed / torques).max())
-    return Braking(robot, frozen(t), frozen(q), frozen(rates), after.momentum, worst, duration + hold)
+    return Braking(robot, frozen(t), frozen(q), frozen(rates), after.momentum, worst, whole + hold)
 
 
 def _noted(braking: Braking, share: float) -> Braking:

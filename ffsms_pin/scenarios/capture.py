@@ -23,6 +23,7 @@ from ffsms_pin.system.dynamics import centroidal
 __all__ = ["Captured", "captured"]
 
 _AFTER = 10.0  # [s] simulated after the capture
+_CONTACT = 0.5  # [s] `compliant_contact`'s default
 _SHARE = 0.5  # of the torque limits, for braking
 
 
@@ -138,7 +139,9 @@ def captured(
     share = float(scenario.contact.get("torque_share", _SHARE))
     torque = controller(scenario, sms).torque_limit
     planned = after_capture(sms, plan.q[-1], plan.v[-1], client, goal_time)
-    said = brake(planned, torque, share)
+    compliant = scenario.contact.get("kind") == "compliant"
+    coast = float(scenario.contact.get("time", _CONTACT)) if compliant else 0.0
+    said = brake(planned, torque, share, coast=coast)
     row = int(np.searchsorted(tracking.t, goal_time - 1e-9))
     row = min(row, len(tracking.t) - 1)
     t, q, v = float(tracking.t[row]), tracking.q[row], tracking.v[row]
@@ -162,9 +165,10 @@ def captured(
     dt = float(tracking.t[1] - tracking.t[0])
     contact = None
     hold = float(scenario.contact.get("after", _AFTER))
-    if scenario.contact.get("kind") == "compliant":
-        law = controller(scenario, model.robot)
-        reference = brake(replace(model, v=v), torque, share, hold)
+    if compliant:
+        # Until the grasp is rigid the arm is that of the servicer alone, and its joints keep their rates.
+        law = controller(scenario, sms)
+        reference = brake(replace(model, v=v), torque, share, coast=coast)
         given = {key: value for key, value in scenario.contact.items() if key in _COMPLIANCE}
         contact = compliant_contact(
             plant, q, v, client, t, goal=grasp, law=law, reference=reference, dt=dt, **given

@@ -79,8 +79,8 @@ def _momentum_note(problem: Problem) -> str:
     if linear <= _SAME * size[0] + _ROUNDING and angular <= _SAME * size[1] + _ROUNDING:
         return ""
     return (
-        f"the momentum before the capture is {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the one that "
-        "leaves both at rest: so much is left after it"
+        f"the momentum before the capture is {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the one "
+        "that leaves both at rest: so much is left after it"
     )
 
 

@@ -1,5 +1,7 @@
 """The capture of a client: momentum kept, the rate that it dictates, the motion after it beside MuJoCo."""
 
+from typing import Any
+
 import mujoco as mj
 import numpy as np
 import pinocchio as pin
@@ -91,7 +93,7 @@ def test_joints_at_rest_leave_the_rate_that_was_said() -> None:
     spin = pin.XYZQUATToSE3(end[:7]).rotation @ still[3:6]
     np.testing.assert_allclose(after.rest_rate(end), spin, atol=1e-12)
     # And 20 s later, from a dynamics that knows nothing of the free body in closed form.
-    state = end.copy(), still.copy()
+    state: Any = end.copy(), still.copy()
     data = after.robot.model.createData()
 
     def rigid(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -133,7 +135,8 @@ def test_the_motion_after_it_beside_mujoco() -> None:
     peer = Mujoco(after.robot, 2e-3)
     peer.model.opt.integrator = mj.mjtIntegrator.mjINT_RK4
     peer.set(after.q, after.v)
-    state, data = (after.q, after.v), after.robot.model.createData()
+    state: Any = after.q, after.v
+    data = after.robot.model.createData()
     force = np.concatenate([np.zeros(6), tau])
     peer.data.qfrc_applied[6:] = tau
     for _ in range(5000):

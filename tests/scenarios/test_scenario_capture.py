@@ -1,6 +1,7 @@
 """A client in a scenario file: its tables, and a short run to the end."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,11 +49,11 @@ def _problem(folder: Path, text: str) -> Problem:
 
 
 @pytest.fixture(scope="module")
-def outcome(tmp_path_factory: pytest.TempPathFactory) -> scenarios.Outcome:
+def outcome(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return scenarios.run(_written(tmp_path_factory.mktemp("short"), SHORT))
 
 
-def test_the_client_is_caught_and_the_rate_is_as_said(outcome: scenarios.Outcome) -> None:
+def test_the_client_is_caught_and_the_rate_is_as_said(outcome: Any) -> None:
     numbers = scenarios.summary(outcome)["capture"]
     assert outcome.trajectory.reached
     assert numbers["contact_velocity_m_per_s"] < 5e-3
@@ -65,7 +66,7 @@ def test_the_client_is_caught_and_the_rate_is_as_said(outcome: scenarios.Outcome
     assert drift < 1e-8
 
 
-def test_the_scene_holds_the_client(outcome: scenarios.Outcome) -> None:
+def test_the_scene_holds_the_client(outcome: Any) -> None:
     viewer = pytest.importorskip("ffsms_pin.viewer")
     from ffsms_pin.scenarios.capture import whole_tracking
     from ffsms_pin.viewer.captured import CapturedClient

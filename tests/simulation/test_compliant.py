@@ -1,5 +1,7 @@
 """A compliant grasp: momentum kept, energy only lost, and the grasp drawn together."""
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -13,7 +15,7 @@ from ffsms_pin.system.dynamics import centroidal
 GRASP = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.4]))
 
 
-def _about_origin(whole: object, client: ffsms.Client) -> np.ndarray:
+def _about_origin(whole: Any, client: ffsms.Client) -> np.ndarray:
     own, place = client.momentum, client.pose(0.0).translation
     angular = (
         whole.momentum[3:] + np.cross(whole.com, whole.momentum[:3]) + own[3:] + np.cross(place, own[:3])
@@ -38,17 +40,17 @@ def touch() -> tuple[ffsms.SpaceManipulator, np.ndarray, np.ndarray, ffsms.Clien
     return sms, q, v, client, contact
 
 
-def test_the_momentum_is_kept_and_energy_only_lost(touch) -> None:
+def test_the_momentum_is_kept_and_energy_only_lost(touch: Any) -> None:
     sms, q, v, client, contact = touch
     start, end = centroidal(sms, q, v), centroidal(sms, contact.q[-1], contact.v[-1])
     before, after = _about_origin(start, client), _about_origin(end, contact.client)
-    np.testing.assert_allclose(after, before, rtol=0.0, atol=1e-12 * np.linalg.norm(before))
+    np.testing.assert_allclose(after, before, rtol=0.0, atol=1e-12 * float(np.linalg.norm(before)))
     energy = start.kinetic_energy + client.kinetic_energy - end.kinetic_energy - contact.client.kinetic_energy
     strained = 0.5 * 500.0 * 0.003**2 + 0.5 * 20.0 * 0.018**2
     assert energy > -strained
 
 
-def test_the_grasp_is_drawn_together(touch) -> None:
+def test_the_grasp_is_drawn_together(touch: Any) -> None:
     sms, q, v, client, contact = touch
     tip, grasp = sms.at(contact.q[-1]).end_effector_pose, contact.client.pose(0.0) * GRASP
     missed = np.linalg.norm(tip.translation - grasp.translation)
@@ -60,7 +62,7 @@ def test_the_grasp_is_drawn_together(touch) -> None:
     assert 1.0 < contact.largest_force < 10.0
 
 
-def test_both_ways_end_with_the_same_total(touch) -> None:
+def test_both_ways_end_with_the_same_total(touch: Any) -> None:
     sms, q, v, client, contact = touch
     weld = after_capture(sms, q, v, client)
     soft = after_capture(sms, contact.q[-1], contact.v[-1], contact.client)

@@ -1,5 +1,7 @@
 """A client that is met with the momentum that leaves both at rest."""
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -26,7 +28,7 @@ def met() -> tuple[ffsms.SpaceManipulator, np.ndarray, ffsms.Client, pin.SE3]:
     return sms, q0, now, grasp
 
 
-def test_a_problem_takes_the_momentum_and_both_rest_after_it(met) -> None:
+def test_a_problem_takes_the_momentum_and_both_rest_after_it(met: Any) -> None:
     sms, q0, client, grasp = met
     plan = opt.plan(sms, q0, opt.Meet(client, grasp, rest_after=True), DURATION, 0.02)
     assert plan.reached
@@ -38,7 +40,7 @@ def test_a_problem_takes_the_momentum_and_both_rest_after_it(met) -> None:
     assert np.linalg.norm(after.momentum[:3]) < 1e-9
 
 
-def test_another_momentum_is_told(met) -> None:
+def test_another_momentum_is_told(met: Any) -> None:
     sms, q0, client, grasp = met
     given = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
     plan = opt.plan(sms, q0, opt.Meet(client, grasp, rest_after=True), DURATION, 0.05, momentum=given)
@@ -48,18 +50,21 @@ def test_another_momentum_is_told(met) -> None:
     assert np.linalg.norm(after.rest_rate()) > 1e-3
 
 
-def test_without_it_the_momentum_is_zero(met) -> None:
+def test_without_it_the_momentum_is_zero(met: Any) -> None:
     sms, q0, client, grasp = met
     assert opt.Problem(sms, q0, opt.Meet(client, grasp), DURATION).momentum is None
 
 
-def test_a_goal_seen_from_later_is_the_same_goal(met) -> None:
+def test_a_goal_seen_from_later_is_the_same_goal(met: Any) -> None:
     _, _, client, grasp = met
     goal = opt.Meet(client, grasp)
     later = Later(goal, 4.0)
     assert later.exact
     assert not later.coupled
-    (t, place), (then, other) = goal.passing(DURATION), later.passing(DURATION - 4.0)
+    first, second = goal.passing(DURATION), later.passing(DURATION - 4.0)
+    assert first is not None
+    assert second is not None
+    (t, place), (then, other) = first, second
     assert then == pytest.approx(t - 4.0)
     np.testing.assert_allclose(other.position, place.position)
     assert Later(goal, 10.0).passing(2.0) is None  # the corridor's mouth lies behind
