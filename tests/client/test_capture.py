@@ -100,7 +100,7 @@ def test_joints_at_rest_leave_the_rate_that_was_said() -> None:
         return np.concatenate([np.zeros(6), _held(after, q, v)])
 
     for _ in range(400):
-        *state, _ = rk4_step(after.robot.model, data, *state, rigid, 0.05)
+        *state, _ = rk4_step(after.robot.model, data, state[0], state[1], rigid, 0.05)
     spin = pin.XYZQUATToSE3(state[0][:7]).rotation @ state[1][3:6]
     np.testing.assert_allclose(after.at_rest(end).twist(20.0)[3:], spin, atol=1e-7)
 
@@ -141,7 +141,7 @@ def test_the_motion_after_it_beside_mujoco() -> None:
     peer.data.qfrc_applied[6:] = tau
     for _ in range(5000):
         mj.mj_step(peer.model, peer.data)
-        *state, _ = rk4_step(after.robot.model, data, *state, force, 2e-3)
+        *state, _ = rk4_step(after.robot.model, data, state[0], state[1], force, 2e-3)
     q_peer, v_peer = peer.state()
     difference = pin.difference(after.robot.model, state[0], q_peer)
     moved = pin.difference(after.robot.model, after.q, state[0])
