@@ -58,7 +58,7 @@ class Problem:
         At the start [rad/s]; default: at rest.
     momentum : array_like, shape (6,), optional
         Total momentum [linear; angular] about the system's centre of mass, inertial axes [kg m/s; kg m^2/s].
-        Default zero.
+        Default: what the goal asks for (`opt.Meet(rest_after=True)`), else zero.
     locked : sequence of str
         Names of joints that cannot move.
     mode : str
@@ -112,6 +112,8 @@ class Problem:
         if self.joint_rates is not None:
             rates = vector("joint_rates", self.joint_rates, n, "rad/s")
         momentum = None if self.momentum is None else vector("momentum", self.momentum, 6)
+        if momentum is None:
+            momentum = goal.momentum(_centre_of_mass(self.sms, q0))
         if momentum is not None and not momentum.any():
             momentum = None
         if isinstance(self.locked, str) or not isinstance(self.locked, Sequence):
@@ -228,6 +230,11 @@ class Problem:
         """Mean speed of a straight way to the target [m/s]: the scale of speeds."""
         way = self.goal.place(self.duration).position - self.tip0
         return max(float(np.linalg.norm(way)), _LEAST_WAY) / self.duration
+
+
+def _centre_of_mass(sms: SpaceManipulator, q: FloatArray) -> FloatArray:
+    """Of the whole robot (3,) [m], inertial axes."""
+    return np.array(pin.centerOfMass(sms.model, sms.model.createData(), q))
 
 
 def check_parts(name: str, parts: Any, kind: type) -> None:

@@ -62,6 +62,12 @@ def run_scenario(
         outcome = run(chosen, progress, folder=folder, allow_outside=allow_outside)
         outcome.trajectory.save(staging / "trajectory.npz")
         outcome.tracking.save(staging / "tracking.npz")
+        if outcome.capture is not None:
+            outcome.capture.tracking.save(staging / "capture.npz")
+            if figures and installed("view"):
+                from ffsms_pin.viewer import view_capture
+
+                view_capture(outcome, title=chosen.name).to_html(staging / "capture.html")
         numbers = summary(outcome)
         text = json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         write_content(staging / "summary.json", text)

@@ -38,7 +38,7 @@ def add_parser(subparsers: Any) -> None:
         "scenario",
         metavar="SCENARIO",
         nargs="?",
-        help="case-1, case-2, wrong-model, or a scenario file (TOML)",
+        help="case-1, case-2, wrong-model, capture, or a scenario file (TOML)",
     )
     what.add_argument(
         "--replay", metavar=("DIR", "SEED"), nargs=2, help="one run of the campaign in a folder, by its seed"

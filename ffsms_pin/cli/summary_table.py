@@ -23,6 +23,8 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
     _add_conditions(table, numbers["conditions"])
     _add_joints(table, numbers["joints"])
     _add_tracking(table, numbers)
+    if "capture" in numbers:
+        _add_capture(table, numbers["capture"])
     table.add_section()
     timing = numbers["timing"]
     table.add_row("planning", f"{timing['planning_s']:.2f} s", "")
@@ -134,6 +136,27 @@ def _add_base(table: Table, tracking: Mapping[str, Any]) -> None:
         table.add_row(escape(f"  {wheel['name']}: largest momentum, torque"), done, "")
     if "propellant_kg" in tracking:
         table.add_row("  propellant", f"{1e3 * tracking['propellant_kg']:.3g} g", "")
+
+
+def _add_capture(table: Table, capture: Mapping[str, Any]) -> None:
+    """Contact, braking, and the rate that the momentum dictates."""
+    table.add_section()
+    speed, spin = 1e3 * capture["contact_velocity_m_per_s"], capture["contact_velocity_deg_per_s"]
+    table.add_row(
+        "capture: grasp missed by", f"{_length(capture['miss_m'])}, {capture['miss_deg']:.2g} deg", ""
+    )
+    table.add_row("  relative velocity at contact", f"{speed:.2g} mm/s, {spin:.2g} deg/s", "")
+    if capture["contact_force_max_N"] is not None:
+        felt = f"{capture['contact_force_max_N']:.3g} N, {capture['contact_torque_max_Nm']:.3g} N m"
+        table.add_row("  largest force and torque in the grasp", felt, "")
+    table.add_row("  total momentum changed by, relative", f"{capture['momentum_change_relative']:.1e}", "")
+    share = f"{100.0 * capture['braking_torque_share']:.3g} % of the torques"
+    table.add_row("  joints braked in", f"{capture['braking_s']:.3g} s", share)
+    if capture["braking_note"]:
+        table.add_row("  note", escape(capture["braking_note"]), "")
+    for label, key in (("said", "predicted_base_rate_deg_per_s"), ("found", "final_base_rate_deg_per_s")):
+        rates = ", ".join(f"{rate:.4f}" for rate in capture[key])
+        table.add_row(f"  base rate at the end, {label}", f"{rates} deg/s", "")
 
 
 def _final_error(run: Mapping[str, Any]) -> str:

@@ -1,5 +1,19 @@
-"""Clients: free rigid bodies in torque-free motion, which a servicer is to meet."""
+"""Clients: free rigid bodies in torque-free motion, which a servicer is to meet and to capture."""
 
+from ffsms_pin.client.braking import Braking, brake
+from ffsms_pin.client.capture import AfterCapture, after_capture, rest_momentum
 from ffsms_pin.client.client import Client, Shape
+from ffsms_pin.client.estimate import ClientEstimate, ClientSensor, measured
 
-__all__ = ["Client", "Shape"]
+__all__ = [
+    "AfterCapture",
+    "Braking",
+    "Client",
+    "ClientEstimate",
+    "ClientSensor",
+    "Shape",
+    "after_capture",
+    "brake",
+    "measured",
+    "rest_momentum",
+]

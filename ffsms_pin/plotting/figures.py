@@ -12,7 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt import Obstacle
 from ffsms_pin.plotting import base, coupling, coupling_over_time, joints, tracking
+from ffsms_pin.plotting.capture import plot_braking, plot_turning
 from ffsms_pin.plotting.motion import motion_sides, plot_motion
 from ffsms_pin.plotting.style import applied, share_legend, stack
 from ffsms_pin.scenarios import Outcome
@@ -57,6 +59,9 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
 }
 """Figures by file name, and their panels from top to bottom."""
 
+CAPTURE_FIGURES: Mapping[str, tuple[Panel, ...]] = {"capture": (plot_turning, plot_braking)}
+"""More of them, where a client was captured."""
+
 _DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] of one drawing, and of two side by side
 _NEAR = 0.2  # share of the torque limits from which they are drawn: else the curves would look flat
 
@@ -72,6 +77,11 @@ def _true_paths(outcome: Outcome) -> dict[str, FloatArray]:
     return {name: end_effector_path(outcome.plant, run) for name, run in runs.items() if len(run.t) > 0}
 
 
+def _obstacles(outcome: Outcome) -> list[Obstacle]:
+    """What the plan kept clear of, the client's among them."""
+    return outcome.scenario.obstacles(None if outcome.capture is None else outcome.capture.client)
+
+
 def _torques(outcome: Outcome, ax: Axes) -> Axes:
     """Torques, with their limits where the motion comes near them; else a word on how far away they are."""
     limit, tau = outcome.controller.torque_limit, outcome.tracking.tau
@@ -85,10 +95,10 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
 
 
 def figure(outcome: Outcome, name: str) -> Figure:
-    """One of `FIGURES`, drawn."""
+    """One of `FIGURES`, or of `CAPTURE_FIGURES` where a client was captured, drawn."""
     if name == "motion":
         return _motion(outcome)
-    panels = FIGURES[name]
+    panels = {**FIGURES, **CAPTURE_FIGURES}[name]
     result, axes = stack(len(panels))
     for panel, ax in zip(panels, axes, strict=True):
         panel(outcome, ax)
@@ -100,7 +110,7 @@ def figure(outcome: Outcome, name: str) -> Figure:
 def _motion(outcome: Outcome) -> Figure:
     """The motion from one side where it is planar, from two where it is not."""
     paths = _true_paths(outcome)
-    obstacles = outcome.scenario.obstacles()
+    obstacles = _obstacles(outcome)
     sides = motion_sides(outcome.sms, outcome.trajectory, paths)
     with applied():
         result = Figure(layout="constrained")
@@ -136,14 +146,15 @@ def save_figures(
         The files.
     """
     written = []
-    for count, name in enumerate(FIGURES, start=1):
+    names = list(FIGURES) if outcome.capture is None else [*FIGURES, *CAPTURE_FIGURES]
+    for count, name in enumerate(names, start=1):
         drawn = figure(outcome, name)
         for ending in formats:
             path = Path(folder) / f"{name}.{ending}"
             save_figure(drawn, path, ending)
             written.append(path)
         if progress is not None:
-            progress(count / len(FIGURES))
+            progress(count / len(names))
     return written
 
 

@@ -118,7 +118,7 @@ class _Standstill:
 
     def __init__(self, scenario: Scenario, positions: FloatArray) -> None:
         self.duration = scenario.duration
-        self.target = scenario.target["position"]
+        self.target = scenario.target.get("position", (0.0, 0.0, 0.0))
         self._sample = positions, np.zeros_like(positions), np.zeros_like(positions)
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -59,6 +59,8 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
         options["v0"] = simulation["v0"]
     else:  # a plan with momentum is one for a plant that has it
         options["momentum"] = simulation.get("momentum", scenario.plan.get("momentum"))
+        if options["momentum"] is None and scenario.meet is not None and scenario.meet.get("rest_after"):
+            options["momentum"] = scenario.problem(sms, q0).momentum
     if (law := base_law(scenario.attitude, sms)) is not None:
         options["base_controller"] = law
     if "wheel_momentum" in simulation:

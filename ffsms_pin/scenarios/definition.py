@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import Client, ClientEstimate
 from ffsms_pin.errors import InvalidScenario, InvalidValue
 from ffsms_pin.models import load, satellite_names
 from ffsms_pin.opt import (
@@ -21,12 +22,15 @@ from ffsms_pin.opt import (
     Effort,
     JointLimits,
     Limit,
+    Meet,
     Obstacle,
     Problem,
     Smooth,
     Term,
 )
+from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.scenarios.actuated import with_actuators
+from ffsms_pin.scenarios.clients import made_client, meeting
 from ffsms_pin.scenarios.joint_units import joint_units, slides
 from ffsms_pin.scenarios.obstacles import made_obstacles
 from ffsms_pin.scenarios.parts import made_part, with_parts
@@ -63,6 +67,10 @@ class Scenario:
         What happens on the way.
     watchdog, wheels, thrusters, attitude : mapping of str to values, or None
         None: there is none, and for `attitude` that the base is left to itself.
+    client, meet : mapping of str to values, or None
+        Who is to be met in place of a target, and how; None: there is a target.
+    contact : mapping of str to values
+        How the client is caught, and what follows.
     term, limit : tuple of mappings
         Terms and limits of the plan beside, or in place of, those that `plan` describes.
     obstacle : tuple of mappings
@@ -96,6 +104,9 @@ class Scenario:
     wheels: Mapping[str, Any] | None = None
     thrusters: Mapping[str, Any] | None = None
     attitude: Mapping[str, Any] | None = None
+    client: Mapping[str, Any] | None = None
+    meet: Mapping[str, Any] | None = None
+    contact: Mapping[str, Any] = field(default_factory=dict)
     term: tuple[Mapping[str, Any], ...] = ()
     limit: tuple[Mapping[str, Any], ...] = ()
     obstacle: tuple[Mapping[str, Any], ...] = ()
@@ -166,7 +177,11 @@ class Scenario:
         return sms.configuration(self._within_limits(sms, "start", "joints", joints))
 
     def problem(
-        self, sms: SpaceManipulator, q0: FloatArray | None = None, dt: float | None = None
+        self,
+        sms: SpaceManipulator,
+        q0: FloatArray | None = None,
+        dt: float | None = None,
+        client: Client | ClientEstimate | None = None,
     ) -> Problem:
         """The planning problem: start, target, time, and every term and limit, made anew.
 
@@ -178,6 +193,8 @@ class Scenario:
             Start; default: `start_configuration`.
         dt : float, optional
             Step [s]; default: that of [plan].
+        client : Client or ClientEstimate, optional
+            Who is to be met, where the scenario meets one; default: where it truly is.
 
         Raises
         ------
@@ -186,12 +203,17 @@ class Scenario:
             imported only with `allow_import`.
         """
         plan = self.plan
-        terms: list[Term] = [Coupling(plan.get("kappa", 10.0)), Smooth()]
+        if self.client is not None and client is None:
+            client = self.made_client(sms)
+        goal = goal_of(self.target) if client is None else self._meeting(client)
+        terms: list[Term] = [Smooth()]
+        if as_goal(goal).coupled or "kappa" in plan:
+            terms.insert(0, Coupling(plan.get("kappa", 10.0)))
         terms.append(Effort(plan["effort"]) if "effort" in plan else Effort())
         if plan.get("base", 0.0) > 0.0:
             terms.append(BaseTurn(plan["base"]))
         try:
-            clear = Clearance(*self.clearance, obstacles=self.obstacles())
+            clear = Clearance(*self.clearance, obstacles=self.obstacles(client))
         except InvalidValue as error:
             raise InvalidScenario(self.source, str(error)) from None
         limits: list[Limit] = [JointLimits(), clear]
@@ -207,7 +229,7 @@ class Scenario:
             return Problem(
                 sms,
                 self.start_configuration(sms) if q0 is None else q0,
-                goal_of(self.target),
+                goal,
                 self.arrival,
                 plan.get("dt", 0.01) if dt is None else dt,
                 with_parts(terms, own_terms),
@@ -221,9 +243,22 @@ class Scenario:
         except InvalidValue as error:
             raise InvalidScenario(self.source, str(error)) from None
 
-    def obstacles(self) -> list[Obstacle]:
-        """What the robot keeps clear of beside itself."""
-        return made_obstacles(self.source, self.obstacle)
+    def obstacles(self, client: Client | ClientEstimate | None = None) -> list[Obstacle]:
+        """What the robot keeps clear of beside itself; what is on the client, only for one that is given."""
+        return made_obstacles(self.source, self.obstacle, client)
+
+    def made_client(self, sms: SpaceManipulator) -> Client:
+        """The client; see `clients.made_client`."""
+        try:
+            return made_client(self, sms)
+        except InvalidValue as error:
+            raise InvalidScenario(self.source, f"[client] {error}") from None
+
+    def _meeting(self, client: Client | ClientEstimate) -> Meet:
+        try:
+            return meeting(self, client)
+        except InvalidValue as error:
+            raise InvalidScenario(self.source, f"[meet] {error}") from None
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
         """Start (nq,) of the simulated arm where it is not the plan's `q0`; None where it is."""
@@ -285,7 +320,7 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
     Parameters
     ----------
     name_or_path : str or path
-        A packaged scenario ("case-1", "case-2": the paper's; "wrong-model": ours), or a TOML file.
+        A packaged scenario ("case-1", "case-2": the paper's; "wrong-model", "capture": ours), or a TOML file.
     allow_import : bool
         Whether its terms and limits may be a user's own, as `use = "package.module:Class"`.
 

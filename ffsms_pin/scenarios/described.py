@@ -34,7 +34,9 @@ def described(scenario: Scenario) -> dict[str, str]:
         several = getattr(scenario, name)
         for i, values in enumerate(several, start=1):
             words[name if len(several) == 1 else f"{name} {i}"] = _words(values)
-    for name in ("wheels", "thrusters", "attitude"):
+    if scenario.contact:
+        words["contact"] = _words(scenario.contact)
+    for name in ("client", "meet", "wheels", "thrusters", "attitude"):
         if (found := getattr(scenario, name)) is not None:
             words[name] = _words({key: value for key, value in found.items() if value is not None})
             words[name] = words[name] or "as by default"

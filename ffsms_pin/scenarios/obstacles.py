@@ -28,7 +28,7 @@ SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {
 _SIZES = ("size", "radius", "length", "file", "scale")
 
 
-def made_obstacles(source: Path, rows: Sequence[Mapping[str, Any]]) -> list[Obstacle]:
+def made_obstacles(source: Path, rows: Sequence[Mapping[str, Any]], client: Any = None) -> list[Obstacle]:
     """The obstacles of a scenario file.
 
     Parameters
@@ -37,16 +37,22 @@ def made_obstacles(source: Path, rows: Sequence[Mapping[str, Any]]) -> list[Obst
         The file, for messages; meshes are looked for from its folder.
     rows : sequence of mapping
         The tables.
+    client : Client or ClientEstimate, optional
+        What those with on = "client" are on. Default: they are left out.
 
     Raises
     ------
     InvalidScenario
         Keys do not fit the shape, or a mesh is not there, cannot be read, or is not convex.
     """
-    return [_obstacle(source, f"[[obstacle]] {i}", row) for i, row in enumerate(rows, start=1)]
+    return [
+        _obstacle(source, f"[[obstacle]] {i}", row, client)
+        for i, row in enumerate(rows, start=1)
+        if client is not None or row.get("on") != "client"
+    ]
 
 
-def _obstacle(source: Path, title: str, row: Mapping[str, Any]) -> Obstacle:
+def _obstacle(source: Path, title: str, row: Mapping[str, Any], client: Any) -> Obstacle:
     kind = row["shape"]
     needed = SHAPE_KEYS[kind]
     for key in needed:
@@ -64,7 +70,7 @@ def _obstacle(source: Path, title: str, row: Mapping[str, Any]) -> Obstacle:
         return Obstacle(
             _shape(source, title, kind, row),
             place,
-            row.get("on", "inertial"),
+            client if row.get("on") == "client" else row.get("on", "inertial"),
             row.get("margin", 0.0),
             row.get("name", ""),
         )

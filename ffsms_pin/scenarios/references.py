@@ -9,6 +9,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import AlphaBox, Replanning, SearchOptions, Trajectory
 from ffsms_pin.opt.planning.plan import plan_problem
 from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.replan.watching import Watching, first_sight
+from ffsms_pin.scenarios.clients import sensor
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.system import SpaceManipulator
 
@@ -30,15 +32,24 @@ def planned(
     return replace(trajectory, reach=scenario.plan.get("reach", trajectory.reach))
 
 
-def replanning(scenario: Scenario, sms: SpaceManipulator) -> Replanning:
-    """A reference that plans again from the measured state; one run uses it up."""
-    problem = scenario.problem(sms, dt=scenario.reference.get("dt"))
+def replanning(scenario: Scenario, sms: SpaceManipulator) -> Replanning | Watching:
+    """A reference that plans again from the measured state; one run uses it up.
+
+    Where the client has a sensor, what is planned for is its estimate.
+    """
+    seen = sensor(scenario)
+    client = None if scenario.client is None else scenario.made_client(sms)
+    estimate = None if client is None or seen is None else first_sight(client, seen)
+    problem = scenario.problem(sms, dt=scenario.reference.get("dt"), client=estimate)
     if not any(isinstance(limit, AlphaBox) for limit in problem.limits):
         problem = replace(problem, limits=(*problem.limits, AlphaBox()))  # the paper's step has it always
     options = ReplanOptions(
         dead_band=scenario.reference.get("dead_band"), jerk=scenario.per_joint(sms, "reference", "jerk")
     )
-    return Replanning(problem, scenario.reference.get("hold", 0.0), options=options)
+    reference = Replanning(problem, scenario.reference.get("hold", 0.0), options=options)
+    if client is None or seen is None or estimate is None:
+        return reference
+    return Watching(reference, client, seen, estimate)
 
 
 class Held:

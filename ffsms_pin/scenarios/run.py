@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 from ffsms_pin.control import JointLaw
 from ffsms_pin.opt import Replanning, Trajectory
+from ffsms_pin.opt.replan.watching import Watching
+from ffsms_pin.scenarios.capture import Captured, captured
 from ffsms_pin.scenarios.closed_loop import Attempt, attempt, named, prepared
 from ffsms_pin.scenarios.conditions import controller
 from ffsms_pin.scenarios.definition import Scenario
@@ -53,6 +55,8 @@ class Outcome:
         What stood in the way of planning again, as the reference says; else empty.
     open_loop : Attempt, optional
         Where the motion was planned again: the plan made once, followed under the same conditions.
+    capture : Captured, optional
+        What became of a client that was to be met.
     """
 
     scenario: Scenario
@@ -64,6 +68,7 @@ class Outcome:
     timing: Timing
     note: str = ""
     open_loop: Attempt | None = None
+    capture: Captured | None = None
 
 
 def run(
@@ -111,12 +116,14 @@ def run(
         reference = loop.reference(trajectory)
         tracking = loop.run(reference, law, stage(progress, "tracking"), **files)
         tracked = time.perf_counter()
-        note, open_loop = "", None
-        if isinstance(reference, Replanning):
+        note, open_loop, capture = "", None, None
+        if isinstance(reference, (Replanning, Watching)):
             note = reference.note
             open_loop = attempt(
                 partial(loop.run, loop.plan_once(trajectory), law, stage(progress, "plan once"))
             )
+        if scenario.client is not None:
+            capture = captured(scenario, sms, trajectory, tracking, loop.options, stage(progress, "capture"))
     return Outcome(
         scenario,
         sms,
@@ -127,6 +134,7 @@ def run(
         Timing(ended - started, tracked - ended),
         note,
         open_loop,
+        capture,
     )
 
 

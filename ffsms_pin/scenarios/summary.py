@@ -61,6 +61,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "base": base_numbers(outcome.sms, plan.q),
         "conditions": described(outcome.scenario),
         "tracking": _tracking(outcome),
+        **({} if outcome.capture is None else {"capture": outcome.capture.numbers()}),
         "timing": _timing(outcome),
         "versions": {
             "python": platform.python_version(),

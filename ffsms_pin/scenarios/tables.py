@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from ffsms_pin.control import LAWS
 from ffsms_pin.opt import METHODS
 from ffsms_pin.scenarios.base_tables import ATTITUDE, THRUSTERS, WHEELS
+from ffsms_pin.scenarios.client_tables import CLIENT, CONTACT, MEET
 from ffsms_pin.scenarios.table import DEGREES, Table, radians
 from ffsms_pin.scenarios.values import (
     Parser,
@@ -78,8 +79,10 @@ TABLES: Mapping[str, Table] = {
     "target": Table(
         {"position": numbers(3), "rpy": numbers(3), "velocity": numbers(3)},
         frozenset({"rpy"}),
-        required=("position",),
     ),
+    "client": CLIENT,
+    "meet": MEET,
+    "contact": CONTACT,
     "plan": Table(
         {
             "duration": positive,
@@ -128,7 +131,7 @@ TABLES: Mapping[str, Table] = {
             "scale": positive,
             "position": numbers(3),
             "rpy": numbers(3),
-            "on": one_of("inertial", "base"),
+            "on": one_of("inertial", "base", "client"),
             "margin": not_negative,
         },
         frozenset({"rpy"}),

@@ -10,6 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, dimensions, matrix, number, one_of, positive, vector
+from ffsms_pin.client.welding import body_motion, welded
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -69,25 +70,13 @@ class Capture:
         """The plant with the client on it, and the velocity (6 + n,) right after; `locked` indexes v."""
         frame = plant.model.frames[plant.frame_id]
         body = frame.placement.act(self.body())
-        model, data = plant.model.copy(), plant.model.createData()
-        pin.computeJointJacobians(model, data, q)
-        place = data.oMi[frame.parentJoint]
-        J = pin.getJointJacobian(model, data, frame.parentJoint, pin.ReferenceFrame.LOCAL)
-        before = pin.crba(model, data, q).copy() @ v
         if self.twist is None:
-            motion = pin.Motion(J @ v)
-        else:
-            twist = vector("capture.twist", self.twist, 6, "m/s, rad/s")
-            lever = place.rotation @ body.lever
-            linear = twist[:3] - np.cross(twist[3:], lever)
-            motion = pin.Motion(place.rotation.T @ linear, place.rotation.T @ twist[3:])
-        momentum = before + J.T @ (body * motion).vector
-        model.appendBodyToJoint(frame.parentJoint, body, pin.SE3.Identity())
-        M = pin.crba(model, model.createData(), q)
-        free = np.setdiff1d(np.arange(plant.nv), locked)
-        after = np.zeros(plant.nv)
-        after[free] = np.linalg.solve(M[np.ix_(free, free)], momentum[free])
-        return plant.with_inertias(model), after
+            return welded(plant, q, v, body, None, locked)
+        data = plant.model.createData()
+        pin.forwardKinematics(plant.model, data, q)
+        twist = vector("capture.twist", self.twist, 6, "m/s, rad/s")
+        motion = body_motion(data.oMi[frame.parentJoint], body.lever, twist)
+        return welded(plant, q, v, body, motion, locked)
 
     def __str__(self) -> str:
         return f"captured {self.mass:g} kg"

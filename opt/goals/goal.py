@@ -109,6 +109,14 @@ class Goal(ABC):
         """A time [s] and a place to come by on the way to a deadline, in motions to start a search from."""
         return None
 
+    def momentum(self, com: FloatArray) -> FloatArray | None:
+        """The robot's total momentum (6,) that the goal asks for; None: any.
+
+        `com` (3,) is the robot's centre of mass at time zero [m]. A problem that is given no momentum takes
+        this one; a plan for another one says so in its note.
+        """
+        return None
+
     def limits(self, duration: float) -> tuple[Limit, ...]:
         """Limits that belong to the goal, for a motion to a deadline [s]; a problem takes them up."""
         return ()

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
-from ffsms_pin.client import Client
+from ffsms_pin.client import Client, ClientEstimate, rest_momentum
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import (
     ORIENTATION_REACH,
@@ -46,7 +46,7 @@ class Meet(Goal):
 
     Attributes
     ----------
-    client : Client
+    client : Client or ClientEstimate
     grasp : pinocchio.SE3, optional
         Of the grasp frame, in the client's body axes, from its centre of mass. Default: the body frame.
     standoff : float
@@ -61,13 +61,16 @@ class Meet(Goal):
         plan that misses by more has not `reached`.
     reach, orientation_reach : float
         In the last tenth of the time, see `Goal`.
+    rest_after : bool
+        Whether the servicer should have the momentum before the capture that leaves both at rest after it
+        (`ffsms_pin.client.rest_momentum`). A problem that is given no `momentum` then has this one.
 
     Raises
     ------
     InvalidValue
     """
 
-    client: Client
+    client: Client | ClientEstimate
     grasp: Any = None
     standoff: float = STANDOFF
     half_angle: float = HALF_ANGLE
@@ -75,9 +78,11 @@ class Meet(Goal):
     tolerance: float = TOLERANCE
     reach: float = REACH
     orientation_reach: float = ORIENTATION_REACH
+    rest_after: bool = False
 
     def __post_init__(self) -> None:
-        checks.instance("client", self.client, Client)
+        if not isinstance(self.client, (Client, ClientEstimate)):
+            raise InvalidValue("client", self.client, "must be a Client, or a ClientEstimate")
         grasp = pin.SE3.Identity() if self.grasp is None else self.grasp
         checks.pose("grasp", grasp)
         axis = checks.vector("axis", self.axis, 3)
@@ -87,6 +92,7 @@ class Meet(Goal):
         half_angle = checks.positive("half_angle", self.half_angle, "rad")
         if half_angle >= 0.5 * math.pi:
             raise InvalidValue("half_angle", self.half_angle, "must be below a right angle [rad]")
+        checks.instance("rest_after", self.rest_after, bool)
         check_reaches(self)
         values = {
             "grasp": pin.SE3(grasp),
@@ -137,6 +143,10 @@ class Meet(Goal):
         mouth = pin.SE3(np.eye(3), -self.standoff * self.axis)
         pose = self.client.pose(t) * self.grasp * mouth
         return t, Place(pose.translation, pose.rotation)
+
+    def momentum(self, com: FloatArray) -> FloatArray | None:
+        """What leaves both at rest after the capture, where that is asked for."""
+        return rest_momentum(self.client, com) if self.rest_after else None
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
         """The corridor, where there is one."""

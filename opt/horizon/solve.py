@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.opt.horizon.blocked import check_obstacles
 from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision
@@ -17,6 +19,9 @@ from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import one_blas_thread
 
 __all__ = ["solve"]
+
+# What counts as the momentum that a goal asks for: relative, and [kg m/s; kg m^2/s].
+_SAME, _ROUNDING = 1e-6, 1e-9
 
 
 @one_blas_thread()
@@ -59,10 +64,27 @@ def solve(
         return refused
     search = Search(problem, options, progress)
     plan = search.run()
-    if plan.reached:
-        return plan
-    plan = with_wheel_needs(problem, plan, options)
-    return explain(problem, plan, search.goals, search.binding(), lambda other: _reached(other, options))
+    if not plan.reached:
+        plan = with_wheel_needs(problem, plan, options)
+        plan = explain(problem, plan, search.goals, search.binding(), lambda other: _reached(other, options))
+    notes = [note for note in (plan.note, _momentum_note(problem)) if note]
+    return replace(plan, note="; ".join(notes))
+
+
+def _momentum_note(problem: Problem) -> str:
+    """How far the problem's momentum is from the one that its goal asks for; empty where it is that."""
+    asked = problem.goal.momentum(problem.com0)
+    if asked is None:
+        return ""
+    given = np.zeros(6) if problem.momentum is None else problem.momentum
+    linear, angular = (float(np.linalg.norm((given - asked)[part])) for part in (slice(3), slice(3, 6)))
+    size = np.linalg.norm(asked[:3]), np.linalg.norm(asked[3:])
+    if linear <= _SAME * size[0] + _ROUNDING and angular <= _SAME * size[1] + _ROUNDING:
+        return ""
+    return (
+        f"the momentum before the capture is {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the one "
+        "that leaves both at rest: so much is left after it"
+    )
 
 
 def _reached(problem: Problem, options: SearchOptions | None) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import Client
+from ffsms_pin.client import Client, ClientEstimate
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residual, Residuals
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
@@ -61,7 +61,7 @@ class Corridor(Limit):
         What they keep in hand beyond the margin [m].
     """
 
-    client: Client
+    client: Client | ClientEstimate
     grasp: Any
     deadline: float
     length: float

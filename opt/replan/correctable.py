@@ -47,9 +47,27 @@ class Projected(Goal):
         """Whether the other one does."""
         return self.goal.moves
 
+    @property
+    def exact(self) -> bool:
+        """Whether the other one is."""
+        return self.goal.exact
+
+    @property
+    def coupled(self) -> bool:
+        """Whether the other one is."""
+        return self.goal.coupled
+
+    def passing(self, duration: float) -> tuple[float, Place] | None:
+        """The other's, projected."""
+        found = self.goal.passing(duration)
+        return None if found is None else (found[0], self._projected(found[1]))
+
     def place(self, t: float) -> Place:
         """The other's, projected."""
-        place, here = self.goal.place(t), self.through.translation
+        return self._projected(self.goal.place(t))
+
+    def _projected(self, place: Place) -> Place:
+        here = self.through.translation
         rotation = place.rotation
         if rotation is not None:
             turn = pin.log3(rotation @ self.through.rotation.T)

@@ -43,6 +43,10 @@ class ReplanOptions:
     handover : float
         [s] So long before the deadline single steps take over from the plan: they close what error is left at
         every planning step.
+    last_plan : float
+        [s] Where velocities must be met too (`Goal.exact`) no plan is made later than this before the
+        deadline, and the last one is followed to its end: a step knows a place only, and in less time a
+        correction only adds velocity.
     least_steps : int
         And never fewer planning steps than these before it: a spline has to have steps to be sampled at.
     changed : float
@@ -82,6 +86,7 @@ class ReplanOptions:
     weights: Weights = _WEIGHTS
     damping: float = 0.03
     handover: float = 0.1
+    last_plan: float = 0.5
     least_steps: int = 10
     changed: float = 2e-3
     return_rate: float = 2.0

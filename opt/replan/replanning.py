@@ -112,9 +112,8 @@ class Replanning:
     @property
     def target(self) -> Any:
         """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one."""
-        goal = self.problem.goal
-        if goal.moves:
-            return lambda t: goal.place(t).position
+        if (goal := self.problem.goal).moves:
+            return lambda t: goal.positions(np.array([t]))[:, 0]
         return goal.place(self.problem.duration).position
 
     @property
@@ -143,7 +142,7 @@ class Replanning:
         left = self._left
         if left <= _DEADLINE * self.problem.dt:
             return "hold"
-        return "step" if left <= self._handover else "plan"
+        return "step" if left <= self._handover and not self.problem.goal.exact else "plan"
 
     @property
     def plan_age(self) -> float:
@@ -230,7 +229,8 @@ class Replanning:
 
     @property
     def _handover(self) -> float:
-        return max(self.options.handover, self.options.least_steps * self.problem.dt)
+        options, exact = self.options, self.problem.goal.exact
+        return max(options.last_plan if exact else options.handover, options.least_steps * self.problem.dt)
 
     def _stepped(self, now: float, q: FloatArray, plan: JointPlan, goal: Goal) -> Step:
         """The next step: along the plan, or to the goal."""

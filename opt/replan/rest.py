@@ -46,6 +46,33 @@ class Later(Goal):
         """Whether the other one does."""
         return self.goal.moves
 
+    @property
+    def exact(self) -> bool:
+        """Whether the other one is."""
+        return self.goal.exact
+
+    @property
+    def coupled(self) -> bool:
+        """Whether the other one is."""
+        return self.goal.coupled
+
+    def passing(self, duration: float) -> tuple[float, Place] | None:
+        """The other's, as far as it still lies ahead."""
+        found = self.goal.passing(duration + self.by)
+        return None if found is None or found[0] <= self.by else (found[0] - self.by, found[1])
+
+    def positions(self, times: FloatArray) -> FloatArray:
+        """The other's; those of a path one by one, which are kept."""
+        if type(self.goal).positions is Goal.positions:
+            return super().positions(times)
+        return self.goal.positions(times + self.by)
+
+    def rotations(self, times: FloatArray) -> FloatArray | None:
+        """Likewise."""
+        if type(self.goal).rotations is Goal.rotations:
+            return super().rotations(times)
+        return self.goal.rotations(times + self.by)
+
     def place(self, t: float) -> Place:
         """The other's place, `by` seconds later."""
         if t not in self._places:

@@ -23,6 +23,8 @@ __all__ = ["replanned"]
 
 # Shares of the tolerance and of a limit's margin at which a motion is good enough.
 _END, _LACK = 0.8, 0.5
+# And for a goal that is to be met exactly: what is left undone now is harder to do later.
+_EXACT_END = 0.1
 
 
 def replanned(
@@ -56,8 +58,9 @@ def replanned(
     weights = options.weights
     motion = Candidates.start(model, _first(model, start, last)[None], weights, options.damping)
     motion = descend(model, motion, weights, options.iterations)
+    enough = _EXACT_END if problem.goal.exact else _END
     for _ in range(options.corrections):
-        if motion.at.end_share[0] <= _END and motion.at.limit_share[0] <= _LACK:
+        if motion.at.end_share[0] <= enough and motion.at.limit_share[0] <= _LACK:
             break
         weights = weights.stiffer()
         motion = Candidates.start(model, motion.p, weights, motion.damping)

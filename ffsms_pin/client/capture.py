@@ -1,0 +1,153 @@
+"""The capture of a client: what the momentum dictates, said before anything is flown.
+
+A servicer and its client have one total momentum, and nothing that they do to each other changes it: neither
+the contact nor the joints' braking. With the joints at rest both are one rigid body, of mass m and inertia
+I(q) about the common centre of mass, so the law by which they share the momentum is
+
+    v_com = p / m,    omega = I(q)^-1 L.
+
+References: S. Dubowsky, M. A. Torres, "Path planning for space manipulators to minimize spacecraft attitude
+disturbances", ICRA 1991 (momentum of a free-floating system); J. Virgili-Llop, M. Romano, "Simultaneous
+capture and detumble of a resident space object by a free-flying spacecraft-manipulator system", Frontiers in
+Robotics and AI 6 (2019) (a servicer's momentum that leaves both at rest).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ffsms_pin import checks
+from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.client.client import Client
+from ffsms_pin.client.estimate import ClientEstimate
+from ffsms_pin.client.welding import body_motion, welded
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.dynamics import centroidal
+
+__all__ = ["AfterCapture", "after_capture", "rest_momentum"]
+
+
+@dataclass(frozen=True, eq=False)
+class AfterCapture:
+    """Servicer and client as one, at the instant after the capture.
+
+    Attributes
+    ----------
+    robot : SpaceManipulator
+        The servicer with the client on the link that carries its end effector; its limits, shapes and
+        end-effector frame are those of the servicer.
+    q : ndarray, shape (nq,)
+        Configuration at the capture.
+    v : ndarray, shape (6 + n,)
+        Velocity right after.
+    momentum : ndarray, shape (6,)
+        Total momentum of both [linear; angular], inertial axes, about the common centre of mass
+        [kg m/s; kg m^2/s]: constant from now on.
+    energy_lost : float
+        In the contact [J]; zero where the grasp was met without relative velocity.
+    """
+
+    robot: SpaceManipulator
+    q: FloatArray
+    v: FloatArray
+    momentum: FloatArray
+    energy_lost: float
+
+    def at_rest(self, q: ArrayLike | None = None) -> Client:
+        """Servicer and client with the joints at rest: one free rigid body, whose time zero is then.
+
+        Its `twist(t)` is the motion that is left, t seconds after the joints came to rest, and `pose(t)` has
+        its origin at the common centre of mass and the axes of the root link.
+
+        Parameters
+        ----------
+        q : array_like, shape (nq,), optional
+            Configuration at which the joints come to rest; its base pose counts as well. Default: that at the
+            capture.
+        """
+        q = self.q if q is None else self.robot.checked_configuration("q", q)
+        data = self.robot.model.createData()
+        pin.ccrba(self.robot.model, data, q, np.zeros(self.robot.nv))
+        root = pin.XYZQUATToSE3(q[:7])
+        R, mass = root.rotation, float(data.Ig.mass)
+        inertia = R.T @ data.Ig.inertia @ R
+        spin = np.linalg.solve(data.Ig.inertia, self.momentum[3:])
+        twist = np.concatenate([self.momentum[:3] / mass, spin])
+        return Client(mass, 0.5 * (inertia + inertia.T), pin.SE3(R, np.array(data.com[0])), twist)
+
+    def rest_rate(self, q: ArrayLike | None = None) -> FloatArray:
+        """Angular velocity (3,) of base and client with the joints at rest at q, inertial axes [rad/s]."""
+        return np.array(self.at_rest(q).start_twist[3:])
+
+
+def after_capture(
+    sms: SpaceManipulator, q: ArrayLike, v: ArrayLike, client: Client, t: float = 0.0
+) -> AfterCapture:
+    """What servicer and client are after the end effector has taken hold of the client, rigidly.
+
+    The client keeps the pose relative to the end effector that it has at that time, wherever the grasp is:
+    a miss stays. A relative velocity ends in a plastic impact, in which the joints give way (see `welded`).
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        The servicer.
+    q, v : array_like, shape (nq,), (6 + n,)
+        Its state before.
+    client : Client
+    t : float
+        The client's time [s].
+
+    Raises
+    ------
+    InvalidValue
+
+    Examples
+    --------
+    >>> after = after_capture(sms, plan.q[-1], plan.v[-1], client, plan.duration)
+    >>> after.rest_rate()  # [rad/s] what base and client turn with once the joints rest
+    """
+    checks.instance("sms", sms, SpaceManipulator)
+    checks.instance("client", client, Client)
+    q, v = sms.checked_configuration("q", q), checks.vector("v", v, sms.nv)
+    data = sms.model.createData()
+    pin.forwardKinematics(sms.model, data, q)
+    place = data.oMi[sms.model.frames[sms.frame_id].parentJoint]
+    body = (place.inverse() * client.pose(t)).act(pin.Inertia(client.mass, np.zeros(3), client.inertia))
+    motion = body_motion(place, body.lever, client.twist(t))
+    robot, after = welded(sms, q, v, body, motion)
+    whole = centroidal(robot, q, after)
+    before = centroidal(sms, q, v).kinetic_energy + client.kinetic_energy
+    return AfterCapture(
+        robot, frozen(q), frozen(after), frozen(whole.momentum), before - whole.kinetic_energy
+    )
+
+
+def rest_momentum(client: Client | ClientEstimate, com: ArrayLike) -> FloatArray:
+    """The servicer's momentum (6,) before the capture that leaves servicer and client at rest after it.
+
+    The total momentum about the common centre of mass must be zero. With p and L those of the client about
+    its own centre of mass r_c, and r_s the servicer's centre of mass,
+
+        p_s = -p,    L_s = -L - (r_c - r_s) x p.
+
+    Both centres move along p then, so that the product is the same at all times.
+
+    Parameters
+    ----------
+    client : Client
+    com : array_like, shape (3,)
+        The servicer's centre of mass when the client's time is zero, inertial axes [m].
+
+    Returns
+    -------
+    ndarray, shape (6,)
+        [linear; angular] about the servicer's centre of mass, inertial axes [kg m/s; kg m^2/s].
+    """
+    own = client.momentum
+    apart = client.start_pose.translation - checks.vector("com", com, 3, "m")
+    return np.concatenate([-own[:3], -own[3:] - np.cross(apart, own[:3])])

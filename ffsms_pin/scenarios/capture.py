@@ -1,0 +1,239 @@
+"""After a scenario's client is met: the contact, the joints braked to rest, and the motion that is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import AfterCapture, Braking, Client, after_capture, brake
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.scenarios.clients import made_client, meeting
+from ffsms_pin.scenarios.conditions import controller
+from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.simulation import Tracking, simulate
+from ffsms_pin.simulation.compliant import CompliantContact, compliant_contact
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.dynamics import centroidal
+
+__all__ = ["Captured", "captured"]
+
+_AFTER = 10.0  # [s] simulated after the capture
+_CONTACT = 0.5  # [s] `compliant_contact`'s default
+_SHARE = 0.5  # of the torque limits, for braking
+
+
+@dataclass(frozen=True, eq=False)
+class Captured:
+    """What became of a client after it was met.
+
+    Attributes
+    ----------
+    client : Client
+    miss : ndarray, shape (2,)
+        Of the grasp at the contact: distance [m] and angle [rad].
+    contact_velocity : ndarray, shape (6,)
+        Of the end effector relative to the grasp there [m/s; rad/s], inertial axes.
+    planned : AfterCapture
+        What the plan says of it, before it is flown.
+    planned_rest : Client
+        Servicer and client as one free body from the moment on at which the joints rest, as said before.
+    planned_braking : float
+        How long after the capture that is, as said before [s].
+    contact : CompliantContact or None
+        None: the grasp was rigid at once.
+    after : AfterCapture
+        What truly is after it was rigid.
+    braking : Braking
+        As the loop follows it.
+    momentum_lost : float
+        Change of the total momentum of servicer and client about the inertial origin through the capture, as
+        a share of the larger of theirs before.
+    tracking : Tracking
+        From where it was rigid to the end, the joined robot under the joined model's control.
+    """
+
+    client: Client
+    miss: FloatArray
+    contact_velocity: FloatArray
+    planned: AfterCapture
+    planned_rest: Client
+    planned_braking: float
+    contact: CompliantContact | None
+    after: AfterCapture
+    braking: Braking
+    momentum_lost: float
+    tracking: Tracking
+
+    @property
+    def found_rate(self) -> FloatArray:
+        """Angular velocity of the base at the end of the run (3,), inertial axes [rad/s]."""
+        q, v = self.tracking.q[-1], self.tracking.v[-1]
+        return np.asarray(pin.XYZQUATToSE3(q[:7]).rotation @ v[3:6])
+
+    @property
+    def predicted_rate(self) -> FloatArray:
+        """The same, as it was said from the plan before it was flown."""
+        contact = 0.0 if self.contact is None else float(self.contact.t[-1])
+        rested = float(self.tracking.t[-1]) + contact - self.planned_braking
+        return np.asarray(self.planned_rest.twist(rested)[3:])
+
+    def numbers(self) -> dict[str, Any]:
+        """For the summary of a run; keys end in their unit."""
+        found, said = self.found_rate, self.predicted_rate
+        degrees = 180.0 / np.pi
+        contact = self.contact
+        return {
+            "miss_m": float(self.miss[0]),
+            "miss_deg": float(self.miss[1] * degrees),
+            "contact_velocity_m_per_s": float(np.linalg.norm(self.contact_velocity[:3])),
+            "contact_velocity_deg_per_s": float(np.linalg.norm(self.contact_velocity[3:]) * degrees),
+            "contact": "rigid" if contact is None else "compliant",
+            "contact_force_max_N": None if contact is None else contact.largest_force,
+            "contact_torque_max_Nm": None if contact is None else contact.largest_torque,
+            "energy_lost_J": self.after.energy_lost,
+            "momentum_change_relative": self.momentum_lost,
+            "momentum_linear_kg_m_per_s": self.after.momentum[:3].tolist(),
+            "momentum_angular_kg_m2_per_s": self.after.momentum[3:].tolist(),
+            "braking_s": float(self.braking.t[-1]),
+            "braking_torque_share": self.braking.torque_share,
+            "braking_note": self.braking.note,
+            "final_base_rate_deg_per_s": (found * degrees).tolist(),
+            "predicted_base_rate_deg_per_s": (said * degrees).tolist(),
+            "base_rate_error_deg_per_s": float(np.linalg.norm(found - said) * degrees),
+            "final_joint_rate_max_deg_per_s": float(np.abs(self.tracking.v[-1, 6:]).max() * degrees),
+        }
+
+
+def captured(
+    scenario: Scenario,
+    sms: SpaceManipulator,
+    plan: Trajectory,
+    tracking: Tracking,
+    options: Mapping[str, Any],
+    progress: Callable[[float], None] | None = None,
+) -> Captured:
+    """Capture the scenario's client where a closed loop ended, and brake.
+
+    The model learns the client's inertia: from the capture on, control and braking are those of the joined
+    robot. The plant has the client as well, and the joints' law brakes it along `brake`.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    sms : SpaceManipulator
+        The model.
+    plan : Trajectory
+        What was said before.
+    tracking : Tracking
+        The approach, as flown.
+    options : mapping
+        Those of `simulate` for the approach.
+    progress : callable, optional
+    """
+    client, goal_time = made_client(scenario, sms), plan.duration
+    share = float(scenario.contact.get("torque_share", _SHARE))
+    torque = controller(scenario, sms).torque_limit
+    planned = after_capture(sms, plan.q[-1], plan.v[-1], client, goal_time)
+    compliant = scenario.contact.get("kind") == "compliant"
+    coast = float(scenario.contact.get("time", _CONTACT)) if compliant else 0.0
+    said = brake(planned, torque, share, coast=coast)
+    row = int(np.searchsorted(tracking.t, goal_time - 1e-9))
+    row = min(row, len(tracking.t) - 1)
+    t, q, v = float(tracking.t[row]), tracking.q[row], tracking.v[row]
+    plant: SpaceManipulator = options["plant"]
+    grasp = meeting(scenario, client)
+    state, place = plant.at(q, v), grasp.place(t)
+    assert place.rotation is not None
+    assert place.velocity is not None
+    assert place.spin is not None
+    pose, twist = state.end_effector_pose, state.end_effector_twist
+    miss = np.array(
+        [
+            np.linalg.norm(pose.translation - place.position),
+            np.linalg.norm(pin.log3(place.rotation @ pose.rotation.T)),
+        ]
+    )
+    relative = np.concatenate([twist[:3] - place.velocity, twist[3:] - place.spin])
+    before = _about_origin(plant, q, v) + _client_about_origin(client, t)
+    size = max(np.linalg.norm(_about_origin(plant, q, v)), np.linalg.norm(_client_about_origin(client, t)))
+    model = after_capture(sms, q, v, client, t)
+    dt = float(tracking.t[1] - tracking.t[0])
+    contact = None
+    hold = float(scenario.contact.get("after", _AFTER))
+    if compliant:
+        # Until the grasp is rigid the arm is that of the servicer alone, and its joints keep their rates.
+        law = controller(scenario, sms)
+        reference = brake(replace(model, v=v), torque, share, coast=coast)
+        given = {key: value for key, value in scenario.contact.items() if key in _COMPLIANCE}
+        contact = compliant_contact(
+            plant, q, v, client, t, goal=grasp, law=law, reference=reference, dt=dt, **given
+        )
+        q, v, client_then = contact.q[-1], contact.v[-1], contact.client
+        after = after_capture(plant, q, v, client_then, 0.0)
+        model = after_capture(sms, q, v, client_then, 0.0)
+    else:
+        after = after_capture(plant, q, v, client, t)
+    now = _about_origin(after.robot, after.q, after.v)
+    braking = brake(model, torque, share)
+    braking = replace(braking, duration=max(hold, float(braking.t[-1])))
+    kept = {key: options[key] for key in ("integrator", "friction", "actuator") if key in options}
+    flown = simulate(
+        model.robot,
+        braking,
+        controller(scenario, model.robot),
+        dt=dt,
+        q0=after.q,
+        v0=after.v,
+        plant=after.robot,
+        progress=progress,
+        **kept,
+    )
+    return Captured(
+        client,
+        miss,
+        relative,
+        planned,
+        planned.at_rest(said.q[-1]),
+        float(said.t[-1]),
+        contact,
+        after,
+        braking,
+        float(np.linalg.norm(now - before) / size),
+        flown,
+    )
+
+
+_COMPLIANCE = ("stiffness", "damping", "turn_stiffness", "turn_damping", "time")
+
+
+def _about_origin(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
+    """Total momentum (6,) about the inertial origin."""
+    whole = centroidal(sms, q, v)
+    return np.concatenate([whole.momentum[:3], whole.momentum[3:] + np.cross(whole.com, whole.momentum[:3])])
+
+
+def _client_about_origin(client: Client, t: float) -> FloatArray:
+    own, place = client.momentum, client.pose(t).translation
+    return np.concatenate([own[:3], own[3:] + np.cross(place, own[:3])])
+
+
+def whole_tracking(approach: Tracking, capture: Captured) -> Tracking:
+    """Approach and what follows as one recording, the compliant contact left out; its times go on."""
+    other = capture.tracking
+    values: dict[str, Any] = {}
+    for field in fields(Tracking):
+        first, second = getattr(approach, field.name), getattr(other, field.name)
+        if field.name == "note":
+            values[field.name] = "; ".join(note for note in (first, second) if note)
+        elif len(first) == len(approach.t):
+            values[field.name] = np.concatenate([first[:-1], second])
+        else:
+            values[field.name] = np.concatenate([first, second])
+    contact = 0.0 if capture.contact is None else float(capture.contact.t[-1])
+    values["t"] = np.concatenate([approach.t[:-1], approach.t[-1] + contact + other.t])
+    return Tracking(**values)
