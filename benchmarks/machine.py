@@ -7,7 +7,9 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-PACKAGES = ("ffsms-pin pin proxsuite numpy scipy loky casadi adam-robotics mujoco pin-pink qpsolvers").split()  # noqa: SIM905 - a table of names
+PACKAGES = (
+    "ffsms-pin pin proxsuite numpy scipy distributed casadi adam-robotics mujoco pin-pink qpsolvers"
+).split()  # noqa: SIM905 - a table of names
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
