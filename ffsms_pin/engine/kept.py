@@ -93,6 +93,8 @@ def _taken(jobs: int = 0) -> Cluster | None:
 
 def _put_back(cluster: Cluster) -> None:
     """Let a cluster wait; one that waits already is enough."""
+    if cluster not in _clusters.open:  # the process ends, and its clusters have ended already
+        return
     with _clusters.lock:
         if waits := _clusters.waiting is None:
             _clusters.waiting = cluster
