@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
@@ -37,7 +37,7 @@ class _Lost:
 
 def spread(
     cluster: Cluster, tasks: Iterable[Any], submit: Submit, held: Callable[[], int] = lambda: 0
-) -> Iterator[tuple[Any, Any]]:
+) -> Generator[tuple[Any, Any], None, None]:
     """Tasks and their results, in the order in which they end.
 
     Parameters

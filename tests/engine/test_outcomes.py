@@ -51,8 +51,10 @@ def pids(found: list[Outcome[tuple[int, int]]]) -> set[int]:
 
 
 def test_the_next_call_finds_the_workers_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = pids(list(outcomes(pid, None, range(8), jobs=2)))
-    assert first == workers()
+    at_work = pids(list(outcomes(pid, None, range(8), jobs=2)))
+    first = workers()
+    assert at_work <= first
+    assert len(first) == 2
     second = outcomes(pid, None, range(8), jobs=2)
     next(second)
     assert workers() == first
@@ -69,17 +71,14 @@ def test_the_next_call_finds_the_workers_there(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_worker_that_is_killed_from_outside_costs_no_task() -> None:
-    def kill() -> None:
-        time.sleep(5 * PAUSE)
-        psutil.Process(min(workers())).kill()
-
-    list(outcomes(pid, None, range(2), jobs=2))
-    killer = threading.Thread(target=kill)
-    killer.start()
-    found = list(outcomes(pid, None, range(30), jobs=2))
-    killer.join()
-    assert len(pids(found)) == 3
+    found: list[Outcome[tuple[int, int]]] = []
+    for one in outcomes(pid, None, range(30), jobs=2):
+        found.append(one)
+        if one.index == 5 and one.result is not None:
+            psutil.Process(one.result[1]).kill()
+    assert len(pids(found)) >= 2
     assert [one.error for one in found] == [None] * 30
+    assert [one.index for one in found] == list(range(30))
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
