@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
@@ -47,7 +47,7 @@ class Outcome(Generic[T]):
 
 def outcomes(
     work: Work[T], shared: Any, tasks: Iterable[Any], jobs: int | None = None, largest_chunk: int = 16
-) -> Iterator[Outcome[T]]:
+) -> Generator[Outcome[T], None, None]:
     """Outcomes of `work(shared, task)`, in the order of the tasks, as they come.
 
     Parameters
@@ -97,7 +97,7 @@ def all_results(
     return results
 
 
-def _here(work: Work[T], shared: Any, tasks: Iterable[Any]) -> Iterator[Outcome[T]]:
+def _here(work: Work[T], shared: Any, tasks: Iterable[Any]) -> Generator[Outcome[T], None, None]:
     common = copied((work, shared))
     for index, task in enumerate(tasks):
         yield Outcome(index, *answer(common, lambda task=task: copied(task)))  # type: ignore[misc]
@@ -113,7 +113,7 @@ class _Chunk:
 
 def _over(
     work: Work[T], shared: Any, tasks: Iterable[Any], jobs: int, largest_chunk: int
-) -> Iterator[Outcome[T]]:
+) -> Generator[Outcome[T], None, None]:
     import cloudpickle
 
     common: bytes = cloudpickle.dumps((work, shared))
