@@ -7,7 +7,8 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-PACKAGES = ("ffsms-pin pin proxsuite numpy scipy loky casadi adam-robotics mujoco pin-pink qpsolvers").split()  # noqa: SIM905 - a table of names
+PACKAGES = ("ffsms-pin", "pin", "proxsuite", "numpy", "scipy", "distributed")
+PEERS = ("casadi", "adam-robotics", "mujoco", "pin-pink", "qpsolvers")
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -20,7 +21,7 @@ def facts() -> dict[str, Any]:
         "python": platform.python_version(),
         "threads": {name: os.environ.get(name, "not set") for name in THREADS},
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
-        "packages": {name: _version(name) for name in PACKAGES},
+        "packages": {name: _version(name) for name in (*PACKAGES, *PEERS)},
     }
 
 

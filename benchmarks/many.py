@@ -7,12 +7,12 @@ import time
 from itertools import cycle, islice
 from typing import Any
 
-import loky
 from planner import DT, paper_tasks
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.processes import usable_cores
+from ffsms_pin.engine import end_kept
+from ffsms_pin.engine.cluster import usable_cores
 
 PLANS = 200
 TINY = (1, 10, 100, 1000)
@@ -42,7 +42,7 @@ def efficiency(plans: int) -> dict[str, Any]:
         many = opt.plan_many(sms, *arguments, dt=DT, jobs=jobs)
         seconds.append(time.perf_counter() - begin)
         assert all(a.q.tobytes() == b.q.tobytes() for a, b in zip(alone, many, strict=True))
-    loky.get_reusable_executor(jobs, reuse=True).shutdown(wait=True)
+    end_kept()  # their processor time is known when they have ended
     cpu_many = _cpu_of_ended() - before
     return {
         "plans": plans,

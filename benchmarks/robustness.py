@@ -17,7 +17,7 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.processes import all_results, outcomes
+from ffsms_pin.engine import all_results, outcomes
 from ffsms_pin.simulation import random_plants, simulate
 
 DURATION = 12.0

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,8 +13,6 @@ from pathlib import Path
 
 import psutil
 import pytest
-
-pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks into /dev/shm")
 
 WITHIN = 5.0  # [s]
 
@@ -42,7 +40,7 @@ for _ in simulate_each(sms, (task for _ in range(100_000)), jobs=2):
 # Workers that are asleep when the parent dies, as after a short call.
 IDLE = """
 import time
-from ffsms_pin.processes import outcomes
+from ffsms_pin.engine import outcomes
 def work(shared, task):
     return task
 list(outcomes(work, None, range(4), jobs=2))
@@ -51,14 +49,9 @@ time.sleep(600)
 """
 
 
-def remains(process: subprocess.Popen[str]) -> set[str]:
-    """Semaphores and folders of a process's workers that are there now."""
-    return {
-        str(path)
-        for folder in ("/dev/shm", tempfile.gettempdir())
-        for path in Path(folder).iterdir()
-        if f"-{process.pid}-" in path.name or f"_{process.pid}_" in path.name
-    }
+def remains(folder: Path) -> list[Path]:
+    """What a process and its workers left in its folder for temporary files."""
+    return list((folder / "temporary").iterdir())
 
 
 def alive(processes: list[psutil.Process]) -> list[int]:
@@ -75,9 +68,10 @@ def waited(happened: Callable[[], bool], seconds: float) -> bool:
 
 @contextmanager
 def begun(
-    command: list[str], folder: Path, ready: Callable[[], bool], worker: str = "LokyProcess"
+    command: list[str], folder: Path, ready: Callable[[], bool]
 ) -> Iterator[tuple[subprocess.Popen[str], list[psutil.Process]]]:
     """A process that is at work, and all below it; none is left at the end, come what may."""
+    (folder / "temporary").mkdir()
     with (folder / "out").open("w") as out, (folder / "err").open("w") as err:
         process = subprocess.Popen(
             command,
@@ -85,15 +79,15 @@ def begun(
             stdout=out,
             stderr=err,
             text=True,
+            env={**os.environ, "TMPDIR": str(folder / "temporary")},
             preexec_fn=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL),
         )
     everyone: list[psutil.Process] = []
     try:
         waited(lambda: ready() or process.poll() is not None, 120.0)
         assert process.poll() is None, (folder / "err").read_text()
-        assert waited(lambda: len(workers_of(process, worker)) == 2, 60.0)
+        assert waited(lambda: len(workers_of(process)) == 2, 60.0)
         everyone += psutil.Process(process.pid).children(recursive=True)
-        assert remains(process) or worker != "LokyProcess"  # loky's have semaphores
         yield process, everyone
     finally:
         process.kill()
@@ -103,10 +97,10 @@ def begun(
                 one.kill()
 
 
-def workers_of(process: subprocess.Popen[str], worker: str) -> list[psutil.Process]:
-    """The processes that work, and not those that only keep a list of semaphores."""
+def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    """The processes that work."""
     found = psutil.Process(process.pid).children(recursive=True)
-    return [one for one in found if worker in " ".join(one.cmdline())]
+    return [one for one in found if "ffsms_pin.engine.worker" in " ".join(one.cmdline())]
 
 
 @pytest.mark.parametrize("script", [PLANS, SIMULATIONS, IDLE], ids=["plans", "simulations", "idle"])
@@ -117,18 +111,18 @@ def test_workers_end_with_a_killed_parent(tmp_path: Path, script: str) -> None:
         process.kill()
         assert process.wait(timeout=60.0) == -signal.SIGKILL
         assert waited(lambda: not alive(everyone), WITHIN), "workers outlived their parent"
-        assert waited(lambda: not remains(process), 1.0), remains(process)
+        assert not remains(tmp_path)
 
 
 @pytest.mark.parametrize(("sent", "status"), [("SIGKILL", -9), ("SIGTERM", 143)])
 def test_robustness_ends_whole(tmp_path: Path, sent: str, status: int) -> None:
     command = [sys.executable, "-m", "ffsms_pin", "robustness", "case-1", "--plants", "500", "--jobs", "2"]
     ready = lambda: "planning: done" in (tmp_path / "err").read_text()  # noqa: E731
-    with begun(command, tmp_path, ready, "ffsms_pin.engine.worker") as (process, everyone):
+    with begun(command, tmp_path, ready) as (process, everyone):
         process.send_signal(getattr(signal, sent))
         assert process.wait(timeout=WITHIN) == status
         assert waited(lambda: not alive(everyone), WITHIN), "workers outlived their parent"
-        assert waited(lambda: not remains(process), 1.0), remains(process)
+        assert not remains(tmp_path)
     if sent == "SIGTERM":
         first, second = (tmp_path / "err").read_text().splitlines()
         assert first.startswith("planning: done")

@@ -13,8 +13,9 @@ from ffsms_pin import lapack
 SLOW = (
     "IPython",
     "cloudpickle",
+    "dask",
+    "distributed",
     "example_robot_data",
-    "loky",
     "matplotlib",
     "meshcat",
     "proxsuite",

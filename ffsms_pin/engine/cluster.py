@@ -12,12 +12,14 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from importlib.util import find_spec
 from typing import IO, Any
 
+from ffsms_pin.engine.quiet import quiet
 from ffsms_pin.engine.worker import NOT_STARTED
 from ffsms_pin.errors import ClusterError, DependencyMissing, InvalidValue
 
-__all__ = ["Cluster", "connected", "embedded", "usable_cores"]
+__all__ = ["Cluster", "check_installed", "connected", "embedded", "started", "usable_cores"]
 
 ALLOWED_FAILURES = 6  # deaths of workers that a task may have been assigned to; Dask's default is 3
 MOST_JOBS = 1024
@@ -27,7 +29,11 @@ ONE_THREAD = {
 _FAILED_STARTS = 3  # in a row, before a run gives up
 _CLOSING = 2.0  # [s]
 _CONNECTING = 15.0  # [s]
-_LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
+_CONFIG = {
+    "distributed.scheduler.http.routes": [],
+    "distributed.comm.timeouts.connect": f"{_CONNECTING:g}s",
+    "distributed.admin.tick.interval": "1s",  # at Dask's 20 ms a scheduler without work wakes this process
+}
 # Run by a worker's interpreter: it finds the modules that this process finds.
 _BOOT = """\
 import json, signal, sys
@@ -41,10 +47,10 @@ serve(settings["address"], settings["parent"])
 
 def usable_cores() -> int:
     """Number of cores that this process may use; 1 where the packages for more are not installed."""
-    try:
-        from dask.system import CPU_COUNT
-    except ImportError:
+    if find_spec("distributed") is None:  # Dask alone starts no processes
         return 1
+    from dask.system import CPU_COUNT
+
     return int(CPU_COUNT)
 
 
@@ -54,19 +60,23 @@ class Cluster:
     Attributes
     ----------
     client : distributed.Client
+    address : str
+        Of the scheduler.
+    jobs : int
+        Workers that are ours; none where the cluster stands already.
     """
 
-    def __init__(self, client: Any, address: str, jobs: int = 0) -> None:
-        self.client, self.address = client, address
+    def __init__(self, client: Any, address: str, jobs: int = 0, ending: ExitStack | None = None) -> None:
+        self.client, self.address, self.jobs = client, address, jobs
+        self._ending = ending
         self._processes: list[subprocess.Popen[bytes]] = []
         self._words: IO[bytes] | None = None
         self._failed_starts = 0
-        self._jobs = jobs
 
     @property
     def embedded(self) -> bool:
         """Whether the workers are ours."""
-        return self._jobs > 0
+        return self.jobs > 0
 
     def workers(self) -> int:
         """Number of workers that the scheduler knows."""
@@ -92,10 +102,10 @@ class Cluster:
         self._failed_starts += sum(process.returncode == NOT_STARTED for process in ended)
         if self._failed_starts >= _FAILED_STARTS:
             raise ClusterError(f"the workers do not start: {self._last_words()}")
-        self._processes = [*alive, *(self._started() for _ in range(self._jobs - len(alive)))]
+        self._processes = [*alive, *(self._started() for _ in range(self.jobs - len(alive)))]
 
-    def end_workers(self) -> None:
-        """Kill the workers that are ours: chunks that are not written are computed again."""
+    def end(self) -> None:
+        """End what is ours: workers are killed, since what they have not handed in is computed again."""
         for process in self._processes:
             process.kill()
         for process in self._processes:
@@ -103,6 +113,8 @@ class Cluster:
         self._processes = []
         if self._words is not None:
             self._words.close()
+        if self._ending is not None:
+            self._ending.close()
 
     def gone(self) -> ClusterError:
         """The error that says that the scheduler is lost."""
@@ -136,7 +148,19 @@ class Cluster:
 
 @contextmanager
 def embedded(jobs: int, allowed_failures: int = ALLOWED_FAILURES) -> Iterator[Cluster]:
+    """A cluster of this machine for one run; parameters and errors as of `started`."""
+    with quiet():
+        cluster = started(jobs, allowed_failures)
+        try:
+            yield cluster
+        finally:
+            cluster.end()
+
+
+def started(jobs: int, allowed_failures: int) -> Cluster:
     """A cluster of this machine: the scheduler in this process, workers with one thread each, on loopback.
+
+    Whoever starts it ends it, by its `end`.
 
     Parameters
     ----------
@@ -147,21 +171,16 @@ def embedded(jobs: int, allowed_failures: int = ALLOWED_FAILURES) -> Iterator[Cl
 
     Raises
     ------
+    ClusterError
+        Workers cannot be started.
     DependencyMissing
         Dask is not installed.
     """
     dask, distributed = _packages()
-    config = {
-        "distributed.scheduler.http.routes": [],
-        "distributed.admin.tick.limit": "1h",
-        "distributed.comm.timeouts.connect": f"{_CONNECTING:g}s",
-    }
+    scratch = tempfile.mkdtemp(prefix="ffsms-pin-scheduler-")
     with ExitStack() as stack:
-        stack.enter_context(_quiet())
-        stack.enter_context(dask.config.set(config))
-        scratch = tempfile.mkdtemp(prefix="ffsms-pin-scheduler-")
         try:
-            with dask.config.set({"temporary-directory": scratch}):
+            with dask.config.set({**_CONFIG, "temporary-directory": scratch}):
                 local = stack.enter_context(
                     distributed.LocalCluster(
                         n_workers=0,
@@ -173,13 +192,16 @@ def embedded(jobs: int, allowed_failures: int = ALLOWED_FAILURES) -> Iterator[Cl
                         silence_logs=logging.CRITICAL,
                     )
                 )
+                client = stack.enter_context(distributed.Client(local, set_as_default=False))
         finally:
             shutil.rmtree(scratch, ignore_errors=True)  # a scheduler puts nothing there
-        client = stack.enter_context(distributed.Client(local, set_as_default=False))
-        cluster = Cluster(client, local.scheduler_address, jobs)
-        stack.callback(cluster.end_workers)
+        cluster = Cluster(client, local.scheduler_address, jobs, stack.pop_all())
+    try:
         cluster.tend()
-        yield cluster
+    except BaseException:
+        cluster.end()
+        raise
+    return cluster
 
 
 @contextmanager
@@ -201,7 +223,7 @@ def connected(address: str) -> Iterator[Cluster]:
     if not isinstance(address, str) or "://" not in address:
         raise InvalidValue("scheduler", address, "must be an address as tcp://host:8786")
     dask, distributed = _packages()
-    with _quiet(), dask.config.set({"distributed.comm.timeouts.connect": f"{_CONNECTING:g}s"}):
+    with quiet(), dask.config.set({"distributed.comm.timeouts.connect": f"{_CONNECTING:g}s"}):
         try:
             client = distributed.Client(address, timeout=_CONNECTING, set_as_default=False)
         except (OSError, asyncio.TimeoutError, ValueError) as error:
@@ -215,18 +237,9 @@ def connected(address: str) -> Iterator[Cluster]:
                 client.close(timeout=_CLOSING)
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep Dask's log of lost connections off the error stream: what matters becomes an error of ours."""
-    loggers = [logging.getLogger(name) for name in _LOGGERS]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)
+def check_installed() -> None:
+    """Raise `DependencyMissing` where Dask is not installed."""
+    _packages()
 
 
 def _packages() -> tuple[Any, Any]:

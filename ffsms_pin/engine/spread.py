@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
@@ -35,7 +35,9 @@ class _Lost:
     """The worker that held a result died: the scheduler has the task done again."""
 
 
-def spread(cluster: Cluster, tasks: Iterable[Any], submit: Submit) -> Iterator[tuple[Any, Any]]:
+def spread(
+    cluster: Cluster, tasks: Iterable[Any], submit: Submit, held: Callable[[], int] = lambda: 0
+) -> Generator[tuple[Any, Any], None, None]:
     """Tasks and their results, in the order in which they end.
 
     Parameters
@@ -45,6 +47,9 @@ def spread(cluster: Cluster, tasks: Iterable[Any], submit: Submit) -> Iterator[t
         Taken as they are needed.
     submit : callable
         Gives the function of a task, and its arguments.
+    held : callable, optional
+        Number of results that are kept for a task that has not ended: with them, no more tasks are taken than
+        without.
 
     Yields
     ------
@@ -62,11 +67,11 @@ def spread(cluster: Cluster, tasks: Iterable[Any], submit: Submit) -> Iterator[t
     rest, run = iter(tasks), uuid4().hex
     ended: SimpleQueue[Any] = SimpleQueue()
     waiting: dict[str, tuple[Any, Any]] = {}
-    number = workers = 0
+    number, workers = 0, cluster.jobs
     seen = looked = time.monotonic()
     try:
         while True:
-            room = AHEAD * max(workers, 1) - len(waiting)
+            room = AHEAD * max(workers, 1) - len(waiting) - held()
             for _, task in zip(range(room), rest, strict=False):
                 function, arguments = submit(task)
                 key = f"ffsms-pin-{run}-{number}"

@@ -45,11 +45,9 @@ def entropy_grid(
         raise InvalidValue("joints", joints, f"must be two different joints of 0 to {sms.n - 1}")
     positions = np.zeros(sms.n) if at is None else vector("at", at, sms.n, "rad")
     first, second = (_range(sms, k, points) for k in (i, j))
-    entropy = np.empty((points, points))
-    for row, b in enumerate(second):
-        for column, a in enumerate(first):
-            positions[i], positions[j] = a, b
-            entropy[row, column] = sms.at(sms.configuration(positions)).coupling.entropy
+    grid = np.tile(positions, (points, points, 1))
+    grid[:, :, i], grid[:, :, j] = first, second[:, None]
+    entropy = sms.batch(grid.reshape(-1, sms.n)).entropy.reshape(points, points)
     return first, second, entropy
 
 

@@ -8,8 +8,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate
 from ffsms_pin.errors import InvalidScenario, InvalidValue
@@ -31,12 +29,12 @@ from ffsms_pin.opt import (
 from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.scenarios.actuated import with_actuators
 from ffsms_pin.scenarios.clients import made_client, meeting
-from ffsms_pin.scenarios.joint_units import joint_units, slides
+from ffsms_pin.scenarios.joint_values import joint_values, within_limits
 from ffsms_pin.scenarios.obstacles import made_obstacles
 from ffsms_pin.scenarios.parts import made_part, with_parts
 from ffsms_pin.scenarios.reading import packaged_path, read, scenario_names
 from ffsms_pin.scenarios.schema import checked_tables
-from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, radians
+from ffsms_pin.scenarios.tables import DEFAULT_LAW, radians
 from ffsms_pin.scenarios.targets import goal_of
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
@@ -174,7 +172,7 @@ class Scenario:
         """Start q0 (nq,) of the plan: the system's centre of mass at the inertial origin, at rest."""
         joints = self.per_joint(sms, "start", "joints")
         assert joints is not None  # the schema asks for it
-        return sms.configuration(self._within_limits(sms, "start", "joints", joints))
+        return sms.configuration(within_limits(self.source, sms, "start", "joints", joints))
 
     def problem(
         self,
@@ -268,47 +266,11 @@ class Scenario:
         if offset is None or not offset.any():
             return None
         joints = sms.joint_positions(q0) + offset
-        return sms.configuration(self._within_limits(sms, "control", "offset", joints))
+        return sms.configuration(within_limits(self.source, sms, "control", "offset", joints))
 
     def per_joint(self, sms: SpaceManipulator, table: str, key: str) -> FloatArray | None:
         """Values (n,) of a key that has one a joint, in radians and metres; None where it is not given."""
-        values: Mapping[str, Any] = getattr(self, table)
-        used = key if key in values else key + DEGREES
-        if used not in values:
-            return None
-        array = np.asarray(values[used], dtype=np.float64)
-        if array.ndim == 0:
-            array = np.full(sms.n, float(array))
-        if array.shape != (sms.n,):
-            raise InvalidScenario(
-                self.source,
-                f"[{table}] {used} must have one value for each of the {sms.n} joints "
-                f"({', '.join(sms.joint_names)}), got {array.size}",
-            )
-        if used == key:
-            return array
-        if sliding := [name for name, slide in zip(sms.joint_names, slides(sms), strict=True) if slide]:
-            raise InvalidScenario(
-                self.source,
-                f"[{table}] {used} is in degrees, but {', '.join(sliding)} slides: write {key} "
-                "in radians and metres",
-            )
-        return np.deg2rad(array)
-
-    def _within_limits(
-        self, sms: SpaceManipulator, table: str, key: str, positions: FloatArray
-    ) -> FloatArray:
-        outside = sms.limits.violation(positions)
-        if outside.any():
-            i = int(np.argmax(outside))
-            unit, factor = joint_units(sms)[i]
-            at, low, high = (factor * x[i] for x in (positions, sms.limits.lower, sms.limits.upper))
-            raise InvalidScenario(
-                self.source,
-                f"[{table}] {key} puts joint '{sms.joint_names[i]}' at {at:.6g} {unit}, outside its limits "
-                f"[{low:.6g}, {high:.6g}] {unit}",
-            )
-        return positions
+        return joint_values(self.source, sms, table, getattr(self, table), key)
 
 
 def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False) -> Scenario:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import dimensions
+from ffsms_pin.engine import Outcome, all_results, outcomes
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.processes import Outcome, all_results, outcomes
 from ffsms_pin.simulation.closed_loop import simulate
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.system import SpaceManipulator

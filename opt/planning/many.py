@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ffsms_pin.engine import Outcome, all_results, outcomes
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.planning.plan import plan
 from ffsms_pin.opt.trajectory import Trajectory
-from ffsms_pin.processes import Outcome, all_results, outcomes
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["plan_each", "plan_many"]

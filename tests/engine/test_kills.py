@@ -18,7 +18,7 @@ import pytest
 from engine_work import Draws, lost
 
 import ffsms_pin.engine.spread as spread_module
-from ffsms_pin.engine import ChunkFolder, Chunks, run
+from ffsms_pin.engine import ChunkFolder, Chunks, end_kept, run
 from ffsms_pin.errors import ClusterError
 
 CHUNKS = Chunks(rows=60, size=3)
@@ -77,6 +77,7 @@ def count(folder: Path) -> int:
 
 def test_workers_killed_during_the_run(tmp_path: Path, wanted: dict[str, bytes]) -> None:
     """Three of them, each in the middle of a chunk: another one does it again."""
+    end_kept()  # of another test
     killed: list[int] = []
 
     def kill(done: int, _: int) -> None:

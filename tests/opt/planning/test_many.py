@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import SlidingModeController, SuperTwisting
+from ffsms_pin.engine import Outcome, outcomes
 from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationStopped, TaskError, TasksFailed
-from ffsms_pin.processes import Outcome, outcomes
 from ffsms_pin.simulation import Sensors, Watchdog, perturb, simulate, simulate_each, simulate_many
 
 Array = NDArray[np.float64]

@@ -1,0 +1,175 @@
+"""`outcomes`: many independent tasks, results in order, memory bounded, one failure harms no other task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any, Generic, TypeVar
+
+from ffsms_pin.checks import optional_callable
+from ffsms_pin.engine.answers import Answer, answer, answers, copied, packed, unpacked
+from ffsms_pin.engine.cluster import Cluster, check_installed
+from ffsms_pin.engine.kept import kept
+from ffsms_pin.engine.run import checked_jobs
+from ffsms_pin.engine.spread import Killed, spread
+from ffsms_pin.engine.task import sent
+from ffsms_pin.errors import TaskError, TasksFailed
+
+__all__ = ["Outcome", "all_results", "outcomes"]
+
+T = TypeVar("T")
+Work = Callable[[Any, Any], T]
+
+# A chunk is at most this share of what is done already, so that the last ones end together.
+SHARE = 1.0 / 64.0
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[T]):
+    """What came of one task.
+
+    Attributes
+    ----------
+    index : int
+        Place of the task in the sequence, from 0.
+    result : object or None
+        None where the task failed.
+    error : Exception or None
+        Why it failed.
+    """
+
+    index: int
+    result: T | None = None
+    error: Exception | None = None
+
+
+def outcomes(
+    work: Work[T], shared: Any, tasks: Iterable[Any], jobs: int | None = None, largest_chunk: int = 16
+) -> Generator[Outcome[T], None, None]:
+    """Outcomes of `work(shared, task)`, in the order of the tasks, as they come.
+
+    Parameters
+    ----------
+    work : callable
+    shared : object
+        Copied to each process; `work` must not change it.
+    tasks : iterable
+        May be endless: only a few tasks a process are taken ahead of what has been yielded. Each is worked on
+        as a copy, also where there is only this process.
+    jobs : int, optional
+        Processes; 1 works in this one, without Dask. Default: one a core, or 1 where Dask is not installed.
+    largest_chunk : int
+        Tasks that are handed out together once there have been many of them.
+
+    Raises
+    ------
+    InvalidValue
+        `jobs` is no number of processes.
+    DependencyMissing
+        Several processes are asked for, and Dask is not installed.
+    ClusterError
+        While going through the outcomes: the processes cannot be started.
+    """
+    jobs = checked_jobs(jobs)
+    if jobs == 1:
+        return _here(work, shared, tasks)
+    check_installed()
+    return _over(work, shared, tasks, jobs, largest_chunk)
+
+
+def all_results(
+    found: Iterator[Outcome[T]], count: int, progress: Callable[[float], None] | None = None
+) -> list[T]:
+    """The results of `count` tasks; if any failed, `TasksFailed` carries the others."""
+    optional_callable("progress", progress)
+    results: list[Any] = []
+    failures: dict[int, Exception] = {}
+    for outcome in found:
+        results.append(outcome.result)
+        if outcome.error is not None:
+            failures[outcome.index] = outcome.error
+        if progress is not None:
+            progress(len(results) / count)
+    if failures:
+        raise TasksFailed(failures, results)
+    return results
+
+
+def _here(work: Work[T], shared: Any, tasks: Iterable[Any]) -> Generator[Outcome[T], None, None]:
+    common = copied((work, shared))
+    for index, task in enumerate(tasks):
+        yield Outcome(index, *answer(common, lambda task=task: copied(task)))  # type: ignore[misc]
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Tasks that are handed out together, and the index of the first."""
+
+    first: int
+    tasks: list[bytes]
+
+
+def _over(
+    work: Work[T], shared: Any, tasks: Iterable[Any], jobs: int, largest_chunk: int
+) -> Generator[Outcome[T], None, None]:
+    import cloudpickle
+
+    common: bytes = cloudpickle.dumps((work, shared))
+    chunks = _chunks(tasks, jobs, largest_chunk)
+    early: dict[int, list[Answer]] = {}  # by their first index, those that ended before an earlier chunk
+    following = 0  # index of the next outcome
+
+    def ready() -> Iterator[Outcome[T]]:
+        nonlocal following
+        while following in early:
+            for found in early.pop(following):
+                yield Outcome(following, *found)
+                following += 1
+
+    def handed(chunk: _Chunk) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        return sent, (answers, common, chunk.tasks)
+
+    with kept(jobs) as cluster:
+        while True:
+            killed: list[_Chunk] = []
+            undisturbed = _until(killed, chunks)
+            with closing(spread(cluster, undisturbed, handed, lambda: len(early))) as ended:
+                for chunk, found in ended:
+                    if isinstance(found, Killed):
+                        killed.append(chunk)
+                    else:
+                        early[chunk.first] = [unpacked(data) for data in found]
+                        yield from ready()
+            if not killed:
+                return
+            for chunk in killed:
+                early[chunk.first] = [_alone(cluster, common, task) for task in chunk.tasks]
+            yield from ready()
+
+
+def _chunks(tasks: Iterable[Any], jobs: int, largest: int) -> Iterator[_Chunk]:
+    """Chunks of tasks; they grow with the number handed out."""
+    rest, first = iter(tasks), 0
+    while chunk := list(islice(rest, min(largest, 1 + int(SHARE * first / jobs)))):
+        yield _Chunk(first, [packed(task) for task in chunk])
+        first += len(chunk)
+
+
+def _until(killed: list[_Chunk], chunks: Iterator[_Chunk]) -> Iterator[_Chunk]:
+    """Chunks, as long as none has been given up: then those on their way come to their end first."""
+    while not killed:
+        chunk = next(chunks, None)
+        if chunk is None:
+            return
+        yield chunk
+
+
+def _alone(cluster: Cluster, common: bytes, task: bytes) -> Answer:
+    """What comes of a task that was on its way to a worker that died, with nothing else on its way."""
+    ((_, found),) = spread(cluster, [task], lambda one: (sent, (answers, common, [one])))
+    if isinstance(found, Killed):
+        return None, TaskError("the process that worked on it died (out of memory?)")
+    (data,) = found
+    return unpacked(data)

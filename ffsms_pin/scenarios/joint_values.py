@@ -1,0 +1,78 @@
+"""Values of a scenario that stand one for each joint: radians and metres, within the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.scenarios.joint_units import joint_units, slides
+from ffsms_pin.scenarios.tables import DEGREES
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["joint_values", "within_limits"]
+
+
+def joint_values(
+    source: Path, sms: SpaceManipulator, table: str, values: Mapping[str, Any], key: str
+) -> FloatArray | None:
+    """Values (n,) of a key, or of the same key in degrees; None where a table has neither.
+
+    Parameters
+    ----------
+    source : Path
+        The file, for messages.
+    sms : SpaceManipulator
+    table : str
+        Name of the table, for messages.
+    values : mapping
+        The table. One number stands for all joints.
+    key : str
+
+    Raises
+    ------
+    InvalidScenario
+        The robot has another number of joints, or joints that slide are given in degrees.
+    """
+    used = key if key in values else key + DEGREES
+    if used not in values:
+        return None
+    array = np.asarray(values[used], dtype=np.float64)
+    if array.ndim == 0:
+        array = np.full(sms.n, float(array))
+    if array.shape != (sms.n,):
+        raise InvalidScenario(
+            source,
+            f"[{table}] {used} must have one value for each of the {sms.n} joints "
+            f"({', '.join(sms.joint_names)}), got {array.size}",
+        )
+    if used == key:
+        return array
+    if sliding := [name for name, slide in zip(sms.joint_names, slides(sms), strict=True) if slide]:
+        raise InvalidScenario(
+            source,
+            f"[{table}] {used} is in degrees, but {', '.join(sliding)} slides: write {key} "
+            "in radians and metres",
+        )
+    return np.deg2rad(array)
+
+
+def within_limits(
+    source: Path, sms: SpaceManipulator, table: str, key: str, positions: FloatArray
+) -> FloatArray:
+    """The same joint positions (n,), or `InvalidScenario` where one is outside its limits."""
+    outside = sms.limits.violation(positions)
+    if outside.any():
+        i = int(np.argmax(outside))
+        unit, factor = joint_units(sms)[i]
+        at, low, high = (factor * x[i] for x in (positions, sms.limits.lower, sms.limits.upper))
+        raise InvalidScenario(
+            source,
+            f"[{table}] {key} puts joint '{sms.joint_names[i]}' at {at:.6g} {unit}, outside its limits "
+            f"[{low:.6g}, {high:.6g}] {unit}",
+        )
+    return positions
