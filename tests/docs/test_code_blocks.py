@@ -18,6 +18,7 @@ OWN_TEST = {"own-parts.md"}  # writes files and uses them: tests/docs/test_own_p
 GENERATED = {"agreement.md", "paper-map.md"}
 NAMES = [path.name for path in PAGES if path.name not in OWN_TEST | GENERATED]
 PYTHON = re.compile(r"^```python\n(.*?)^```$", re.S | re.M)
+FILE = re.compile(r"^```toml\n# (\S+\.toml)\n(.*?)^```$", re.S | re.M)  # a file that the page uses
 SHELL = re.compile(r"^```sh\n(.*?)^```$", re.S | re.M)
 
 
@@ -31,6 +32,8 @@ def test_python_blocks_run_one_after_the_other(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     mpl.use("Agg")
+    for title, text in FILE.findall(text_of(name)):
+        (tmp_path / title).write_text(text, encoding="utf-8")
     names: dict[str, Any] = {}
     for block in PYTHON.findall(text_of(name)):
         exec(compile(block, name, "exec"), names)

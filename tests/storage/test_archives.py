@@ -87,7 +87,8 @@ def test_zeros_that_fit_are_refused_for_their_size_alone(
     N = 50_000
     rows = {name: value.shape[1:] for name, value in arrays_in(swung).items() if value.shape}
     values: dict[str, Any] = {name: np.zeros((N, *shape)) for name, shape in rows.items()}
-    values = {**values, "t": np.arange(float(N)), "tau": np.zeros((N - 1, 3))}
+    steps = ("tau", "wheel_torque", "thruster_force")
+    values |= {name: np.zeros((N - 1, *rows[name])) for name in steps} | {"t": np.arange(float(N))}
     path = written(tmp_path / "zeros.npz", {**values, "format": "ffsms-pin tracking", "note": ""})
     assert len(Tracking.load(path).t) == N
     monkeypatch.setattr(archives, "_UNPACKED", 10**6)

@@ -127,6 +127,7 @@ ONE_OF_EACH = [
     errors.SolverError("the step", "infeasible"),
     errors.SimulationDiverged(0.5),
     errors.ResultError("a.npz", "is no archive"),
+    errors.ClusterError("the scheduler is gone"),
     errors.ViewerError("the server does not answer"),
     errors.TaskError("a worker ended"),
     errors.TasksFailed({1: errors.TaskError("a worker ended")}, [0.0, None]),
