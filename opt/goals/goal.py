@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, number, positive, vector
+from ffsms_pin.checks import times as checked_times
 from ffsms_pin.errors import InvalidValue
 
 if TYPE_CHECKING:
@@ -95,13 +96,15 @@ class Goal(ABC):
 
     def positions(self, times: FloatArray) -> FloatArray:
         """Positions (3, K) [m] at times (K,) [s]."""
+        instants = checked_times("times", times)
         if not self.moves:
-            return np.repeat(self.place(0.0).position[:, None], len(times), axis=1)
-        return np.stack([self.place(t).position for t in times.tolist()], axis=-1)
+            return np.repeat(self.place(0.0).position[:, None], len(instants), axis=1)
+        return np.array([self.place(t).position for t in instants.tolist()]).reshape(-1, 3).T
 
     def rotations(self, times: FloatArray) -> FloatArray | None:
         """Attitudes (3, 3, K), K = 1 where the goal stands still; None where any will do."""
-        found = [self.place(t).rotation for t in (times.tolist() if self.moves else [0.0])]
+        instants = checked_times("times", times).tolist()
+        found = [self.place(t).rotation for t in (instants if self.moves else [0.0])]
         wanted = [one for one in found if one is not None]
         return np.stack(wanted, axis=-1) if wanted else None
 
@@ -176,6 +179,8 @@ class Pose(Goal):
 
     def __post_init__(self) -> None:
         check_reaches(self)
+        if not (hasattr(self.pose, "translation") and hasattr(self.pose, "rotation")):
+            raise InvalidValue("pose", self.pose, "must be a pinocchio.SE3")
         position = frozen(vector("target.translation", self.pose.translation, 3, "m"))
         rotation = frozen(rotation_matrix("target.rotation", self.pose.rotation))
         velocity = spin = None

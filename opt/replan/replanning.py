@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray, at_least_zero, number, per_joint
+from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.correctable import Correctable
 from ffsms_pin.opt.replan.dead_band import DeadBand
+from ffsms_pin.opt.replan.failed_joints import without
 from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.one_thread import OneThread
 from ffsms_pin.opt.replan.options import ReplanOptions
@@ -23,11 +22,9 @@ from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
-from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Replanning"]
 
-_STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
 # Ten times a step's own price of redundant motion: a goal at the edge of the workspace is not worth fast
 # joints.
 _GENTLE = StepWeights(effort=1e-5)
@@ -76,6 +73,8 @@ class Replanning:
     ) -> None:
         if number("hold", hold) < 0.0:
             raise InvalidValue("hold", hold, "must be at least zero [s]")
+        instance("problem", problem, Problem)
+        instance("options", options, ReplanOptions, optional=True)
         if problem.mode != "floating":
             raise InvalidValue("problem.mode", problem.mode, "must be 'floating' to be planned again")
         sms, n = problem.sms, problem.sms.n
@@ -263,7 +262,7 @@ class Replanning:
         base_start, failed = self._stepper.base_start, self._planner.failed
         robot = self._robot = self._planner.robot
         if failed.any():
-            robot = _without(robot, failed)
+            robot = without(robot, failed)
         self._stepper = self._stepper.like(sms=robot)
         self._stepper.reset(base_start=base_start, deadline=self.problem.duration)
 
@@ -276,14 +275,6 @@ class Replanning:
         end = self._rates + dt * acceleration
         place = self._start + (0.5 * dt) * (self._rates + end) + (h - dt) * end
         return place, end, np.zeros_like(end)
-
-
-def _without(sms: SpaceManipulator, failed: NDArray[np.bool_]) -> SpaceManipulator:
-    """The robot with joints that do not move."""
-    limits = sms.limits
-    velocity, acceleration = limits.velocity.copy(), limits.acceleration.copy()
-    velocity[failed] = acceleration[failed] = _STILL
-    return sms.with_limits(replace(limits, velocity=velocity, acceleration=acceleration))
 
 
 def _aim(problem: Problem, goal: Goal, now: float) -> tuple[FloatArray, FloatArray | None]:

@@ -29,7 +29,7 @@ def outline(shape: Any) -> FloatArray:
         up = np.array([0.0, 0.0, shape.halfLength])
         if isinstance(shape, coal.Capsule):
             ball = float(shape.radius) * _ball()
-        return np.concatenate([ball + up, ball - up])
+            return np.concatenate([ball + up, ball - up])
         ring = shape.radius * _ring()
         return np.concatenate([up[None] if isinstance(shape, coal.Cone) else ring + up, ring - up])
     return np.array(shape.points(), dtype=np.float64)
