@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
 from typing import Any
 
 from ffsms_pin.cli.allow_import import add_allow_import
+from ffsms_pin.cli.side_by_side import Rows, side_by_side
 
 __all__ = ["add_parser", "run"]
 
@@ -81,14 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _table(name: str, numbers: dict[str, dict[str, Any]]) -> Any:
-    from rich.markup import escape
-    from rich.table import Table
-
-    table = Table(title=escape(f"{name}: methods side by side"), title_justify="left")
-    table.add_column("quantity")
-    for method in numbers:
-        table.add_column(method, justify="right")
-    rows: dict[str, Callable[[dict[str, Any]], str]] = {
+    rows: Rows = {
         "reached": lambda row: "yes" if row["reached"] else "no",
         "final error [mm]": lambda row: f"{1e3 * row['final_error_m']:.3g}",
         "cost integral [s]": lambda row: f"{row['cost_integral_s']:.3g}",
@@ -101,6 +94,4 @@ def _table(name: str, numbers: dict[str, dict[str, Any]]) -> Any:
         "peak joint rate [rad/s]": lambda row: f"{row['peak_rate_rad_per_s']:.3g}",
         "computing time [s]": lambda row: f"{row['planning_s']:.2f}",
     }
-    for label, value in rows.items():
-        table.add_row(escape(label), *(value(row) for row in numbers.values()))
-    return table
+    return side_by_side(f"{name}: methods side by side", numbers, rows)

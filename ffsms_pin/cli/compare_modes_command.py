@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
 from typing import Any
 
 from ffsms_pin.cli.allow_import import add_allow_import
+from ffsms_pin.cli.side_by_side import Rows, side_by_side
 
 __all__ = ["add_parser", "run"]
 
@@ -72,14 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _table(name: str, numbers: dict[str, dict[str, Any]], thrusters_only: bool) -> Any:
-    from rich.markup import escape
-    from rich.table import Table
-
-    table = Table(title=escape(f"{name}: coupling used and fought"), title_justify="left")
-    table.add_column("quantity")
-    for strategy in numbers:
-        table.add_column(strategy, justify="right")
-    rows: dict[str, Callable[[dict[str, Any]], str]] = {
+    rows: Rows = {
         "reached": lambda row: "yes" if row["reached"] else "no",
         "wheel momentum, max [N m s]": lambda row: f"{row['wheel_momentum_max_Nms']:.3g}",
         "wheel momentum, final [N m s]": lambda row: f"{row['wheel_momentum_final_Nms']:.3g}",
@@ -94,7 +87,5 @@ def _table(name: str, numbers: dict[str, dict[str, Any]], thrusters_only: bool) 
         "joint travel [rad]": lambda row: f"{row['joint_travel_rad']:.3g}",
     }
     unused = "wheel" if thrusters_only else "propellant"
-    for label, value in rows.items():
-        if not label.startswith(unused):
-            table.add_row(escape(label), *(value(row) for row in numbers.values()))
-    return table
+    used = {label: value for label, value in rows.items() if not label.startswith(unused)}
+    return side_by_side(f"{name}: coupling used and fought", numbers, used)
