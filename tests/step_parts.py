@@ -17,6 +17,25 @@ from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.march import March, march
 from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.system.base_motion import roll_out
+
+TARGET = np.array([0.45, 0.75, 0.0])
+
+
+def random_state(sms: ffsms.SpaceManipulator, seed: int) -> tuple[FloatArray, FloatArray]:
+    rng = np.random.default_rng(seed)
+    q = sms.configuration(rng.uniform(0.5 * sms.limits.lower, 0.5 * sms.limits.upper))
+    return q, rng.uniform(-0.3, 0.3, sms.n)
+
+
+def path(
+    sms: ffsms.SpaceManipulator, q0: FloatArray, rates: FloatArray, dt: float, momentum: Any = None
+) -> FloatArray:
+    return roll_out(sms, q0, rates[0], np.diff(rates, axis=0) / dt, dt, momentum)[0]
+
+
+def missed(sms: ffsms.SpaceManipulator, q: FloatArray, target: FloatArray) -> float:
+    return float(np.linalg.norm(sms.at(q).end_effector_pose.translation - target))
 
 
 class StepLimit(Limit):

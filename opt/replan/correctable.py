@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Goal, Place
+from ffsms_pin.opt.goals.of_another import OfAnother
 from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.system import SpaceManipulator
 
@@ -20,7 +21,7 @@ _ROUNDING = 1e-6  # [m, rad] smaller errors that cannot be corrected are left al
 
 
 @dataclass(frozen=True, eq=False)
-class Projected(Goal):
+class Projected(OfAnother):
     """A goal moved to where the arm can come: along what it cannot correct, it is where it is.
 
     Attributes
@@ -33,29 +34,9 @@ class Projected(Goal):
         axes.
     """
 
-    goal: Goal
     through: pin.SE3
     shifts: FloatArray
     turns: FloatArray
-
-    def __post_init__(self) -> None:
-        for name in ("tolerance", "reach", "orientation_reach"):
-            object.__setattr__(self, name, getattr(self.goal, name))
-
-    @property
-    def moves(self) -> bool:
-        """Whether the other one does."""
-        return self.goal.moves
-
-    @property
-    def exact(self) -> bool:
-        """Whether the other one is."""
-        return self.goal.exact
-
-    @property
-    def coupled(self) -> bool:
-        """Whether the other one is."""
-        return self.goal.coupled
 
     def passing(self, duration: float) -> tuple[float, Place] | None:
         """The other's, projected."""

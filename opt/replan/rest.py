@@ -12,6 +12,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.goals import Goal, Place
+from ffsms_pin.opt.goals.of_another import OfAnother
 from ffsms_pin.opt.limits import JointLimits, Limit, Rows, Violation
 from ffsms_pin.opt.limits.limit import ControlMaps, ControlRows, End
 from ffsms_pin.opt.limits.step_state import StepState
@@ -22,7 +23,7 @@ __all__ = ["CountedFrom", "Later", "rest_of"]
 
 
 @dataclass(frozen=True, eq=False)
-class Later(Goal):
+class Later(OfAnother):
     """A goal seen from a later time.
 
     Attributes
@@ -32,29 +33,9 @@ class Later(Goal):
         How much later [s].
     """
 
-    goal: Goal
     by: float
     # A descent asks for the same times in every iteration, and a path may be slow to tell.
     _places: dict[float, Place] = field(default_factory=dict, repr=False)
-
-    def __post_init__(self) -> None:
-        for name in ("tolerance", "reach", "orientation_reach"):
-            object.__setattr__(self, name, getattr(self.goal, name))
-
-    @property
-    def moves(self) -> bool:
-        """Whether the other one does."""
-        return self.goal.moves
-
-    @property
-    def exact(self) -> bool:
-        """Whether the other one is."""
-        return self.goal.exact
-
-    @property
-    def coupled(self) -> bool:
-        """Whether the other one is."""
-        return self.goal.coupled
 
     def passing(self, duration: float) -> tuple[float, Place] | None:
         """The other's, as far as it still lies ahead."""

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from step_parts import StepJoints, make_stepper, marched
+from step_parts import TARGET, StepJoints, make_stepper, marched, missed, path, random_state
 
 import ffsms_pin as ffsms
-from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
@@ -20,25 +19,6 @@ from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.terms.cost import step_cost
-from ffsms_pin.system.base_motion import roll_out
-
-TARGET = np.array([0.45, 0.75, 0.0])
-
-
-def random_state(sms: ffsms.SpaceManipulator, seed: int) -> tuple[FloatArray, FloatArray]:
-    rng = np.random.default_rng(seed)
-    q = sms.configuration(rng.uniform(0.5 * sms.limits.lower, 0.5 * sms.limits.upper))
-    return q, rng.uniform(-0.3, 0.3, sms.n)
-
-
-def path(
-    sms: ffsms.SpaceManipulator, q0: FloatArray, rates: FloatArray, dt: float, momentum: Any = None
-) -> FloatArray:
-    return roll_out(sms, q0, rates[0], np.diff(rates, axis=0) / dt, dt, momentum)[0]
-
-
-def missed(sms: ffsms.SpaceManipulator, q: FloatArray, target: FloatArray) -> float:
-    return float(np.linalg.norm(sms.at(q).end_effector_pose.translation - target))
 
 
 @pytest.mark.parametrize("kappa", [1.0, 10.0, 1000.0])
