@@ -13,7 +13,9 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
+from pathlib import Path
 from typing import IO, Any
+from uuid import uuid4
 
 from ffsms_pin.engine.quiet import quiet
 from ffsms_pin.engine.worker import NOT_STARTED
@@ -41,7 +43,7 @@ signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which 
 settings = json.loads(sys.argv[1])
 sys.path[:] = settings["path"]
 from ffsms_pin.engine.worker import serve
-serve(settings["address"], settings["parent"])
+serve(settings["address"], settings["parent"], settings["folder"])
 """
 
 
@@ -70,6 +72,7 @@ class Cluster:
         self.client, self.address, self.jobs = client, address, jobs
         self._ending = ending
         self._processes: list[subprocess.Popen[bytes]] = []
+        self._folders: list[str] = []  # of the workers, while they start
         self._words: IO[bytes] | None = None
         self._failed_starts = 0
 
@@ -111,6 +114,8 @@ class Cluster:
         for process in self._processes:
             process.wait()
         self._processes = []
+        for folder in self._folders:  # a worker that was killed while it started leaves one
+            shutil.rmtree(folder, ignore_errors=True)
         if self._words is not None:
             self._words.close()
         if self._ending is not None:
@@ -126,7 +131,9 @@ class Cluster:
     def _started(self) -> subprocess.Popen[bytes]:
         if self._words is None:
             self._words = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the workers
-        settings = {"path": sys.path, "address": self.address, "parent": os.getpid()}
+        folder = str(Path(tempfile.gettempdir()) / f"ffsms-pin-worker-{uuid4().hex}")
+        self._folders.append(folder)
+        settings = {"path": sys.path, "address": self.address, "parent": os.getpid(), "folder": folder}
         try:
             return subprocess.Popen(
                 [sys.executable, "-c", _BOOT, json.dumps(settings)],

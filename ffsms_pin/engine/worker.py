@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import shutil
-import tempfile
 import traceback
 from typing import Any
 
@@ -25,7 +24,7 @@ _CONFIG = {
 }
 
 
-def serve(address: str, parent: int) -> None:
+def serve(address: str, parent: int, folder: str) -> None:
     """Work for a scheduler until it closes, or the parent process is gone.
 
     Parameters
@@ -34,27 +33,29 @@ def serve(address: str, parent: int) -> None:
         Of the scheduler.
     parent : int
         Process id.
+    folder : str
+        Made here, and removed as soon as the worker has begun.
     """
-    end_with_parent(parent)
-    asyncio.run(_serve(address))
+    os.mkdir(folder, mode=0o700)
+    end_with_parent(parent, lambda: _remove(folder))
+    asyncio.run(_serve(address, folder))
 
 
-async def _serve(address: str) -> None:
+async def _serve(address: str, folder: str) -> None:
     try:
-        worker = await _started(address)
+        worker = await _started(address, folder)
     except BaseException:  # the parent reads the last line and the status
         traceback.print_exc()
         os._exit(NOT_STARTED)
     await worker.finished()
 
 
-async def _started(address: str) -> Any:
-    import dask
-    from distributed import Worker
-
-    dask.config.set(_CONFIG)
-    folder = tempfile.mkdtemp(prefix="ffsms-pin-worker-")
+async def _started(address: str, folder: str) -> Any:
     try:
+        import dask
+        from distributed import Worker
+
+        dask.config.set(_CONFIG)
         return await Worker(
             address,
             nthreads=1,
@@ -66,4 +67,8 @@ async def _started(address: str) -> Any:
         )
     finally:
         # Workers without a memory limit put nothing on disk: what is removed now cannot be left over.
-        shutil.rmtree(folder, ignore_errors=True)
+        _remove(folder)
+
+
+def _remove(folder: str) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
