@@ -14,6 +14,8 @@ EXTRAS = {
     "view": ("meshcat", "tornado"),
     "robots": ("example_robot_data",),
     "gym": ("gymnasium",),
+    "basilisk": ("Basilisk",),
+    "pink": ("pink", "qpsolvers"),
     "cluster": ("dask", "distributed", "xarray", "zarr", "pyarrow", "pandas"),
 }
 
