@@ -102,8 +102,8 @@ def to_basilisk(
     Raises
     ------
     UnsupportedJoint
-        A joint slides, or a link of an arm carries two joints: chains of spinning bodies have neither. Several
-        arms on one base are several chains.
+        A joint slides, or a link of an arm carries two joints: chains of spinning bodies have neither.
+        Several arms on one base are several chains.
     """
     q = vector("q", q, sms.nq)
     v = np.zeros(sms.nv) if v is None else vector("v", v, sms.nv)
@@ -161,9 +161,7 @@ def _chains(sms: SpaceManipulator) -> tuple[tuple[int, ...], ...]:
         chain, j = [first - 2], first
         while children[j]:
             if len(children[j]) > 1:
-                problem = (
-                    f"the link of joint '{model.names[j]}' carries several; Basilisk's chains do not fork"
-                )
+                problem = f"the link of joint '{model.names[j]}' carries several; chains there do not fork"
                 raise UnsupportedJoint(model.name, problem)
             j = children[j][0]
             chain.append(j - 2)
