@@ -36,8 +36,9 @@ def test_a_frame_task_arrives_while_the_base_reacts(name: str) -> None:
     for _ in range(150):
         v = pink.solve_ik(configuration, [hand], DT, "proxqp", constraints=[momentum], eps_abs=1e-10)
         here = np.array(configuration.q)
-        total = pin.computeCentroidalMap(sms.model, sms.model.createData(), here) @ v
-        assert np.abs(total).max() < 1e-5  # the solver's tolerance, over the step, times 200 kg
+        A = pin.computeCentroidalMap(sms.model, sms.model.createData(), here)
+        # The solver's tolerance is what is left of the momentum that the joints alone would make.
+        assert np.abs(A @ v).max() <= 1e-4 * np.abs(A[:, 6:] @ v[6:]).max() + 1e-7
         assert np.all(np.abs(v[6:]) <= sms.limits.velocity * (1.0 + 1e-6))
         state = sms.at(here)
         data = sms.model.createData()

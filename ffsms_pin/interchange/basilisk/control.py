@@ -24,6 +24,8 @@ class ArmControl(sysModel.SysModel):  # type: ignore[misc]
     The state that reference and law see is relative to the system's centre of mass, in axes that do not turn.
     In this frame, which falls with the robot, an orbit is free floating; goals are positions in it.
 
+    An error in reference or law ends the simulation: Basilisk prints it and raises a RuntimeError.
+
     Parameters
     ----------
     robot : BasiliskRobot
