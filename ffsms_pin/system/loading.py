@@ -115,7 +115,7 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
         raise InvalidValue("srdf", srdf, "must be a path") from None
     if not os.path.isfile(path):
         raise InvalidValue("srdf", str(srdf), "must be a file")
-    assert sms.description is not None  # it was built from a URDF
+    assert isinstance(sms.description, Description)  # it was built from a URDF
     return sms._variant(sms.model, description=replace(sms.description, srdf=path))
 
 
