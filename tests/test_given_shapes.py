@@ -56,7 +56,7 @@ def placed(sms: ffsms.SpaceManipulator, kind: Any, q: Array) -> list[Array]:
     return sorted(rows, key=lambda row: tuple(np.round(row, 6)))
 
 
-@pytest.mark.parametrize("locked", [{}, {"joint4": 0.7}, {"joint1": -0.3}])
+@pytest.mark.parametrize("locked", [{}, {"joint1": -0.3}])
 def test_a_model_s_shapes_are_those_of_its_urdf(locked: dict[str, float]) -> None:
     model, shapes = model_with_shapes("xarm7")
     base = ffsms.SatelliteBase(300.0, (1.2, 1.0, 0.8), panels=(2.0, 0.8))
@@ -65,7 +65,6 @@ def test_a_model_s_shapes_are_those_of_its_urdf(locked: dict[str, float]) -> Non
     q = wanted.configuration(np.linspace(-0.4, 0.7, wanted.n))
     for kind in ("visual", "collision"):
         np.testing.assert_allclose(placed(found, kind, q), placed(wanted, kind, q), atol=1e-9)
-    assert len(found.convex_parts()) == len(wanted.convex_parts())
     again = pickle.loads(pickle.dumps(found))
     np.testing.assert_allclose(placed(again, "collision", q), placed(found, "collision", q), atol=1e-12)
 
