@@ -53,7 +53,7 @@ def placed(sms: ffsms.SpaceManipulator, kind: Any, q: Array) -> list[Array]:
         item.geometry.computeLocalAABB()
         box = item.geometry.aabb_local
         rows.append(np.concatenate([pose.act(np.array(box.min_)), pose.act(np.array(box.max_))]))
-    return sorted(rows, key=lambda row: tuple(np.round(row, 6)))
+    return sorted(rows, key=lambda row: tuple(np.round(row, 6).tolist()))
 
 
 @pytest.mark.parametrize("locked", [{}, {"joint1": -0.3}])
