@@ -105,7 +105,7 @@ def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
 
 @pytest.mark.parametrize("script", [PLANS, SIMULATIONS, IDLE], ids=["plans", "simulations", "idle"])
 def test_workers_end_with_a_killed_parent(tmp_path: Path, script: str) -> None:
-    code = script.replace("{folder!r}", repr(str(Path(__file__).parent)))
+    code = script.replace("{folder!r}", repr(str(Path(__file__).parents[1])))
     ready = lambda: "one" in (tmp_path / "out").read_text()  # noqa: E731
     with begun([sys.executable, "-c", code], tmp_path, ready) as (process, everyone):
         process.kill()
