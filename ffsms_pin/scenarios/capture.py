@@ -146,7 +146,7 @@ def captured(
     row = min(row, len(tracking.t) - 1)
     t, q, v = float(tracking.t[row]), tracking.q[row], tracking.v[row]
     plant: SpaceManipulator = options["plant"]
-    grasp = meeting(scenario, client)
+    grasp = meeting(scenario.meet or {}, client)
     state, place = plant.at(q, v), grasp.place(t)
     assert place.rotation is not None
     assert place.velocity is not None
