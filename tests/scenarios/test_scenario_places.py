@@ -20,7 +20,7 @@ HALF = [0.3, 0.5, 0.2, -1.0, 0.2, 0.6, 0.1]
 TWO_ARMS = f"""
 robot = {{model = "two_arms", end_effector = "left_tool"}}
 start.joints = {HALF + HALF}
-plan = {{duration = 8.0, dt = 0.05}}
+plan = {{duration = 8.0, dt = 0.1}}
 """
 LEFT = 'target = {position = [-0.15, -0.1, 0.15], relative_to = "start"}\n'
 
@@ -79,7 +79,7 @@ def test_waypoints_with_and_without_a_time(tmp_path: Path) -> None:
 
 def test_a_waypoint_is_passed_once_while_planning_again(tmp_path: Path) -> None:
     """Its time is that of the first plan: after it the arm does not turn back to it."""
-    text = QUICK.replace("duration = 3.0", "duration = 6.0").replace("offset_deg = [0.5, 0.0, -0.5]\n", "")
+    text = QUICK.replace("duration = 3.0", "duration = 4.0").replace("offset_deg = [0.5, 0.0, -0.5]\n", "")
     text += "[[via]]\nposition = [0.85, 0.57, 0.0]\n[reference]\nkind = 're-planning'\n"
     outcome = run(scenario(write(tmp_path, text)))
     tracking = outcome.tracking
@@ -115,11 +115,10 @@ def test_an_arrival_velocity(tmp_path: Path) -> None:
     text = QUICK.replace(
         "position = [0.75, 0.5, 0.0]", "position = [0.75, 0.5, 0.0]\narrival_velocity = [-0.02, 0.01, 0.0]"
     ).replace("duration = 3.0", "duration = 6.0")
-    _, plan = solved(write(tmp_path, text))
+    sms, plan = solved(write(tmp_path, text))
     assert plan.reached
-    np.testing.assert_allclose(plan.contact_velocity[:3], 0.0, atol=2e-3)
-    last = (plan.end_effector[-1] - plan.end_effector[-2]) / plan.dt
-    np.testing.assert_allclose(last, [-0.02, 0.01, 0.0], atol=4e-3)
+    arrived = sms.at(plan.q[-1], plan.v[-1]).end_effector_twist
+    np.testing.assert_allclose(arrived[:3], [-0.02, 0.01, 0.0], atol=1e-3)
 
 
 def test_an_arrival_spin(tmp_path: Path) -> None:
