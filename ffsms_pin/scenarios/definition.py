@@ -60,8 +60,11 @@ class Scenario(Contents):
         q0 = self.start_configuration(sms) if q0 is None else q0
         return planning_problem(self, sms, q0, dt, client)
 
-    def obstacles(self, client: Client | ClientEstimate | None = None) -> list[Obstacle]:
-        """What the robot keeps clear of beside itself; what is on the client, only for one that is given."""
+    def obstacles(self, client: Any = None) -> list[Obstacle]:
+        """What the robot keeps clear of beside itself.
+
+        What is on the client is there only where one is given: anything with `pose(t)` and `poses(times)`.
+        """
         return made_obstacles(self.source, self.obstacle, client)
 
     def made_client(self, sms: SpaceManipulator) -> Client:

@@ -1,0 +1,126 @@
+"""Pictures as one file: gif by Pillow, mp4 by ffmpeg."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+from ffsms_pin.errors import DependencyMissing, ViewerError
+from ffsms_pin.storage import regular_target, write_atomically
+
+__all__ = ["ENCODERS", "Encoder"]
+
+Put = Callable[[bytes], None]
+
+_COLOURS = 255  # of a gif; all pictures share them, so that what stands still does not flicker
+
+
+class Encoder(NamedTuple):
+    """How a kind of file is written.
+
+    Attributes
+    ----------
+    fps : float
+        Pictures a second by default.
+    check : callable
+        Raises `DependencyMissing` where something is not installed.
+    writing : callable
+        From a path and pictures a second to a context that gives what takes a picture (PNG). The file is
+        there, whole, after the context.
+    """
+
+    fps: float
+    check: Callable[[], None]
+    writing: Callable[[Path, float], AbstractContextManager[Put]]
+
+
+def _check_gif() -> None:
+    if find_spec("PIL") is None:
+        raise DependencyMissing("pillow", "a gif", "record")
+
+
+@contextmanager
+def _gif(path: Path, fps: float) -> Iterator[Put]:
+    from PIL import Image
+
+    found: list[Any] = []
+
+    def put(picture: bytes) -> None:
+        with Image.open(io.BytesIO(picture)) as image:
+            found.append(image.convert("RGB"))
+
+    yield put
+    width, height = found[0].size
+    samples = found[:: max(1, len(found) // 6)]
+    together = Image.new("RGB", (width, height * len(samples)))
+    for i, one in enumerate(samples):
+        together.paste(one, (0, i * height))
+    palette = together.quantize(_COLOURS)
+    flat = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in found]
+    # Hundredths of a second are what the format has; what is lost to rounding is made up for.
+    ends = [round(100.0 * (i + 1) / fps) for i in range(len(flat))]
+    lasting = [10 * max(b - a, 1) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
+    write_atomically(
+        path,
+        lambda file: flat[0].save(
+            file, format="GIF", save_all=True, append_images=flat[1:], duration=lasting, loop=0
+        ),
+    )
+
+
+def _ffmpeg() -> str:
+    """The program: that on the path, else the one that a package brings."""
+    program = shutil.which("ffmpeg")
+    if program is not None:
+        return program
+    if find_spec("imageio_ffmpeg") is None:
+        raise DependencyMissing("imageio-ffmpeg", "an mp4, where there is no program ffmpeg,", "record")
+    import imageio_ffmpeg
+
+    return str(imageio_ffmpeg.get_ffmpeg_exe())
+
+
+def _check_mp4() -> None:
+    _ffmpeg()
+
+
+@contextmanager
+def _mp4(path: Path, fps: float) -> Iterator[Put]:
+    target = regular_target(path)
+    with TemporaryDirectory() as folder:
+        film, told = Path(folder) / "film.mp4", Path(folder) / "told.txt"
+        # H.264 in the form that every player takes.
+        command = [_ffmpeg(), "-y", "-loglevel", "error", "-f", "image2pipe", "-c:v", "png"]
+        command += ["-framerate", f"{fps:g}", "-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p", str(film)]
+        with (
+            told.open("wb") as words,
+            subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=words
+            ) as process,
+        ):
+            assert process.stdin is not None
+            try:
+                yield process.stdin.write  # type: ignore[misc]  # what it returns is of no use
+                process.stdin.close()
+            except BrokenPipeError:
+                pass
+            except BaseException:
+                process.kill()
+                raise
+        if process.returncode != 0 or not film.is_file():
+            raise ViewerError(f"ffmpeg did not write the film ({told.read_text(errors='replace').strip()})")
+        write_atomically(target, lambda file: shutil.copyfileobj(film.open("rb"), file))
+
+
+ENCODERS: Mapping[str, Encoder] = {
+    ".gif": Encoder(20.0, _check_gif, _gif),
+    ".mp4": Encoder(30.0, _check_mp4, _mp4),
+}
+"""By the ending of the file."""
