@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from ffsms_pin.errors import DependencyMissing, ViewerError
-from ffsms_pin.storage import regular_target, write_atomically
+from ffsms_pin.storage import write_atomically
 
 __all__ = ["ENCODERS", "Encoder"]
 
@@ -93,30 +93,23 @@ def _check_mp4() -> None:
 
 @contextmanager
 def _mp4(path: Path, fps: float) -> Iterator[Put]:
-    target = regular_target(path)
     with TemporaryDirectory() as folder:
-        film, told = Path(folder) / "film.mp4", Path(folder) / "told.txt"
+        film, count = Path(folder) / "film.mp4", 0
+
+        def put(picture: bytes) -> None:
+            nonlocal count
+            (Path(folder) / f"{count:06d}.png").write_bytes(picture)
+            count += 1
+
+        yield put
         # H.264 in the form that every player takes.
-        command = [_ffmpeg(), "-y", "-loglevel", "error", "-f", "image2pipe", "-c:v", "png"]
-        command += ["-framerate", f"{fps:g}", "-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p", str(film)]
-        with (
-            told.open("wb") as words,
-            subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=words
-            ) as process,
-        ):
-            assert process.stdin is not None
-            try:
-                yield process.stdin.write  # type: ignore[misc]  # what it returns is of no use
-                process.stdin.close()
-            except BrokenPipeError:
-                pass
-            except BaseException:
-                process.kill()
-                raise
-        if process.returncode != 0 or not film.is_file():
-            raise ViewerError(f"ffmpeg did not write the film ({told.read_text(errors='replace').strip()})")
-        write_atomically(target, lambda file: shutil.copyfileobj(film.open("rb"), file))
+        command = [_ffmpeg(), "-y", "-loglevel", "error", "-framerate", f"{fps:g}"]
+        command += ["-i", str(Path(folder) / "%06d.png"), "-c:v", "libx264", "-pix_fmt", "yuv420p", str(film)]
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+        if done.returncode != 0 or not film.is_file():
+            words = " ".join(done.stderr.decode(errors="replace").split())
+            raise ViewerError(f"ffmpeg did not write the film ({words})")
+        write_atomically(path, lambda file: file.write(film.read_bytes()))
 
 
 ENCODERS: Mapping[str, Encoder] = {

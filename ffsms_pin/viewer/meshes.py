@@ -12,6 +12,7 @@ from ffsms_pin.checks import FloatArray
 __all__ = ["Mesh", "along_z", "arrow", "cone", "hull", "nozzle", "tube", "turn_arrow"]
 
 _SIDES = 20
+_SHARP = 200  # triangles; what has more is round
 
 
 class Mesh(NamedTuple):
@@ -98,12 +99,14 @@ def nozzle(length: float) -> Mesh:
 
 
 def hull(points: FloatArray) -> Mesh:
-    """The hull of points (k, 3), its triangles counter-clockwise seen from outside."""
+    """The hull of points (k, 3), its triangles counter-clockwise seen from outside; edges stay sharp."""
     found = ConvexHull(points)
     faces = found.simplices.astype(np.int64)
     a, b, c = (points[faces[:, i]] for i in range(3))
     inward = np.einsum("kx,kx->k", np.cross(b - a, c - a), found.equations[:, :3]) < 0.0
     faces[inward] = faces[inward][:, ::-1]
+    if len(faces) <= _SHARP:  # with corners of its own each triangle is shaded flat
+        points, faces = points[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)
     return Mesh(points, faces, np.zeros(len(points)))
 
 

@@ -22,7 +22,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 
 def other_flight(outcome: Outcome) -> Outcome:
-    """The same with a recording that turns the base by as much again and ends 5 degrees off at every joint."""
+    """The same with a recording that ends 5 degrees off at every joint, and 3 at the base."""
     q = outcome.tracking.q.copy()
     share = np.linspace(0.0, 1.0, len(q))
     q[:, 7:] += np.radians(5.0) * share[:, None]
