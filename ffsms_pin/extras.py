@@ -12,6 +12,7 @@ __all__ = ["EXTRAS", "installed", "require"]
 EXTRAS = {
     "plot": ("matplotlib",),
     "view": ("meshcat", "tornado"),
+    "record": ("PIL", "imageio_ffmpeg"),
     "robots": ("example_robot_data",),
     "gym": ("gymnasium",),
     "basilisk": ("Basilisk",),

@@ -59,6 +59,7 @@ def test_the_core_plans_tracks_and_runs_a_case_without_any(tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
     assert "pip install 'ffsms-pin[plot]'" in done.stderr
     assert sorted(path.name for path in (tmp_path / "here").iterdir()) == [
+        "scenario.json",
         "summary.json",
         "tracking.npz",
         "trajectory.npz",

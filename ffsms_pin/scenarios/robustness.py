@@ -278,7 +278,7 @@ def _table(ends: Sequence[_End], error: str) -> dict[str, Any]:
 def _end(loop: ClosedLoop, plan: Trajectory, method: str, plant: SpaceManipulator) -> _End:
     """One run on one plant; law and reference are new, for some remember."""
     scenario, sms = loop.scenario, loop.sms
-    reference = replanning(scenario, sms) if method == METHODS[0] else loop.plan_once(plan)
+    reference = replanning(scenario, sms, plan) if method == METHODS[0] else loop.plan_once(plan)
     tracking, stopped = attempt(partial(loop.run, reference, controller(scenario, sms), plant=plant))
     whole = np.full(control_steps(scenario) + 1, np.nan)
     whole[: len(tracking.t)] = tracking.position_error
