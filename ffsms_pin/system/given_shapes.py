@@ -10,7 +10,7 @@ import pinocchio as pin
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.shapes import ShapeKind, ShapeSource
 
-__all__ = ["GivenShapes", "checked_shapes"]
+__all__ = ["GivenShapes", "checked_shapes", "refuse_shapes"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,3 +56,10 @@ def checked_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] |
     if visual.ngeoms == 0:
         visual = collision
     return (visual, collision) if visual.ngeoms else None
+
+
+def refuse_shapes(visual: Any, collision: Any) -> None:
+    """Raise `InvalidValue` where shapes are given beside a file."""
+    for kind, given in (("visual", visual), ("collision", collision)):
+        if given is not None:
+            raise InvalidValue(kind, given, "belongs to a pinocchio.Model; a file brings its own shapes")

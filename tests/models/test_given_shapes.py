@@ -14,8 +14,9 @@ from link_sums import arm_file
 from motions import Array
 
 import ffsms_pin as ffsms
-from ffsms_pin.errors import FfsmsError, FfsmsWarning, GeometryError, InvalidValue
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, GeometryError, InvalidValue, UnsupportedJoint
 from ffsms_pin.opt.limits.clearance_stack import chosen_mode
+from ffsms_pin.urdf import model_path
 from ffsms_pin.viewer.robot import visual_shapes
 
 Refused = Callable[..., FfsmsError]
@@ -111,6 +112,45 @@ def test_an_mjcf_file_whose_mesh_is_missing_still_loads(tmp_path: Path) -> None:
     assert sms.n == 2
     with pytest.raises(GeometryError, match="without any"):
         sms.geometry("collision")
+
+
+@pytest.mark.parametrize("locked", [{}, {"shoulder_yaw": 0.4}])
+def test_a_whole_robot_as_a_model_is_its_urdf(locked: dict[str, float]) -> None:
+    path = model_path("space_arm_7")
+    model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+    shapes = {k: pin.buildGeomFromUrdf(model, str(path), kind) for k, kind in KINDS.items()}
+    before = list(model.upperVelocityLimit)
+    wanted = ffsms.load("space_arm_7", locked=locked, velocity=0.2)
+    found = ffsms.load(
+        model,
+        "end_effector",
+        wanted.base_size,
+        locked=locked,
+        velocity=0.2,
+        visual=shapes["visual"],
+        collision=shapes["collision"],
+    )
+    assert found.joint_names == wanted.joint_names
+    assert list(model.upperVelocityLimit) == before  # the user's own model stays as it is
+    q = wanted.configuration(np.linspace(-0.4, 0.7, wanted.n))
+    v = np.linspace(-0.2, 0.3, 6 + wanted.n)
+    for name in ("H", "C_m", "J_star"):
+        np.testing.assert_allclose(getattr(found.at(q, v), name), getattr(wanted.at(q, v), name), atol=1e-12)
+    for kind in KINDS:
+        np.testing.assert_allclose(placed(found, kind, q), placed(wanted, kind, q), atol=1e-9)
+    assert found.limits.velocity.tolist() == wanted.limits.velocity.tolist()
+
+
+def test_what_belongs_to_files_is_refused_beside_a_model(refused: Refused) -> None:
+    model = ffsms.load("planar_3r").model
+    assert ffsms.load(model).end_effector == ffsms.load("planar_3r").end_effector
+    refused(lambda: ffsms.load(model, wheels=["joint1"]), InvalidValue, "wheels", "belongs to a file")
+    refused(lambda: ffsms.load(model, srdf="a.srdf"), InvalidValue, "srdf", "belongs to a file")
+    refused(lambda: ffsms.load(model, locked={"root_joint": 0.0}), InvalidValue, "root_joint")
+    fixed = pin.buildModelFromUrdf(str(model_path("planar_3r")))
+    refused(lambda: ffsms.load(fixed), UnsupportedJoint, "free-flyer")
+    shapes = pin.GeometryModel()
+    refused(lambda: ffsms.load("planar_3r", visual=shapes), InvalidValue, "visual", "its own shapes")
 
 
 def test_shapes_of_something_else_are_refused(refused: Refused) -> None:
