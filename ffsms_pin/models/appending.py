@@ -129,7 +129,7 @@ def _of_one_freedom(arm: Any) -> Any:
 
 
 def _lock(arm: Any, shapes: ShapePair, locked: Mapping[str, float]) -> tuple[Any, ShapePair]:
-    names = [name for name, joint in zip(arm.names, arm.joints, strict=True) if joint.nv == 1]
+    names = [arm.names[j] for j in range(1, arm.njoints) if arm.joints[j].nv == 1]  # not the free-flyer
     q = pin.neutral(arm)
     fixed = []
     for name, position in locked.items():
