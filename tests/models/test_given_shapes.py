@@ -54,7 +54,7 @@ def placed(sms: ffsms.SpaceManipulator, kind: Any, q: Array) -> list[Array]:
         item.geometry.computeLocalAABB()
         box = item.geometry.aabb_local
         rows.append(np.concatenate([pose.act(np.array(box.min_)), pose.act(np.array(box.max_))]))
-    return sorted(rows, key=lambda row: tuple(np.round(row, 6).tolist()))
+    return sorted(rows, key=lambda row: [round(float(x), 6) for x in row])
 
 
 @pytest.mark.parametrize("locked", [{}, {"joint1": -0.3}])
