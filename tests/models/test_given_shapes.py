@@ -16,12 +16,13 @@ from motions import Array
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, GeometryError, InvalidValue, UnsupportedJoint
 from ffsms_pin.opt.limits.clearance_stack import chosen_mode
+from ffsms_pin.system.shapes import ShapeKind
 from ffsms_pin.urdf import model_path
 from ffsms_pin.viewer.robot import visual_shapes
 
 Refused = Callable[..., FfsmsError]
 PLACE = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, -0.5), np.array([0.6, 0.1, 0.2]))
-KINDS = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
+KINDS: dict[ShapeKind, Any] = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
 
 MJCF = """<mujoco model="two"><compiler angle="radian"/><worldbody><body name="foot">
 <inertial pos="0 0 0.1" mass="2" diaginertia="0.1 0.1 0.1"/>
@@ -44,7 +45,7 @@ def model_with_shapes(name: str) -> tuple[Any, dict[str, Any]]:
     }
 
 
-def placed(sms: ffsms.SpaceManipulator, kind: Any, q: Array) -> list[Array]:
+def placed(sms: ffsms.SpaceManipulator, kind: ShapeKind, q: Array) -> list[Array]:
     """Poses of all shapes of the robot in inertial axes, and their boxes, in a fixed order."""
     shapes = sms.geometry(kind)
     data, scratch = pin.GeometryData(shapes), sms.model.createData()
@@ -64,12 +65,12 @@ def test_a_model_s_shapes_are_those_of_its_urdf(locked: dict[str, float]) -> Non
     found = ffsms.mount(model, base, PLACE, locked=locked, velocity=0.4, **shapes)
     wanted = ffsms.mount("xarm7", base, PLACE, locked=locked, velocity=0.4)
     q = wanted.configuration(np.linspace(-0.4, 0.7, wanted.n))
-    for kind in ("visual", "collision"):
+    for kind in KINDS:
         np.testing.assert_allclose(placed(found, kind, q), placed(wanted, kind, q), atol=1e-9)
     sent = pickle.dumps(found)
     assert len(sent) < 100_000  # names of meshes, not their triangles
     again = pickle.loads(sent)
-    for kind in ("visual", "collision"):
+    for kind in KINDS:
         np.testing.assert_allclose(placed(again, kind, q), placed(found, kind, q), atol=1e-12)
         pairs = zip(again.geometry(kind).geometryObjects, found.geometry(kind).geometryObjects, strict=True)
         for one, other in pairs:
