@@ -17,6 +17,7 @@ from ffsms_pin.cli import (
     campaign_command,
     compare_command,
     compare_modes_command,
+    docs_command,
     info_command,
     inspect_command,
     laws_command,
@@ -49,6 +50,7 @@ _COMMANDS: dict[str, Any] = {
     "info": info_command,
     "inspect": inspect_command,
     "view": view_command,
+    "docs": docs_command,
 }
 
 _DESCRIPTION = """\
@@ -69,6 +71,7 @@ examples:
   ffsms-pin info planar_3r                 masses, limits and coupling of a packaged robot
   ffsms-pin info robot.urdf --end-effector tool0
   ffsms-pin inspect robot.urdf             what is wrong with a file, and --repair
+  ffsms-pin docs scenarios                 a page of the documentation
 """
 _EPILOG = """\
 exit codes: 0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped;
