@@ -125,7 +125,7 @@ class Tracking:
 
     @property
     def reached(self) -> bool:
-        """The paper's const8 for what was simulated: within 20 mm of the target in the last tenth of the time.
+        """The paper's const8 for what was simulated: within 20 mm of the target in the last 10 % of it.
 
         A plan judges attitude, clearances and contact too (`Trajectory.reached`), by the reach of its goal.
         """
