@@ -15,6 +15,8 @@ EXTRAS = {
     "record": ("PIL", "imageio_ffmpeg"),
     "robots": ("example_robot_data",),
     "gym": ("gymnasium",),
+    "basilisk": ("Basilisk",),
+    "pink": ("pink", "qpsolvers"),
     "cluster": ("dask", "distributed", "xarray", "zarr", "pyarrow", "pandas"),
 }
 
