@@ -36,7 +36,7 @@ def page_path(name: str) -> Path:
     titles = page_titles()
     word = name.removeprefix("docs/").removesuffix(".md")
     if word not in titles:
-        guess = meant(word, titles)
+        guess = meant(word, list(titles))
         raise InvalidValue(
             "PAGE", name, f"must be one of {', '.join(titles)}" + (f"; {guess}" if guess else "")
         )

@@ -129,9 +129,13 @@ def test_an_arrival_spin(tmp_path: Path) -> None:
     said = scenario(write(tmp_path, TWO_ARMS + more))
     goal = said.problem(said.load()).goal
     assert isinstance(goal, opt.Pose)
-    np.testing.assert_allclose(goal.place(0.0).velocity, [0.0, 0.0, 0.01])
-    np.testing.assert_allclose(goal.place(0.0).spin, [0.0, np.radians(1.0), 0.0])
-    assert (goal.tolerance, goal.orientation_reach) == (0.002, pytest.approx(np.radians(2.0)))
+    place = goal.place(0.0)
+    assert place.velocity is not None
+    assert place.spin is not None
+    np.testing.assert_allclose(place.velocity, [0.0, 0.0, 0.01])
+    np.testing.assert_allclose(place.spin, [0.0, np.radians(1.0), 0.0])
+    assert goal.tolerance == 0.002
+    assert goal.orientation_reach == pytest.approx(np.radians(2.0))
 
 
 ALSO = '[[also]]\nframe = "%s"\nposition = [0.0, 0.0, 0.1]\n'
