@@ -27,7 +27,7 @@ from ffsms_pin.system.robot_element import read_robot
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import Inertias, lenient
-from ffsms_pin.system.wheel_joints import taken_out
+from ffsms_pin.system.wheel_joints import taken_out, wheel_names
 from ffsms_pin.urdf import model_names, model_path
 
 __all__ = ["build", "checked", "folders", "load", "with_srdf"]
@@ -48,7 +48,7 @@ def load(
     inertias: Inertias = "check",
 ) -> SpaceManipulator:
     """A space manipulator from a packaged name or the path of a URDF; see `ffsms_pin.load`."""
-    path = _path(robot)
+    path, wheels = _path(robot), wheel_names(wheels)
     urdf, reaction_wheels = checked(read_robot(path), path, locked, inertias, velocity, torque, 4), None
     if wheels:
         urdf, reaction_wheels = taken_out(urdf, wheels)
