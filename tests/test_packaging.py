@@ -64,6 +64,18 @@ def test_the_wheel_carries_what_it_needs(installed: Path) -> None:
     )
 
 
+def test_the_wheel_has_the_pages_that_messages_name(installed: Path, tmp_path: Path) -> None:
+    pages = installed / "ffsms_pin" / "docs"
+    names = {path.stem for path in (CHECKOUT / "docs").glob("*.md")}
+    assert {"scenarios", "campaigns", "viewer", "horizon"} <= {path.stem for path in pages.iterdir()} <= names
+    assert all(path.suffix == ".md" for path in pages.iterdir())
+    command = [sys.executable, "-m", "ffsms_pin", "docs", "scenarios"]
+    text = run(*command, cwd=tmp_path, PYTHONPATH=str(installed))
+    assert text.strip() == (CHECKOUT / "docs" / "scenarios.md").read_text("utf-8").strip()
+    where = run(*command, "--path", cwd=tmp_path, PYTHONPATH=str(installed))
+    assert Path(where.strip()) == pages / "scenarios.md"
+
+
 def test_what_an_index_shows_has_no_link_that_leads_nowhere(installed: Path) -> None:
     (info,) = installed.glob("ffsms_pin-*.dist-info")
     metadata = message_from_string((info / "METADATA").read_text(encoding="utf-8"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -80,3 +81,21 @@ def test_how_far_the_base_moves() -> None:
     np.testing.assert_array_equal(plan.base_translation[0], 0.0)
     np.testing.assert_array_equal(plan.base_translation[-1], plan.q[-1, :3] - plan.q[0, :3])
     assert np.abs(plan.base_translation[-1]).max() > 1e-4
+
+
+def test_a_run_says_whether_it_reached_and_how_the_base_moved() -> None:
+    tracking = objects()["tracking"]
+    late = tracking.t >= 0.9 * tracking.t[-1] - 1e-9
+    for error, reached in ((0.0199, True), (0.0201, False)):
+        errors = np.where(late, error, 1.0)
+        assert replace(tracking, position_error=errors).reached is reached
+    errors[np.argmax(late)] = 0.0
+    assert not replace(tracking, position_error=errors).reached  # at one instant it is not enough
+    np.testing.assert_array_equal(tracking.base_translation, tracking.q[:, :3] - tracking.q[0, :3])
+    turn = 2.0 * np.arctan2(tracking.q[:, 5], tracking.q[:, 6])
+    np.testing.assert_allclose(tracking.base_rotation, np.abs(turn - turn[0]), atol=1e-9)
+
+
+def test_names_that_dir_shows_are_those_that_are_public() -> None:
+    assert dir(opt) == sorted(opt.__all__)
+    assert {"plan", "Problem", "Trajectory", "Via"} <= set(dir(opt))

@@ -12,7 +12,7 @@ __all__ = ["add_parser", "run"]
 
 _DESCRIPTION = """\
 Run a scenario many times in closed loop, with plants, targets, noise and faults drawn from the distributions
-in its table [campaign.draw] (docs/campaigns.md). Writes one row a run to DIR/runs.parquet, a report
+in its table [campaign.draw] (ffsms-pin docs campaigns). Writes one row a run to DIR/runs.parquet, a report
 (report.json) and figures. What is killed goes on where it was with the same command, and ends with the same
 table, whatever the number of workers and shards.
 

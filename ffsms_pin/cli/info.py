@@ -61,9 +61,9 @@ def _posture(sms: SpaceManipulator, joints_deg: Sequence[float] | None) -> Float
 def _bodies(sms: SpaceManipulator) -> Table:
     table = Table(title="Bodies (with what is fixed to them)", title_justify="left")
     table.add_column("body")
-    table.add_column("mass [kg]", justify="right")
+    table.add_column(escape("mass [kg]"), justify="right")
     table.add_column("share", justify="right")
-    table.add_column("principal inertias [kg m²]", justify="right")
+    table.add_column(escape("principal inertias [kg m²]"), justify="right")
     inertias = list(sms.model.inertias)[1:]
     total = sum(float(body.mass) for body in inertias)
     for j, body in enumerate(inertias, start=1):
@@ -114,12 +114,16 @@ def _coupling(sms: SpaceManipulator, posture: FloatArray) -> Table:
     table.add_column("value", justify="right")
     effector = ", ".join(f"{x:.5f}" for x in state.end_effector_pose.translation)
     base = ", ".join(f"{x:.5f}" for x in state.base_pose.translation)
-    table.add_row("end effector, from the system's centre of mass [m]", effector)
-    table.add_row("base centre of mass, likewise [m]", base)
-    table.add_row("condition number of H_b (mixes kg and kg m²)", f"{np.linalg.cond(state.H_b):.4g}")
     sigma = ", ".join(f"{value:.4g}" for value in state.coupling.sigma)
-    table.add_row("singular values of C_bm (mix m/rad and rad/rad)", sigma)
-    table.add_row("entropy H_norm", f"{state.coupling.entropy:.4f}")
-    table.add_row("1 - H_norm, which the cost compares with", f"{1.0 - state.coupling.entropy:.4f}")
-    table.add_row("condition number of H_q", f"{np.linalg.cond(state.H_q):.4g}")
+    entropy = state.coupling.entropy
+    for quantity, value in (
+        ("end effector, from the system's centre of mass [m]", effector),
+        ("base centre of mass, likewise [m]", base),
+        ("condition number of H_b (mixes kg and kg m²) [-]", f"{np.linalg.cond(state.H_b):.4g}"),
+        ("singular values of C_bm [m/rad, rad/rad]", sigma),
+        ("entropy H_norm [-]", f"{entropy:.4f}"),
+        ("1 - H_norm, which the cost compares with [-]", f"{1.0 - entropy:.4f}"),
+        ("condition number of H_q [-]", f"{np.linalg.cond(state.H_q):.4g}"),
+    ):
+        table.add_row(escape(quantity), value)  # what stands in brackets is no markup
     return table

@@ -103,8 +103,8 @@ def _links(report: Report) -> Table:
 
     table = Table(title=escape(f"Links of '{report.name}'"), title_justify="left")
     table.add_column("link")
-    table.add_column("mass [kg]", justify="right")
-    table.add_column("principal inertias [kg m²]", justify="right")
+    table.add_column(escape("mass [kg]"), justify="right")
+    table.add_column(escape("principal inertias [kg m²]"), justify="right")
     table.add_column("inertia")
     for link in report.links:
         inertias = link.principal_inertias

@@ -17,6 +17,7 @@ from ffsms_pin.cli import (
     campaign_command,
     compare_command,
     compare_modes_command,
+    docs_command,
     info_command,
     inspect_command,
     laws_command,
@@ -27,7 +28,7 @@ from ffsms_pin.cli import (
     sweep_command,
     view_command,
 )
-from ffsms_pin.errors import FfsmsError
+from ffsms_pin.errors import FfsmsError, meant
 
 __all__ = ["main", "parser"]
 
@@ -49,6 +50,7 @@ _COMMANDS: dict[str, Any] = {
     "info": info_command,
     "inspect": inspect_command,
     "view": view_command,
+    "docs": docs_command,
 }
 
 _DESCRIPTION = """\
@@ -69,6 +71,7 @@ examples:
   ffsms-pin info planar_3r                 masses, limits and coupling of a packaged robot
   ffsms-pin info robot.urdf --end-effector tool0
   ffsms-pin inspect robot.urdf             what is wrong with a file, and --repair
+  ffsms-pin docs scenarios                 a page of the documentation
 """
 _EPILOG = """\
 exit codes: 0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped;
@@ -81,6 +84,17 @@ class _Terminated(KeyboardInterrupt):
 
 
 class _Parser(argparse.ArgumentParser):
+    """Errors in one line, with a guess at what was meant."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse has it, but a command says itself which of its arguments it does not know."""
+        found, rest = super().parse_known_args(args, namespace)
+        if rest:
+            option = rest[0].partition("=")[0]
+            guess = meant(option, list(self._option_string_actions)) if option.startswith("-") else ""
+            self.error(f"unknown argument '{rest[0]}'" + (f"; {guess}" if guess else ""))
+        return found, rest
+
     def error(self, message: str) -> NoReturn:
         self.exit(BAD_INPUT, f"ffsms-pin: error: {message} (see {self.prog} --help)\n")
 
@@ -93,8 +107,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv : sequence of str, optional
         Arguments; default: those of the process.
     """
+    given = sys.argv[1:] if argv is None else list(argv)
+    words = _no_command(given)
+    if words:
+        return _failed(f"error: {words} (see ffsms-pin --help)", BAD_INPUT)
     try:
-        arguments = parser().parse_args(argv)
+        arguments = parser().parse_args(given)
     except SystemExit as stop:  # --help, --version, or arguments that cannot be used
         return int(stop.code or 0)
     try:
@@ -113,6 +131,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         what = " ".join(f"{type(error).__name__}: {error}".split())
         return _failed(f"a defect of ffsms-pin, please report it: {what}", DEFECT)
+
+
+def _no_command(given: Sequence[str]) -> str:
+    """What is wrong with the command that comes first, in words; empty where nothing is."""
+    if not given:
+        return "name a command, as: ffsms-pin run case-2"
+    if given[0].startswith("-") or given[0] in _COMMANDS:
+        return ""
+    guess = meant(given[0], list(_COMMANDS))
+    return f"there is no command '{given[0]}'; " + (guess or f"there are {', '.join(_COMMANDS)}")
 
 
 def _failed(words: str, code: int) -> int:

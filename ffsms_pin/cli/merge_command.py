@@ -33,6 +33,10 @@ def add_parser(subparsers: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Make the table, and print the report; returns the exit code."""
     from ffsms_pin.cli.campaign_output import told
+    from ffsms_pin.errors import ResultError
 
-    told(Path(arguments.folder), arguments.partial)
+    folder = Path(arguments.folder)
+    if not folder.is_dir():
+        raise ResultError(folder, "is not the folder of a campaign; make one with `ffsms-pin campaign`")
+    told(folder, arguments.partial)
     return 0

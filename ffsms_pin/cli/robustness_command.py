@@ -50,7 +50,7 @@ def add_parser(subparsers: Any) -> None:
             type=float,
             metavar="SHARE",
             default=default,
-            help=f"by what share {what}, is off at most (default: {default:g})",
+            help=f"by what share {what} is off at most (default: {default:g})",
         )
     parser.add_argument(
         "--out", metavar="DIR", help="folder for the results (default: results/SCENARIO-robustness)"

@@ -13,9 +13,9 @@ REACHED, NOT_REACHED = 0, 1
 
 _DESCRIPTION = """\
 Plan a scenario and follow it in closed loop, under whatever conditions it sets: a plant that is not the
-model, planning again in the loop, friction, sensors, disturbances, failures (docs/scenarios.md lists all
-keys). Prints a summary table, and writes trajectory.npz, tracking.npz, scenario.json, summary.json and the
-figures (pdf and png).
+model, planning again in the loop, friction, sensors, disturbances, failures (ffsms-pin docs scenarios
+lists all keys). Prints a summary table, and writes trajectory.npz, tracking.npz, scenario.json, summary.json
+and the figures (pdf and png).
 
 example: ffsms-pin run case-2 --out results/case-2
 One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign 4711

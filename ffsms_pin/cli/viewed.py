@@ -53,6 +53,8 @@ def scene_of(
     """
     if not folder.is_dir():
         raise ResultError(folder, "is not a folder of results; make one with `ffsms-pin run`")
+    if not (folder / "trajectory.npz").exists():
+        raise ResultError(folder, "holds no results of `ffsms-pin run` (no trajectory.npz)")
     plan = Trajectory.load(folder / "trajectory.npz")
     summary = _summary(folder / "summary.json")
     said = _scenario(folder, summary, robot)

@@ -13,7 +13,7 @@ from ffsms_pin.plotting.base import (
     plot_base_velocity,
 )
 from ffsms_pin.plotting.coupling import plot_assistance, plot_cost, plot_position_error
-from ffsms_pin.plotting.coupling_over_time import plot_entropy, plot_sigma_bands
+from ffsms_pin.plotting.coupling_over_time import plot_entropy, plot_sigma, plot_sigma_bands
 from ffsms_pin.plotting.entropy_map import entropy_grid, plot_entropy_map
 from ffsms_pin.plotting.figures import FIGURES, figure, save_figure, save_figures
 from ffsms_pin.plotting.joints import plot_joint_positions, plot_joint_rates
@@ -48,6 +48,7 @@ __all__ = [
     "plot_modes",
     "plot_motion",
     "plot_position_error",
+    "plot_sigma",
     "plot_sigma_bands",
     "plot_torque_bands",
     "plot_torques",

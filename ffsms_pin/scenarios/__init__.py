@@ -1,5 +1,6 @@
 """Scenario files: a whole run in one TOML file, from the robot to what disturbs it."""
 
+from ffsms_pin.scenarios.client_motion import ClientMotion, client_motion
 from ffsms_pin.scenarios.closed_loop import Attempt
 from ffsms_pin.scenarios.compare import Comparison, compare
 from ffsms_pin.scenarios.definition import Scenario, scenario, scenario_names
@@ -11,6 +12,7 @@ from ffsms_pin.scenarios.summary import summary
 
 __all__ = [
     "Attempt",
+    "ClientMotion",
     "Comparison",
     "LawComparison",
     "ModeComparison",
@@ -18,6 +20,7 @@ __all__ = [
     "Robustness",
     "Scenario",
     "Timing",
+    "client_motion",
     "compare",
     "compare_laws",
     "compare_modes",

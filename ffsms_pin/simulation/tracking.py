@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen, instance
+from ffsms_pin.opt.batch.nodes import angles_from_start
+from ffsms_pin.opt.goals import REACH
+from ffsms_pin.opt.problem import ARRIVAL_SHARE
 from ffsms_pin.simulation.streaming import save_mapped
 from ffsms_pin.simulation.unfinished import recorded
 from ffsms_pin.storage import check_shapes, check_times, load_arrays, path_like, save_arrays
@@ -119,6 +122,25 @@ class Tracking:
             f"{1e3 * self.position_error[-1]:.2f} mm off at the end, "
             f"largest joint error {1e3 * np.abs(self.joint_error).max():.3g} mrad{note})"
         )
+
+    @property
+    def reached(self) -> bool:
+        """The paper's const8 for what was simulated: within 20 mm of the target in the last 10 % of it.
+
+        A plan judges attitude, clearances and contact too (`Trajectory.reached`), by the reach of its goal.
+        """
+        late = self.t >= self.t[0] + ARRIVAL_SHARE * (self.t[-1] - self.t[0]) - 1e-9
+        return bool((self.position_error[late] <= REACH).all())
+
+    @property
+    def base_rotation(self) -> FloatArray:
+        """Angle of the base from its attitude at the start (N + 1,) [rad]."""
+        return angles_from_start(self.q[:, 3:7])
+
+    @property
+    def base_translation(self) -> FloatArray:
+        """How far the base frame's origin is from its start (N + 1, 3), inertial axes [m]."""
+        return self.q[:, :3] - self.q[0, :3]
 
     @property
     def energy_error(self) -> FloatArray:

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from ffsms_pin.errors import DependencyMissing, ViewerError
-from ffsms_pin.storage import write_atomically
+from ffsms_pin.storage import write_atomically, write_content
 
 __all__ = ["ENCODERS", "Encoder"]
 
@@ -109,7 +109,7 @@ def _mp4(path: Path, fps: float) -> Iterator[Put]:
         if done.returncode != 0 or not film.is_file():
             words = " ".join(done.stderr.decode(errors="replace").split())
             raise ViewerError(f"ffmpeg did not write the film ({words})")
-        write_atomically(path, lambda file: file.write(film.read_bytes()))
+        write_content(path, film.read_bytes())
 
 
 ENCODERS: Mapping[str, Encoder] = {

@@ -271,7 +271,7 @@ def test_an_out_in_a_folder_without_permission(
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        ([], "COMMAND"),
+        ([], "name a command"),
         (["walk"], "walk"),
         (["run"], "SCENARIO"),
         (["run", "case-1", "--outt", "x"], "--outt"),

@@ -11,6 +11,7 @@ from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Meet, Problem
 from ffsms_pin.scenarios.capture import whole_tracking
 from ffsms_pin.scenarios.client_motion import ClientMotion, client_motion
+from ffsms_pin.scenarios.saved import save_scenario
 
 SHORT = """
 [robot]
@@ -103,6 +104,26 @@ def test_the_scene_holds_the_client(outcome: Any) -> None:
     times, rows = scene._stage.film._tracks["/ffsms/client", "position", "vector3"]
     for t, row in zip(times, rows, strict=True):
         np.testing.assert_allclose(row, motion.pose(t).translation, atol=1e-9)
+
+
+def test_a_results_folder_shows_the_client(outcome: Any, tmp_path: Path) -> None:
+    pytest.importorskip("ffsms_pin.viewer")
+    from ffsms_pin.cli.viewed import scene_of
+
+    outcome.trajectory.save(tmp_path / "trajectory.npz")
+    outcome.tracking.save(tmp_path / "tracking.npz")
+    outcome.capture.tracking.save(tmp_path / "capture.npz")
+    client_motion(outcome.plant, outcome.tracking, outcome.capture).save(tmp_path / "client.npz")
+    save_scenario(outcome.scenario, tmp_path / "scenario.json")
+    flown, planned = scene_of(tmp_path, fps=2.0), scene_of(tmp_path, plan_only=True, fps=2.0)
+    assert flown.layers["client"]
+    assert planned.layers["client"]
+    assert (flown.duration, planned.duration) == pytest.approx((10.0, 6.0))
+    _, rows = flown._stage.film._tracks["/ffsms/client", "position", "vector3"]
+    last = client_motion(outcome.plant, outcome.tracking, outcome.capture).position[-1]
+    np.testing.assert_allclose(rows[-1], last, atol=1e-9)
+    _, rows = planned._stage.film._tracks["/ffsms/client", "position", "vector3"]
+    np.testing.assert_allclose(rows[-1], outcome.capture.client.pose(6.0).translation, atol=1e-9)
 
 
 @pytest.mark.parametrize(

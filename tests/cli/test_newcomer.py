@@ -1,0 +1,96 @@
+"""What somebody who tries the command line for the first time is told."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ffsms_pin.cli import main
+
+
+def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line of an error."""
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert error.startswith("ffsms-pin: error: ")
+    return error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "name a command, as: ffsms-pin run case-2 (see ffsms-pin --help)"),
+        (("rnu", "case-2"), "there is no command 'rnu'; did you mean 'run'?"),
+        (("fly",), "there is no command 'fly'; there are quickstart, run, "),
+        (
+            ("run", "case-2", "--ouut", "x"),
+            "unknown argument '--ouut'; did you mean '--out'? (see ffsms-pin run",
+        ),
+        (("run", "case-2", "--figures=no"), "unknown argument '--figures=no'; did you mean '--no-figures'?"),
+        (("run", "case-1", "case-2"), "unknown argument 'case-2' (see ffsms-pin run --help)"),
+        (("run", "csae-2"), "did you mean 'case-2'?"),
+        (("info", "satelite_ur5"), "did you mean 'satellite_ur5'?"),
+        (
+            ("merge", "nowhere"),
+            "is not the folder of a campaign; make one with `ffsms-pin campaign`",
+        ),
+        (("view", "nowhere"), "nowhere: is not a folder of results; make one with `ffsms-pin run`"),
+        (("view", "."), "holds no results of `ffsms-pin run` (no trajectory.npz)"),
+    ],
+)
+def test_errors_say_what_to_do(
+    arguments: tuple[str, ...],
+    words: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert words in told(capsys, *arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_info_has_a_unit_for_every_number(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "planar_3r"]) == 0
+    out = capsys.readouterr().out
+    for column in ("mass [kg]", "principal inertias [kg m²]"):
+        assert column in out
+    rows = [line for line in out.partition("quantity")[2].splitlines() if line.startswith("│")]
+    assert len(rows) == 7
+    assert all("[" in line.split("│")[1] for line in rows)
+
+
+def test_inspect_has_units(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", "planar_3r"]) == 0
+    assert "mass [kg]" in capsys.readouterr().out
+
+
+def test_the_notebook_is_opened_in_one_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    called: list[list[str]] = []
+
+    def call(command: list[str]) -> int:
+        called.append(command)
+        return 0
+
+    path = tmp_path / "mine.ipynb"
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
+    monkeypatch.setattr(subprocess, "call", call)
+    assert main(["quickstart", "--notebook", "--out", str(path)]) == 0
+    assert called == [[sys.executable, "-m", "jupyterlab", str(path)]]
+    assert path.is_file()
+
+    def missing(name: str) -> Any:
+        return None
+
+    monkeypatch.setattr("importlib.util.find_spec", missing)
+    capsys.readouterr()
+    error = told(capsys, "quickstart", "--notebook", "--out", str(tmp_path / "other.ipynb"))
+    assert "pip install 'ffsms-pin[notebooks]'" in error
+    assert not (tmp_path / "other.ipynb").exists()
