@@ -22,11 +22,12 @@ _LEAST, _MOST = 0.5, 2.0  # beyond these the motion is not explained by masses, 
 class ReactionEstimate:
     """Factors on the arm's masses (and inertias) and on the base's inertia that explain the measured motion.
 
-    The total momentum of a floating system stays what it was at the first sample, and it is linear in the factors: each sample gives
-    six equations, whatever the torques. Momentum has no scale of its own, so the base's mass is the unit. The
-    estimate is the least-squares one with a prior around the model, so factors that the motion does not show
-    stay at 1. External forces are not known to it: what they do counts as an error of the masses. With noisy
-    sensors the first sample is as noisy as any other, and the constant momentum is estimated too.
+    The total momentum of a floating system stays what it was at the first sample, and it is linear in the
+    factors: each sample gives six equations, whatever the torques. Momentum has no scale of its own, so the
+    base's mass is the unit. The estimate is the least-squares one with a prior around the model, so factors
+    that the motion does not show stay at 1. External forces are not known to it: what they do counts as an
+    error of the masses. With noisy sensors the first sample is as noisy as any other, and the constant
+    momentum is estimated too.
 
     Where wheels hold the attitude they take angular momentum, and the linear one alone is constant: three
     equations. Thrusters push from outside, so in their modes nothing is learnt and the model is kept.
