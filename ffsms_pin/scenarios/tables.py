@@ -108,6 +108,9 @@ TABLES: Mapping[str, Table] = {
             "smooth": Table(_WEIGHT),
             "effort": Table(_WEIGHT),
             "base-turn": Table(_WEIGHT),
+            "wheel-momentum": Table(_WEIGHT),
+            "wheel-energy": Table({**_WEIGHT, "rounding": positive}),
+            "propellant": Table({**_WEIGHT, "rounding": positive}),
         },
     ),
     "limit": Table(
@@ -118,6 +121,7 @@ TABLES: Mapping[str, Table] = {
             "clearance": Table(_CLEARANCE),
             "base": _BASE_LIMITS,
             "alpha-box": Table({}),
+            "wheels": Table({}),
         },
     ),
     "obstacle": Table(
