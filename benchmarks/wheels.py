@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ RPM = 2.0 * np.pi / 60.0
 # docs/bases-that-act.md says where the numbers are from.
 SMALL = ffsms.ReactionWheels(PYRAMID, 0.001364, 0.1, 0.001364 * 7000.0 * RPM)
 LARGE = ffsms.ReactionWheels(PYRAMID, 12.0 / (6000.0 * RPM), 0.2, 12.0)
+
+ARMS = ("satellite_ur5", "satellite_panda", "satellite_xarm7")
 
 
 class Wave:
@@ -109,10 +112,31 @@ def moves(
     return found
 
 
+def line(rows: list[dict[str, Any]]) -> str:
+    """What the moves of one duration come to."""
+    errors = np.array([row["attitude_deg"] for row in rows])
+    off = [
+        abs(row["momentum"] / row["predicted_momentum"] - 1.0) for row in rows if row["predicted_momentum"]
+    ]
+    return (
+        f"{rows[0]['duration']:g} s: {sum(row['reached'] for row in rows)} of {len(rows)} reached, "
+        f"within 0.1 deg {int((errors < 0.1).sum())}, "
+        f"median {np.median(errors):.2g}, largest {errors.max():.2g} deg; at the torque limit "
+        f"{sum('torque' in row['note'] for row in rows)}; momentum at most "
+        f"{max(row['momentum'] for row in rows):.2g} N m s, off the predicted one by at most "
+        f"{100.0 * max(off, default=np.nan):.2g} %; end at most "
+        f"{1e3 * max(row['end_error_m'] for row in rows):.2g} mm off; floating it turns by "
+        f"{np.median([row['floating_deg'] for row in rows]):.2g} deg (median)"
+    )
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--targets", type=int, default=10)
+    parser.add_argument(
+        "--arms", nargs="+", default=list(ARMS), help="on a satellite, with four large wheels"
+    )
     parser.add_argument("--durations", type=float, nargs="+", default=[12.0, 24.0, 36.0])
     parser.add_argument("--hour", action="store_true", help="measure the hour alone")
     parser.add_argument("--seconds", type=float, default=3600.0, help="of the hour")
@@ -128,21 +152,13 @@ def main() -> None:
     results: dict[str, Any] = {"hour": hour}
     case = ffsms.scenario("case-2")
     small = case.load().with_actuators(wheels=SMALL)
-    results["case-2"] = held(small, opt.solve(case.problem(small)))
+    results["case-2"] = held(small, opt.solve(replace(case.problem(small), mode=arguments.mode)))
     print("case-2:", results["case-2"], flush=True)
-    results["panda"] = moves("satellite_panda", LARGE, arguments.targets, arguments.durations, arguments.mode)
-    for duration in arguments.durations:
-        rows = [row for row in results["panda"] if row["duration"] == duration]
-        errors = np.array([row["attitude_deg"] for row in rows])
-        reached = sum(row["reached"] for row in rows)
-        print(
-            f"satellite_panda, {duration:g} s: {reached} reached, "
-            f"within 0.1 deg {int((errors < 0.1).sum())} of {len(rows)}, "
-            f"median {np.median(errors):.2g}, largest {errors.max():.2g} deg; at the torque limit "
-            f"{sum('torque' in row['note'] for row in rows)}; momentum at most "
-            f"{max(row['momentum'] for row in rows):.2g} N m s; floating it turns by "
-            f"{np.median([row['floating_deg'] for row in rows]):.2g} deg (median)"
-        )
+    for name in arguments.arms:
+        rows = moves(name, LARGE, arguments.targets, arguments.durations, arguments.mode)
+        results[name] = rows
+        for duration in arguments.durations:
+            print(name, line([row for row in rows if row["duration"] == duration]), flush=True)
     path = Path(arguments.out)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_content(path, json.dumps(results, indent=1))
