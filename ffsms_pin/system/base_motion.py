@@ -103,7 +103,7 @@ def held_velocity(
         One of `ffsms_pin.system.base_reaction.MODES`, but "floating".
     """
     M = inertia_matrix(sms, q)
-    velocity = mode_reaction(M, sms.base_com, mode).dot(rates)
+    velocity: FloatArray = mode_reaction(M, sms.base_com, mode) @ rates
     if momentum is not None:
         velocity[:3] += pin.Quaternion(q[3:7]).toRotationMatrix().T @ momentum[:3] / M[0, 0]
     return velocity

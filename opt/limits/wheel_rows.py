@@ -102,5 +102,4 @@ def _shared(G: FloatArray, lower: FloatArray, upper: FloatArray) -> Rows | None:
             kept.append((row, low, up))
     if not kept:
         return None
-    rows, least, most = (np.array(part) for part in zip(*kept, strict=True))
-    return Rows(rows, least, most)
+    return Rows(*(np.array(part) for part in zip(*kept, strict=True)))

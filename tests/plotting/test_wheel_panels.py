@@ -58,9 +58,9 @@ def test_wheels_that_turn_have_a_figure(held: Outcome) -> None:
     assert "base-linear" in names
     momentum, torque, attitude = plotting.figure(held, "wheels").axes
     # Two do the same and share a line; nothing turns the third, whose axis lies in the plane of the arm.
-    lines = [line for line in momentum.get_lines() if len(line.get_xdata()) > 2]
+    lines = [line for line in momentum.get_lines() if np.size(line.get_xdata()) > 2]
     assert len(lines) == 2 + 2
-    assert [len(line.get_xdata()) for line in lines] == [401, 401, 81, 81]
+    assert [np.size(line.get_xdata()) for line in lines] == [401, 401, 81, 81]
     np.testing.assert_array_equal(lines[0].get_ydata(), held.tracking.wheel_momentum[:, 0])
     np.testing.assert_array_equal(lines[3].get_ydata(), held.trajectory.wheel_momentum[:, 3])
     assert named(momentum)[:2] == ["wheel 1 and 1 more", "wheel 4"]
@@ -73,7 +73,8 @@ def test_limits_are_drawn_where_they_are_near_and_told_where_they_are_not(held: 
     far = plot_wheels(held.sms, held.trajectory, held.tracking)
     share = float(np.abs(held.tracking.wheel_momentum).max() / 0.1)
     assert ("limits" in named(far)) == (share > 0.2)
-    wheels = replace(held.sms.wheels, momentum=1.1 * np.abs(held.tracking.wheel_momentum).max())  # type: ignore[type-var]
+    assert held.sms.wheels is not None
+    wheels = replace(held.sms.wheels, momentum=1.1 * np.abs(held.tracking.wheel_momentum).max())
     near = plot_wheels(held.sms.with_actuators(wheels=wheels), held.trajectory, held.tracking)
     assert "limits" in named(near)
     assert "% of the limits" not in near.get_ylabel()

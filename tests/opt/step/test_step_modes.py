@@ -100,7 +100,8 @@ def test_rows_say_what_the_wheels_will_do(what: str) -> None:
     now = momentum(q, rates)
     # Limits of the momentum that are near by, so that it takes one step to them.
     most = (np.abs(now) + 5e-4) / 0.92 if what == "momentum" else np.full(4, 0.5)
-    sms = bare.with_actuators(wheels=ffsms.ReactionWheels(PYRAMID, 0.02, **{what: most}))
+    limits: dict[str, Any] = {what: most}
+    sms = bare.with_actuators(wheels=replace(ffsms.ReactionWheels(PYRAMID, 0.02), **limits))
     rows = wheel_rows(step_state(sms, q, rates, dt, 5.0, mode=mode, wheel_total=total), 0.08)
     assert rows is not None
     for i, (row, lower, upper) in enumerate(zip(*rows[:3], strict=True)):
