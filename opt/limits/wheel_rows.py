@@ -102,4 +102,5 @@ def _shared(G: FloatArray, lower: FloatArray, upper: FloatArray) -> Rows | None:
             kept.append((row, low, up))
     if not kept:
         return None
-    return Rows(*(np.array(part) for part in zip(*kept, strict=True)))
+    directions, lowest, highest = zip(*kept, strict=True)
+    return Rows(np.array(directions), np.array(lowest), np.array(highest))
