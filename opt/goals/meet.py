@@ -23,8 +23,8 @@ __all__ = ["ATTITUDE_REACH", "HALF_ANGLE", "STANDOFF", "Meet"]
 STANDOFF = 0.15
 # [rad] At the standoff the corridor is then 55 mm wide to each side, about as far as a gripper opens.
 HALF_ANGLE = math.radians(20.0)
-# [rad] In the last tenth of the time. A degree, as for a goal that stands still, would ask for the attitude of
-# a grasp that turns at times at which it may be out of reach.
+# [rad] In the last tenth of the time. A degree, as for a goal that stands still, would ask for the attitude
+# of a grasp that turns at times at which it may be out of reach.
 ATTITUDE_REACH = 0.2
 
 # Share of the time at which motions that a search starts from are at the corridor's mouth.
