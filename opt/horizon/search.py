@@ -89,7 +89,8 @@ class Search:
                 group = QUICK[0]
             self._report((turn + 0.5) / len(groups))
             self._follow(group)
-            content = group.content(self.problem.kappa) * scale * self._content_factor if self._coupled else np.inf
+            content = scale * self._content_factor * group.content(self.problem.kappa)
+            content = content if self._coupled else np.inf
             if hopeless and not self._arrived():
                 return self.best().plan
             if self._arrived(content) or self._out_of_time() or hopeless:

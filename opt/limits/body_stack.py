@@ -118,6 +118,15 @@ class BodyStack:
         at = np.ravel_multi_index(tuple(rest), positions.shape[1:])
         return self._pairs.slopes(Poses.of(arm), (columns, at))[1]
 
+    def below(
+        self, positions: FloatArray, arm: ArmValues, near: FloatArray
+    ) -> tuple[tuple[Indices, ...], FloatArray, FloatArray]:
+        """Clearances (V,) below `near` (m,), at which entries of `values`, and their gradients (n, V)."""
+        poses = Poses.of(arm)
+        where, found = self._pairs.below(poses, near)
+        rest = np.unravel_index(where[1], positions.shape[1:])
+        return (where[0], *rest), found.distance, self._pairs.by_joints(poses, where, found)
+
     def at(self, positions: FloatArray, columns: Indices, floor: float) -> FloatArray:
         """Clearances (V,) of one pair each at joint positions (n, V); those below `floor` by the shapes."""
         poses = Poses.make(*self._arm.poses(positions))
