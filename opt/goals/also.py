@@ -93,7 +93,7 @@ class Also(Limit):
         return [End(self._ready()[0], place.position, place.rotation)]
 
     def rows(self, step: StepState) -> Rows | None:
-        """The frame comes as near as it must, and as fast: in reach before the last tenth, then to its place."""
+        """The frame comes as fast as it must: within reach before the last tenth, then to its place."""
         tool, arm = self._ready()
         place, dt = self.goal.place(0.0), step.dt
         seen = tool.seen(*arm.poses(step.joints[:, None]))
