@@ -38,10 +38,9 @@ class Projected(OfAnother):
     shifts: FloatArray
     turns: FloatArray
 
-    def passing(self, duration: float) -> tuple[float, Place] | None:
+    def approach(self, duration: float) -> list[tuple[float, Place]]:
         """The other's, projected."""
-        found = self.goal.passing(duration)
-        return None if found is None else (found[0], self._projected(found[1]))
+        return [(t, self._projected(place)) for t, place in self.goal.approach(duration)]
 
     def place(self, t: float) -> Place:
         """The other's, projected."""

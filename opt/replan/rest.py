@@ -41,10 +41,10 @@ class Later(OfAnother):
     # A descent asks for the same times in every iteration, and a path may be slow to tell.
     _places: dict[float, Place] = field(default_factory=dict, repr=False)
 
-    def passing(self, duration: float) -> tuple[float, Place] | None:
+    def approach(self, duration: float) -> list[tuple[float, Place]]:
         """The other's, as far as it still lies ahead."""
-        found = self.goal.passing(duration + self.by)
-        return None if found is None or found[0] <= self.by else (found[0] - self.by, found[1])
+        ahead = self.goal.approach(duration + self.by)
+        return [(t - self.by, place) for t, place in ahead if t > self.by]
 
     def positions(self, times: FloatArray) -> FloatArray:
         """The other's; those of a path one by one, which are kept."""
