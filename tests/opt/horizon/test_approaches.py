@@ -36,7 +36,7 @@ def _start(problem: opt.Problem) -> opt.Trajectory:
     assert goals.distance[0] < 1e-3
     spline = Model.make(problem, SearchOptions().fine).spline
     p = moves_to(problem, spline, goals.joints)
-    nodes = np.arange(problem.steps + 1) * problem.dt
+    nodes = np.linspace(0.0, problem.duration, problem.steps + 1)
     return measure(problem, spline.rates_at(nodes).of(p[0], problem.joint_rates))
 
 
