@@ -17,7 +17,6 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance_rows import clearance_model, clearance_rows
 from ffsms_pin.opt.limits.points import Points
-from ffsms_pin.opt.limits.shapes import Shapes
 from ffsms_pin.opt.step.state import step_state
 
 
@@ -122,7 +121,9 @@ def test_gradients_on_branched_arms(random_tree: Callable[..., Any], kinds: tupl
 
 
 def test_shapes_that_one_joint_connects_do_not_count(panda: ffsms.SpaceManipulator) -> None:
-    names, joined = Shapes(panda).names(), set()
+    model = clearance_model(panda, "shapes")
+    assert model is not None
+    names, joined = model.names(), set()
     body = panda.layout.body_name
     for j in range(2, panda.model.njoints):
         joined.add(f"{body(panda.model, int(panda.model.parents[j]))} - {body(panda.model, j)}")
@@ -136,7 +137,8 @@ def test_what_was_found_stays_when_more_is_asked(panda: ffsms.SpaceManipulator) 
     first, second = (
         panda.configuration(rng.uniform(panda.limits.lower, panda.limits.upper)) for _ in range(2)
     )
-    for model in (Points(panda), Shapes(panda)):
+    for model in (Points(panda), clearance_model(panda, "hulls")):
+        assert model is not None
         found = model.gradients(first)
         kept = [array.copy() for array in found]
         model.gradients(second)
