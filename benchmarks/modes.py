@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,13 @@ from ffsms_pin import opt
 from ffsms_pin.scenarios.modes import STRATEGIES, mode_numbers, strategies
 from ffsms_pin.storage import write_content
 
+Keep = Callable[[list[dict[str, Any]]], None]
 ARMS = {"planar_3r": (SMALL, 0.3), "satellite_panda": (LARGE, 0.5)}
 DURATION, DT = 12.0, 0.02
 
 
-def moves(name: str, count: int, seed: int, time_limit: float) -> list[dict[str, Any]]:
-    """What each strategy comes to on each move."""
+def moves(name: str, count: int, seed: int, time_limit: float, keep: Keep) -> list[dict[str, Any]]:
+    """What each strategy comes to on each move; `keep` is given what there is after each."""
     wheels, farthest = ARMS[name]
     sms, rng = ffsms.load(name).with_actuators(wheels=wheels), np.random.default_rng(seed)
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
@@ -44,6 +46,7 @@ def moves(name: str, count: int, seed: int, time_limit: float) -> list[dict[str,
         problem = opt.Problem(sms, q0, target, DURATION, DT)
         row = mode_numbers(strategies(problem, opt.SearchOptions(time_limit=time_limit)))
         found.append({**row, "cpu_s": time.process_time() - began})
+        keep(found)
         print(name, len(found), {k: _short(row[k]) for k in STRATEGIES}, flush=True)
     return found
 
@@ -89,14 +92,17 @@ def main() -> None:
     parser.add_argument("--time-limit", type=float, default=60.0, help="of each plan [s]")
     parser.add_argument("--out", default="results/modes.json", help="file for all numbers")
     arguments = parser.parse_args()
-    results = {}
-    for name in arguments.arms:
-        results[name] = moves(name, arguments.targets, arguments.seed, arguments.time_limit)
-        for line in summary(results[name]):
-            print(line, flush=True)
-    path = Path(arguments.out)
+    path, results = Path(arguments.out), {}
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_content(path, json.dumps(results, indent=1))
+
+    def keep(rows: list[dict[str, Any]]) -> None:
+        results[name] = rows
+        write_content(path, json.dumps(results, indent=1))
+
+    for name in arguments.arms:
+        rows = moves(name, arguments.targets, arguments.seed, arguments.time_limit, keep)
+        for line in summary(rows):
+            print(line, flush=True)
 
 
 if __name__ == "__main__":

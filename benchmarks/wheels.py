@@ -1,6 +1,7 @@
 """Bases that act: momentum over an hour of turning wheels, and the attitude held on the README's moves.
 
-`python benchmarks/wheels.py --targets 20`. The moves are those of `motions.py`, with the attitude held by
+`python benchmarks/wheels.py --targets 20`; the hour alone: `python benchmarks/wheels.py --hour`, with another
+`--integrator`, `--dt` or time in `--seconds`. The moves are those of `motions.py`, with the attitude held by
 four wheels: planned for that (`opt.plan(..., mode="rotation-floating")`), or, with `--mode floating`, for a
 floating base, without regard to the wheels.
 """
@@ -10,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,8 @@ RPM = 2.0 * np.pi / 60.0
 # docs/bases-that-act.md says where the numbers are from.
 SMALL = ffsms.ReactionWheels(PYRAMID, 0.001364, 0.1, 0.001364 * 7000.0 * RPM)
 LARGE = ffsms.ReactionWheels(PYRAMID, 12.0 / (6000.0 * RPM), 0.2, 12.0)
+
+ARMS = ("satellite_ur5", "satellite_panda", "satellite_xarm7")
 
 
 class Wave:
@@ -65,6 +69,7 @@ def an_hour(seconds: float, integrator: str, dt: float) -> dict[str, float]:
     size = float(np.linalg.norm(run.momentum[0]))
     return {
         "seconds": seconds,
+        "dt": dt,
         "momentum_error": float(np.abs(run.momentum - run.momentum[0]).max()) / size,
         "cpu_s": time.process_time() - began,
     }
@@ -107,34 +112,53 @@ def moves(
     return found
 
 
+def line(rows: list[dict[str, Any]]) -> str:
+    """What the moves of one duration come to."""
+    errors = np.array([row["attitude_deg"] for row in rows])
+    off = [
+        abs(row["momentum"] / row["predicted_momentum"] - 1.0) for row in rows if row["predicted_momentum"]
+    ]
+    return (
+        f"{rows[0]['duration']:g} s: {sum(row['reached'] for row in rows)} of {len(rows)} reached, "
+        f"within 0.1 deg {int((errors < 0.1).sum())}, "
+        f"median {np.median(errors):.2g}, largest {errors.max():.2g} deg; at the torque limit "
+        f"{sum('torque' in row['note'] for row in rows)}; momentum at most "
+        f"{max(row['momentum'] for row in rows):.2g} N m s, off the predicted one by at most "
+        f"{100.0 * max(off, default=np.nan):.2g} %; end at most "
+        f"{1e3 * max(row['end_error_m'] for row in rows):.2g} mm off; floating it turns by "
+        f"{np.median([row['floating_deg'] for row in rows]):.2g} deg (median)"
+    )
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--targets", type=int, default=10)
+    parser.add_argument(
+        "--arms", nargs="+", default=list(ARMS), help="on a satellite, with four large wheels"
+    )
     parser.add_argument("--durations", type=float, nargs="+", default=[12.0, 24.0, 36.0])
-    parser.add_argument("--seconds", type=float, default=3600.0)
+    parser.add_argument("--hour", action="store_true", help="measure the hour alone")
+    parser.add_argument("--seconds", type=float, default=3600.0, help="of the hour")
+    parser.add_argument("--dt", type=float, default=2.5e-3, help="step of the hour [s]")
+    parser.add_argument("--integrator", default="rk4", help="of the hour")
     parser.add_argument("--mode", default="rotation-floating", help="of the plans; or floating")
     parser.add_argument("--out", default="results/wheels.json", help="file for all numbers")
     arguments = parser.parse_args()
-    results: dict[str, Any] = {"hour": an_hour(arguments.seconds, "rk4", 2.5e-3)}
-    print("an hour:", results["hour"], flush=True)
+    hour = an_hour(arguments.seconds, arguments.integrator, arguments.dt)
+    print("an hour:", hour, flush=True)
+    if arguments.hour:
+        return
+    results: dict[str, Any] = {"hour": hour}
     case = ffsms.scenario("case-2")
     small = case.load().with_actuators(wheels=SMALL)
-    results["case-2"] = held(small, opt.solve(case.problem(small)))
+    results["case-2"] = held(small, opt.solve(replace(case.problem(small), mode=arguments.mode)))
     print("case-2:", results["case-2"], flush=True)
-    results["panda"] = moves("satellite_panda", LARGE, arguments.targets, arguments.durations, arguments.mode)
-    for duration in arguments.durations:
-        rows = [row for row in results["panda"] if row["duration"] == duration]
-        errors = np.array([row["attitude_deg"] for row in rows])
-        reached = sum(row["reached"] for row in rows)
-        print(
-            f"satellite_panda, {duration:g} s: {reached} reached, "
-            f"within 0.1 deg {int((errors < 0.1).sum())} of {len(rows)}, "
-            f"median {np.median(errors):.2g}, largest {errors.max():.2g} deg; at the torque limit "
-            f"{sum('torque' in row['note'] for row in rows)}; momentum at most "
-            f"{max(row['momentum'] for row in rows):.2g} N m s; floating it turns by "
-            f"{np.median([row['floating_deg'] for row in rows]):.2g} deg (median)"
-        )
+    for name in arguments.arms:
+        rows = moves(name, LARGE, arguments.targets, arguments.durations, arguments.mode)
+        results[name] = rows
+        for duration in arguments.durations:
+            print(name, line([row for row in rows if row["duration"] == duration]), flush=True)
     path = Path(arguments.out)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_content(path, json.dumps(results, indent=1))

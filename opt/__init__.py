@@ -24,7 +24,16 @@ from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.replan.step_planner import StepPlanner
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
 from ffsms_pin.opt.step.result import Step
-from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term, WheelMomentum
+from ffsms_pin.opt.terms import (
+    BaseTurn,
+    Coupling,
+    Effort,
+    Propellant,
+    Smooth,
+    Term,
+    WheelEnergy,
+    WheelMomentum,
+)
 from ffsms_pin.opt.terms.cost import ideal_cosine, soft_assistance, step_cost
 from ffsms_pin.opt.trajectory import Trajectory
 
@@ -50,6 +59,7 @@ __all__ = [
     "Pose",
     "Position",
     "Problem",
+    "Propellant",
     "Replanning",
     "Residual",
     "Rows",
@@ -63,6 +73,7 @@ __all__ = [
     "Trajectory",
     "Via",
     "Violation",
+    "WheelEnergy",
     "WheelLimits",
     "WheelMomentum",
     "ideal_cosine",

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ffsms_pin.actuation import ReactionWheels
+from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray, frozen, one_of, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
@@ -183,6 +183,11 @@ class Problem:
     def wheels(self) -> ReactionWheels | None:
         """The wheels that hold the attitude, where wheels do."""
         return self.sms.wheels if self.mode == "rotation-floating" else None
+
+    @property
+    def thrusters(self) -> Thrusters | None:
+        """The thrusters that hold attitude or place, where thrusters do."""
+        return self.sms.thrusters if self.mode.endswith("flying") else None
 
     @cached_property
     def wheel_total(self) -> FloatArray:

@@ -13,7 +13,8 @@ from ffsms_pin.opt.batch.entropy import singular
 from ffsms_pin.opt.batch.motions import apply_rates
 from ffsms_pin.opt.batch.nodes import angles_from_start, path_ratio, sampled
 from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
-from ffsms_pin.opt.batch.wheels import nodal_momentum
+from ffsms_pin.opt.batch.thrusters import propellant
+from ffsms_pin.opt.batch.wheels import nodal_momentum, wheel_energy
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.contact import contact_velocity, missed
 from ffsms_pin.opt.planning.trajectory_file import read, write
@@ -83,6 +84,10 @@ class Trajectory:
         By how much each limit is broken, by its name, in the limit's own unit; empty where all are kept.
     wheel_momentum : ndarray, shape (N + 1, w)
         Predicted spin momenta of the robot's wheels against the base [N m s]: zero where they stand still.
+    wheel_energy : float
+        Predicted integral of the sum of |motor torque x wheel speed| [J]: nothing is won back in braking.
+    propellant : float
+        Predicted, where thrusters hold attitude or place [kg].
     """
 
     t: FloatArray
@@ -112,6 +117,8 @@ class Trajectory:
     binding: dict[str, FloatArray] = field(default_factory=dict)
     broken: dict[str, float] = field(default_factory=dict)
     wheel_momentum: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    wheel_energy: float = 0.0
+    propellant: float = 0.0
 
     def __post_init__(self) -> None:
         if not len(self.wheel_momentum):
@@ -211,7 +218,8 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     motion = rolled_out(sms, stack, q0, rates, problem.dt, momentum, ARRIVAL_SHARE)
     place, target = goal.place(problem.duration), goal.positions(motion.times)
     motion = replace(motion, target=target, mean_speed=problem.mean_speed)
-    motion = replace(motion, wheels=problem.wheels, wheel_total=problem.wheel_total)
+    wheels, total = problem.wheels, problem.wheel_total
+    motion = replace(motion, wheels=wheels, wheel_total=total, thrusters=problem.thrusters)
     nodes = slice(None, None, 2)
     R, arm, way = motion.base_attitude[:, :, 0, nodes], motion.arm, motion.to_target[:, 0, nodes]
 
@@ -269,4 +277,6 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         met=not misses,
         broken={name: violation.amount for name, violation in found if violation.amount > 0.0},
         wheel_momentum=nodal_momentum(motion, sms),
+        wheel_energy=wheel_energy(motion),
+        propellant=propellant(motion),
     )

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ffsms_pin.actuation.allocation import WheelAllocation
 from ffsms_pin.checks import FloatArray, number, positive
-from ffsms_pin.control.allocation import WheelAllocation
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["MomentumDump"]

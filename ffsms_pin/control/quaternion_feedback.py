@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ffsms_pin.actuation.allocation import ThrusterAllocation, WheelAllocation
 from ffsms_pin.checks import FloatArray, instance, one_of
-from ffsms_pin.control.allocation import ThrusterAllocation, WheelAllocation
 from ffsms_pin.control.attitude import AttitudeHold, base_torque, held_dynamics
 from ffsms_pin.control.base_command import BaseCommand, BaseView
 from ffsms_pin.control.dumping import MomentumDump

@@ -1,4 +1,4 @@
-"""An arm that is given as a Pinocchio model, or as an MJCF file, on a satellite."""
+"""Robots that are given as Pinocchio models, and arms from MJCF files, on a satellite."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.models.satellite_shapes import satellite_shapes
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.given_shapes import GivenShapes, checked_shapes
+from ffsms_pin.system.joints import JointLayout
 from ffsms_pin.system.tool_frames import only_tool
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 
-__all__ = ["append", "is_mjcf", "read_mjcf"]
+__all__ = ["append", "is_mjcf", "read_mjcf", "whole"]
 
 ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel
 _KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
@@ -89,6 +90,27 @@ def append(
     return SpaceManipulator(model, end_effector, size, box, acceleration, description=description)
 
 
+def whole(
+    model: Any,
+    end_effector: str | None = None,
+    base_size: ArrayLike | None = None,
+    acceleration: ArrayLike | None = None,
+    velocity: ArrayLike | None = None,
+    torque: ArrayLike | None = None,
+    locked: Mapping[str, float] | None = None,
+    shapes: ShapePair = None,
+) -> SpaceManipulator:
+    """The robot of a pinocchio.Model with a free-flyer root; for the rest see `ffsms_pin.load`."""
+    JointLayout(model)  # a free-flyer first, and joints of one degree of freedom
+    model, shapes = _lock(model, shapes, locked or {})
+    if not locked:
+        model = model.copy()
+    _set_limits(model, velocity, torque)
+    description = None if shapes is None else GivenShapes(*shapes)
+    tool = _last_frame(model) if end_effector is None else end_effector
+    return SpaceManipulator(model, tool, base_size, None, acceleration, description=description)
+
+
 def _of_one_freedom(arm: Any) -> Any:
     name = arm.name or "the arm"
     if arm.njoints < 2:
@@ -107,7 +129,7 @@ def _of_one_freedom(arm: Any) -> Any:
 
 
 def _lock(arm: Any, shapes: ShapePair, locked: Mapping[str, float]) -> tuple[Any, ShapePair]:
-    names = list(arm.names)[1:]
+    names = [arm.names[j] for j in range(1, arm.njoints) if arm.joints[j].nv == 1]  # not the free-flyer
     q = pin.neutral(arm)
     fixed = []
     for name, position in locked.items():

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from typing import Any
 
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin import system
 from ffsms_pin.errors import InvalidValue, ModelNotFound
+from ffsms_pin.models.appending import whole
 from ffsms_pin.models.arms import ARMS
 from ffsms_pin.models.mounting import mount
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.given_shapes import checked_shapes, refuse_shapes
 from ffsms_pin.system.urdf_leniency import Inertias
 from ffsms_pin.urdf import model_names
 
@@ -26,7 +30,7 @@ def satellite_names() -> list[str]:
 
 
 def load(
-    robot: str | os.PathLike[str],
+    robot: str | os.PathLike[str] | Any,
     end_effector: str | None = None,
     base_size: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
@@ -38,6 +42,8 @@ def load(
     torque: ArrayLike | None = None,
     locked: Mapping[str, float] | None = None,
     inertias: Inertias = "check",
+    visual: Any = None,
+    collision: Any = None,
 ) -> SpaceManipulator:
     """Load a space manipulator: a free-flyer root joint, zero gravity.
 
@@ -46,12 +52,12 @@ def load(
 
     Parameters
     ----------
-    robot : str or path
+    robot : str, path or pinocchio.Model
         Name of a packaged model ("planar_3r", "space_arm_7", "two_arms"); an arm on the default satellite of
         200 kg ("satellite_panda", "satellite_xarm7", "satellite_ur5", "satellite_ur10", "satellite_z1",
         "satellite_kinova": what `mount` makes with its defaults); or a path to a URDF whose root link is the
         satellite ("~" is the home folder). Revolute joints without <limit> get -pi to pi rad, 0.5 rad/s and
-        100 N m, with a warning.
+        100 N m, with a warning. Or a Pinocchio model whose first joint is the satellite's free-flyer.
     end_effector : str, optional
         Name of the end-effector frame. Default: the arm's tool frame for the arms on the default satellite,
         else the last link's frame. Where several are last and ride on one body, the one whose name says tool
@@ -84,6 +90,9 @@ def load(
         "check": an error. "keep": it is used as published, with a warning; every moving body must still be
         positive definite. "repair": the nearest inertia of a rigid body takes its place, with a warning that
         says what changed; so it does for one that is not positive definite.
+    visual, collision : pinocchio.GeometryModel, optional
+        Shapes of a robot that is given as a Pinocchio model; a file has its own. Default: no shapes. With
+        collision shapes alone, these are drawn too.
 
     Returns
     -------
@@ -97,6 +106,15 @@ def load(
     InvalidValue
         Another argument cannot be used; the message names it.
     """
+    if isinstance(robot, pin.Model):
+        for name, given in (("package_dirs", package_dirs), ("wheels", wheels), ("srdf", srdf)):
+            if given:
+                raise InvalidValue(name, given, "belongs to a file, not to a pinocchio.Model")
+        shapes = checked_shapes(robot, visual, collision)
+        return whole(
+            robot, end_effector, base_size, acceleration, velocity, torque, locked=locked, shapes=shapes
+        )
+    refuse_shapes(visual, collision)
     if isinstance(robot, str) and robot in satellite_names():
         if wheels:
             raise InvalidValue("wheels", wheels, "are joints of a URDF; here use with_actuators(wheels=...)")

@@ -18,7 +18,7 @@ from ffsms_pin.models.arms import ARMS, find_arm
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.models.composition import compose
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.given_shapes import checked_shapes
+from ffsms_pin.system.given_shapes import checked_shapes, refuse_shapes
 from ffsms_pin.system.loading import build, checked, folders
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE, Inertias
 
@@ -120,9 +120,7 @@ def mount(
         shapes = checked_shapes(arm, visual, collision)
         sms = append(arm, base, placement, end_effector, joints, **limits, base_size=base_size, shapes=shapes)
         return _actuated(sms, wheels, thrusters)
-    for kind, given in (("visual", visual), ("collision", collision)):
-        if given is not None:
-            raise InvalidValue(kind, given, "belongs to a pinocchio.Model; a file brings its own shapes")
+    refuse_shapes(visual, collision)
     path, known = find_arm(arm)
     if is_mjcf(path):
         model, shapes = read_mjcf(path)

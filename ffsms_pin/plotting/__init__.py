@@ -24,7 +24,7 @@ from ffsms_pin.plotting.tracking import (
     plot_torques,
     plot_tracked_position_error,
 )
-from ffsms_pin.plotting.wheels import plot_modes, plot_wheel_momentum
+from ffsms_pin.plotting.wheels import plot_modes, plot_wheel_momentum, plot_wheel_torque, plot_wheels
 
 __all__ = [
     "FIGURES",
@@ -54,6 +54,8 @@ __all__ = [
     "plot_torques",
     "plot_tracked_position_error",
     "plot_wheel_momentum",
+    "plot_wheel_torque",
+    "plot_wheels",
     "save_figure",
     "save_figures",
 ]

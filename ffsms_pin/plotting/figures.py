@@ -17,11 +17,12 @@ from ffsms_pin.plotting import base, coupling, coupling_over_time, joints, track
 from ffsms_pin.plotting.capture import plot_braking, plot_turning
 from ffsms_pin.plotting.motion import motion_sides, plot_motion, times_drawn
 from ffsms_pin.plotting.style import applied, share_legend, stack
+from ffsms_pin.plotting.wheels import plot_attitude, plot_wheel_torque, plot_wheels, wheels_turn
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.scenarios.tracked import end_effector_path
 from ffsms_pin.storage import write_atomically
 
-__all__ = ["FIGURES", "figure", "save_figure", "save_figures"]
+__all__ = ["FIGURES", "figure", "figure_names", "save_figure", "save_figures"]
 
 Panel = Callable[[Outcome, Axes], Any]
 
@@ -62,7 +63,18 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
 CAPTURE_FIGURES: Mapping[str, tuple[Panel, ...]] = {"capture": (plot_turning, plot_braking)}
 """More of them, where a client was captured."""
 
+WHEEL_FIGURES: Mapping[str, tuple[Panel, ...]] = {
+    "wheels": (
+        lambda o, ax: plot_wheels(o.sms, o.trajectory, o.tracking, ax),
+        lambda o, ax: plot_wheel_torque(o.sms, o.tracking, ax),
+        lambda o, ax: plot_attitude(o.tracking, ax),
+    )
+}
+"""More of them, where wheels turned."""
+
 _DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] of one drawing, and of two side by side
+
+_STILL = 1e-9  # [m/s, rad/s] of a base that is held, in a plan
 
 # Without a date, the same outcome gives the same file.
 _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
@@ -94,16 +106,28 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
 
 
 def figure(outcome: Outcome, name: str) -> Figure:
-    """One of `FIGURES`, or of `CAPTURE_FIGURES` where a client was captured, drawn."""
+    """One of `FIGURES`, or of those that the outcome has beside them (see `figure_names`), drawn."""
     if name == "motion":
         return _motion(outcome)
-    panels = {**FIGURES, **CAPTURE_FIGURES}[name]
+    panels = {**FIGURES, **CAPTURE_FIGURES, **WHEEL_FIGURES}[name]
     result, axes = stack(len(panels))
     for panel, ax in zip(panels, axes, strict=True):
         panel(outcome, ax)
         ax.label_outer()
     share_legend(result, axes)
     return result
+
+
+def figure_names(outcome: Outcome) -> list[str]:
+    """Names of the figures that an outcome has: without those of a base that its plan holds still."""
+    plan = outcome.trajectory
+    still = {"base-linear": plan.v[:, :3], "base-angular": plan.v[:, 3:6]}
+    names = [name for name in FIGURES if name not in still or np.abs(still[name]).max() > _STILL]
+    if outcome.capture is not None:
+        names += CAPTURE_FIGURES
+    if wheels_turn(outcome.tracking):
+        names += WHEEL_FIGURES
+    return names
 
 
 def _motion(outcome: Outcome) -> Figure:
@@ -150,7 +174,7 @@ def save_figures(
         The files.
     """
     written = []
-    names = list(FIGURES) if outcome.capture is None else [*FIGURES, *CAPTURE_FIGURES]
+    names = figure_names(outcome)
     for count, name in enumerate(names, start=1):
         drawn = figure(outcome, name)
         for ending in formats:

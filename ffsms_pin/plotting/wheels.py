@@ -6,14 +6,29 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ffsms_pin.actuation import ReactionWheels
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
+from ffsms_pin.opt.batch.nodes import angles_from_start
 from ffsms_pin.plotting.series import plot_series
-from ffsms_pin.plotting.style import applied, line, stack
+from ffsms_pin.plotting.style import applied, legend_above, line, stack
 from ffsms_pin.scenarios.extremes import base_motion
 from ffsms_pin.scenarios.modes import ModeComparison, Strategy
+from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["plot_modes", "plot_wheel_momentum"]
+__all__ = [
+    "plot_attitude",
+    "plot_modes",
+    "plot_wheel_momentum",
+    "plot_wheel_torque",
+    "plot_wheels",
+    "wheels_turn",
+]
+
+_NEAR = 0.2  # share of the limits from which they are drawn: else the curves would look flat
+_STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same
 
 
 def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -23,6 +38,94 @@ def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes 
         return plot_series(ax, trajectory.t, np.zeros((len(trajectory.t), 0)), "wheel momentum [N m s]")
     near = np.where(np.abs(momentum).max(axis=0) > 0.5 * wheels.momentum, wheels.momentum, np.inf)
     return plot_series(ax, trajectory.t, momentum, "wheel momentum [N m s]", wheels.names, (near, -near))
+
+
+def wheels_turn(tracking: Tracking) -> bool:
+    """Whether wheels did anything in a run: else there is nothing to draw."""
+    return bool(tracking.wheel_momentum.any())
+
+
+def plot_wheels(
+    sms: SpaceManipulator, trajectory: Trajectory, tracking: Tracking, ax: Axes | None = None
+) -> Axes:
+    """Spin momentum of the wheels that turn, simulated, and dashed as planned where the plan holds the base.
+
+    Wheels that do the same share a line. The limits are dotted, or told where they are far away.
+    """
+    most, momentum = _wheels(sms).momentum, tracking.wheel_momentum
+    groups = _alike(momentum)
+    ax = _drawn(sms, ax, tracking.t, momentum, groups, most, "wheel momentum [N m s]")
+    planned = trajectory.wheel_momentum
+    if planned.any():
+        with applied():
+            for k, group in enumerate(groups):
+                label = None if k else "planned"
+                ax.plot(
+                    trajectory.t,
+                    planned[:, group[0]],
+                    color="#111111",
+                    linestyle="--",
+                    linewidth=0.8,
+                    label=label,
+                )
+            legend_above(ax, [str(text) for text in ax.get_legend_handles_labels()[1]])
+    return ax
+
+
+def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
+    """Motor torques of the wheels that turn; limits as in `plot_wheels`."""
+    torque, groups = tracking.wheel_torque, _alike(tracking.wheel_momentum)
+    t = tracking.t[: len(torque)]
+    return _drawn(sms, ax, t, torque, groups, _wheels(sms).torque, "wheel torque [N m]", steps=True)
+
+
+def plot_attitude(tracking: Tracking, ax: Axes | None = None) -> Axes:
+    """Angle by which the base is turned from its attitude at the start of a run [deg]."""
+    angle = np.degrees(angles_from_start(tracking.q[:, 3:7]))
+    return plot_series(ax, tracking.t, angle, "base turned by [deg]")
+
+
+def _drawn(
+    sms: SpaceManipulator,
+    ax: Axes | None,
+    t: FloatArray,
+    values: FloatArray,
+    groups: list[list[int]],
+    most: FloatArray,
+    label: str,
+    steps: bool = False,
+) -> Axes:
+    """One line a group of wheels (K, w), with limits (w,) dotted where they are near."""
+    names = _wheels(sms).names
+    first = [group[0] for group in groups]
+    used = float((np.abs(values) / most).max(initial=0.0))
+    near = most[first] if used > _NEAR else np.full(len(first), np.inf)
+    if 0.0 < used <= _NEAR:
+        label = f"{label}\nat most {100 * used:.2g} % of the limits"
+    labels = [names[g[0]] + (f" and {len(g) - 1} more" if len(g) > 1 else "") for g in groups]
+    return plot_series(ax, t, values[:, first], label, labels, (near, -near), steps)
+
+
+def _wheels(sms: SpaceManipulator) -> ReactionWheels:
+    if sms.wheels is None:
+        raise InvalidValue("sms", sms, "must have wheels: sms.with_actuators(wheels=...)")
+    return sms.wheels
+
+
+def _alike(momentum: FloatArray) -> list[list[int]]:
+    """Wheels that turn, by index; those with the same momentum (K, w) throughout, together."""
+    largest = float(np.abs(momentum).max(initial=0.0))
+    groups: list[list[int]] = []
+    for i, column in enumerate(momentum.T):
+        if np.abs(column).max(initial=0.0) <= _STILL * largest:
+            continue
+        for group in groups:
+            if np.abs(column - momentum[:, group[0]]).max() <= _SAME * largest:
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return groups
 
 
 def plot_modes(comparison: ModeComparison) -> Figure:

@@ -23,7 +23,7 @@ __all__ = ["Comparison", "compare", "comparison_numbers", "why_not_reached"]
 
 # Keys of [plan] that the paper's method has no place for, and those that only "horizon" knows.
 _NOT_FOR_PAPER = ("base_limits", "momentum")
-_FOR_HORIZON = ("locked", "mode")
+_FOR_HORIZON = ("locked",)
 
 
 @dataclass(frozen=True, eq=False)

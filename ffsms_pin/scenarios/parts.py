@@ -22,8 +22,10 @@ from ffsms_pin.opt import (
     Effort,
     JointLimits,
     Limit,
+    Propellant,
     Smooth,
     Term,
+    WheelEnergy,
     WheelLimits,
     WheelMomentum,
 )
@@ -38,6 +40,8 @@ PACKAGED: Mapping[str, Mapping[str, type]] = {
         "effort": Effort,
         "base-turn": BaseTurn,
         "wheel-momentum": WheelMomentum,
+        "wheel-energy": WheelEnergy,
+        "propellant": Propellant,
     },
     "limit": {
         "joints": JointLimits,

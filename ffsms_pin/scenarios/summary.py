@@ -16,7 +16,7 @@ from ffsms_pin.scenarios.described import described
 from ffsms_pin.scenarios.extremes import base_numbers, clearances_along, least_clearances, position_range
 from ffsms_pin.scenarios.joint_units import joint_units
 from ffsms_pin.scenarios.run import Outcome
-from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers, tracked_numbers
+from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers, planned_actuators, tracked_numbers
 from ffsms_pin.version import __version__
 
 __all__ = ["summary"]
@@ -59,6 +59,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "joints": joints,
         "clearance": _clearance(outcome),
         "base": base_numbers(outcome.sms, plan.q),
+        **planned_actuators(outcome.sms, plan),
         "conditions": described(outcome.scenario),
         "tracking": _tracking(outcome),
         **({} if outcome.capture is None else {"capture": outcome.capture.numbers()}),

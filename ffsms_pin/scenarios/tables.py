@@ -120,6 +120,9 @@ TABLES: Mapping[str, Table] = {
             "smooth": Table(_WEIGHT),
             "effort": Table(_WEIGHT),
             "base-turn": Table(_WEIGHT),
+            "wheel-momentum": Table(_WEIGHT),
+            "wheel-energy": Table({**_WEIGHT, "rounding": positive}),
+            "propellant": Table({**_WEIGHT, "rounding": positive}),
         },
     ),
     "limit": Table(
@@ -130,6 +133,7 @@ TABLES: Mapping[str, Table] = {
             "clearance": Table(_CLEARANCE),
             "base": _BASE_LIMITS,
             "alpha-box": Table({}),
+            "wheels": Table({}),
         },
     ),
     "obstacle": Table(

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
@@ -16,7 +17,14 @@ from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
 
-__all__ = ["arrived", "end_effector_deviation", "end_effector_path", "joint_error_numbers", "tracked_numbers"]
+__all__ = [
+    "arrived",
+    "end_effector_deviation",
+    "end_effector_path",
+    "joint_error_numbers",
+    "planned_actuators",
+    "tracked_numbers",
+]
 
 
 def arrived(plan: Trajectory, tracking: Tracking) -> bool:
@@ -61,6 +69,21 @@ def tracked_numbers(
     }
 
 
+def planned_actuators(sms: SpaceManipulator, plan: Trajectory) -> dict[str, Any]:
+    """What a plan predicts of wheels and thrusters that hold the base; nothing where none do."""
+    numbers: dict[str, Any] = {}
+    if sms.wheels is not None and plan.wheel_momentum.any():
+        largest = np.abs(plan.wheel_momentum).max(axis=0)
+        numbers["wheels"] = [
+            {"name": name, "momentum_max_Nms": float(h)}
+            for name, h in zip(sms.wheels.names, largest, strict=True)
+        ]
+        numbers["wheel_energy_J"] = plan.wheel_energy
+    if plan.propellant > 0.0:
+        numbers["propellant_kg"] = plan.propellant
+    return numbers
+
+
 def _actuator_numbers(plant: SpaceManipulator, tracking: Tracking) -> dict[str, Any]:
     """What wheels and thrusters did, where there are any with a law."""
     numbers: dict[str, Any] = {}
@@ -74,9 +97,19 @@ def _actuator_numbers(plant: SpaceManipulator, tracking: Tracking) -> dict[str, 
             }
             for i, name in enumerate(plant.wheels.names)
         ]
+        numbers["wheel_energy_J"] = _wheel_energy(plant.wheels, tracking)
     if tracking.thruster_force.shape[1]:
         numbers["propellant_kg"] = float(tracking.propellant[-1])
     return numbers
+
+
+def _wheel_energy(wheels: ReactionWheels, tracking: Tracking) -> float:
+    """Integral of the sum of |motor torque x wheel speed| [J], as `Trajectory.wheel_energy`."""
+    speed = np.abs(tracking.wheel_momentum) / wheels.inertia
+    steps = min(len(tracking.wheel_torque), len(speed) - 1)
+    mean = 0.5 * (speed[:steps] + speed[1 : steps + 1])
+    power = np.sum(np.abs(tracking.wheel_torque[:steps]) * mean, axis=1)
+    return float(power @ np.diff(tracking.t[: steps + 1]))
 
 
 def end_effector_deviation(

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels
+from ffsms_pin.actuation.allocation import ThrusterAllocation
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.control.allocation import ThrusterAllocation
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import whole_body

@@ -19,12 +19,12 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, vector
-from ffsms_pin.system.base_reaction import root_velocity
+from ffsms_pin.system.base_reaction import mode_reaction, root_velocity
 from ffsms_pin.system.dynamics import inertia_matrix
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.tumbling import moved_root
 
-__all__ = ["advance", "roll_out"]
+__all__ = ["advance", "held_velocity", "roll_out"]
 
 _GAUSS = (0.5 - math.sqrt(3.0) / 6.0, 0.5 + math.sqrt(3.0) / 6.0)
 _BRACKET = math.sqrt(3.0) / 12.0
@@ -37,8 +37,9 @@ def advance(
     accelerations: FloatArray,
     dt: float,
     momentum: ArrayLike | None = None,
+    mode: str = "floating",
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry a floating system over one step of constant joint accelerations.
+    """Carry a system over one step of constant joint accelerations.
 
     Parameters
     ----------
@@ -51,6 +52,8 @@ def advance(
     momentum : array_like, shape (6,), optional
         Total momentum [linear; angular], inertial axes, about the system's centre of mass
         [kg m/s; kg m^2/s]; it is constant. Default zero.
+    mode : str
+        What of the base is held, one of `ffsms_pin.system.base_reaction.MODES`.
 
     Returns
     -------
@@ -60,7 +63,7 @@ def advance(
     rates : ndarray, shape (n,)
     """
     total = _momentum(momentum)
-    if total is not None:
+    if total is not None and mode == "floating":
         return _advance_tumbling(sms, q, rates, accelerations, dt, total)
     positions = sms.layout.positions(q)
     trial = q.copy()
@@ -68,7 +71,11 @@ def advance(
     for c in _GAUSS:
         h = c * dt
         sms.layout.set_positions(trial, positions + h * (rates + (0.5 * h) * accelerations))
-        twists.append(pin.Motion(root_velocity(inertia_matrix(sms, trial), rates + h * accelerations)))
+        there = rates + h * accelerations
+        if mode == "floating":
+            twists.append(pin.Motion(root_velocity(inertia_matrix(sms, trial), there)))
+        else:
+            twists.append(pin.Motion(held_velocity(sms, trial, there, total, mode)))
     first, second = twists
     twist = (0.5 * dt) * (first + second) + (_BRACKET * dt * dt) * first.cross(second)
     pose = pin.XYZQUATToSE3(q[:7]) * pin.exp6(twist)
@@ -79,6 +86,27 @@ def advance(
     result[3:7] /= math.sqrt(result[3:7] @ result[3:7])
     sms.layout.set_positions(result, positions + (0.5 * dt) * (rates + end))
     return result, end
+
+
+def held_velocity(
+    sms: SpaceManipulator, q: FloatArray, rates: FloatArray, momentum: FloatArray | None, mode: str
+) -> FloatArray:
+    """Root velocity (6,) in root axes, in a mode that holds the attitude or the place of the base.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    q, rates : ndarray, shape (nq,), (n,)
+    momentum : ndarray, shape (6,), or None
+        Total momentum; only the linear part of a base that keeps its attitude moves it.
+    mode : str
+        One of `ffsms_pin.system.base_reaction.MODES`, but "floating".
+    """
+    M = inertia_matrix(sms, q)
+    velocity: FloatArray = mode_reaction(M, sms.base_com, mode) @ rates
+    if momentum is not None:
+        velocity[:3] += pin.Quaternion(q[3:7]).toRotationMatrix().T @ momentum[:3] / M[0, 0]
+    return velocity
 
 
 def _momentum(momentum: ArrayLike | None) -> FloatArray | None:

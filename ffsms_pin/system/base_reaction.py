@@ -33,6 +33,7 @@ __all__ = [
     "floating_motion",
     "joint_torques",
     "mode_coupling",
+    "mode_reaction",
     "root_acceleration",
     "root_drift",
     "root_reaction",
@@ -171,6 +172,25 @@ def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
     if free:
         coupling[free] = -np.linalg.solve(H_b[np.ix_(free, free)], H_bm[free])
     return coupling
+
+
+def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
+    """The root's velocity a joint rate (6, n) in a mode, in the root's axes: `mode_coupling` at the root.
+
+    Parameters
+    ----------
+    M : ndarray, shape (6 + n, 6 + n)
+        Pinocchio's inertia matrix.
+    base_com : ndarray, shape (3,)
+        Centre of mass of the base body in the root frame [m].
+    mode : str
+        One of `MODES`.
+    """
+    to_root = np.eye(6)  # of a twist at the base's centre of mass, in root axes
+    to_root[:3, 3:] = cross_matrix(base_com)
+    H_b, H_bm = to_root.T @ M[:6, :6] @ to_root, to_root.T @ M[:6, 6:]
+    reaction: FloatArray = to_root @ mode_coupling(H_b, H_bm, mode)
+    return reaction
 
 
 class WholeBody(NamedTuple):

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
+import coal
+import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.shapes import ShapeKind, ShapeSource
 
-__all__ = ["GivenShapes", "checked_shapes"]
+__all__ = ["GivenShapes", "checked_shapes", "refuse_shapes"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +34,61 @@ class GivenShapes(ShapeSource):
         found = (self.visual if kind == "visual" else self.collision).copy()
         found.removeAllCollisionPairs()
         return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A mesh is hundreds of times as long as its file's name: other processes read the file again.
+        return _rebuilt, (_packed(self.visual), _packed(self.collision))
+
+
+class _Item(NamedTuple):
+    """A shape on its way to another process: the geometry without its shape, and the shape or its file."""
+
+    name: str
+    joint: int
+    frame: int
+    place: Any
+    shape: Any  # None: a mesh that is read from `path`
+    path: str
+    scale: Any
+    override: bool  # whether the colour takes the place of the mesh's own
+    colour: Any
+
+
+def _packed(shapes: Any) -> list[_Item]:
+    return [
+        _Item(
+            item.name,
+            int(item.parentJoint),
+            int(item.parentFrame),
+            item.placement,
+            None if _has_file(item) else item.geometry,
+            item.meshPath,
+            np.array(item.meshScale),
+            bool(item.overrideMaterial),
+            np.array(item.meshColor),
+        )
+        for item in shapes.geometryObjects
+    ]
+
+
+def _has_file(item: Any) -> bool:
+    is_mesh = item.geometry.getObjectType() == coal.OBJECT_TYPE.OT_BVH
+    return bool(is_mesh and os.path.isfile(item.meshPath))
+
+
+def _rebuilt(visual: list[_Item], collision: list[_Item]) -> GivenShapes:
+    return GivenShapes(*(_geometry(items) for items in (visual, collision)))
+
+
+def _geometry(items: list[_Item]) -> Any:
+    found, loader = pin.GeometryModel(), coal.MeshLoader()
+    for one in items:
+        shape = loader.load(one.path, one.scale) if one.shape is None else one.shape
+        item = pin.GeometryObject(
+            one.name, one.joint, one.frame, one.place, shape, one.path, one.scale, one.override, one.colour
+        )
+        found.addGeometryObject(item)
+    return found
 
 
 def checked_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | None:
@@ -56,3 +114,10 @@ def checked_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] |
     if visual.ngeoms == 0:
         visual = collision
     return (visual, collision) if visual.ngeoms else None
+
+
+def refuse_shapes(visual: Any, collision: Any) -> None:
+    """Raise `InvalidValue` where shapes are given beside a file."""
+    for kind, given in (("visual", visual), ("collision", collision)):
+        if given is not None:
+            raise InvalidValue(kind, given, "belongs to a pinocchio.Model; a file brings its own shapes")

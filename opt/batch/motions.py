@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.actuation import ReactionWheels
+from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.entropy import entropy_and_gradient
 from ffsms_pin.opt.batch.residual import Indices
@@ -75,6 +75,8 @@ class Motions:
         Those that hold the attitude, where wheels do.
     wheel_total : ndarray, shape (w,)
         Their momenta, were the joints at rest [N m s].
+    thrusters : Thrusters, optional
+        Those that hold attitude or place, where thrusters do.
     """
 
     stack: ArmStack
@@ -99,6 +101,7 @@ class Motions:
     lag: float = 0.0
     wheels: ReactionWheels | None = None
     wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))
+    thrusters: Thrusters | None = None
 
     @property
     def count(self) -> int:

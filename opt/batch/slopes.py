@@ -21,7 +21,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 
-__all__ = ["coupling_slopes", "momentum_slopes", "spin_slopes", "velocity_slopes"]
+__all__ = ["coupling_slopes", "fixed_base_slopes", "momentum_slopes", "spin_slopes", "velocity_slopes"]
 
 
 def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -61,6 +61,16 @@ def momentum_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> Float
     root = np.einsum("xj...,j...->x...", arm.root, rates)[:, None]
     _, _, d_linear, d_angular = _moved(stack, arm, rates, np.zeros_like(root), root)
     return d_angular - cross(arm.com[:, None], d_linear)
+
+
+def fixed_base_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slopes (3, n, ...) by the joint positions of the arm's momentum on a base at rest.
+
+    At joint rates (n, ...), base axes: linear, and angular about the root's origin.
+    """
+    still = np.zeros((3, 1, *rates.shape[1:]))
+    _, _, d_linear, d_angular = _moved(stack, arm, rates, still, still)
+    return d_linear, d_angular
 
 
 def _moved(

@@ -24,6 +24,7 @@ from ffsms_pin.opt.batch.slopes import momentum_slopes
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import cross
+from ffsms_pin.system.mechanism import Mechanism
 
 __all__ = [
     "TorqueSlopes",
@@ -33,6 +34,7 @@ __all__ = [
     "held_momentum",
     "momentum_slopes_by_joints",
     "nodal_momentum",
+    "wheel_energy",
     "wheel_momentum",
     "wheel_shares",
     "wheel_torque",
@@ -99,6 +101,16 @@ def nodal_momentum(motion: Motions, sms: SpaceManipulator) -> FloatArray:
     return wheel_momentum(motion)[:, 0, ::2].T
 
 
+def wheel_energy(motion: Motions) -> float:
+    """Integral over one motion of the sum of |motor torque x wheel speed| [J], by its steps' middles."""
+    if motion.wheels is None:
+        return 0.0
+    middles = slice(1, None, 2)
+    momentum, torque = wheel_momentum(motion)[:, 0, middles], wheel_torque(motion)[:, 0, middles]
+    power = np.abs(torque * momentum / motion.wheels.inertia[:, None]).sum(axis=0)
+    return float(power.sum()) * float(motion.times[2] - motion.times[0])
+
+
 def friction_slope(wheels: ReactionWheels, wheel: Indices, momentum: FloatArray) -> FloatArray:
     """How the torque that friction takes grows with the momentum (V,) of these wheels (V,) [1/s]."""
     inertia = wheels.inertia[wheel]
@@ -117,10 +129,10 @@ class TorqueSlopes:
 
     Parameters
     ----------
-    sms : SpaceManipulator
+    sms : Mechanism
     """
 
-    def __init__(self, sms: SpaceManipulator) -> None:
+    def __init__(self, sms: Mechanism) -> None:
         self._model, self._layout = sms.model, sms.layout
         self._q = pin.neutral(sms.model)
         self._n = sms.n

@@ -93,7 +93,7 @@ class Also(Limit):
         return [End(self._ready()[0], place.position, place.rotation)]
 
     def rows(self, step: StepState) -> Rows | None:
-        """The frame comes near as fast as it must to be there before the last tenth of the time."""
+        """The frame comes as fast as it must: within reach before the last tenth, then to its place."""
         tool, arm = self._ready()
         place, dt = self.goal.place(0.0), step.dt
         seen = tool.seen(*arm.poses(step.joints[:, None]))
@@ -103,15 +103,22 @@ class Also(Limit):
         root = np.column_stack([step.reaction, step.drift])
         linear = R @ (root[:3] + np.cross(root[3:], at.position, axisa=0, axisc=0))
         angular = R @ root[3:]
-        left = step.time_left - _LAST * (step.time + step.time_left)
+        goal, left = self.goal, step.time_left
+        until_last = left - _LAST * (step.time + left)
         J = linear[:, :-1] + R @ at.linear
-        near = _END * self.goal.tolerance
+        near = _END * goal.tolerance
         way = place.position - step.q[:3] - R @ at.position
-        rows = [approach_row(way, J, step.rates, linear[:, -1], near, _SPEED, left, dt)]
+        rows = [
+            approach_row(way, J, step.rates, linear[:, -1], allowed, _SPEED, due, dt)
+            for allowed, due in ((_TAIL * goal.reach, until_last), (near, left))
+        ]
         if place.rotation is not None:
             turn = log3((place.rotation @ (R @ at.rotation).T)[..., None])[:, 0]
             J = angular[:, :-1] + R @ at.angular
-            rows.append(approach_row(turn, J, step.rates, angular[:, -1], near, _SPIN, left, dt))
+            rows += [
+                approach_row(turn, J, step.rates, angular[:, -1], allowed, _SPIN, due, dt)
+                for allowed, due in ((_TAIL * goal.orientation_reach, until_last), (near, left))
+            ]
         return stacked(rows)
 
     def residual(self, motions: Motions) -> Residuals:

@@ -108,9 +108,9 @@ class Goal(ABC):
         wanted = [one for one in found if one is not None]
         return np.stack(wanted, axis=-1) if wanted else None
 
-    def passing(self, duration: float) -> tuple[float, Place] | None:
-        """A time [s] and a place to come by on the way to a deadline, in motions to start a search from."""
-        return None
+    def approach(self, duration: float) -> list[tuple[float, Place]]:
+        """Times [s] and places to come by before a deadline, in order, in motions to start a search from."""
+        return []
 
     def momentum(self, com: FloatArray) -> FloatArray | None:
         """The robot's total momentum (6,) that the goal asks for; None: any.

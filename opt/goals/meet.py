@@ -13,26 +13,26 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client import Client, ClientEstimate, rest_momentum
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals.goal import (
-    ORIENTATION_REACH,
-    REACH,
-    TOLERANCE,
-    Goal,
-    Place,
-    check_reaches,
-)
+from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, Place, check_reaches
 from ffsms_pin.opt.limits.corridor import Corridor
 from ffsms_pin.opt.limits.limit import Limit
 
-__all__ = ["HALF_ANGLE", "STANDOFF", "Meet"]
+__all__ = ["ATTITUDE_REACH", "HALF_ANGLE", "STANDOFF", "Meet"]
 
 # [m] The last hand's breadth, in which a gripper's fingers are beside the grasp.
 STANDOFF = 0.15
 # [rad] At the standoff the corridor is then 55 mm wide to each side, about as far as a gripper opens.
 HALF_ANGLE = math.radians(20.0)
+# [rad] In the last tenth of the time. A degree, as for a goal that stands still, would ask for the attitude
+# of a grasp that turns at times at which it may be out of reach.
+ATTITUDE_REACH = 0.2
 
 # Share of the time at which motions that a search starts from are at the corridor's mouth.
 _MOUTH = 0.75
+# Of the time from there on: when these motions are at places of the approach.
+_SHARES = (0.0, 0.2, 0.4, 0.6, 0.8)
+# And when the last tenth begins, in which they are at the grasp.
+_THERE = 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,8 @@ class Meet(Goal):
         At the deadline, of the position [m], the attitude [rad] and the relative velocities [m/s, rad/s]: a
         plan that misses by more has not `reached`.
     reach, orientation_reach : float
-        In the last tenth of the time, see `Goal`.
+        In the last tenth of the time, see `Goal`: the attitude is less tied on the way than for other goals,
+        for the grasp turns, and what is asked of it is asked at the deadline.
     rest_after : bool
         Whether the servicer should have the momentum before the capture that leaves both at rest after it
         (`ffsms_pin.client.rest_momentum`). A problem that is given no `momentum` then has this one.
@@ -77,7 +78,7 @@ class Meet(Goal):
     axis: Any = (0.0, 0.0, 1.0)
     tolerance: float = TOLERANCE
     reach: float = REACH
-    orientation_reach: float = ORIENTATION_REACH
+    orientation_reach: float = ATTITUDE_REACH
     rest_after: bool = False
 
     def __post_init__(self) -> None:
@@ -135,14 +136,15 @@ class Meet(Goal):
         _, attitudes = self.client.poses(times)
         return np.moveaxis(attitudes @ self.grasp.rotation, 0, -1)
 
-    def passing(self, duration: float) -> tuple[float, Place] | None:
-        """The mouth of the corridor, where there is one."""
-        if self.standoff == 0.0:
-            return None
-        t = _MOUTH * duration
-        mouth = pin.SE3(np.eye(3), -self.standoff * self.axis)
-        pose = self.client.pose(t) * self.grasp * mouth
-        return t, Place(pose.translation, pose.rotation)
+    def approach(self, duration: float) -> list[tuple[float, Place]]:
+        """From the mouth of the corridor along its axis, ever more slowly, where there is one."""
+        found = []
+        for share in _SHARES if self.standoff > 0.0 else ():
+            t = (_MOUTH + (1.0 - _MOUTH) * share) * duration
+            back = pin.SE3(np.eye(3), -(max(1.0 - share / _THERE, 0.0) ** 2) * self.standoff * self.axis)
+            pose = self.client.pose(t) * self.grasp * back
+            found.append((t, Place(pose.translation, pose.rotation)))
+        return found
 
     def momentum(self, com: FloatArray) -> FloatArray | None:
         """What leaves both at rest after the capture, where that is asked for."""

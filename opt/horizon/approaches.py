@@ -1,4 +1,4 @@
-"""Starts that come up to the goal as it asks: by way of a place shortly before it.
+"""Starts that come up to the goal as it asks: by way of places shortly before it.
 
 A straight joint-space move arrives from anywhere. A goal with an approach is entered from one side, and a
 descent does not find the way round from the other; so such a goal gets moves that pass its approach.
@@ -6,69 +6,115 @@ descent does not find the way round from the other; so such a goal gets moves th
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.motions import apply_rates
+from ffsms_pin.opt.goals import Place
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.starts import straight_moves
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.system.batch.stacks import apply, log3
+from ffsms_pin.system.batch.stacks import apply, exp3, log3
 
 __all__ = ["moves_to"]
 
 _SAMPLES = 60  # instants at which the spline is fitted to a move
 _DAMPING = 1e-3  # of the least squares, in squares of the arm's length
+_NEWTON = 6  # steps back from one place to the one before it
+_STEP = 0.2  # [rad or m] largest of a joint in such a step
+# [arm lengths] What a radian counts on the way: an arm that is stretched out at the goal may not be able to
+# keep its attitude and go back from there.
+_TURN = 0.1
+
+
+class _Postures(NamedTuple):
+    """Joint positions (K, n), and attitudes of the base (3, 3, K)."""
+
+    joints: FloatArray
+    base: FloatArray
 
 
 def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
-    """Control points (K, M, n) of moves to joint goals (K, n): straight, or through the goal's approach."""
-    passing = problem.goal.passing(problem.duration)
-    if passing is None or not len(goals):
+    """Control points (K, M, n) of moves to joint goals (K, n): straight, or by way of the goal's approach."""
+    approach = problem.goal.approach(problem.duration)
+    if not approach or not len(goals):
         return straight_moves(problem, spline, goals)
-    at, before = passing
     end = problem.goal.place(problem.duration)
     assert end.rotation is not None
-    assert before.rotation is not None
     velocity, spin = (np.zeros(3) if one is None else one for one in (end.velocity, end.spin))
-
     arm = problem.stack.evaluate(goals.T)
-    R = np.einsum("xy,zyk->xzk", end.rotation, arm.tip_rotation)  # of the base, where the tip is at the goal
-    turning = arm.spin + arm.axes * problem.stack.moves_tip[:, None]
-    J = np.concatenate([apply(R, arm.jstar), apply(R, turning)]).transpose(2, 0, 1) * problem.free
-    left = problem.duration - at
-    back = end.position - before.position - left * problem.drift
-    step = np.concatenate([back, log3((end.rotation @ before.rotation.T)[..., None])[:, 0]])
-    rates = _least_squares(problem, J, np.concatenate([velocity - problem.drift, spin]))
-    low, high = problem.sms.limits.lower, problem.sms.limits.upper
-    passed = np.clip(goals - _least_squares(problem, J, step), low, high)
+    # The base as it is turned where the tip is at the goal.
+    at = _Postures(goals, np.einsum("xy,zyk->xzk", end.rotation, arm.tip_rotation))
+    rates = [
+        _least_squares(_jacobian(problem, at), np.concatenate([velocity - problem.drift, spin]), problem)
+    ]
+    times, places = [problem.duration], [goals]
+    for t, place in reversed(approach):
+        at = _back(problem, at, t, place)
+        times.insert(0, t)
+        places.insert(0, at.joints)
+    for i in range(len(approach) - 1, -1, -1):
+        before = max(i - 1, 0)
+        rates.insert(0, (places[i + 1] - places[before]) / (times[i + 1] - times[before]))
+    times.insert(0, 0.0)
+    places.insert(0, np.broadcast_to(problem.joints0, goals.shape))
+    rates.insert(0, np.broadcast_to(problem.joint_rates, goals.shape))
 
-    times = (np.arange(_SAMPLES) + 0.5) * problem.duration / _SAMPLES
-    through = (goals - passed) / left
-    start = np.broadcast_to(problem.joints0, goals.shape)
-    first = _hermite_rates(
-        np.minimum(times, at) / at, at, start, problem.joint_rates + 0.0 * goals, passed, through
-    )
-    last = _hermite_rates(np.maximum(times - at, 0.0) / left, left, passed, through, goals, rates)
-    wanted = np.where((times < at)[:, None], first, last)
-    maps = spline.rates_at(times)
+    instants = (np.arange(_SAMPLES) + 0.5) * problem.duration / _SAMPLES
+    wanted = _hermite_rates(instants, np.array(times), np.array(places), np.array(rates))
+    maps = spline.rates_at(instants)
     return np.asarray(np.linalg.pinv(maps.free) @ (wanted - maps.fixed[:, None] * problem.joint_rates))
 
 
-def _least_squares(problem: Problem, J: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Least joint motion (K, n) with J u near to `wanted` (6,)."""
-    square = J @ np.swapaxes(J, 1, 2) + _DAMPING * problem.stack.length**2 * np.eye(6)
-    solved = np.linalg.solve(square, np.broadcast_to(wanted[:, None], (len(J), 6, 1)))
+def _back(problem: Problem, at: _Postures, t: float, place: Place) -> _Postures:
+    """From postures to those with the end effector at a place: Newton's method, the base reacting."""
+    stack, (joints, base) = problem.stack, at
+    low, high = problem.sms.limits.lower, problem.sms.limits.upper
+    com = problem.com0 + t * problem.drift
+    stuck = np.zeros(joints.shape, dtype=bool)
+    turn = _TURN * stack.length
+    for _ in range(_NEWTON):
+        arm = stack.evaluate(joints.T)
+        missed = (place.position - com)[:, None] - apply(base, arm.rho)
+        if place.rotation is not None:
+            attitude = np.einsum("xyk,yzk->xzk", base, arm.tip_rotation)
+            turned = log3(np.einsum("xy,zyk->xzk", place.rotation, attitude))
+            missed = np.concatenate([missed, turn * turned])
+        J = _jacobian(problem, _Postures(joints, base))[:, : len(missed)] * ~stuck[:, None]
+        J[:, 3:] *= turn
+        step = _least_squares(J, missed.T, problem)
+        step *= np.minimum(1.0, _STEP / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
+        wanted = joints + step
+        stuck = (wanted < low) | (wanted > high)
+        step = np.clip(wanted, low, high) - joints
+        base = np.einsum("xyk,yzk->xzk", base, exp3(apply_rates(arm.spin, step.T)))
+        joints = joints + step
+    return _Postures(joints, base)
+
+
+def _jacobian(problem: Problem, at: _Postures) -> FloatArray:
+    """Of the end effector (K, 6, n), inertial axes, with the base reacting."""
+    arm = problem.stack.evaluate(at.joints.T)
+    turning = arm.spin + arm.axes * problem.stack.moves_tip[:, None]
+    J = np.concatenate([apply(at.base, arm.jstar), apply(at.base, turning)])
+    return np.asarray(J.transpose(2, 0, 1) * problem.free)
+
+
+def _least_squares(J: FloatArray, wanted: FloatArray, problem: Problem) -> FloatArray:
+    """Least joint motion (K, n) with J u near to `wanted`, (m,) or (K, m)."""
+    rows = J.shape[1]
+    square = J @ np.swapaxes(J, 1, 2) + _DAMPING * problem.stack.length**2 * np.eye(rows)
+    solved = np.linalg.solve(square, np.broadcast_to(wanted[..., None], (len(J), rows, 1)))
     return np.asarray((np.swapaxes(J, 1, 2) @ solved)[..., 0])
 
 
-def _hermite_rates(
-    s: FloatArray, span: float, x0: FloatArray, u0: FloatArray, x1: FloatArray, u1: FloatArray
-) -> FloatArray:
-    """Rates (K, T, n) at shares s (T,) of a span, of cubics between positions and rates (K, n)."""
-    s = s[:, None]
-    way = (x1 - x0)[:, None] / span
-    return np.asarray(
-        6.0 * s * (1.0 - s) * way
-        + (1.0 - s) * (1.0 - 3.0 * s) * u0[:, None]
-        + s * (3.0 * s - 2.0) * u1[:, None]
-    )
+def _hermite_rates(t: FloatArray, nodes: FloatArray, x: FloatArray, u: FloatArray) -> FloatArray:
+    """Rates (K, T, n) at times t (T,) of cubics between nodes (N,) with positions and rates (N, K, n)."""
+    i = np.clip(np.searchsorted(nodes, t, side="right") - 1, 0, len(nodes) - 2)
+    span = np.diff(nodes)[i][:, None, None]
+    s = ((t - nodes[i]) / np.diff(nodes)[i])[:, None, None]
+    rates = 6.0 * s * (1.0 - s) * (x[i + 1] - x[i]) / span
+    rates = rates + (1.0 - s) * (1.0 - 3.0 * s) * u[i] + s * (3.0 * s - 2.0) * u[i + 1]
+    return np.asarray(np.swapaxes(rates, 0, 1))

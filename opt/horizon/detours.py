@@ -17,10 +17,15 @@ from ffsms_pin.opt.limits import Clearance
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
-__all__ = ["obstructed", "pushed_aside"]
+__all__ = ["among_obstacles", "obstructed", "pushed_aside"]
 
 _ASIDE = 0.8  # [rad or m] how far the joints are pushed, all together
 _COUNT = 4  # moves that are pushed aside a group of starts, and directions tried for each
+
+
+def among_obstacles(problem: Problem) -> bool:
+    """Whether there are obstacles."""
+    return any(isinstance(one, Clearance) and one.obstacles for one in problem.limits)
 
 
 def obstructed(problem: Problem, plan: Trajectory) -> bool:
@@ -43,7 +48,7 @@ def pushed_aside(model: Model, moves: FloatArray, drawn: int) -> FloatArray:
         How many directions were drawn before.
     """
     problem = model.problem
-    if not any(isinstance(one, Clearance) and one.obstacles for one in problem.limits):
+    if not among_obstacles(problem):
         return moves[:0]
     blocked = np.flatnonzero(_lack(model, moves) > 0.0)[:_COUNT]
     if not blocked.size:

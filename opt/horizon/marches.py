@@ -22,7 +22,7 @@ from ffsms_pin.opt.horizon.starts import joint_range
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.direction import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.march import sides_across, start_sides
-from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.step.of_problem import problem_stepper
 from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, dot, exp3, log3
@@ -54,15 +54,16 @@ def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
     linear.
     """
     place, sms, dt, steps = problem.goal.place(problem.duration), problem.sms, problem.dt, problem.steps
-    stepper = Stepper(sms, dt, problem.kappa, problem.limits, problem.terms, momentum=problem.momentum)
-    for side in start_sides(sms, problem.q0, place.position):
+    stepper = problem_stepper(problem)
+    mode = problem.mode
+    for side in start_sides(sms, problem.q0, place.position, mode):
         stepper.reset(side)
         q, cost, k, nodes, rates = problem.q0, 0.0, 0, [0], [problem.joint_rates]
         while k < steps:
             stride = max(1, (steps - k) // _STRIDES)
             stepper.dt = stride * dt
             # The paper pairs rates with where the arm was one step before.
-            before, _ = advance(sms, q, rates[-1], np.zeros(sms.n), stepper.dt - dt, problem.momentum)
+            before, _ = advance(sms, q, rates[-1], np.zeros(sms.n), stepper.dt - dt, problem.momentum, mode)
             step = stepper.advance(before, rates[-1], place.position, (steps - k) * dt, place.rotation)
             cost += step.cost * stepper.dt
             way = place.position - sms.at(q).end_effector_pose.translation
@@ -70,7 +71,7 @@ def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
             if cost > budget or not step.solved or behind:
                 break
             slope = (step.joint_rates - rates[-1]) / stepper.dt
-            q, _ = advance(sms, q, rates[-1], slope, stepper.dt, problem.momentum)
+            q, _ = advance(sms, q, rates[-1], slope, stepper.dt, problem.momentum, mode)
             k += stride
             nodes.append(k)
             rates.append(step.joint_rates)

@@ -70,6 +70,7 @@ def motions_of(
         lag=problem.dt,
         wheels=problem.wheels,
         wheel_total=problem.wheel_total,
+        thrusters=problem.thrusters,
     )
 
 

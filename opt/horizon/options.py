@@ -47,6 +47,8 @@ class SearchOptions:
     most_reversals, least_reversal : float
         A motion with more changes of sign a joint than `most_reversals` chatters; smaller products of rates
         than `least_reversal` [(rad/s)^2] do not count.
+    around_obstacles : float
+        Among obstacles a plan that costs so many times what ends the search without them ends it.
     widest_cone : float
         By how much C~ may exceed max(0, cos(theta_a)), log 2 / kappa, for marches to be tried as plans: with
         a smaller kappa the cone is so wide that a march spirals and misses the deadline.
@@ -69,5 +71,6 @@ class SearchOptions:
     rest_rate: float = 1e-3
     most_reversals: int = 8
     least_reversal: float = 1e-8
+    around_obstacles: float = 3.0
     widest_cone: float = 0.2
     march_steps: int = 30

@@ -14,7 +14,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.approaches import moves_to
 from ffsms_pin.opt.horizon.correction import corrected_goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
-from ffsms_pin.opt.horizon.detours import obstructed, pushed_aside
+from ffsms_pin.opt.horizon.detours import among_obstacles, obstructed, pushed_aside
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.groups import QUICK, START_GROUPS, StartGroup
 from ffsms_pin.opt.horizon.judge import Found, Judge, cost_of
@@ -71,6 +71,8 @@ class Search:
         self.found: list[Found] = []
         # Without the paper's cost "nearly free" says nothing: the first plan that meets a client will do.
         self._coupled = not problem.goal.exact or any(isinstance(term, Coupling) for term in problem.terms)
+        # Among obstacles a way that is nearly free may not be there: a second group rarely finds one.
+        self._content_factor = self.options.around_obstacles if among_obstacles(problem) else 1.0
         self._pool: Candidates | None = None
         self._drawn = 0
         self._started = time.perf_counter()
@@ -87,7 +89,8 @@ class Search:
                 group = QUICK[0]
             self._report((turn + 0.5) / len(groups))
             self._follow(group)
-            content = group.content(self.problem.kappa) * scale if self._coupled else np.inf
+            content = scale * self._content_factor * group.content(self.problem.kappa)
+            content = content if self._coupled else np.inf
             if hopeless and not self._arrived():
                 return self.best().plan
             if self._arrived(content) or self._out_of_time() or hopeless:

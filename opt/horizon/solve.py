@@ -13,7 +13,7 @@ from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision
 from ffsms_pin.opt.horizon.groups import QUICK
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import Search
-from ffsms_pin.opt.horizon.wheel_needs import with_wheel_needs
+from ffsms_pin.opt.horizon.wheel_needs import quick_search, with_wheel_needs
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import one_blas_thread
@@ -65,7 +65,7 @@ def solve(
     search = Search(problem, options, progress)
     plan = search.run()
     if not plan.reached:
-        plan = with_wheel_needs(problem, plan, options)
+        plan = with_wheel_needs(problem, plan, quick_search(options))
         plan = explain(problem, plan, search.goals, search.binding(), lambda other: _reached(other, options))
     notes = [note for note in (plan.note, _momentum_note(problem)) if note]
     return replace(plan, note="; ".join(notes))

@@ -19,7 +19,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.system.base_motion import advance
+from ffsms_pin.system.base_motion import advance, held_velocity
 
 __all__ = ["GIVE", "RETURN_RATE", "BaseBounds", "base_rows", "settled"]
 
@@ -185,12 +185,12 @@ def _furthest(limits: BaseBounds, step: StepState, end: FloatArray) -> float:
     sms, momentum, worst = step.sms, step.momentum, 0.0
     acceleration = np.minimum(sms.limits.acceleration, _FASTEST)
     stop = float(np.max(np.abs(end) / acceleration))
-    q, _ = advance(sms, step.q, step.rates, (end - step.rates) / step.dt, step.dt, momentum)
+    q, _ = advance(sms, step.q, step.rates, (end - step.rates) / step.dt, step.dt, momentum, step.mode)
     slowing = -end / max(stop, 1e-12)
     for k in range(_STOPS + 1):
         worst = max(worst, _used(limits, step, q, end))
         if k < _STOPS and stop > 0.0:
-            q, end = advance(sms, q, end, slowing, stop / _STOPS, momentum)
+            q, end = advance(sms, q, end, slowing, stop / _STOPS, momentum, step.mode)
     return worst / (1.0 - _BRAKED)
 
 
@@ -202,6 +202,9 @@ def _used(limits: BaseBounds, step: StepState, q: FloatArray, rates: FloatArray)
     shift = float(np.linalg.norm(now.act(com) - start.act(com)))
     used = max(turn / limits.attitude, shift / limits.translation)
     if limits.attitude_rate < math.inf:
-        spin = step.sms.velocity(q, rates, step.momentum)[3:6]
+        if step.mode == "floating":
+            spin = step.sms.velocity(q, rates, step.momentum)[3:6]
+        else:
+            spin = held_velocity(step.sms, q, rates, step.momentum, step.mode)[3:6]
         used = max(used, float(np.linalg.norm(spin)) / limits.attitude_rate)
     return used

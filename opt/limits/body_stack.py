@@ -9,7 +9,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.limits.part_pairs import PartPairs, Poses
+from ffsms_pin.opt.limits.part_pairs import Nearest, PartPairs, Poses
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.convex_parts import Part, whole_shapes
@@ -89,6 +89,10 @@ class BodyStack:
         self._names = self._named(bodies)
         self._shapes = self._make(whole, bodies)
         self._pairs = self._make(parts, bodies, whole, by_shapes[kept])
+        # Distances of parts are bounds on those of shapes, and quicker: shapes are measured where these leave
+        # a clearance in question.
+        screened = mode == "shapes" and not all(part.convex for part in whole)
+        self._screens = self._make([*sms.convex_parts(), *held], bodies) if screened else None
         low, high = sms.limits.lower, sms.limits.upper
         slides = np.maximum(np.abs(low), np.abs(high))
         #: How fast clearances can change at most by a unit rate of each joint (m, n) [m/rad].
@@ -96,7 +100,7 @@ class BodyStack:
         #: The largest distance of each pair in some postures (m,) [m], cut off 5 cm beyond the clearance.
         self.largest = self._pairs.values(self._postures(), clearance + _FAR).max(axis=1)
         #: Whether shapes can tell more than their parts.
-        self.refines = mode == "hulls" and not all(part.convex for part in whole)
+        self.refines = not all(part.convex for part in whole)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BodyStack, self._settings  # a copy has data of its own
@@ -107,7 +111,14 @@ class BodyStack:
 
     def values(self, positions: FloatArray, arm: ArmValues, near: float | FloatArray = np.inf) -> FloatArray:
         """Clearances (m, ...) [m], exact below `near`, else bounds from below that are not."""
-        values = self._pairs.values(Poses.of(arm), near)
+        poses, count = Poses.of(arm), len(self._names)
+        near = np.broadcast_to(near, count)
+        if self._screens is None:
+            values = self._pairs.values(poses, near)
+        else:
+            values = self._screens.values(poses, near)
+            where = np.nonzero(values < near[:, None])
+            values[where] = self._pairs.nearest(poses, where, near[where[0]]).distance
         return values.reshape(-1, *positions.shape[1:])
 
     def gradients(
@@ -118,11 +129,29 @@ class BodyStack:
         at = np.ravel_multi_index(tuple(rest), positions.shape[1:])
         return self._pairs.slopes(Poses.of(arm), (columns, at))[1]
 
+    def below(
+        self, positions: FloatArray, arm: ArmValues, near: FloatArray
+    ) -> tuple[tuple[Indices, ...], FloatArray, FloatArray]:
+        """Clearances (V,) below `near` (m,), at which entries of `values`, and their gradients (n, V)."""
+        poses = Poses.of(arm)
+        below = self._pairs.below if self._screens is None else self._screened
+        where, found = below(poses, near)
+        rest = np.unravel_index(where[1], positions.shape[1:])
+        return (where[0], *rest), found.distance, self._pairs.by_joints(poses, where, found)
+
+    def _screened(self, poses: Poses, near: FloatArray) -> tuple[tuple[Indices, Indices], Nearest]:
+        """As `PartPairs.below`, of the shapes: those whose parts are below it are measured."""
+        assert self._screens is not None
+        (columns, at), _ = self._screens.below(poses, near)
+        found = self._pairs.nearest(poses, (columns, at), near[columns])
+        close = found.distance < near[columns]
+        return (columns[close], at[close]), Nearest(*(value[..., close] for value in found))
+
     def at(self, positions: FloatArray, columns: Indices, floor: float) -> FloatArray:
         """Clearances (V,) of one pair each at joint positions (n, V); those below `floor` by the shapes."""
         poses = Poses.make(*self._arm.poses(positions))
         entries = np.arange(len(columns))
-        found = self._pairs.nearest(poses, (columns, entries)).distance
+        found = (self._screens or self._pairs).nearest(poses, (columns, entries)).distance
         low = np.flatnonzero(found < floor)
         if self.refines and low.size:
             exact = self._shapes.nearest(poses, (columns[low], low)).distance

@@ -11,7 +11,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, number, pose
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residual, Residuals
+from ffsms_pin.opt.batch.residual import Indices, Residual, Residuals
 from ffsms_pin.opt.limits.between import TOLERANCE, Least, least_of_bodies
 from ffsms_pin.opt.limits.body_stack import BodyStack
 from ffsms_pin.opt.limits.clearance_rows import BodyModel, clearance_model, clearance_rows
@@ -149,12 +149,12 @@ class Clearance(Limit):
         if isinstance(self._stack, BodyStack):
             # Bodies that are near each other in every posture cannot be asked for the whole margin.
             kept = np.minimum(kept, 0.5 * (self.clearance + self._stack.largest))
+            close, value, slope = self._stack.below(motions.joints, motions.arm, kept)
+            return _lacking((kept[close[0]] - value) / length, close, by_joints=-slope / length)
         lack = kept[:, None, None] - self._stack.values(motions.joints, motions.arm, kept)
         where = np.nonzero(lack > 0.0)
-        if not where[0].size:
-            return []
         slope = self._stack.gradients(motions.stack, motions.joints, motions.arm, where)
-        return [Residual(lack[where] / length, motion=where[1], instants=where[2], by_joints=-slope / length)]
+        return _lacking(lack[where] / length, where, by_joints=-slope / length)
 
     def around_residual(self, motions: Motions) -> Residuals:
         """The part of the residual that is due to obstacles."""
@@ -162,14 +162,9 @@ class Clearance(Limit):
             return []
         length = motions.stack.length
         kept = self.clearance + self.margin * length
-        lack = kept - self._around.values(motions, kept)
-        where = np.nonzero(lack > 0.0)
-        if not where[0].size:
-            return []
-        slopes: dict[str, Any] = {
-            name: -slope / length for name, slope in self._around.slopes(motions, where).items()
-        }
-        return [Residual(lack[where] / length, motion=where[1], instants=where[2], **slopes)]
+        where, value, slopes = self._around.below(motions, kept)
+        by = {name: -slope / length for name, slope in slopes.items()}
+        return _lacking((kept - value) / length, where, **by)
 
     def violation(self, motion: Motions) -> Violation:
         """The largest lack of clearance at the nodes, in the middles, and between shapes everywhere."""
@@ -199,3 +194,8 @@ class Clearance(Limit):
             f"{worst.time:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
         )
         return Violation(max(self.clearance - worst.value, _BETWEEN), instants, note)
+
+
+def _lacking(value: FloatArray, where: tuple[Indices, ...], **slopes: Any) -> Residuals:
+    """The residual of entries (clearance, motion, instant), or none."""
+    return [Residual(value, motion=where[1], instants=where[2], **slopes)] if value.size else []

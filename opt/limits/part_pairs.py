@@ -133,6 +133,8 @@ class PartPairs:
                     break
                 one, other = parts[self._first[starts[v] + i]], parts[self._second[starts[v] + i]]
                 result.clear()
+                if 0.0 < best < np.inf and not (one.convex and other.convex):
+                    result.min_distance = best  # triangles that are farther need not be measured
                 found = coal.distance(
                     one.shape, one.place, other.shape, relative * other.place, request, result
                 )
@@ -146,6 +148,26 @@ class PartPairs:
             distance[v] = best
         here, there, normal = np.einsum("xyv,ivy->ixv", R_a, local)
         return Nearest(distance, here + o_a, there + o_a, normal)
+
+    def below(self, poses: Poses, near: FloatArray) -> tuple[tuple[Indices, Indices], Nearest]:
+        """Entries (pair of bodies, configuration) whose distance is below `near` (m,), and nearest points."""
+        pairs, count = len(self.bodies), poses.origins.shape[-1]
+        columns, at, found = [], [], []
+        for start in range(0, count, _CHUNK):
+            here = poses.take(slice(start, start + _CHUNK))
+            size = here.origins.shape[-1]
+            first, second = np.repeat(self._ends, size, axis=0).T
+            bounds = self._body_covers.bounds(
+                here, first, second, np.tile(np.arange(size), pairs), np.repeat(near, size)
+            )
+            which, k = np.nonzero(bounds.reshape(pairs, size) < near[:, None])
+            nearest = self.nearest(here, (which, k), near[which])
+            close = nearest.distance < near[which]
+            columns.append(which[close])
+            at.append(k[close] + start)
+            found.append([value[..., close] for value in nearest])
+        values = (np.concatenate(parts, axis=-1) for parts in zip(*found, strict=True))
+        return (np.concatenate(columns), np.concatenate(at)), Nearest(*values)
 
     def slopes(self, poses: Poses, where: tuple[Indices, ...]) -> tuple[FloatArray, FloatArray]:
         """Distances (V,) and their gradients (n, V) by the joints, base held still, at entries."""

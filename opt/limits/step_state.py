@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system import SpaceManipulator
 
@@ -26,13 +27,14 @@ class StepState:
     M : ndarray, shape (6 + n, 6 + n)
         Inertia matrix in Pinocchio's velocity coordinates.
     reaction : ndarray, shape (6, n)
-        Root velocity a joint rate, root axes (Pinocchio's): -M_b^-1 M_bm.
+        Root velocity a joint rate, root axes (Pinocchio's): -M_b^-1 M_bm on a floating base, and zero along
+        what the mode holds.
     J_star : ndarray, shape (6, n)
-        Generalised Jacobian, inertial axes, [linear; angular].
+        Generalised Jacobian of the mode, inertial axes, [linear; angular].
     J_arm : ndarray, shape (6, n)
         Jacobian of the end effector with the base held still, inertial axes.
     V : ndarray, shape (n, n)
-        Right singular vectors of C_bm.
+        Right singular vectors of the mode's C_bm.
     entropy : float
         H_norm.
     pose : pinocchio.SE3
@@ -47,6 +49,11 @@ class StepState:
         Root pose at the start of the motion: turn and shift of the base count from there.
     time : float
         Of the step's start, from the start of the motion [s]: for what moves by itself.
+    mode : str
+        What of the base is held.
+    wheel_total : ndarray, shape (w,), or None
+        Momenta of the wheels that hold the attitude, were the joints at rest [N m s]; None: at rest with
+        them.
     """
 
     sms: SpaceManipulator
@@ -67,3 +74,10 @@ class StepState:
     momentum: FloatArray | None
     base_start: FloatArray
     time: float = 0.0
+    mode: str = "floating"
+    wheel_total: FloatArray | None = None
+
+    @property
+    def wheels(self) -> ReactionWheels | None:
+        """The wheels that hold the attitude, where wheels do."""
+        return self.sms.wheels if self.mode == "rotation-floating" else None

@@ -22,6 +22,7 @@ from ffsms_pin.opt.batch.wheels import (
 )
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.limits.wheel_rows import wheel_rows
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["WheelLimits"]
@@ -60,8 +61,8 @@ class WheelLimits(Limit):
         return replace(self, _in_hand=min(self._in_hand + max(by, 0.0), _MOST_IN_HAND))
 
     def rows(self, step: StepState) -> Rows | None:
-        """None: a step of the paper's method floats, and the wheels stand still."""
-        return None
+        """Rows of the wheels' momenta at the step's end and of their torques in it."""
+        return wheel_rows(step, self._in_hand)
 
     def residual(self, motions: Motions) -> Residuals:
         """Shares of the limits that are used beyond 1 less what is kept in hand, over the whole motion."""

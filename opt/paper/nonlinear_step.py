@@ -39,14 +39,23 @@ class NonlinearStepper:
     Parameters
     ----------
     sms : SpaceManipulator
-    dt, kappa, limits
+    dt, kappa, limits, mode, wheel_total
         As for `Stepper`.
     """
 
-    def __init__(self, sms: SpaceManipulator, dt: float, kappa: float, limits: Sequence[Limit]) -> None:
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        dt: float,
+        kappa: float,
+        limits: Sequence[Limit],
+        mode: str = "floating",
+        wheel_total: FloatArray | None = None,
+    ) -> None:
         self.sms, self.dt, self.kappa = sms, positive("dt", dt, "s"), positive("kappa", kappa)
         self.limits = tuple(limit.for_robot(sms) for limit in limits)
         self.momentum: FloatArray | None = None
+        self.mode, self.wheel_total = mode, wheel_total
         self._data = sms.model.createData()
 
     def advance(
@@ -64,7 +73,16 @@ class NonlinearStepper:
             raise InvalidValue(
                 "target", rotation, "must be a position for the paper's way: it has no attitude"
             )
-        step = step_state(self.sms, q, rates, self.dt, time_left, data=self._data)
+        step = step_state(
+            self.sms,
+            q,
+            rates,
+            self.dt,
+            time_left,
+            data=self._data,
+            mode=self.mode,
+            wheel_total=self.wheel_total,
+        )
         lower, upper = rate_bounds(step.joints, rates, self.sms.limits, self.dt)
         J_v, V = step.J_star[:3], step.V
         way = target - step.pose.translation
@@ -73,10 +91,9 @@ class NonlinearStepper:
         A = J_v @ V
 
         closing = towards @ J_v
-        fastest = float(np.maximum(closing * lower, closing * upper).sum())
-        slowest = float(np.minimum(closing * lower, closing * upper).sum())
-        asked = reference_speed(distance, float(closing @ rates), time_left, self.dt)
         G, least = self._rows(step)
+        slowest, fastest = _closing_speeds(closing, lower, upper, (G, least) if step.wheels else None)
+        asked = reference_speed(distance, float(closing @ rates), time_left, self.dt)
         rows = np.vstack([np.eye(self.sms.n), -np.eye(self.sms.n), G, closing]) @ V
         least = np.concatenate([lower, -upper, least, [min(asked, slowest + _SHARE * (fastest - slowest))]])
 
@@ -128,3 +145,23 @@ class NonlinearStepper:
         slope = 0.5 * (1.0 + math.tanh(0.5 * self.kappa * cos_theta))
         turn = (towards - cos_theta * velocity / speed) / speed
         return gap * gap, 2.0 * gap * slope * (A.T @ turn)
+
+
+def _closing_speeds(
+    closing: FloatArray, lower: FloatArray, upper: FloatArray, rows: tuple[FloatArray, FloatArray] | None
+) -> tuple[float, float]:
+    """Least and greatest speed towards the target that joint rates within bounds and rows G u >= least give.
+
+    None: no rows, which leaves the sum of what each joint can do.
+    """
+    speeds = [float(pick(closing * lower, closing * upper).sum()) for pick in (np.minimum, np.maximum)]
+    if rows is not None:
+        from scipy.optimize import linprog  # slow to load
+
+        G, least = rows
+        bounds = np.stack([lower, upper], axis=1)
+        for i, sign in enumerate((1.0, -1.0)):
+            found = linprog(sign * closing, A_ub=-G, b_ub=-least, bounds=bounds)
+            if found.success:
+                speeds[i] = sign * float(found.fun)
+    return speeds[0], speeds[1]

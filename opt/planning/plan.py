@@ -13,12 +13,13 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Also, Via, as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.horizon.blocked import check_obstacles
+from ffsms_pin.opt.horizon.wheel_needs import with_wheel_needs
 from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, Obstacle
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import Progress, Steps, march, start_sides
+from ffsms_pin.opt.step.of_problem import problem_stepper
 from ffsms_pin.opt.step.programme import StepWeights
-from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
@@ -122,7 +123,7 @@ def plan(
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
     mode : str
-        What of the base is held (see `opt.Problem`); others than "floating" are for "horizon".
+        What of the base is held (see `opt.Problem`).
     wheel_momentum : array_like, shape (w,), optional
         Of the wheels at the start, where they hold the attitude [N m s].
 
@@ -216,15 +217,16 @@ def plan_problem(
         raise InvalidValue("method", method, "knows no obstacles that move; take another one")
     if method != "horizon" and (problem.goal.moves or problem.locked):
         raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
-    if method != "horizon" and problem.mode != "floating":
-        raise InvalidValue("method", method, f"knows no mode '{problem.mode}'; take 'horizon'")
     still = _stand_still(problem)
     if still is not None:
         return still
     if method == "horizon":
         return solve(problem, options, progress)
     check_obstacles(problem)
-    return _marched(problem, method, progress)
+    marched = _marched(problem, method, progress)
+    if marched.reached:
+        return marched
+    return with_wheel_needs(problem, marched, lambda other: _marched(other, method, None))
 
 
 def _stand_still(problem: Problem) -> Trajectory | None:
@@ -251,20 +253,12 @@ def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajec
     if not any(isinstance(limit, AlphaBox) for limit in limits):
         limits = (*limits, AlphaBox())
     if method == "paper":
-        paper = NonlinearStepper(sms, problem.dt, problem.kappa, limits)
+        paper = NonlinearStepper(sms, problem.dt, problem.kappa, limits, problem.mode, problem.wheel_total)
         return _march(problem, paper, progress)
     step = method == "step"
-    stepper = Stepper(
-        sms,
-        problem.dt,
-        problem.kappa,
-        limits,
-        problem.terms if step else (),
-        weights=None if step else REFERENCE_WEIGHTS,
-        reference=method,
-        momentum=problem.momentum,
-    )
-    sides = start_sides(sms, problem.q0, place.position) if step else [np.zeros(3)]
+    weights, terms = (None, problem.terms) if step else (REFERENCE_WEIGHTS, ())
+    stepper = problem_stepper(problem, method, weights, limits=limits, terms=terms)
+    sides = start_sides(sms, problem.q0, place.position, problem.mode) if step else [np.zeros(3)]
     plans = []
     for i, side in enumerate(sides):
         stepper.reset(side)

@@ -23,6 +23,8 @@ _SCALARS = (
     ("clear", bool),
     ("met", bool),
     ("shortest_duration", float),
+    ("wheel_energy", float),
+    ("propellant", float),
 )
 _SHAPES: dict[str, tuple[str | int, ...]] = {
     "t": ("N+1",),
@@ -60,6 +62,7 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         "contact_velocity": np.zeros(6),
         "met": np.array(True),
         "wheel_momentum": none,
+        **dict.fromkeys(("wheel_energy", "propellant"), np.zeros(())),
         **{name: np.array("{}") for name in _TEXTS},
     }
     kinds = {"clear": "b", "met": "b", **dict.fromkeys(("note", *_TEXTS), "U")}

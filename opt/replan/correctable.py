@@ -38,10 +38,9 @@ class Projected(OfAnother):
     shifts: FloatArray
     turns: FloatArray
 
-    def passing(self, duration: float) -> tuple[float, Place] | None:
+    def approach(self, duration: float) -> list[tuple[float, Place]]:
         """The other's, projected."""
-        found = self.goal.passing(duration)
-        return None if found is None else (found[0], self._projected(found[1]))
+        return [(t, self._projected(place)) for t, place in self.goal.approach(duration)]
 
     def place(self, t: float) -> Place:
         """The other's, projected."""
@@ -70,9 +69,11 @@ class Correctable:
     Parameters
     ----------
     sms : SpaceManipulator
+    mode : str
+        What of the base is held.
     """
 
-    def __init__(self, sms: SpaceManipulator) -> None:
+    def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
         self._model, self._frame, self._data = sms.model, sms.frame_id, sms.model.createData()
         lower, upper = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
         rng, rates = np.random.default_rng(0), np.zeros(sms.n)
@@ -80,7 +81,7 @@ class Correctable:
         ways = []
         for _ in range(_SAMPLES):
             sms.layout.set_positions(q, rng.uniform(lower, upper))
-            ways.append(step_state(sms, q, rates, 1.0, 1.0).J_star)
+            ways.append(step_state(sms, q, rates, 1.0, 1.0, mode=mode).J_star)
         J = np.hstack(ways)  # the base is unturned: inertial axes are the root's
         self._shifts, self._turns = _range(J[:3]), _range(J[3:])
 

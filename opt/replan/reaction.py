@@ -15,22 +15,29 @@ __all__ = ["ReactionEstimate"]
 _PRIOR = 0.2  # standard deviation of the factors before anything is measured
 _NOISE = 1e-3  # [m/s, rad/s] what the base's measured velocity may be off by in a sample
 _JUMP = 30.0  # changes of the momentum in one sample beyond so many times the noise are no noise
+_KEPT = {"floating": 6, "rotation-floating": 3}  # components of [linear; angular] momentum that stay
 _LEAST, _MOST = 0.5, 2.0  # beyond these the motion is not explained by masses, and the model is kept
 
 
 class ReactionEstimate:
     """Factors on the arm's masses (and inertias) and on the base's inertia that explain the measured motion.
 
-    Total momentum stays what it was at the first sample, and it is linear in the factors: each sample gives
-    six equations, whatever the torques. Momentum has no scale of its own, so the base's mass is the unit. The
-    estimate is the least-squares one with a prior around the model, so factors that the motion does not show
-    stay at 1. External forces are not known to it: what they do counts as an error of the masses. With noisy
-    sensors the first sample is as noisy as any other, and the constant momentum is estimated too.
+    The total momentum of a floating system stays what it was at the first sample, and it is linear in the
+    factors: each sample gives six equations, whatever the torques. Momentum has no scale of its own, so the
+    base's mass is the unit. The estimate is the least-squares one with a prior around the model, so factors
+    that the motion does not show stay at 1. External forces are not known to it: what they do counts as an
+    error of the masses. With noisy sensors the first sample is as noisy as any other, and the constant
+    momentum is estimated too.
+
+    Where wheels hold the attitude they take angular momentum, and the linear one alone is constant: three
+    equations. Thrusters push from outside, so in their modes nothing is learnt and the model is kept.
 
     Parameters
     ----------
     sms : SpaceManipulator
         The model.
+    mode : str
+        What of the base is held, and by what (see `opt.Problem`).
 
     Attributes
     ----------
@@ -40,8 +47,9 @@ class ReactionEstimate:
         Of the arm's bodies, then of the base's inertia.
     """
 
-    def __init__(self, sms: SpaceManipulator) -> None:
+    def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
         self._sms, self._data = sms, sms.model.createData()
+        self._kept = _KEPT.get(mode, 0)
         self._count = sms.n + 1
         self.factors: FloatArray = np.ones(self._count)
         base = sms.model.inertias[1]
@@ -49,7 +57,7 @@ class ReactionEstimate:
         self._point = pin.Inertia(mass, lever, np.zeros((3, 3)))
         self._turning = pin.Inertia(0.0, lever, np.array(base.inertia))
         size = float(np.trace(base.inertia)) / 3.0
-        self._scale = 1.0 / (_NOISE * np.repeat([mass, size], 3))[:, None]
+        self._scale = 1.0 / (_NOISE * np.repeat([mass, size], 3))[: self._kept, None]
         self.noisy = False
         self._first: FloatArray | None = None
         self._last: FloatArray | None = None
@@ -59,10 +67,13 @@ class ReactionEstimate:
         """Start the sums of the least squares: A x = -c + (by what the first sample's momentum is off)."""
         self._G = np.eye(self._count) / _PRIOR**2
         self._g = np.zeros(self._count)
-        self._sum_A, self._sum_c, self._samples = np.zeros((6, self._count)), np.zeros(6), 0
+        self._sum_A, self._sum_c = np.zeros((self._kept, self._count)), np.zeros(self._kept)
+        self._samples = 0
 
     def observe(self, q: FloatArray, v: FloatArray) -> bool:
         """Take in a measured state, Pinocchio's; whether it is that of another robot than before."""
+        if not self._kept:
+            return False
         parts = self._momenta(q, v)
         jumped = self._jumped(parts)
         if self._first is None or jumped:
@@ -87,7 +98,7 @@ class ReactionEstimate:
         return bool(np.abs(step @ np.concatenate([[1.0], self.factors])).max() > _JUMP)
 
     def _momenta(self, q: FloatArray, v: FloatArray) -> FloatArray:
-        """Momenta of base mass, arm bodies and base inertia (6, n + 2), about the inertial origin."""
+        """Momenta of base mass, arm bodies and base inertia, about the inertial origin: rows that stay."""
         model, data = self._sms.model, self._data
         pin.forwardKinematics(model, data, q, v)
         parts = np.empty((6, self._count + 1))
@@ -96,7 +107,7 @@ class ReactionEstimate:
         for i in range(self._sms.n):
             parts[:, i + 1] = data.oMi[i + 2].act(model.inertias[i + 2] * data.v[i + 2]).vector
         parts[:, -1] = place.act(self._turning * twist).vector
-        return parts
+        return parts[: self._kept]
 
     def solve(self) -> FloatArray:
         """The factors (n + 1,) by what was measured until now."""

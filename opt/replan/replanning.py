@@ -18,9 +18,9 @@ from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.one_thread import OneThread
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest_planner import RestPlanner
+from ffsms_pin.opt.step.of_problem import problem_stepper
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.result import Step
-from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = ["Replanning"]
@@ -75,21 +75,10 @@ class Replanning:
             raise InvalidValue("hold", hold, "must be at least zero [s]")
         instance("problem", problem, Problem)
         instance("options", options, ReplanOptions, optional=True)
-        if problem.mode != "floating":
-            raise InvalidValue("problem.mode", problem.mode, "must be 'floating' to be planned again")
         sms, n = problem.sms, problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + hold
-        self._stepper = Stepper(
-            sms,
-            problem.dt,
-            problem.kappa,
-            problem.limits,
-            problem.terms,
-            weights or _GENTLE,
-            "resolved-rate",
-            problem.momentum,
-        )
+        self._stepper = problem_stepper(problem, "resolved-rate", weights or _GENTLE)
         self._planner = RestPlanner(problem, self.options, plan)
         self._robot = sms
         if problem.locked:
@@ -100,7 +89,7 @@ class Replanning:
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = 0
         self._noise: float | None = None
-        self._correctable, self._uncorrectable = Correctable(sms), 0.0
+        self._correctable, self._uncorrectable = Correctable(sms, problem.mode), 0.0
         self._dead_band = DeadBand(sms)
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
         at_least_zero("dead_band", self.options.band(None), "m")

@@ -11,15 +11,19 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residuals
+from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.goals import Goal, Place
 from ffsms_pin.opt.goals.of_another import OfAnother
-from ffsms_pin.opt.limits import JointLimits, Limit, Rows, Violation
+from ffsms_pin.opt.limits import JointLimits, Limit, Rows, Violation, WheelLimits
 from ffsms_pin.opt.limits.limit import ControlMaps, ControlRows, End
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.arm import ArmStack
 
 __all__ = ["CountedFrom", "Later", "rest_of"]
+
+_ELSEWHERE = (JointLimits, WheelLimits)  # limits that do not count from the base's start
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +41,10 @@ class Later(OfAnother):
     # A descent asks for the same times in every iteration, and a path may be slow to tell.
     _places: dict[float, Place] = field(default_factory=dict, repr=False)
 
-    def passing(self, duration: float) -> tuple[float, Place] | None:
+    def approach(self, duration: float) -> list[tuple[float, Place]]:
         """The other's, as far as it still lies ahead."""
-        found = self.goal.passing(duration + self.by)
-        return None if found is None or found[0] <= self.by else (found[0] - self.by, found[1])
+        ahead = self.goal.approach(duration + self.by)
+        return [(t - self.by, place) for t, place in ahead if t > self.by]
 
     def positions(self, times: FloatArray) -> FloatArray:
         """The other's; those of a path one by one, which are kept."""
@@ -156,9 +160,14 @@ def rest_of(
     q0 = q.copy()
     sms.layout.set_positions(q0, joints)
     moving = [
-        limit if isinstance(limit, JointLimits) else CountedFrom(limit.later(t), base_start)
+        limit if isinstance(limit, _ELSEWHERE) else CountedFrom(limit.later(t), base_start)
         for limit in problem.limits
     ]
+    wheels = problem.wheels
+    now = problem.wheel_momentum
+    if wheels is not None:  # momentum is conserved: what the joints have of it, the wheels lack
+        arm = ArmStack(sms, problem.mode).evaluate(joints[:, None])
+        now = problem.wheel_total - wheel_shares(wheels) @ held_momentum(arm)[..., 0] @ rates
     return replace(
         problem,
         sms=sms,
@@ -168,4 +177,5 @@ def rest_of(
         limits=moving,
         joint_rates=rates,
         locked=tuple(locked),
+        wheel_momentum=now,
     )

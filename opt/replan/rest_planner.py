@@ -52,7 +52,7 @@ class RestPlanner:
 
     def __init__(self, problem: Problem, options: ReplanOptions, given: Trajectory | None = None) -> None:
         self._problem, self._options, self._given = problem, options, given
-        self._estimate, self.robot = ReactionEstimate(problem.sms), problem.sms
+        self._estimate, self.robot = ReactionEstimate(problem.sms, problem.mode), problem.sms
         self._known: FloatArray = np.ones(problem.sms.n + 1)
         self._base_start: FloatArray | None = None
         self._next_search = 0.0

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit
+from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, WheelLimits
 from ffsms_pin.opt.problem import Problem, check_parts
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
@@ -51,6 +51,11 @@ class StepPlanner:
         In place of those that the other arguments describe.
     terms : sequence of Term
         More terms; see `Term.step_objective`.
+    mode : str
+        What of the base is held (see `opt.Problem`). Where wheels hold the attitude, `limits` have
+        `WheelLimits`, unless you give others.
+    wheel_momentum : array_like, shape (w,), optional
+        Of the wheels with the joints at rest, where they hold the attitude [N m s]. Default zero.
 
     Attributes
     ----------
@@ -72,18 +77,26 @@ class StepPlanner:
         momentum: ArrayLike | None = None,
         limits: Sequence[Limit] | None = None,
         terms: Sequence[Term] = (),
+        mode: str = "floating",
+        wheel_momentum: ArrayLike | None = None,
     ) -> None:
         if base_limits is not None and not isinstance(base_limits, BaseLimits):
             raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")
         if limits is None:
             kept: list[Limit] = [JointLimits(), Clearance(clearance, collision), AlphaBox()]
-            limits = kept if base_limits is None else [*kept, base_limits]
+            if base_limits is not None:
+                kept.append(base_limits)
+            if mode == "rotation-floating":
+                kept.append(WheelLimits())
+            limits = kept
         check_parts("limits", limits, Limit)
         check_parts("terms", terms, Term)
         self.clearance, self.base_limits = clearance, base_limits
         self.limits, self.terms = tuple(limits), tuple(terms)
         self._weights = weights
-        self.stepper = Stepper(sms, dt, kappa, self.limits, self.terms, weights, aim, momentum)
+        self.stepper = Stepper(
+            sms, dt, kappa, self.limits, self.terms, weights, aim, momentum, mode, wheel_momentum
+        )
 
     def __repr__(self) -> str:
         names = [*(limit.name for limit in self.limits), *(term.name for term in self.terms)]
@@ -164,5 +177,7 @@ class StepPlanner:
             terms,
             self.limits,
             momentum=self.momentum,
+            mode=self.stepper.mode,
+            wheel_momentum=self.stepper.wheel_total,
         )
         return Replanning(problem, hold, weights=self._weights)

@@ -24,6 +24,7 @@ class Steps(Protocol):
     sms: SpaceManipulator
     dt: float
     momentum: FloatArray | None
+    mode: str
 
     def advance(
         self,
@@ -85,19 +86,22 @@ def march(
         step = stepper.advance(q, rates[k], target, duration - k * dt, rotation)
         braked += not step.solved
         rates[k + 1] = step.joint_rates
-        q, _ = advance(sms, q, rates[k], (rates[k + 1] - rates[k]) / dt, dt, stepper.momentum)
+        slope = (rates[k + 1] - rates[k]) / dt
+        q, _ = advance(sms, q, rates[k], slope, dt, stepper.momentum, stepper.mode)
         if progress is not None:
             progress((k + 1) / steps)
     note = f"the arm braked in {braked} of {steps} steps whose programme was not solved" if braked else ""
     return March(rates, note)
 
 
-def start_sides(sms: SpaceManipulator, q0: FloatArray, target: FloatArray) -> list[FloatArray]:
+def start_sides(
+    sms: SpaceManipulator, q0: FloatArray, target: FloatArray, mode: str = "floating"
+) -> list[FloatArray]:
     """Directions across the way to the target in which the end effector can move at the start.
 
     For a planar arm the two sides of the way; in space both senses of the two principal directions.
     """
-    step = step_state(sms, q0, np.zeros(sms.n), 1.0, 1.0)
+    step = step_state(sms, q0, np.zeros(sms.n), 1.0, 1.0, mode=mode)
     return sides_across(target - step.pose.translation, step.J_star[:3]) or [np.zeros(3)]
 
 

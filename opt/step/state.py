@@ -13,6 +13,7 @@ from ffsms_pin.coupling import decompose
 from ffsms_pin.coupling.metrics import entropy_of_values
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_reaction import mode_reaction
 
 __all__ = ["step_state"]
 
@@ -30,6 +31,8 @@ def step_state(
     base_start: FloatArray | None = None,
     data: Any = None,
     time: float = 0.0,
+    mode: str = "floating",
+    wheel_total: FloatArray | None = None,
 ) -> StepState:
     """The robot at the start of a step.
 
@@ -48,6 +51,10 @@ def step_state(
         Scratch memory of `sms.model`, of one thread only; default: new.
     time : float
         Of the step's start, from the start of the motion [s].
+    mode : str
+        What of the base is held, one of `ffsms_pin.system.base_reaction.MODES`.
+    wheel_total : ndarray, shape (w,), optional
+        See `StepState`.
     """
     model, n = sms.model, sms.n
     data = model.createData() if data is None else data
@@ -56,7 +63,13 @@ def step_state(
     pose = pin.updateFramePlacement(model, data, sms.frame_id)
     J = pin.getFrameJacobian(model, data, sms.frame_id, _AXES)
     M_b, J_b, J_arm = M[:6, :6], J[:, :6], J[:, 6:]
-    if momentum is None:
+    if mode != "floating":
+        reaction, drift = mode_reaction(M, sms.base_com, mode), _STILL
+        if momentum is not None:  # linear only: see `Problem`
+            drift = np.zeros(6)
+            drift[:3] = pin.Quaternion(q[3:7]).toRotationMatrix().T @ momentum[:3] / M[0, 0]
+        tip_drift = J_b @ drift
+    elif momentum is None:
         reaction, drift = -lapack.dposv(M_b, M[:6, 6:])[1], _STILL
         tip_drift = _STILL
     else:
@@ -89,6 +102,8 @@ def step_state(
         momentum=momentum,
         base_start=q[:7].copy() if base_start is None else base_start,
         time=time,
+        mode=mode,
+        wheel_total=wheel_total,
     )
 
 

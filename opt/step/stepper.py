@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, number, positive, vector
+from ffsms_pin.checks import FloatArray, one_of, positive, vector
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.step.arguments import checked_arguments
 from ffsms_pin.opt.step.braking import braking, hard_bounds, within
 from ffsms_pin.opt.step.direction import WantedMotion, wanted_motion, wanted_spin
 from ffsms_pin.opt.step.one_at_a_time import OneAtATime
@@ -31,6 +31,7 @@ from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.opt.terms.cost import ideal_cosine, step_cost
 from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_reaction import MODES
 
 __all__ = ["Stepper"]
 
@@ -80,6 +81,10 @@ class Stepper:
     momentum : array_like, shape (6,), optional
         Total momentum [linear; angular], inertial axes, about the system's centre of mass, as in
         `sms.velocity`. The step then reckons with the drift H_b^-1 h of the base. Default zero.
+    mode : str
+        What of the base is held (see `opt.Problem`): C_bm, its singular vectors and J* are the mode's.
+    wheel_total : array_like, shape (w,), optional
+        Momenta of the wheels that hold the attitude, were the joints at rest [N m s]. Default zero.
 
     Attributes
     ----------
@@ -102,6 +107,8 @@ class Stepper:
         weights: StepWeights | None = None,
         reference: str = "step",
         momentum: ArrayLike | None = None,
+        mode: str = "floating",
+        wheel_total: ArrayLike | None = None,
     ) -> None:
         if reference not in REFERENCES:
             raise InvalidValue("reference", reference, f"must be one of {', '.join(REFERENCES)}")
@@ -109,6 +116,11 @@ class Stepper:
         self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)
         self.terms, self.weights, self.reference = tuple(terms), weights or StepWeights(), reference
         self.momentum = None if momentum is None else vector("momentum", momentum, 6)
+        self.mode = one_of("mode", mode, tuple(MODES))
+        self.wheel_total: FloatArray | None = None
+        if wheel_total is not None and np.size(wheel_total):
+            count = 0 if sms.wheels is None else len(sms.wheels)
+            self.wheel_total = vector("wheel_total", wheel_total, count, "N m s")
         self.side: FloatArray = np.zeros(3)
         self.base_start: FloatArray | None = None
         self.deadline: float | None = None
@@ -120,8 +132,9 @@ class Stepper:
         self._last: _Last | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        settings = (self.sms, self.dt, self.kappa, self._given, self.terms, self.weights, self.reference)
-        return _copied, ((*settings, self.momentum), self.side, self.base_start, self.deadline, self._last)
+        what = (self.sms, self.dt, self.kappa, self._given, self.terms, self.weights, self.reference)
+        settings = (*what, self.momentum, self.mode, self.wheel_total)
+        return _copied, (settings, self.side, self.base_start, self.deadline, self._last)
 
     def like(
         self,
@@ -139,6 +152,8 @@ class Stepper:
             self.weights,
             reference or self.reference,
             self.momentum,
+            self.mode,
+            self.wheel_total,
         )
 
     def reset(
@@ -180,12 +195,12 @@ class Stepper:
         InvalidValue
         StepperInUse
         """
-        return self.advance(*self._checked(q, joint_rates, target, time_left))
+        return self.advance(*checked_arguments(self.sms, q, joint_rates, target, time_left))
 
     def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
         """The quadratic programme of a step, without solving it; arguments as for `step`."""
         with self._alone:
-            return self._build(*self._checked(q, joint_rates, target, time_left)).problem
+            return self._build(*checked_arguments(self.sms, q, joint_rates, target, time_left)).problem
 
     def advance(
         self,
@@ -238,7 +253,17 @@ class Stepper:
         reference = REFERENCES[self.reference]
         time = 0.0 if self.deadline is None else max(0.0, self.deadline - time_left)
         step = step_state(
-            self.sms, q, rates, self.dt, time_left, self.momentum, self.base_start, self._data, time
+            self.sms,
+            q,
+            rates,
+            self.dt,
+            time_left,
+            self.momentum,
+            self.base_start,
+            self._data,
+            time,
+            self.mode,
+            self.wheel_total,
         )
         cosine_wanted = ideal_cosine(step.entropy, self.kappa) if reference.on_cone else 1.0
         wanted = wanted_motion(step, target, cosine_wanted, self.side)
@@ -257,24 +282,6 @@ class Stepper:
         if self._last is None:
             return None
         return np.concatenate([self._last.rates @ V, self._last.speed_and_slack]), self._last.z
-
-    def _checked(
-        self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray, float, FloatArray | None]:
-        goal = as_goal(target)
-        if goal.moves:
-            raise InvalidValue(
-                "target", target, "must stand still for a step: give the place where it is now"
-            )
-        time_left = number("time_left", time_left)
-        place = goal.place(time_left)
-        return (
-            self.sms.checked_configuration("q", q),
-            vector("joint_rates", joint_rates, self.sms.n, "rad/s"),
-            place.position,
-            time_left,
-            place.rotation,
-        )
 
 
 def _copied(

@@ -12,6 +12,7 @@ import pytest
 from motions import Array, Swing
 
 import ffsms_pin as ffsms
+from ffsms_pin.actuation.allocation import ThrusterAllocation, WheelAllocation
 from ffsms_pin.control import (
     BaseView,
     ComputedTorque,
@@ -20,7 +21,6 @@ from ffsms_pin.control import (
     PulseWidth,
     QuaternionFeedback,
 )
-from ffsms_pin.control.allocation import ThrusterAllocation, WheelAllocation
 from ffsms_pin.control.attitude import AttitudeHold, base_torque, held_dynamics
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation import Tracking

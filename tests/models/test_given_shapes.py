@@ -14,13 +14,15 @@ from link_sums import arm_file
 from motions import Array
 
 import ffsms_pin as ffsms
-from ffsms_pin.errors import FfsmsError, FfsmsWarning, GeometryError, InvalidValue
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, GeometryError, InvalidValue, UnsupportedJoint
 from ffsms_pin.opt.limits.clearance_stack import chosen_mode
+from ffsms_pin.system.shapes import ShapeKind
+from ffsms_pin.urdf import model_path
 from ffsms_pin.viewer.robot import visual_shapes
 
 Refused = Callable[..., FfsmsError]
 PLACE = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, -0.5), np.array([0.6, 0.1, 0.2]))
-KINDS = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
+KINDS: dict[ShapeKind, Any] = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
 
 MJCF = """<mujoco model="two"><compiler angle="radian"/><worldbody><body name="foot">
 <inertial pos="0 0 0.1" mass="2" diaginertia="0.1 0.1 0.1"/>
@@ -43,7 +45,7 @@ def model_with_shapes(name: str) -> tuple[Any, dict[str, Any]]:
     }
 
 
-def placed(sms: ffsms.SpaceManipulator, kind: Any, q: Array) -> list[Array]:
+def placed(sms: ffsms.SpaceManipulator, kind: ShapeKind, q: Array) -> list[Array]:
     """Poses of all shapes of the robot in inertial axes, and their boxes, in a fixed order."""
     shapes = sms.geometry(kind)
     data, scratch = pin.GeometryData(shapes), sms.model.createData()
@@ -53,7 +55,7 @@ def placed(sms: ffsms.SpaceManipulator, kind: Any, q: Array) -> list[Array]:
         item.geometry.computeLocalAABB()
         box = item.geometry.aabb_local
         rows.append(np.concatenate([pose.act(np.array(box.min_)), pose.act(np.array(box.max_))]))
-    return sorted(rows, key=lambda row: tuple(np.round(row, 6).tolist()))
+    return sorted(rows, key=lambda row: [round(float(x), 6) for x in row])
 
 
 @pytest.mark.parametrize("locked", [{}, {"joint1": -0.3}])
@@ -63,10 +65,18 @@ def test_a_model_s_shapes_are_those_of_its_urdf(locked: dict[str, float]) -> Non
     found = ffsms.mount(model, base, PLACE, locked=locked, velocity=0.4, **shapes)
     wanted = ffsms.mount("xarm7", base, PLACE, locked=locked, velocity=0.4)
     q = wanted.configuration(np.linspace(-0.4, 0.7, wanted.n))
-    for kind in ("visual", "collision"):
+    for kind in KINDS:
         np.testing.assert_allclose(placed(found, kind, q), placed(wanted, kind, q), atol=1e-9)
-    again = pickle.loads(pickle.dumps(found))
-    np.testing.assert_allclose(placed(again, "collision", q), placed(found, "collision", q), atol=1e-12)
+    sent = pickle.dumps(found)
+    assert len(sent) < 100_000  # names of meshes, not their triangles
+    again = pickle.loads(sent)
+    for kind in KINDS:
+        np.testing.assert_allclose(placed(again, kind, q), placed(found, kind, q), atol=1e-12)
+        pairs = zip(again.geometry(kind).geometryObjects, found.geometry(kind).geometryObjects, strict=True)
+        for one, other in pairs:
+            np.testing.assert_array_equal(one.meshColor, other.meshColor)
+            assert (one.name, one.meshPath) == (other.name, other.meshPath)
+            assert one.overrideMaterial == other.overrideMaterial
 
 
 def test_collision_checks_see_them() -> None:
@@ -111,6 +121,45 @@ def test_an_mjcf_file_whose_mesh_is_missing_still_loads(tmp_path: Path) -> None:
     assert sms.n == 2
     with pytest.raises(GeometryError, match="without any"):
         sms.geometry("collision")
+
+
+@pytest.mark.parametrize("locked", [{}, {"shoulder_yaw": 0.4}])
+def test_a_whole_robot_as_a_model_is_its_urdf(locked: dict[str, float]) -> None:
+    path = model_path("space_arm_7")
+    model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+    shapes = {k: pin.buildGeomFromUrdf(model, str(path), kind) for k, kind in KINDS.items()}
+    before = list(model.upperVelocityLimit)
+    wanted = ffsms.load("space_arm_7", locked=locked, velocity=0.2)
+    found = ffsms.load(
+        model,
+        "end_effector",
+        wanted.base_size,
+        locked=locked,
+        velocity=0.2,
+        visual=shapes["visual"],
+        collision=shapes["collision"],
+    )
+    assert found.joint_names == wanted.joint_names
+    assert list(model.upperVelocityLimit) == before  # the user's own model stays as it is
+    q = wanted.configuration(np.linspace(-0.4, 0.7, wanted.n))
+    v = np.linspace(-0.2, 0.3, 6 + wanted.n)
+    for name in ("H", "C_m", "J_star"):
+        np.testing.assert_allclose(getattr(found.at(q, v), name), getattr(wanted.at(q, v), name), atol=1e-12)
+    for kind in KINDS:
+        np.testing.assert_allclose(placed(found, kind, q), placed(wanted, kind, q), atol=1e-9)
+    assert found.limits.velocity.tolist() == wanted.limits.velocity.tolist()
+
+
+def test_what_belongs_to_files_is_refused_beside_a_model(refused: Refused) -> None:
+    model = ffsms.load("planar_3r").model
+    assert ffsms.load(model).end_effector == ffsms.load("planar_3r").end_effector
+    refused(lambda: ffsms.load(model, wheels=["joint1"]), InvalidValue, "wheels", "belongs to a file")
+    refused(lambda: ffsms.load(model, srdf="a.srdf"), InvalidValue, "srdf", "belongs to a file")
+    refused(lambda: ffsms.load(model, locked={"root_joint": 0.0}), InvalidValue, "root_joint")
+    fixed = pin.buildModelFromUrdf(str(model_path("planar_3r")))
+    refused(lambda: ffsms.load(fixed), UnsupportedJoint, "free-flyer")
+    shapes = pin.GeometryModel()
+    refused(lambda: ffsms.load("planar_3r", visual=shapes), InvalidValue, "visual", "its own shapes")
 
 
 def test_shapes_of_something_else_are_refused(refused: Refused) -> None:

@@ -20,8 +20,10 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions, Smoothing
 from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.opt.batch.wheels import wheel_torque
 from ffsms_pin.opt.limits.base import BaseLimits
 from ffsms_pin.opt.step.march import march
+from ffsms_pin.opt.step.of_problem import problem_stepper
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure
 
@@ -37,7 +39,33 @@ TERMS: dict[str, opt.Term] = {
     "effort": opt.Effort(0.01),
     "base turn": opt.BaseTurn(100.0),
     "own": LookAt(POINT, 10.0),
+    "wheel momentum": opt.WheelMomentum(3.0),
+    "wheel energy": opt.WheelEnergy(3.0, rounding=1e-4),
+    "propellant": opt.Propellant(3.0, rounding=1e-4),
+    "propellant, place held": opt.Propellant(3.0, rounding=1e-4),
+    "propellant, both held": opt.Propellant(3.0, rounding=1e-4),
 }
+# What of the base is held where that is not nothing.
+MODES = {
+    "wheel momentum": "rotation-floating",
+    "wheel energy": "rotation-floating",
+    "wheels' momentum": "rotation-floating",
+    "wheels' torque": "rotation-floating",
+    "propellant": "rotation-flying",
+    "propellant, place held": "translation-flying",
+    "propellant, both held": "flying",
+}
+AXES = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
+# Opposed pairs of thrusters on the faces of a cube.
+PLACES = np.array([[x, y, 0.0] for x in (0.5, -0.5) for y in (0.5, -0.5)])
+WAYS = np.array([[-1.0, 0.0, 0.0]] * 2 + [[1.0, 0.0, 0.0]] * 2)
+PLACES, WAYS = (np.concatenate([np.roll(one, i, axis=1) for i in range(3)]) for one in (PLACES, WAYS))
+
+
+def acting(sms: ffsms.SpaceManipulator, **limits: float) -> ffsms.SpaceManipulator:
+    """The robot with wheels, strong ones unless told otherwise, and thrusters."""
+    thrusters = ffsms.Thrusters(PLACES, WAYS, 50.0, proportional=True)
+    return sms.with_actuators(wheels=ffsms.ReactionWheels(AXES, 0.01, **limits), thrusters=thrusters)
 
 
 class Use(NamedTuple):
@@ -52,6 +80,7 @@ class Use(NamedTuple):
     rates: FloatArray  # the largest (n,)
     base: list[Any]  # poses of the base link (pinocchio.SE3)
     last: FloatArray  # q at the end (nq,)
+    wheels: tuple[float, float]  # largest momentum and torque of a wheel [N m s, N m]
 
 
 # A limit that a motion breaks: from what that motion does, and the robot, tightened for joint limits.
@@ -147,6 +176,15 @@ def frame_pose(sms: ffsms.SpaceManipulator, q: FloatArray, name: str) -> Any:
     return data.oMf[sms.model.getFrameId(name)].copy()
 
 
+def weak_wheels(what: str) -> Tight:
+    """Wheels that have 0.8 of the momentum, or the torque, that the motion asks for."""
+
+    def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+        return acting(sms, **{what: 0.8 * use.wheels[what == "torque"]}), opt.WheelLimits()
+
+    return made
+
+
 LIMITS: dict[str, Tight] = {
     "joints": slow,
     "attitude": lambda sms, use: (sms, BaseLimits(attitude=0.6 * use.attitude)),
@@ -162,8 +200,10 @@ LIMITS: dict[str, Tight] = {
     "via at any time": aside(False),
     "also": elbow_aside(),
     "own": beside_the_chord,
+    "wheels' momentum": weak_wheels("momentum"),
+    "wheels' torque": weak_wheels("torque"),
 }
-PLACES = ("via", "via at any time", "also")
+SPOTS = ("via", "via at any time", "also")
 # A step does not know whether a place was passed already.
 STEPPED = [name for name in LIMITS if name != "via at any time"]
 # Those that whole motions see as residuals, and robots; the distances of many meshes would take minutes.
@@ -176,8 +216,14 @@ PENALISED = [
 ]
 
 
-def problem_of(sms: ffsms.SpaceManipulator, **change: Any) -> opt.Problem:
-    """A reach; of the spatial arm with its base turned, shifted, and the joints moving."""
+def problem_of(sms: ffsms.SpaceManipulator, part: str = "", **change: Any) -> opt.Problem:
+    """A reach; of the spatial arm with its base turned, shifted, and the joints moving.
+
+    In the mode that the part of this name is about.
+    """
+    if part in MODES:
+        change = {"mode": MODES[part], **change}
+        sms = acting(sms) if sms.wheels is None else sms
     if sms.n == 3:
         options: dict[str, Any] = {"goal": GOAL, "duration": 6.0, "dt": 0.02, "limits": [opt.JointLimits()]}
         return opt.Problem(sms, sms.configuration([0.4, 0.7, -0.5]), **(options | change))
@@ -195,7 +241,8 @@ def finished(problem: opt.Problem, rates: FloatArray) -> Motions:
     motion = rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum, 0.9)
     place = problem.goal.place(problem.duration).position
     target = np.repeat(place[:, None], len(motion.times), axis=1)
-    return replace(motion, target=target, mean_speed=problem.mean_speed)
+    motion = replace(motion, target=target, mean_speed=problem.mean_speed, thrusters=problem.thrusters)
+    return replace(motion, wheels=problem.wheels, wheel_total=problem.wheel_total)
 
 
 def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
@@ -215,6 +262,7 @@ def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
         np.abs(rates).max(axis=0),
         [pin.XYZQUATToSE3(q[:7]) for q in plan.q],
         plan.q[-1],
+        (np.abs(plan.wheel_momentum).max(initial=0.0), np.abs(wheel_torque(motion)).max(initial=0.0)),
     )
 
 
@@ -223,20 +271,40 @@ def size_of(residuals: Residuals) -> float:
     return max((float(np.abs(one.value).max(initial=0.0)) for one in residuals), default=0.0)
 
 
-@pytest.fixture(scope="module")
-def free(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
-    """The plan that nothing but its joints limits."""
-    return opt.solve(problem_of(planar))
+Free = Callable[[str], opt.Trajectory]
+Marched = Callable[[str], FloatArray]
 
 
 @pytest.fixture(scope="module")
-def marched(planar: ffsms.SpaceManipulator) -> FloatArray:
-    """Joint rates of a march that nothing but its joints limits."""
-    return rates_of_march(problem_of(planar))
+def free(planar: ffsms.SpaceManipulator) -> Free:
+    """The plan that nothing but its joints limits, in the mode of a part."""
+    found: dict[str, opt.Trajectory] = {}
+
+    def plan(part: str) -> opt.Trajectory:
+        mode = MODES.get(part, "floating")
+        if mode not in found:
+            found[mode] = opt.solve(problem_of(planar, part))
+        return found[mode]
+
+    return plan
+
+
+@pytest.fixture(scope="module")
+def marched(planar: ffsms.SpaceManipulator) -> Marched:
+    """Joint rates of a march that nothing but its joints limits, in the mode of a part."""
+    found: dict[str, FloatArray] = {}
+
+    def rates(part: str) -> FloatArray:
+        mode = MODES.get(part, "floating")
+        if mode not in found:
+            found[mode] = rates_of_march(problem_of(planar, part))
+        return found[mode]
+
+    return rates
 
 
 def rates_of_march(problem: opt.Problem) -> FloatArray:
-    stepper = Stepper(problem.sms, problem.dt, problem.kappa, problem.limits)
+    stepper = problem_stepper(problem, terms=())
     return march(stepper, problem.q0, problem.joint_rates, GOAL, problem.duration).rates
 
 
@@ -263,7 +331,7 @@ def check_slopes(
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("name", list(TERMS))
 def test_slopes_of_terms(name: str, robot: str, rng: np.random.Generator) -> None:
-    check_slopes(problem_of(ffsms.load(robot)), TERMS[name].residual, rng)
+    check_slopes(problem_of(ffsms.load(robot), name), TERMS[name].residual, rng)
 
 
 @pytest.mark.parametrize("smoothing", [Smoothing(0.3, 0.03), Smoothing(0.03, 0.002)])
@@ -278,11 +346,11 @@ def test_slopes_of_the_smoothed_cost(
 def test_slopes_of_limits(name: str, robot: str, rng: np.random.Generator) -> None:
     """Of what a motion uses beyond the limit; the joints have rows of their own instead."""
     sms = ffsms.load(robot)
-    problem = problem_of(sms)
+    problem = problem_of(sms, name)
     spline = spline_of(problem, COARSE, free_end=True)
     p = 0.15 * np.random.default_rng(20250705).normal(size=(1, spline.size, sms.n))
-    _, limit = LIMITS[name](sms, use_of(problem, node_rates(problem, spline, p[0])))
-    limit = limit.for_robot(sms)
+    tight, limit = LIMITS[name](sms, use_of(problem, node_rates(problem, spline, p[0])))
+    problem, limit = replace(problem, sms=tight), limit.for_robot(tight)
     residuals = check_slopes(problem, limit.residual, rng)
     assert size_of(residuals) > limit.margin
 
@@ -303,7 +371,7 @@ def test_slopes_of_places_with_an_attitude(made: Tight, robot: str, rng: np.rand
 
 @pytest.mark.parametrize("name", list(TERMS))
 def test_a_term_is_smaller_with_it_than_without(
-    name: str, planar: ffsms.SpaceManipulator, free: opt.Trajectory
+    name: str, planar: ffsms.SpaceManipulator, free: Free
 ) -> None:
     term = TERMS[name]
     plain: list[opt.Term] = [opt.Smooth(), opt.Effort()]
@@ -312,9 +380,9 @@ def test_a_term_is_smaller_with_it_than_without(
         share = replace(measure(problem_of(planar, terms=[term]), without.joint_rates)).shares[term.name]
     else:
         plain.append(opt.Coupling())
-        share = term.share(finished(problem_of(planar), free.joint_rates))
+        share = term.share(finished(problem_of(planar, name), free(name).joint_rates))
     terms = [one for one in plain if one.name != term.name] + [term]
-    plan = opt.solve(problem_of(planar, terms=terms))
+    plan = opt.solve(problem_of(planar, name, terms=terms))
     assert plan.reached
     assert plan.shares.keys() == {one.name for one in terms}
     # The plan without it spares the joints already: its default decides between motions of like cost.
@@ -322,12 +390,12 @@ def test_a_term_is_smaller_with_it_than_without(
 
 
 @pytest.mark.parametrize("name", list(TERMS))
-def test_shares_are_integrals_of_squares(
-    name: str, planar: ffsms.SpaceManipulator, free: opt.Trajectory
-) -> None:
+def test_shares_are_integrals_of_squares(name: str, planar: ffsms.SpaceManipulator, free: Free) -> None:
     """Worked out from the trajectory's own arrays."""
     term, T = TERMS[name], 6.0
-    plan = measure(problem_of(planar, terms=[term]), free.joint_rates)
+    if isinstance(term, (opt.WheelEnergy, opt.Propellant)):
+        term = replace(term, rounding=1e-7)
+    plan = measure(problem_of(planar, name, terms=[term]), free(name).joint_rates)
     rates, accelerations = plan.joint_rates, plan.joint_accelerations
     middles = 0.5 * (rates[1:] + rates[:-1])
     spins = np.sum(plan.v[:, 3:6] ** 2, axis=1)
@@ -347,19 +415,25 @@ def test_shares_are_integrals_of_squares(
         / 6.0,
         "base turn": 32.0 * 100.0 * (T / 8.0) ** 2 * np.trapezoid(spins, plan.t),
         "own": 10.0 * np.trapezoid(looks, plan.t),
+        "wheel momentum": 3.0 * (T / 8.0) ** 2 * np.trapezoid(np.sum(plan.wheel_momentum**2, axis=1), plan.t),
+        "wheel energy": 3.0 * (T / 8.0) ** 3 * plan.wheel_energy,
+        **dict.fromkeys(
+            [name for name in TERMS if "propellant" in name],
+            3.0 * (T / 8.0) ** 2 * 1e3 * plan.propellant,
+        ),
     }[name]
     assert plan.shares[term.name] == pytest.approx(expected, rel=2e-2 if name == "smooth" else 5e-3)
 
 
 @pytest.mark.parametrize("name", list(LIMITS))
 def test_plans_keep_a_limit_and_break_it_without(
-    name: str, planar: ffsms.SpaceManipulator, free: opt.Trajectory
+    name: str, planar: ffsms.SpaceManipulator, free: Free
 ) -> None:
-    problem = problem_of(planar)
-    sms, limit = LIMITS[name](planar, use_of(problem, free.joint_rates))
+    problem, usual = problem_of(planar, name), free(name)
+    sms, limit = LIMITS[name](planar, use_of(problem, usual.joint_rates))
     limits = [limit] if name == "joints" else [opt.JointLimits(), limit]
-    held = problem_of(sms, limits=limits)
-    without = measure(held, free.joint_rates)
+    held = problem_of(sms, name, limits=limits)
+    without = measure(held, usual.joint_rates)
     assert not without.reached
     assert not without.clear
     assert without.broken.keys() == {limit.name}
@@ -375,13 +449,13 @@ def test_plans_keep_a_limit_and_break_it_without(
 
 @pytest.mark.parametrize("name", STEPPED)
 def test_marches_keep_a_limit_and_break_it_without(
-    name: str, planar: ffsms.SpaceManipulator, marched: FloatArray
+    name: str, planar: ffsms.SpaceManipulator, marched: Marched
 ) -> None:
-    problem = problem_of(planar)
-    sms, limit = LIMITS[name](planar, use_of(problem, marched))
+    problem, usual = problem_of(planar, name), marched(name)
+    sms, limit = LIMITS[name](planar, use_of(problem, usual))
     limits = [limit] if name == "joints" else [opt.JointLimits(), limit]
-    held = problem_of(sms, limits=limits)
-    assert measure(held, marched).broken.keys() == {limit.name}
+    held = problem_of(sms, name, limits=limits)
+    assert measure(held, usual).broken.keys() == {limit.name}
     rates = rates_of_march(held)
     plan = measure(held, rates)
     assert plan.broken == {}, plan.note
@@ -396,12 +470,12 @@ def test_marches_keep_a_limit_and_break_it_without(
 def test_violation_agrees_with_the_residual(name: str, robot: str) -> None:
     """A motion without residual breaks nothing; one that breaks the limit has more than the margin."""
     sms = ffsms.load(robot)
-    problem = problem_of(sms, joint_rates=None)
+    problem = problem_of(sms, name, joint_rates=None)
     spline, rng = spline_of(problem, COARSE), np.random.default_rng(7)
     # All joints one way: so the planar arm folds towards its base.
     p = 0.15 * (1.0 + 0.3 * rng.normal(size=(spline.size, sms.n)))
-    _, limit = LIMITS[name](sms, use_of(problem, node_rates(problem, spline, p)))
-    limit = limit.for_robot(sms)
+    tight, limit = LIMITS[name](sms, use_of(problem, node_rates(problem, spline, p)))
+    problem, limit = replace(problem, sms=tight), limit.for_robot(tight)
     seen = {"kept": 0, "broken": 0}
     for share in (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0, 1.1, 1.3):
         motion = finished(problem, node_rates(problem, spline, share * p))
@@ -419,17 +493,17 @@ def test_violation_agrees_with_the_residual(name: str, robot: str) -> None:
         if size > 1.1 * limit.margin:
             assert violation.amount > 0.0
     # The spatial arm starts with less room than the folded planar one; a place aside is kept by none.
-    assert seen["kept"] >= (1 if robot == ROBOTS[0] and name not in PLACES else 0)
+    assert seen["kept"] >= (1 if robot == ROBOTS[0] and name not in SPOTS else 0)
     assert seen["broken"] >= 1
 
 
 @pytest.mark.parametrize("name", STEPPED)
 def test_steps_at_rest_within_a_limit_may_stay_at_rest(name: str, planar: ffsms.SpaceManipulator) -> None:
     """Rows of a motion's start, where nothing is used up, allow zero rates."""
-    problem = problem_of(planar)
+    problem = problem_of(planar, name)
     moved = np.tile([0.05, -0.04, 0.06], (problem.steps + 1, 1))
     sms, limit = LIMITS[name](planar, use_of(problem, moved))
-    stepper = Stepper(sms, 0.02, 10.0, [limit])
+    stepper = Stepper(sms, 0.02, 10.0, [limit], mode=problem.mode)
     built = stepper.build(problem.q0, np.zeros(3), GOAL, 6.0)
     still = np.zeros(len(built.g))
     assert built.violation(still) <= 1e-12
@@ -479,6 +553,8 @@ def test_the_papers_box_in_whole_motions(fast: ffsms.SpaceManipulator, rng: np.r
 
 def test_no_two_packaged_parts_share_a_name() -> None:
     parts: list[type[opt.Term]] = [opt.Coupling, opt.Smooth, opt.Effort, opt.BaseTurn]
+    parts += [opt.WheelMomentum, opt.WheelEnergy, opt.Propellant]
     limits: list[type[opt.Limit]] = [opt.JointLimits, opt.Clearance, BaseLimits, opt.AlphaBox]
+    limits.append(opt.WheelLimits)
     names = [part.name for part in parts] + [limit.name for limit in limits]
     assert len(set(names)) == len(names)

@@ -16,7 +16,9 @@ from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.scenarios import run, scenario, summary
 from ffsms_pin.scenarios.compare import compare
+from ffsms_pin.scenarios.parts import PACKAGED
 from ffsms_pin.scenarios.references import planned, replanning
+from ffsms_pin.scenarios.tables import TABLES
 
 MODULE = """
 from dataclasses import dataclass
@@ -95,6 +97,24 @@ def test_parts_by_short_names_stand_in_for_the_defaults(tmp_path: Path) -> None:
     assert isinstance(box, opt.AlphaBox)
     assert isinstance(clearance, opt.Clearance)
     assert (clearance.clearance, clearance.collision) == (0.02, "shapes")
+
+
+def test_every_packaged_part_has_a_table() -> None:
+    """What a scenario file may name, and what is made of it, are the same lists."""
+    for kind, parts in PACKAGED.items():
+        assert TABLES[kind].by_use is not None
+        assert TABLES[kind].by_use.keys() == parts.keys()  # type: ignore[union-attr]
+
+
+def test_terms_of_a_base_that_is_held(tmp_path: Path) -> None:
+    more = (
+        '[[term]]\nuse = "wheel-momentum"\nweight = 2.0\n[[term]]\nuse = "wheel-energy"\nrounding = 0.01\n'
+        '[[term]]\nuse = "propellant"\nweight = 0.3\n[[limit]]\nuse = "wheels"\n'
+    )
+    problem = made(write(tmp_path, QUICK + more))
+    expected = (opt.WheelMomentum(2.0), opt.WheelEnergy(rounding=0.01), opt.Propellant(0.3))
+    assert problem.terms[-3:] == expected
+    assert isinstance(problem.limits[-1], opt.WheelLimits)
 
 
 def test_plan_keys_describe_the_same_parts(tmp_path: Path) -> None:

@@ -114,6 +114,7 @@ class ArmStack:
         #: Rows of C_bm that the mode leaves free; whether these let the base move, and turn.
         self.free_rows = list(MODES[mode])
         self.moves, self.turns_freely = 0 in self.free_rows, 3 in self.free_rows
+        self.robot = robot
         model, frame = robot.model, robot.model.frames[robot.frame_id]
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -155,9 +156,11 @@ class ArmStack:
         self.base_com = base.lever.copy()
         self.base_moment = base.mass * base.lever
         self.base_inertia = base.inertia - base.mass * skew(base.lever) @ skew(base.lever)
-        self._total = base.mass + float(self.masses.sum())
+        #: Of base and arm [kg].
+        self.total_mass = base.mass + float(self.masses.sum())
+        self._roots = [float(up < 0) for up in self.parents]
         #: That a force on the base moves [kg].
-        self.mass = self._total if self.moves else np.inf
+        self.mass = self.total_mass if self.moves else np.inf
         carried = [set(model.supports[j]) for j in joints]
         #: carries[k, j]: joint k moves body j.
         self.carries = np.array([[float(k in carried[j]) for j in range(n)] for k in joints])
@@ -190,11 +193,11 @@ class ArmStack:
         carried = (self.carries @ bodies.reshape(12, n, -1)).reshape(bodies.shape)
         moments, inertias = carried[:3], carried[3:].reshape(second.shape)
         whole = bodies.sum(axis=1)
-        com = (along(self.base_moment) + whole[:3]) / self._total
+        com = (along(self.base_moment) + whole[:3]) / self.total_mass
         inertia = (
-            along(self.base_inertia) + whole[3:].reshape(3, 3, *shape) + self._total * com[:, None] * com
+            along(self.base_inertia) + whole[3:].reshape(3, 3, *shape) + self.total_mass * com[:, None] * com
         )
-        diagonal(inertia)[...] -= self._total * dot(com, com)
+        diagonal(inertia)[...] -= self.total_mass * dot(com, com)
         if not self.moves:
             com = self._about_base(com, inertia)
         inverse = inverse3(inertia) if self.turns_freely else np.zeros_like(inertia)
@@ -233,12 +236,17 @@ class ArmStack:
             rotations=rotations,
         )
 
+    def first_moment(self, arm: ArmValues) -> FloatArray:
+        """The system's mass times the place of its centre of mass (3, ...), base axes [kg m]."""
+        base = self.base_moment.reshape(3, *(1,) * (arm.com.ndim - 1))
+        return np.asarray(base + np.einsum("xj...,j->x...", arm.moments, self._roots))
+
     def _about_base(self, com: FloatArray, inertia: FloatArray) -> FloatArray:
         """The base's centre of mass, as a stack; the inertia about the system's becomes that about it."""
         base = np.broadcast_to(self.base_com.reshape(3, *(1,) * (com.ndim - 1)), com.shape)
         apart = base - com
-        inertia -= self._total * apart[:, None] * apart
-        diagonal(inertia)[...] += self._total * dot(apart, apart)
+        inertia -= self.total_mass * apart[:, None] * apart
+        diagonal(inertia)[...] += self.total_mass * dot(apart, apart)
         return base
 
     def poses(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -138,22 +138,27 @@ class ObstacleStack:
         values = values.reshape(-1, *motions.joints.shape[1:])
         return np.asarray(values - self._margins[:, None, None])
 
-    def slopes(self, motions: Motions, where: tuple[Indices, ...]) -> dict[str, FloatArray]:
-        """Slopes of V entries of `values`, by the names that `Residual` gives them."""
-        columns, *rest = where
-        at = (columns, np.ravel_multi_index(tuple(rest), motions.joints.shape[1:]))
+    def below(
+        self, motions: Motions, near: float
+    ) -> tuple[tuple[Indices, ...], FloatArray, dict[str, FloatArray]]:
+        """Distances less margins (V,) below `near`, at which entries of `values`, and their slopes.
+
+        The slopes have the names that `Residual` gives them.
+        """
         poses = self.seen(motions)
-        found = self.pairs.nearest(poses, at)
+        at, found = self.pairs.below(poses, near + self._margins)
+        columns, rest = at[0], np.unravel_index(at[1], motions.joints.shape[1:])
         R = motions.base_attitude[:, :, rest[0], rest[1]]
         apart = np.where(self.on_base[columns], 0.0, 1.0)
         # When the base moves, the nearest point of the body moves with it and that of the obstacle stays.
         normal = apart * apply(R, found.normal)
         lever = apply(R, found.here - motions.stack.base_com[:, None])
-        return {
+        slopes = {
             "by_joints": self.pairs.by_joints(poses, at, found),
             "by_base": -normal,
             "by_base_turn": -cross(lever, normal),
         }
+        return (columns, *rest), found.distance - self._margins[columns], slopes
 
     def nearest(self, poses: Poses, where: tuple[Indices, ...], near: float | FloatArray = np.inf) -> Nearest:
         """As `PartPairs.nearest`, less the margins."""

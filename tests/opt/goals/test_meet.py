@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -153,6 +154,34 @@ def test_a_client_that_spins_too_fast_is_told_so(planar: ffsms.SpaceManipulator)
     plan = opt.plan(planar, q0, replace(goal, standoff=0.0), DURATION, 0.1, time_limit=0.5)
     assert not plan.reached
     assert "too fast: to move with the goal at the deadline takes" in plan.note
+
+
+def test_a_client_behind_an_obstacle_is_told_with_the_pair(
+    planar: ffsms.SpaceManipulator, met: opt.Trajectory
+) -> None:
+    q0, goal = planar_case(planar)
+    # A panel of the client, beside the grasp: nearer than the clearance to the tool that would be there.
+    panel = opt.Obstacle(
+        coal.Box(0.02, 0.3, 0.3), goal.grasp * pin.SE3(np.eye(3), np.array([0.015, 0.0, 0.0])), on=goal.client
+    )
+    plan = opt.plan(planar, q0, goal, DURATION, 0.05, obstacles=[panel], time_limit=0.5)
+    assert met.reached
+    assert not plan.reached
+    assert "blocked by" in plan.note
+    assert "link_3 - " in plan.note.split("blocked by ")[1].split(",")[0]
+
+
+def test_the_attitude_is_asked_for_at_the_deadline(
+    planar: ffsms.SpaceManipulator, met: opt.Trajectory
+) -> None:
+    _, goal = planar_case(planar)
+    assert goal.orientation_reach == 0.2
+    late = met.orientation_error[met.t >= 0.9 * DURATION]
+    assert late.max() <= goal.orientation_reach
+    assert late[-1] <= goal.tolerance
+    strict = replace(met, orientation_reach=0.5 * float(late.max()))
+    assert met.reached
+    assert not strict.reached
 
 
 @pytest.mark.parametrize("inside", [0.0, 24.0])

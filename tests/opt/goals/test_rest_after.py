@@ -61,10 +61,11 @@ def test_a_goal_seen_from_later_is_the_same_goal(met: Any) -> None:
     later = Later(goal, 4.0)
     assert later.exact
     assert not later.coupled
-    first, second = goal.passing(DURATION), later.passing(DURATION - 4.0)
-    assert first is not None
-    assert second is not None
-    (t, place), (then, other) = first, second
-    assert then == pytest.approx(t - 4.0)
-    np.testing.assert_allclose(other.position, place.position)
-    assert Later(goal, 10.0).passing(2.0) is None  # the corridor's mouth lies behind
+    first, second = goal.approach(DURATION), later.approach(DURATION - 4.0)
+    assert len(first) == len(second) > 1
+    for (t, place), (then, other) in zip(first, second, strict=True):
+        assert then == pytest.approx(t - 4.0)
+        np.testing.assert_allclose(other.position, place.position)
+    half = Later(goal, 10.5).approach(DURATION - 10.5)  # a part of the approach lies behind
+    assert 0 < len(half) < len(first)
+    assert Later(goal, 11.9).approach(0.1) == []

@@ -104,6 +104,37 @@ def test_screening_loses_nothing(robot: ffsms.SpaceManipulator) -> None:
                 assert 0.05 - 1e-6 <= value <= brute + 1e-6
 
 
+@pytest.mark.parametrize("mode", ["hulls", "shapes"])
+def test_what_is_near_is_found_with_its_slopes(robot: ffsms.SpaceManipulator, mode: str) -> None:
+    stack, arm, near = BodyStack(robot, mode, 0.01), ArmStack(robot), 0.03
+    q = places(robot, 20, 4).reshape(robot.n, 4, 5)
+    evaluated = arm.evaluate(q)
+    everywhere = stack.values(q, evaluated)
+    where, value, slopes = stack.below(q, evaluated, np.full(len(stack.names()), near))
+    assert value.size > 5
+    # The same entries, in another order, and nothing else.
+    found = np.zeros(everywhere.shape, dtype=bool)
+    found[where] = True
+    np.testing.assert_array_equal(found, everywhere < near)
+    apart = value > 0.0  # how deep meshes overlap depends on which triangles are looked at
+    np.testing.assert_allclose(value[apart], everywhere[where][apart], atol=1e-9)
+    at = tuple(index[apart] for index in where)
+    np.testing.assert_allclose(slopes[:, apart], stack.gradients(arm, q, evaluated, at), atol=1e-4)
+
+
+def test_shapes_that_are_screened_are_measured_as_by_pinocchio(robot: ffsms.SpaceManipulator) -> None:
+    stack, meshes, near = BodyStack(robot, "shapes", 0.01), Meshes(robot), 0.05
+    q = places(robot, 12, 5)
+    values = stack.values(q, ArmStack(robot).evaluate(q), near)
+    exact = np.array([meshes.distances(robot.configuration(row), stack.names()) for row in q.T]).T
+    close = exact < near - 1e-6
+    assert close.sum() > 5
+    assert (values[~close] >= near - 1e-6).all()
+    apart = close & (exact > 1e-6)
+    np.testing.assert_allclose(values[apart], exact[apart], atol=1e-6)
+    assert (values[close & ~apart] <= 1e-6).all()
+
+
 def test_gradients(robot: ffsms.SpaceManipulator) -> None:
     stack, arm, h = BodyStack(robot, "hulls", 0.01), ArmStack(robot), 1e-5
     q = places(robot, 12, 3).reshape(robot.n, 3, 4)

@@ -165,7 +165,7 @@ def test_what_does_not_go_together() -> None:
         opt.Problem(sms, start(sms), TARGET, wheel_momentum=np.ones(4))
     with pytest.raises(InvalidValue, match="linear momentum only"):
         opt.Problem(sms, start(sms), TARGET, mode="rotation-floating", momentum=np.ones(6))
-    with pytest.raises(InvalidValue, match="take 'horizon'"):
-        planned(sms, method="step")
-    with pytest.raises(InvalidValue, match="planned again"):
-        opt.Replanning(problem)
+    with pytest.raises(InvalidValue, match="wheel_total"):
+        opt.StepPlanner(sms, mode="rotation-floating", wheel_momentum=np.ones(3))
+    with pytest.raises(InvalidValue, match="mode"):
+        opt.StepPlanner(sms, mode="held")

@@ -113,9 +113,9 @@ def test_failure_is_said_within_milliseconds_and_forgotten(kind: str) -> None:
         bad = good._replace(g=np.full(9, np.nan))
     spent = []
     for start in (None, (first.x, first.z), (first.x, first.z)):
-        begin = time.perf_counter()
+        begin = time.process_time()
         assert not solver.solve(bad, start).solved
-        spent.append(time.perf_counter() - begin)
+        spent.append(time.process_time() - begin)
     assert min(spent) < 0.05
     np.testing.assert_array_equal(solver.solve(good).x, first.x)
     np.testing.assert_allclose(solver.solve(good, (first.x, first.z)).x, first.x, rtol=0.0, atol=1e-12)

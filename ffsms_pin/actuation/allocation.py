@@ -71,6 +71,16 @@ class ThrusterAllocation:
         forces = thrusters.directions.T * self._length
         self._effect = np.concatenate([forces, np.cross(arms, thrusters.directions).T])
 
+    @property
+    def shares(self) -> FloatArray:
+        """Forces (k, 6) for a unit of each [force; moment], some negative, by the pseudo-inverse.
+
+        Where thrusters come in opposed pairs, the two of a pair have half of what one of them has to push.
+        """
+        scale = np.repeat([self._length, 1.0], 3)
+        shares: FloatArray = np.linalg.pinv(self._effect) * scale
+        return shares
+
     def forces(self, force: FloatArray, moment: FloatArray) -> FloatArray:
         """Thruster forces (k,) [N] for a force [N] and a moment [N m] (3,) each, root axes."""
         from scipy.optimize import nnls  # slow to load, and wheels do without

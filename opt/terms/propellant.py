@@ -1,0 +1,69 @@
+"""Little propellant as a term."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsms_pin.actuation.thrusters import STANDARD_GRAVITY
+from ffsms_pin.checks import at_least_zero, positive
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import Residual, Residuals
+from ffsms_pin.opt.batch.smooth_size import smooth_size
+from ffsms_pin.opt.batch.thrusters import held_wrench, thruster_shares, wrench_slopes
+from ffsms_pin.opt.terms.term import Term, time_scale
+
+__all__ = ["Propellant"]
+
+
+@dataclass(frozen=True)
+class Propellant(Term):
+    """Little propellant of the thrusters that hold attitude or place; nothing where no thrusters do.
+
+    Forces follow from the force and the moment that hold the base (`opt.batch.thrusters`), shared by the
+    pseudo-inverse; each force that a thruster would have to pull counts as if an opposed one pushed it. For
+    thrusters in opposed pairs that is what `Trajectory.propellant` says; for others it is a smooth stand-in.
+
+    Attributes
+    ----------
+    weight : float
+        On the propellant [s/g, for a motion of 8 s].
+    rounding : float
+        Force of a thruster below which its size is rounded off [N].
+    """
+
+    weight: float = 0.1
+    rounding: float = 1e-3
+    name = "propellant"
+
+    def __post_init__(self) -> None:
+        at_least_zero("weight", self.weight)
+        positive("rounding", self.rounding, "N")
+
+    def residual(self, motions: Motions) -> Residuals:
+        """The square root of each thruster's flow, at instants that have a weight."""
+        thrusters, stack = motions.thrusters, motions.stack
+        if thrusters is None:
+            return []
+        motion, instant = np.nonzero(np.broadcast_to(motions.weights > 0.0, motions.rates.shape[1:]))
+        columns = tuple(x[:, motion, instant] for x in (motions.joints, motions.rates, motions.accelerations))
+        wrench = held_wrench(stack, stack.evaluate(columns[0]), *columns[1:])
+        slopes, shares = wrench_slopes(stack, *columns), thruster_shares(motions)
+        flow = 1e3 / (thrusters.specific_impulse * STANDARD_GRAVITY)  # [g/s] a newton
+        root = np.sqrt(self.weight * flow) * time_scale(motions)
+        found: Residuals = []
+        for share in shares:
+            value, slope = smooth_size(share @ wrench, self.rounding)
+            by = [root * slope * np.einsum("x,xjv->jv", share, one) for one in slopes]
+            found.append(
+                Residual(
+                    root * value,
+                    motion=motion,
+                    instants=instant,
+                    by_joints=by[0],
+                    by_rates=by[1],
+                    by_accelerations=by[2],
+                )
+            )
+        return found

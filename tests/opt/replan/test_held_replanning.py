@@ -1,0 +1,129 @@
+"""Planning again in the loop while wheels hold the attitude."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.control import Coordinated
+from ffsms_pin.opt.replan.reaction import ReactionEstimate
+from ffsms_pin.opt.replan.rest import rest_of
+from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.simulation import Tracking, perturb
+from ffsms_pin.system.base_motion import advance, held_velocity
+
+PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
+TARGET, DURATION, DT = [0.45, 0.75, 0.0], 8.0, 0.04
+
+
+@pytest.fixture(scope="module")
+def robot() -> ffsms.SpaceManipulator:
+    """`planar_3r` with four wheels of 0.1 N m and 1 N m s."""
+    wheels = ffsms.ReactionWheels(PYRAMID, 0.001364, 0.1, 1.0)
+    return ffsms.load("planar_3r").with_actuators(wheels=wheels)
+
+
+@pytest.fixture(scope="module")
+def problem(robot: ffsms.SpaceManipulator) -> opt.Problem:
+    q0 = robot.configuration(np.radians([1.0, 1.0, 1.0]))
+    return opt.Problem(robot, q0, TARGET, DURATION, DT, mode="rotation-floating")
+
+
+@pytest.fixture(scope="module")
+def plan(problem: opt.Problem) -> opt.Trajectory:
+    return opt.solve(problem)
+
+
+def followed(problem: opt.Problem, reference: Any, plant: ffsms.SpaceManipulator) -> Tracking:
+    law = Coordinated(problem.sms, 100.0, 20.0, bandwidth=2.0)
+    return ffsms.simulate(problem.sms, reference, law, 1e-2, q0=problem.q0, plant=plant, base_controller=law)
+
+
+def turned(run: Tracking) -> float:
+    """The largest angle from the attitude at the start [deg]."""
+    first = pin.Quaternion(run.q[0, 3:7])
+    return float(np.degrees(max(first.angularDistance(pin.Quaternion(row)) for row in run.q[::10, 3:7])))
+
+
+@pytest.mark.parametrize(("arm", "base"), [(1.2, 0.9), (0.8, 1.1)])
+def test_a_wrong_model_arrives_by_planning_again(
+    problem: opt.Problem, plan: opt.Trajectory, arm: float, base: float
+) -> None:
+    """With an attitude law in the loop; what is planned once misses by millimetres."""
+    plant = perturb(problem.sms, arm_mass=arm, base_mass=base)
+    reference = opt.Replanning(problem, plan=plan)
+    again = followed(problem, reference, plant)
+    assert again.position_error[-1] < 5e-4
+    assert turned(again) < 0.1
+    assert reference.failed_steps == 0
+    assert reference.note == ""
+    assert again.note == ""
+    once = followed(problem, plan, plant)
+    assert once.position_error[-1] > 5e-3
+
+
+def test_the_right_model_keeps_to_its_plan(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    reference = opt.Replanning(problem, plan=plan)
+    run = followed(problem, reference, problem.sms)
+    assert run.position_error[-1] < 5e-4
+    # Each re-plan goes on descending: it is not the plan to the digit.
+    largest = np.abs(plan.wheel_momentum).max()
+    assert np.abs(run.wheel_momentum).max() == pytest.approx(largest, rel=0.3)
+
+
+def test_the_rest_has_the_wheels_as_they_then_are(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    k = 70
+    rest = rest_of(
+        problem, problem.sms, k * DT, plan.q[k], plan.joint_positions[k], plan.joint_rates[k], plan.q[0, :7]
+    )
+    assert rest.mode == "rotation-floating"
+    np.testing.assert_allclose(rest.wheel_momentum, plan.wheel_momentum[k], atol=1e-12)
+    np.testing.assert_allclose(rest.wheel_total, problem.wheel_total, atol=1e-12)
+    assert [limit.name for limit in rest.limits] == [limit.name for limit in problem.limits]
+    # What is left of the plan is what the rest makes of it.
+    again = measure(rest, plan.joint_rates[k:])
+    np.testing.assert_allclose(again.wheel_momentum, plan.wheel_momentum[k:], atol=1e-9)
+
+
+def test_masses_are_learnt_from_the_linear_momentum(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    """Wheels take angular momentum, so only the linear one says anything; thrusters push from outside."""
+    plant = perturb(problem.sms, arm_mass=1.2)
+    run = followed(problem, plan, plant)
+
+    def learnt(mode: str) -> FloatArray:
+        estimate = ReactionEstimate(problem.sms, mode)
+        for q, v in zip(run.q[::5], run.v[::5], strict=True):
+            assert not estimate.observe(q, v)
+        return estimate.solve()
+
+    # The first link moves too little beside the base to be told from it.
+    np.testing.assert_allclose(learnt("rotation-floating")[1:3], 1.2, atol=0.03)
+    np.testing.assert_array_equal(learnt("rotation-flying"), np.ones(4))
+    wrong = ReactionEstimate(problem.sms, "floating")
+    for q, v in zip(run.q[::5], run.v[::5], strict=True):
+        wrong.observe(q, v)
+    assert np.abs(wrong.solve()[1:3] - 1.2).max() > 0.1
+
+
+@pytest.mark.parametrize("mode", ["rotation-flying", "flying"])
+def test_thrusters_hold_while_it_is_planned_again(mode: str) -> None:
+    """A loop whose base really is held: the plant is followed by its model in the mode."""
+    sms = ffsms.load("planar_3r")
+    q0 = sms.configuration(np.radians([1.0, 1.0, 1.0]))
+    problem = opt.Problem(sms, q0, TARGET, 4.0, DT, mode=mode)
+    reference = opt.Replanning(problem)
+    q, rates = q0, np.zeros(3)
+    for k in range(problem.steps):
+        v = np.concatenate([held_velocity(sms, q, rates, None, mode), rates])
+        reference.observe(k * DT, q, v)
+        _, rates, accelerations = reference.sample(k * DT)
+        q, rates = advance(sms, q, rates, accelerations, DT, None, mode)
+    missed = sms.at(q).end_effector_pose.translation - TARGET
+    assert np.linalg.norm(missed) < 2e-3
+    assert reference.note == ""

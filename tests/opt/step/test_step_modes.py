@@ -1,0 +1,230 @@
+"""Steps of robots whose base is held: the mode's C_bm and J*, its base motion, and rows for the wheels."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from motions import random_pose
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.wheel_rows import wheel_rows
+from ffsms_pin.opt.planning.plan import METHODS
+from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.system.base_motion import advance, held_velocity
+from ffsms_pin.system.mode_state import coupling_of
+
+PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
+HELD = ("rotation-floating", "rotation-flying", "translation-flying", "flying")
+TARGET = [0.45, 0.75, 0.0]
+
+
+def planar(**values: Any) -> ffsms.SpaceManipulator:
+    """`planar_3r` with four wheels of 0.1 N m and 1 N m s, unless told otherwise."""
+    wheels = ffsms.ReactionWheels(PYRAMID, 0.001364, **{"torque": 0.1, "momentum": 1.0, **values})
+    return ffsms.load("planar_3r").with_actuators(wheels=wheels)
+
+
+def start(sms: ffsms.SpaceManipulator) -> FloatArray:
+    return sms.configuration(np.radians([1.0, 1.0, 1.0]))
+
+
+def planned(sms: ffsms.SpaceManipulator, mode: str = "rotation-floating", method: str = "step") -> Any:
+    return opt.plan(sms, start(sms), TARGET, 12.0, 0.05, mode=mode, method=method)
+
+
+def spatial(seed: int) -> tuple[ffsms.SpaceManipulator, FloatArray, FloatArray]:
+    """A Panda on its satellite somewhere, its joints moving."""
+    sms, rng = ffsms.load("satellite_panda"), np.random.default_rng(seed)
+    joints = 0.5 * (sms.limits.lower + sms.limits.upper) + rng.uniform(-0.3, 0.3, 7)
+    return sms, sms.configuration(joints, random_pose(rng)), rng.uniform(-0.3, 0.3, 7)
+
+
+@pytest.mark.parametrize("mode", HELD)
+def test_the_state_is_that_of_the_mode(mode: str) -> None:
+    for seed in range(4):
+        sms, q, rates = spatial(seed)
+        step, expected = step_state(sms, q, rates, 0.01, 5.0, mode=mode), coupling_of(sms.at(q), mode)
+        np.testing.assert_allclose(step.J_star, expected.J_star, atol=1e-12)
+        assert step.entropy == pytest.approx(expected.entropy, abs=1e-12)
+        # The base as it then moves: of the paper's twist nothing along what is held.
+        twist = sms.at(q, np.concatenate([step.reaction @ rates, rates])).base_twist
+        np.testing.assert_allclose(twist, expected.C_bm @ rates, atol=1e-12)
+        assert opt.Problem(sms, q, [1.0, 0.0, 0.0], mode=mode).mode == step.mode
+
+
+@pytest.mark.parametrize("mode", HELD)
+def test_the_base_moves_as_the_mode_says(mode: str) -> None:
+    """Over many steps, of what should stand still nothing is left but rounding and quadrature."""
+    sms, q, rates = spatial(5)
+    before, momentum = sms.at(q), None
+    if mode == "rotation-floating":
+        momentum = np.array([3.0, -2.0, 1.0, 0.0, 0.0, 0.0])
+    first = q
+    for _ in range(100):
+        q, rates = advance(sms, q, rates, np.full(7, 0.05), 0.01, momentum, mode)
+    after = sms.at(q)
+    moved = after.base_pose.translation - before.base_pose.translation
+    turned = pin.log3(before.base_pose.rotation.T @ after.base_pose.rotation)
+    if "rotation" in mode:
+        assert np.linalg.norm(turned) < 1e-12
+        drift = np.zeros(3) if momentum is None else momentum[:3] / after.H_b[0, 0]
+        np.testing.assert_allclose(after.com - before.com, drift, atol=1e-9)
+        assert np.linalg.norm(moved) > 1e-3
+    else:
+        assert np.linalg.norm(moved) < 1e-9
+        assert (np.linalg.norm(turned) > 1e-3) == (mode == "translation-flying")
+    assert not np.array_equal(first[7:], q[7:])
+
+
+@pytest.mark.parametrize("what", ["momentum", "torque"])
+def test_rows_say_what_the_wheels_will_do(what: str) -> None:
+    """At a row's bound, by Pinocchio's centroidal momentum at the step's end, the wheel is at its limit."""
+    bare, q, rates = spatial(7)
+    axes, mode, dt = ffsms.ReactionWheels(PYRAMID, 0.02).axes, "rotation-floating", 1e-3
+    total, data = np.array([0.1, -0.2, 0.05, 0.3]), bare.model.createData()
+
+    def momentum(q: FloatArray, rates: FloatArray) -> FloatArray:
+        """Of the wheels: what arm and base do not have of the total."""
+        v = np.concatenate([held_velocity(bare, q, rates, None, mode), rates])
+        of_arm = pin.computeCentroidalMomentum(bare.model, data, q, v).angular
+        return np.asarray(total - np.linalg.pinv(axes.T) @ pin.XYZQUATToSE3(q[:7]).rotation.T @ of_arm)
+
+    now = momentum(q, rates)
+    # Limits of the momentum that are near by, so that it takes one step to them.
+    most = (np.abs(now) + 5e-4) / 0.92 if what == "momentum" else np.full(4, 0.5)
+    limits: dict[str, Any] = {what: most}
+    sms = bare.with_actuators(wheels=replace(ffsms.ReactionWheels(PYRAMID, 0.02), **limits))
+    rows = wheel_rows(step_state(sms, q, rates, dt, 5.0, mode=mode, wheel_total=total), 0.08)
+    assert rows is not None
+    for i, (row, lower, upper) in enumerate(zip(*rows[:3], strict=True)):
+        # The wheels lose what the arm gets: the lower bound is that of the wheel's largest momentum.
+        for bound, sign in ((lower, 1.0), (upper, -1.0)):
+            if what == "momentum" and sign != np.sign(now[i]):
+                continue
+            u = rates + row * (bound - row @ rates)
+            end, _ = advance(sms, q, rates, (u - rates) / dt, dt, None, mode)
+            after = momentum(end, u)[i]
+            found = after if what == "momentum" else (after - now[i]) / dt
+            assert found == pytest.approx(sign * 0.92 * most[i], rel=2e-3)
+
+
+def test_friction_counts_in_the_rows() -> None:
+    """A wheel that turns has so much less torque to give, one way, and more the other."""
+    bare, q, rates = spatial(8)
+    total, limits = np.full(4, 0.3), []
+    for friction in (0.0, 2e-3):
+        sms = bare.with_actuators(wheels=ffsms.ReactionWheels(PYRAMID, 0.02, 0.5, friction=friction))
+        step = step_state(sms, q, rates, 1e-3, 5.0, mode="rotation-floating", wheel_total=total)
+        rows = wheel_rows(step, 0.0)
+        assert rows is not None
+        limits.append((rows.lower, rows.upper))
+    (low, up), (low_rubbed, up_rubbed) = limits
+    np.testing.assert_allclose(up_rubbed - low_rubbed, up - low, rtol=1e-9)
+    assert np.abs(low_rubbed - low).min() > 0.0
+
+
+def test_wheels_that_feel_the_same_share_a_row() -> None:
+    """All wheels of a planar arm turn about one axis; the weakest decides."""
+    sms = planar(momentum=[1.0, 0.5, 0.3, 2.0], torque=np.inf)
+    # Far from the limits of the joints, which would widen the row.
+    fast = np.full(3, 1e9)
+    sms = sms.with_limits(replace(sms.limits, acceleration=fast, velocity=fast))
+    step = step_state(sms, start(sms), np.zeros(3), 0.01, 5.0, mode="rotation-floating")
+    rows = wheel_rows(step, 0.0)
+    assert rows is not None
+    assert rows.G.shape == (1, 3)
+    D = step.M[5, 6:] + step.M[5, :6] @ step.reaction
+    share = np.linalg.pinv(sms.wheels.axes.T)[0, 2]  # type: ignore[union-attr]
+    assert rows.upper[0] == pytest.approx(0.3 / np.linalg.norm(share * D), rel=1e-9)
+    assert rows.lower[0] == pytest.approx(-rows.upper[0], rel=1e-9)
+
+
+def test_no_rows_where_no_wheels_hold_the_attitude() -> None:
+    sms = planar()
+    for mode in ("floating", "rotation-flying"):
+        assert wheel_rows(step_state(sms, start(sms), np.zeros(3), 0.01, 5.0, mode=mode), 0.0) is None
+    bare = ffsms.load("planar_3r")
+    assert (
+        wheel_rows(step_state(bare, start(bare), np.zeros(3), 0.01, 5.0, mode="rotation-floating"), 0.0)
+        is None
+    )
+
+
+@pytest.mark.parametrize("mode", HELD)
+def test_marches_in_a_mode(mode: str) -> None:
+    """Reached, and measured by the plan's own roll-out, another one: the base stands as it should."""
+    sms = planar()
+    plan = planned(sms, mode)
+    assert plan.reached, plan.note
+    assert plan.note == ""
+    twists = np.array([sms.at(q, v).base_twist for q, v in zip(plan.q, plan.v, strict=True)])
+    held = twists[:, 3:] if "rotation" in mode else twists[:, :3] if mode != "flying" else twists
+    assert np.abs(held).max() < 1e-12
+    # What the step saw is what the motion is.
+    entropy = [coupling_of(sms.at(q), mode).entropy for q in plan.q[:-1:40]]
+    np.testing.assert_allclose(plan.entropy[::40], entropy, atol=1e-9)
+    assert bool(plan.wheel_momentum.any()) == (mode == "rotation-floating")
+
+
+@pytest.mark.parametrize("method", METHODS[1:])
+def test_every_method_marches_with_the_attitude_held(method: str) -> None:
+    plan = planned(planar(torque=10.0), method=method)
+    assert plan.base_rotation.max() < 1e-12
+    assert plan.clear, plan.note
+    assert plan.position_error[-1] < 0.01
+    # The paper's own way chatters: it is near in the end, and comes there late.
+    assert plan.reached or method == "paper"
+
+
+def test_a_floating_march_misses_with_the_attitude_held() -> None:
+    """With and without the mode: the same joint motion, and the end effector is somewhere else."""
+    sms = planar()
+    problem = opt.Problem(sms, start(sms), TARGET, 12.0, 0.05, mode="rotation-floating")
+    assert measure(problem, planned(sms, "floating").joint_rates).position_error[-1] > 0.05
+
+
+def test_rows_keep_the_wheels_within_their_momentum() -> None:
+    usual = np.abs(planned(planar()).wheel_momentum).max()
+    sms = planar(torque=np.inf, momentum=0.7 * usual)
+    plan = planned(sms)
+    assert plan.reached, plan.note
+    assert np.abs(plan.wheel_momentum).max() < 0.7 * usual
+
+
+def test_a_march_that_the_wheels_hold_back_says_so() -> None:
+    """The wheel and the momentum that would do; with it, and a little, the march arrives."""
+    plan = planned(planar(torque=np.inf, momentum=0.007), method="resolved-rate")
+    assert not plan.reached
+    assert plan.broken == {}
+    assert "the wheels would saturate: wheel 1 would need" in plan.note
+    needed = float(plan.note.split("wheels of ")[1].split(" N m s would do")[0])
+    assert 0.02 < needed < 0.05
+    assert planned(planar(torque=np.inf, momentum=1.1 * needed), method="resolved-rate").reached
+
+
+def test_the_step_planner_in_a_mode() -> None:
+    sms, target = planar(), np.array(TARGET)
+    planner = opt.StepPlanner(sms, 0.02, mode="rotation-floating", wheel_momentum=[0.1, 0.0, 0.0, 0.0])
+    assert "wheels" in [limit.name for limit in planner.limits]
+    rates = np.array([0.1, -0.1, 0.2])
+    step = planner.step(start(sms), rates, target, 11.0)
+    floating = opt.StepPlanner(sms, 0.02).step(start(sms), rates, target, 11.0)
+    assert step.entropy != floating.entropy
+    assert step.entropy == pytest.approx(coupling_of(sms.at(start(sms)), "rotation-floating").entropy)
+    # A copy goes on alike, and so does another one with the same settings.
+    stepper = planner.stepper
+    copies = pickle.loads(pickle.dumps(stepper)), stepper.like()
+    for copy in copies:
+        assert copy.mode == "rotation-floating"
+        np.testing.assert_array_equal(copy.wheel_total, [0.1, 0.0, 0.0, 0.0])
+    problem = planner.track(target, 12.0).problem
+    assert problem.mode == "rotation-floating"
+    np.testing.assert_array_equal(problem.wheel_momentum, [0.1, 0.0, 0.0, 0.0])

@@ -1,0 +1,102 @@
+"""The figure of the wheels in the results of a run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+
+from ffsms_pin import plotting
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.plotting.figures import figure_names
+from ffsms_pin.plotting.wheels import plot_wheels
+from ffsms_pin.scenarios import Outcome, run, scenario, summary
+
+SCENARIO = """
+[robot]
+model = "planar_3r"
+[start]
+joints_deg = [23.0, 40.0, -29.0]
+[target]
+position = [0.7, 0.5, 0.0]
+[plan]
+duration = 4.0
+dt = 0.05
+mode = "rotation-floating"
+[wheels]
+axes = [[1, 0, 1], [-1, 0, 1], [1, 0, 0], [0, 0, 1]]
+inertia = 0.001364
+torque = 0.5
+momentum = [0.1, 0.1, 0.1, 2.0]
+[control]
+law = "computed-torque"
+dt = 0.01
+[attitude]
+law = "coordinated"
+"""
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+    """A run of a planar arm, with the attitude held by wheels of which one stands still."""
+    path = tmp_path_factory.mktemp("wheels") / "held.toml"
+    path.write_text(SCENARIO)
+    return run(scenario(path))
+
+
+def named(ax: Axes) -> list[str]:
+    return [str(text) for text in ax.get_legend_handles_labels()[1]]
+
+
+def test_wheels_that_turn_have_a_figure(held: Outcome) -> None:
+    names = figure_names(held)
+    assert "wheels" in names
+    assert "base-angular" not in names  # flat
+    assert "base-linear" in names
+    momentum, torque, attitude = plotting.figure(held, "wheels").axes
+    # Two do the same and share a line; nothing turns the third, whose axis lies in the plane of the arm.
+    lines = [line for line in momentum.get_lines() if np.size(line.get_xdata()) > 2]
+    assert len(lines) == 2 + 2
+    assert [np.size(line.get_xdata()) for line in lines] == [401, 401, 81, 81]
+    np.testing.assert_array_equal(lines[0].get_ydata(), held.tracking.wheel_momentum[:, 0])
+    np.testing.assert_array_equal(lines[3].get_ydata(), held.trajectory.wheel_momentum[:, 3])
+    assert named(momentum)[:2] == ["wheel 1 and 1 more", "wheel 4"]
+    assert "planned" in named(momentum)
+    assert torque.get_ylabel().startswith("wheel torque [N m]")
+    assert attitude.get_ylabel() == "base turned by [deg]"
+
+
+def test_limits_are_drawn_where_they_are_near_and_told_where_they_are_not(held: Outcome) -> None:
+    far = plot_wheels(held.sms, held.trajectory, held.tracking)
+    share = float(np.abs(held.tracking.wheel_momentum).max() / 0.1)
+    assert ("limits" in named(far)) == (share > 0.2)
+    assert held.sms.wheels is not None
+    wheels = replace(held.sms.wheels, momentum=1.1 * np.abs(held.tracking.wheel_momentum).max())
+    near = plot_wheels(held.sms.with_actuators(wheels=wheels), held.trajectory, held.tracking)
+    assert "limits" in named(near)
+    assert "% of the limits" not in near.get_ylabel()
+    wheels = replace(wheels, momentum=100.0)
+    far = plot_wheels(held.sms.with_actuators(wheels=wheels), held.trajectory, held.tracking)
+    assert "limits" not in named(far)
+    assert "% of the limits" in far.get_ylabel()
+
+
+def test_wheels_that_stand_still_have_none(held: Outcome, tmp_path: Path) -> None:
+    path = tmp_path / "free.toml"
+    path.write_text(SCENARIO.split("[attitude]", 1)[0].replace('mode = "rotation-floating"\n', ""))
+    free = run(scenario(path))
+    assert figure_names(free) == list(plotting.FIGURES)
+    assert "wheel_energy_J" not in summary(free)
+    with pytest.raises(InvalidValue, match="with_actuators"):
+        plot_wheels(free.sms.with_actuators(), free.trajectory, free.tracking)
+
+
+def test_the_summary_has_what_was_predicted_and_what_was_used(held: Outcome) -> None:
+    numbers = summary(held)
+    assert numbers["wheel_energy_J"] == pytest.approx(numbers["tracking"]["wheel_energy_J"], rel=0.01)
+    for planned, found in zip(numbers["wheels"], numbers["tracking"]["wheels"], strict=True):
+        assert planned["name"] == found["name"]
+        assert planned["momentum_max_Nms"] == pytest.approx(found["momentum_max_Nms"], rel=0.01, abs=1e-9)

@@ -1,0 +1,82 @@
+"""Scenario files whose plan holds the attitude: planned again in the loop, by steps, sparing the wheels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ffsms_pin.scenarios import Outcome, compare, run, scenario
+
+SCENARIO = """
+[robot]
+model = "planar_3r"
+[start]
+joints_deg = [23.0, 40.0, -29.0]
+[target]
+position = [0.7, 0.5, 0.0]
+[plan]
+duration = 6.0
+dt = 0.05
+mode = "rotation-floating"
+[wheels]
+axes = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
+inertia = 0.001364
+torque = 0.1
+momentum = 1.0
+[control]
+law = "computed-torque"
+K_p = 100.0
+K_d = 20.0
+dt = 0.01
+[attitude]
+law = "coordinated"
+bandwidth = 2.0
+[plant]
+arm_mass = 1.2
+base_mass = 0.9
+"""
+
+
+def turned(outcome: Outcome) -> float:
+    """The largest angle of the base from its start [deg]."""
+    first = pin.Quaternion(outcome.tracking.q[0, 3:7])
+    rows = outcome.tracking.q[::5, 3:7]
+    return float(np.degrees(max(first.angularDistance(pin.Quaternion(row)) for row in rows)))
+
+
+def test_a_wrong_model_is_planned_again_with_the_attitude_held(tmp_path: Path) -> None:
+    path = tmp_path / "held.toml"
+    path.write_text(SCENARIO + '[reference]\nkind = "re-planning"\ndt = 0.05\n')
+    outcome = run(scenario(path))
+    assert outcome.tracking.position_error[-1] < 1e-3
+    assert turned(outcome) < 0.1
+    assert np.abs(outcome.tracking.wheel_momentum).max() > 1e-3
+    assert outcome.open_loop is not None
+    assert outcome.open_loop.tracking.position_error[-1] > 2e-3
+
+
+def test_compare_marches_in_the_mode_too(tmp_path: Path) -> None:
+    """All methods, none left out: each plan holds the attitude."""
+    path = tmp_path / "held.toml"
+    path.write_text(SCENARIO)
+    found = compare(scenario(path), ("step", "resolved-rate"))
+    for plan in found.plans.values():
+        assert plan.base_rotation.max() < 1e-12
+        assert plan.wheel_momentum.any()
+
+
+def test_a_term_spares_the_wheels_energy(tmp_path: Path) -> None:
+    """With and without, by what was simulated."""
+    path, used = tmp_path / "held.toml", []
+    for term in ("", '[[term]]\nuse = "wheel-energy"\nweight = 10.0\n'):
+        path.write_text(SCENARIO.replace("[plant]\narm_mass = 1.2\nbase_mass = 0.9\n", "") + term)
+        outcome = run(scenario(path))
+        speed = np.abs(outcome.tracking.wheel_momentum[:-1]) / 0.001364
+        power = (np.abs(outcome.tracking.wheel_torque[: len(speed)]) * speed).sum(axis=1)
+        used.append(float(power.sum()) * 0.01)
+        assert used[-1] == pytest.approx(outcome.trajectory.wheel_energy, rel=0.02)
+        assert outcome.trajectory.reached
+    assert used[1] < 0.8 * used[0]
