@@ -24,7 +24,8 @@ from ffsms_pin.storage import write_content
 BASE = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)  # weights of opt.BaseTurn, with the default effort
 EFFORT = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # weights of opt.Effort, without the base's
 NUMBERS = ("cost", "turn", "travel")
-FAMILIES = {"base": "base = ", "effort": "effort = "}
+FAMILIES = ("base", "effort")
+LABELLED = {"base": 0.1, "effort": 1e-2}  # the least weight that the figure writes beside its point
 OTHERS = {"step": "the paper's step", "resolved-rate": "resolved-rate"}
 
 
@@ -79,13 +80,24 @@ def draw(results: dict[str, dict[str, dict[str, float]]], path: Path) -> None:
 
 
 def _families(ax: Any, found: dict[str, dict[str, float]], key: str) -> None:
-    for i, (family, label) in enumerate(FAMILIES.items()):
+    for i, family in enumerate(FAMILIES):
         settings = [name for name in found if name.split()[0] == family]
         x, y = ([found[name][k] for name in settings] for k in ("turn", key))
-        ax.plot(x, y, marker="o", markersize=4.0, label=f"opt.plan, {label.split()[0]} varied", **line(i))
+        ax.plot(x, y, marker="o", markersize=4.0, label=f"opt.plan, {family}= varied", **line(i))
+        middle, colour = float(np.mean(x)), line(i)["color"]
         for name, at, height in zip(settings, x, y, strict=True):
+            weight = float(name.split()[1])
+            if weight < LABELLED[family]:  # these crowd near the default
+                continue
+            aside = (5, 4) if family == "base" else (6, -3) if at > middle else (-6, -3)
             ax.annotate(
-                name.split()[1], (at, height), xytext=(4, 4), textcoords="offset points", fontsize=7.0
+                f"{weight:g}",
+                (at, height),
+                xytext=aside,
+                textcoords="offset points",
+                ha="right" if aside[0] < 0 else "left",
+                fontsize=7.0,
+                color=colour,
             )
     for (name, label), marker in zip(OTHERS.items(), "sD", strict=True):
         at = found[name]

@@ -95,10 +95,15 @@ def _columns(labels: Sequence[str], width: float = 1.0) -> int:
         rows = -(-len(labels) // count)
         columns = [labels[i : i + rows] for i in range(0, len(labels), rows)]
         # In widths of an m: the line and the gaps, and a little more than half of one for each letter.
-        needed = sum(4.8 + 0.6 * max(len(label) for label in column) for column in columns)
+        needed = sum(4.8 + 0.6 * max(map(_letters, column)) for column in columns)
         if needed <= width * _LEGEND_WIDTH:
             return count
     return 1
+
+
+def _letters(label: str) -> int:
+    """How many letters a label shows; symbols, which begin with a dollar, are short."""
+    return 3 if label.startswith("$") else len(label)
 
 
 def share_legend(figure: Figure, panels: Sequence[Axes]) -> None:
