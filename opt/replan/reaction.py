@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.optimize import lsq_linear
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system import SpaceManipulator
@@ -15,7 +16,7 @@ __all__ = ["ReactionEstimate"]
 _PRIOR = 0.2  # standard deviation of the factors before anything is measured
 _NOISE = 1e-3  # [m/s, rad/s] what the base's measured velocity may be off by in a sample
 _JUMP = 30.0  # changes of the momentum in one sample beyond so many times the noise are no noise
-_LEAST, _MOST = 0.5, 2.0  # beyond these the motion is not explained by masses, and the model is kept
+_LEAST, _MOST = 0.5, 2.0  # beyond these the motion is not explained by masses
 
 
 class ReactionEstimate:
@@ -26,6 +27,10 @@ class ReactionEstimate:
     estimate is the least-squares one with a prior around the model, so factors that the motion does not show
     stay at 1. External forces are not known to it: what they do counts as an error of the masses. With noisy
     sensors the first sample is as noisy as any other, and the constant momentum is estimated too.
+
+    Factors are within 0.5 and 2. Where exact measurements ask for others, something else than masses is at
+    work, and the model is kept. Noisy ones ask for others as well where the motion shows little, so there the
+    best factors within the bounds are taken: to drop them all at once would make the plans jump.
 
     Parameters
     ----------
@@ -105,9 +110,10 @@ class ReactionEstimate:
             # The best constant for factors x is the mean of c + A x, with a prior of one sample's noise.
             G = G - self._sum_A.T @ self._sum_A / (self._samples + 1)
             g = g + self._sum_A.T @ self._sum_c / (self._samples + 1)
-        factors = np.asarray(1.0 + np.linalg.solve(G, g), dtype=np.float64)
-        believable = bool((factors >= _LEAST).all() and (factors <= _MOST).all())
-        return factors if believable else np.ones_like(factors)
+        factors: FloatArray = 1.0 + np.linalg.solve(G, g)
+        if (factors >= _LEAST).all() and (factors <= _MOST).all():
+            return factors
+        return 1.0 + _bounded(G, g, _LEAST - 1.0, _MOST - 1.0) if self.noisy else np.ones_like(factors)
 
     def robot(self) -> SpaceManipulator:
         """The robot with the estimated factors, which `factors` then holds."""
@@ -117,6 +123,12 @@ class ReactionEstimate:
             model.inertias[i + 2] = _scaled(model.inertias[i + 2], float(factor), float(factor))
         model.inertias[1] = _scaled(model.inertias[1], 1.0, float(self.factors[-1]))
         return self._sms.with_inertias(model)
+
+
+def _bounded(G: FloatArray, g: FloatArray, least: float, most: float) -> FloatArray:
+    """The x (k,) within bounds that makes x^T G x / 2 - g^T x least."""
+    L = np.linalg.cholesky(G)
+    return np.asarray(lsq_linear(L.T, np.linalg.solve(L, g), (least, most)).x)
 
 
 def _scaled(body: Any, mass: float, inertia: float) -> Any:
