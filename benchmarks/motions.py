@@ -9,6 +9,8 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -40,12 +42,11 @@ def measured(sms: ffsms.SpaceManipulator, q0: Any, target: Any, method: str) -> 
     }
 
 
-def rows(name: str, count: int, seed: int) -> list[dict[str, dict[str, float]]]:
-    """One row a target: what each method gives."""
-    sms, rng = ffsms.load(name), np.random.default_rng(seed)
+def tasks(sms: ffsms.SpaceManipulator, seed: int) -> Iterator[tuple[Any, Any, dict[str, float]]]:
+    """Starts, targets, and what the resolved-rate move that reaches them gives; without end."""
+    rng = np.random.default_rng(seed)
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
-    found: list[dict[str, dict[str, float]]] = []
-    while len(found) < count:
+    while True:
         joints = 0.5 * (low + high) + 0.25 * (high - low) * rng.uniform(-1.0, 1.0, sms.n)
         q0 = sms.configuration(joints)
         way = rng.normal(size=3)
@@ -53,9 +54,17 @@ def rows(name: str, count: int, seed: int) -> list[dict[str, dict[str, float]]]:
         target = sms.at(q0).end_effector_pose.translation + way
         straight = measured(sms, q0, target, "resolved-rate")
         if straight["reached"]:
-            row = {"resolved-rate": straight}
-            row.update({m: measured(sms, q0, target, m) for m in METHODS if m != "resolved-rate"})
-            found.append(row)
+            yield q0, target, straight
+
+
+def rows(name: str, count: int, seed: int) -> list[dict[str, dict[str, float]]]:
+    """One row a target: what each method gives."""
+    sms = ffsms.load(name)
+    found: list[dict[str, dict[str, float]]] = []
+    for q0, target, straight in islice(tasks(sms, seed), count):
+        row = {"resolved-rate": straight}
+        row.update({m: measured(sms, q0, target, m) for m in METHODS if m != "resolved-rate"})
+        found.append(row)
     return found
 
 

@@ -12,8 +12,11 @@ __all__ = ["EXTRAS", "installed", "require"]
 EXTRAS = {
     "plot": ("matplotlib",),
     "view": ("meshcat", "tornado"),
+    "record": ("PIL", "imageio_ffmpeg"),
     "robots": ("example_robot_data",),
     "gym": ("gymnasium",),
+    "basilisk": ("Basilisk",),
+    "pink": ("pink", "qpsolvers"),
     "cluster": ("dask", "distributed", "xarray", "zarr", "pyarrow", "pandas"),
 }
 

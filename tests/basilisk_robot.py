@@ -1,11 +1,10 @@
-"""A robot with wheels in Basilisk: hub, spinning bodies in a chain, balanced wheels; constant torques."""
+"""A robot with wheels in Basilisk: our robot there, and balanced wheels; constant torques."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -40,39 +39,15 @@ def basilisk_run(
     `tau` (n,) and `motor` (w,) [N m] are held for the whole time T [s]; `speeds` (w,) are the wheels'.
     """
     from Basilisk.architecture import messaging
-    from Basilisk.simulation import reactionWheelStateEffector, spacecraft, spinningBodyNDOFStateEffector
+    from Basilisk.simulation import reactionWheelStateEffector
     from Basilisk.utilities import SimulationBaseClass, macros
 
-    sim = SimulationBaseClass.SimBaseClass()
-    process = sim.CreateNewProcess("dynamics")
-    process.addTask(sim.CreateNewTask("task", macros.sec2nano(dt)))
-    craft = spacecraft.Spacecraft()
-    base = sms.model.inertias[1]
-    craft.hub.mHub = base.mass
-    craft.hub.r_BcB_B = _column(base.lever)
-    craft.hub.IHubPntBc_B = base.inertia.tolist()
-    data = sms.model.createData()
-    pin.centerOfMass(sms.model, data, q, v)
-    craft.hub.r_CN_NInit, craft.hub.v_CN_NInit = _column(data.com[0]), _column(data.vcom[0])
-    craft.hub.sigma_BNInit = _column(_mrp(q[3:7]))
-    craft.hub.omega_BN_BInit = _column(v[3:6])
+    from ffsms_pin.interchange.basilisk import to_basilisk
 
-    arm = spinningBodyNDOFStateEffector.SpinningBodyNDOFStateEffector()
-    for j in range(2, sms.model.njoints):
-        assert sms.model.parents[j] == j - 1
-        inertia, place = sms.model.inertias[j], sms.model.jointPlacements[j]
-        body = spinningBodyNDOFStateEffector.SpinningBody()
-        body.setMass(inertia.mass)
-        body.setISPntSc_S(inertia.inertia.tolist())
-        body.setR_ScS_S(_column(inertia.lever))
-        body.setDCM_S0P(place.rotation.T.tolist())
-        body.setR_SP_P(_column(place.translation))
-        body.setSHat_S(_column([0.0, 0.0, 1.0]))  # every joint of these arms turns about z
-        body.setThetaInit(float(q[5 + j]))
-        body.setThetaDotInit(float(v[4 + j]))
-        body.setK(0.0)
-        body.setC(0.0)
-        arm.addSpinningBody(body)
+    sim = SimulationBaseClass.SimBaseClass()
+    sim.CreateNewProcess("dynamics").addTask(sim.CreateNewTask("task", macros.sec2nano(dt)))
+    robot = to_basilisk(sms, q, v)
+    craft, (arm,) = robot.craft, robot.arms
     torques = messaging.ArrayMotorTorqueMsg().write(_torques(messaging, tau))
     arm.motorTorqueInMsg.subscribeTo(torques)
 
@@ -91,7 +66,6 @@ def basilisk_run(
     motors = messaging.ArrayMotorTorqueMsg().write(_torques(messaging, motor))
     wheels.rwMotorCmdInMsg.subscribeTo(motors)
 
-    craft.addStateEffector(arm)
     craft.addStateEffector(wheels)
     for model in (arm, wheels, craft):
         sim.AddModelToTask("task", model)
@@ -120,9 +94,3 @@ def _torques(messaging: Any, values: Array) -> Any:
     payload = messaging.ArrayMotorTorqueMsgPayload()
     payload.motorTorque = [float(x) for x in values]
     return payload
-
-
-def _mrp(quaternion: Array) -> Array:
-    """Modified Rodrigues parameters of (x, y, z, w)."""
-    x: Array = quaternion[:3] / (1.0 + quaternion[3])
-    return x

@@ -40,6 +40,9 @@ def without(hidden: tuple[str, ...], code: str, folder: Path) -> subprocess.Comp
         ("meshcat", "import ffsms_pin; ffsms_pin.view", "view"),
         ("tornado", "import ffsms_pin; ffsms_pin.view", "view"),
         ("example_robot_data", "import ffsms_pin; ffsms_pin.load('satellite_panda')", "robots"),
+        ("gymnasium", "import ffsms_pin.interchange.gymnasium_env", "gym"),
+        ("Basilisk", "import ffsms_pin.interchange.basilisk", "basilisk"),
+        ("pink", "import ffsms_pin.interchange.pink", "pink"),
     ],
 )
 def test_the_error_names_the_extra(hidden: str, code: str, extra: str, tmp_path: Path) -> None:
@@ -56,6 +59,7 @@ def test_the_core_plans_tracks_and_runs_a_case_without_any(tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
     assert "pip install 'ffsms-pin[plot]'" in done.stderr
     assert sorted(path.name for path in (tmp_path / "here").iterdir()) == [
+        "scenario.json",
         "summary.json",
         "tracking.npz",
         "trajectory.npz",

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
+from email import message_from_string
 from pathlib import Path
 
 import pytest
@@ -60,6 +62,25 @@ def test_the_wheel_carries_what_it_needs(installed: Path) -> None:
         ["bin", "ffsms_pin"],
         ["Scripts", "ffsms_pin"],
     )
+
+
+def test_what_an_index_shows_has_no_link_that_leads_nowhere(installed: Path) -> None:
+    (info,) = installed.glob("ffsms_pin-*.dist-info")
+    metadata = message_from_string((info / "METADATA").read_text(encoding="utf-8"))
+    assert metadata["Version"] == ffsms_pin.__version__
+    assert metadata["Description-Content-Type"] == "text/markdown"
+    text = metadata.get_payload()
+    assert isinstance(text, str)
+    readme = (CHECKOUT / "README.md").read_text(encoding="utf-8")
+    assert len(text) > 0.8 * len(readme)
+    links = re.findall(r"\]\(([^)]*)\)", text)
+    assert links
+    assert all(link.startswith("https://") for link in links)
+
+
+def test_the_citation_has_the_same_version() -> None:
+    text = (CHECKOUT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.*)$", text, re.M)[1] == ffsms_pin.__version__  # type: ignore[index]
 
 
 def test_the_wheel_has_the_command(installed: Path, tmp_path: Path) -> None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ffsms_pin.atlas.dataset import write_samples
-from ffsms_pin.atlas.measures import AtlasWork, unit_directions
+from ffsms_pin.atlas.dataset import Blocks, BlockWork
+from ffsms_pin.atlas.measures import AtlasWork, measured, unit_directions
 from ffsms_pin.atlas.packages import xarray
 from ffsms_pin.atlas.sampling import BLOCK, Sampling
 from ffsms_pin.atlas.workspace import write_workspace
@@ -26,8 +29,9 @@ from ffsms_pin.version import __version__
 
 __all__ = ["atlas", "digest", "open_atlas", "parts_folder"]
 
-#: Rows of a chunk: what is lost when a run is killed, and what a process holds in memory.
+#: Rows of a block: what is lost when a run is killed, and what a process holds in memory.
 CHUNK = BLOCK
+_SAMPLES = "samples.zarr"
 #: Along the longest side of a workspace.
 CELLS = 48
 
@@ -50,9 +54,9 @@ def atlas(
 ) -> Path | None:
     """Measure a robot's coupling over its joint ranges, and write what was found to a Zarr file.
 
-    The samples are computed in chunks of 65,536 rows, which go into a folder beside `out` first; a run that
-    was killed goes on from there, and the folder goes when `out` is written. See docs/atlas.md for what is
-    measured, and for memory and time.
+    The samples are computed in blocks of 65,536 rows. Every process writes its own blocks, into a folder
+    beside `out`; a run that was killed goes on from there. When all are there, the file moves to `out` and
+    the folder goes. See docs/atlas.md for what is measured, and for memory and time.
 
     Parameters
     ----------
@@ -97,21 +101,26 @@ def atlas(
     sampling = Sampling.of(sms, samples, method, seed)
     work = AtlasWork(sms, sampling, unit_directions(directions))
     numbers = 7 + sms.n + min(6, sms.n) + len(work.directions)
-    require_space(target, 2 * 4 * numbers * sampling.rows)  # as chunks, then as the dataset
-    parts = run(
-        work,
-        Chunks(sampling.rows, CHUNK),
-        parts_folder(target),
-        specification=_specification(work),
+    require_space(target, 4 * numbers * sampling.rows)
+    parts, specification = ChunkFolder(parts_folder(target)), _specification(work)
+    blocks = Blocks(parts.path / _SAMPLES, sampling.rows, CHUNK)
+    tasks = Chunks(len(blocks), 1)
+    parts.open(tasks, specification)
+    _make(blocks, work, parts)
+    run(
+        BlockWork(work, blocks),
+        tasks,
+        parts.path,
+        specification=specification,
         jobs=jobs,
         scheduler=scheduler,
         shard=shard,
-        progress=progress,
+        progress=None if progress is None else partial(_in_rows, progress, blocks),
     )
     if shard is not None:
         return None
     attributes = {**_attributes(work, over), **(provenance or {})}
-    _write(target, parts, work, over, cells, attributes)
+    _write(target, blocks, over, cells, attributes)
     shutil.rmtree(parts.path, ignore_errors=True)
     return target
 
@@ -139,18 +148,41 @@ def parts_folder(target: Path) -> Path:
     return target.with_name(f"{target.name}.parts")
 
 
-def _write(
-    target: Path, parts: ChunkFolder, work: AtlasWork, over: str, cells: int, attributes: Mapping[str, Any]
-) -> None:
+def _make(blocks: Blocks, work: AtlasWork, parts: ChunkFolder) -> None:
+    """The file that the blocks go into, where it is not there yet."""
+    if blocks.path.exists():
+        return
+    for index in parts.done():  # of a file that is gone
+        parts.file(index).unlink(missing_ok=True)
+    example = measured(work.sms, work.sampling.joints(range(1)), work.directions)
+    staging, lock = locked_folder(parts.path, _SAMPLES)
+    try:
+        new = replace(blocks, path=staging / _SAMPLES)
+        new.make(example, _coordinates(work))
+        new.path.rename(blocks.path)
+    except OSError as error:
+        if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # then another shard was faster
+            raise ResultError(parts.path, f"cannot be written ({error.strerror or error})") from None
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+        os.close(lock)
+
+
+def _in_rows(progress: Callable[[int, int], None], blocks: Blocks, done: int, of: int) -> None:
+    progress(min(done * blocks.size, blocks.rows), blocks.rows)
+
+
+def _write(target: Path, blocks: Blocks, over: str, cells: int, attributes: Mapping[str, Any]) -> None:
     """The dataset, whole or not at all."""
     remove_leftovers(target.parent)
     staging, lock = locked_folder(target.parent, target.name)
     new = staging / "atlas"
     try:
         if over == "joints":
-            write_samples(new, parts.tables(), parts.chunks.size, _coordinates(work), attributes)
+            blocks.describe(attributes)
+            new = blocks.path
         else:
-            write_workspace(new, parts.tables, cells, attributes)
+            write_workspace(new, blocks.tables, cells, attributes)
         new.rename(target)
     except OSError as error:
         if isinstance(error, ResultError):
@@ -176,6 +208,7 @@ def _specification(work: AtlasWork) -> dict[str, Any]:
     """All that the chunks depend on; what they are made into later is not part of it."""
     return {
         "what": "atlas",
+        "block_rows": CHUNK,
         "model": work.sms.model.name,
         "robot_sha256": digest(work.sms),
         "end_effector": work.sms.end_effector,

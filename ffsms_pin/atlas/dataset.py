@@ -1,17 +1,20 @@
-"""An atlas over the joints as an xarray dataset in Zarr, written one chunk at a time."""
+"""An atlas over the joints as an xarray dataset in Zarr: made empty once, then filled block by block."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.atlas.labels import long_name, unit
+from ffsms_pin.atlas.measures import AtlasWork
 from ffsms_pin.atlas.packages import xarray
+from ffsms_pin.errors import ResultError
 
-__all__ = ["FORMAT", "save", "write_samples"]
+__all__ = ["FORMAT", "BlockWork", "Blocks", "save"]
 
 # Of the file: what every version of the two packages from 2024 on reads and writes.
 FORMAT = 2
@@ -23,47 +26,111 @@ _DIMENSIONS = {
 }
 
 
-def write_samples(
-    path: Path,
-    tables: Iterator[Mapping[str, Any]],
-    size: int,
-    coordinates: Mapping[str, Any],
-    attributes: Mapping[str, Any],
-) -> None:
-    """Write the tables of an atlas as one dataset with a row a sample.
+@dataclass(frozen=True)
+class Blocks:
+    """A dataset with a row a sample, which several processes fill at once.
 
-    Parameters
+    A block of rows is one chunk of the Zarr file, so no two processes ever write to the same file, and a
+    block that is written again gives the same bytes.
+
+    Attributes
     ----------
     path : Path
-        A folder that is not there yet.
-    tables : iterator of mapping
-        As `measured` gives them, in order.
+    rows : int
     size : int
-        Rows of every table but the last: the dataset's chunks, so that each is written once.
-    coordinates, attributes : mapping
-        Of the dataset.
+        Rows of every block but the last.
     """
-    for k, table in enumerate(tables):
-        data = _dataset(table, coordinates, attributes)
-        if k == 0:
-            encoding = {name: {"chunks": (size, *data[name].shape[1:])} for name in data.data_vars}
-            save(data, path, encoding=encoding)
-        else:
-            save(data.drop_vars(list(coordinates)), path, append_dim="sample")
+
+    path: Path
+    rows: int
+    size: int
+
+    def __len__(self) -> int:
+        return -(-self.rows // self.size)
+
+    def rows_of(self, block: int) -> range:
+        """The rows of a block."""
+        return range(block * self.size, min((block + 1) * self.size, self.rows))
+
+    def make(self, example: Mapping[str, Any], coordinates: Mapping[str, Any]) -> None:
+        """Write the dataset without its values.
+
+        Parameters
+        ----------
+        example : mapping
+            A table of one row, as `measured` gives it: the names, the kinds of number and the shapes.
+        coordinates : mapping
+            Of the dataset.
+        """
+        variables = {
+            name: (
+                _DIMENSIONS.get(name, ("sample",)),
+                np.asarray(values),
+                {"units": unit(name), "long_name": long_name(name)},
+            )
+            for name, values in example.items()
+        }
+        data = xarray().Dataset(variables, coords=dict(coordinates))
+        save(data, self.path, encoding={n: {"chunks": (self.size, *data[n].shape[1:])} for n in variables})
+        group = _opened(self.path)
+        for name in variables:
+            group[name].resize((self.rows, *group[name].shape[1:]))
+
+    def write(self, block: int, table: Mapping[str, Any]) -> None:
+        """Fill one block with the table of its rows.
+
+        Raises
+        ------
+        ResultError
+            The disk is full, or the folder is gone.
+        """
+        rows = self.rows_of(block)
+        try:
+            group = _opened(self.path)
+            for name, values in table.items():
+                group[name][rows.start : rows.stop] = values
+        except OSError as error:
+            raise ResultError(self.path, f"cannot be written ({error.strerror or error})") from None
+
+    def tables(self) -> Iterator[dict[str, Any]]:
+        """The tables of the blocks in their order, one at a time."""
+        group = _opened(self.path)
+        names = [name for name, array in group.arrays() if array.attrs["_ARRAY_DIMENSIONS"][0] == "sample"]
+        for block in range(len(self)):
+            rows = self.rows_of(block)
+            yield {name: group[name][rows.start : rows.stop] for name in names}
+
+    def describe(self, attributes: Mapping[str, Any]) -> None:
+        """Write the attributes of the dataset."""
+        _opened(self.path).attrs.update(dict(attributes))
+
+
+@dataclass(frozen=True)
+class BlockWork:
+    """The work of some blocks, for `ffsms_pin.engine.run`: fill them, and tell how many rows each has.
+
+    Attributes
+    ----------
+    work : AtlasWork
+    blocks : Blocks
+    """
+
+    work: AtlasWork
+    blocks: Blocks
+
+    def __call__(self, indices: range) -> dict[str, Any]:
+        """Fill these blocks; the table has the number of rows of each."""
+        for block in indices:
+            self.blocks.write(block, self.work(self.blocks.rows_of(block)))
+        return {"rows": np.array([len(self.blocks.rows_of(block)) for block in indices])}
 
 
 def save(data: Any, path: Path, **how: Any) -> None:
-    """Write a dataset, or append to one."""
+    """Write a dataset."""
     data.to_zarr(path, consolidated=False, zarr_format=FORMAT, **how)
 
 
-def _dataset(table: Mapping[str, Any], coordinates: Mapping[str, Any], attributes: Mapping[str, Any]) -> Any:
-    variables = {
-        name: (
-            _DIMENSIONS.get(name, ("sample",)),
-            np.asarray(values),
-            {"units": unit(name), "long_name": long_name(name)},
-        )
-        for name, values in table.items()
-    }
-    return xarray().Dataset(variables, coords=dict(coordinates), attrs=dict(attributes))
+def _opened(path: Path) -> Any:
+    import zarr  # takes a third of a second, and only atlases need it
+
+    return zarr.open_group(path, mode="r+")

@@ -167,4 +167,12 @@ def _move_frame(model: pin.Model, index: int, turn: FloatArray, shift: FloatArra
 
 
 def _remade(sms: SpaceManipulator, model: pin.Model) -> SpaceManipulator:
-    return SpaceManipulator(model, sms.end_effector, sms.base_size, sms.base_box_placement, limits=sms.limits)
+    return SpaceManipulator(
+        model,
+        sms.end_effector,
+        sms.base_size,
+        sms.base_box_placement,
+        limits=sms.limits,
+        wheels=sms.wheels,
+        thrusters=sms.thrusters,
+    )

@@ -14,13 +14,14 @@ from ffsms_pin.atlas.build import digest
 from ffsms_pin.atlas.designs import Design
 from ffsms_pin.atlas.measures import measured
 from ffsms_pin.atlas.sampling import Sampling
+from ffsms_pin.atlas.wheel_load import wheel_momentum_per_speed
 from ffsms_pin.checks import FloatArray, instance, number, positive, whole
 from ffsms_pin.engine import Chunks, Shard, run
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 
-__all__ = ["STATISTICS", "Sweep", "pareto", "sweep"]
+__all__ = ["OF_WHEELS", "STATISTICS", "Sweep", "pareto", "sweep"]
 
 #: Of each design, over its samples.
 STATISTICS = {
@@ -31,6 +32,10 @@ STATISTICS = {
     "base_rotation_90": "base rotation that 90 % of the samples stay below [rad/m]",
     "entropy": "entropy of the coupling, median [-]",
     "manipulability": "manipulability of J*, median [-]",
+}
+#: Besides, of a robot with reaction wheels.
+OF_WHEELS = {
+    "wheel_momentum": "momentum of the fullest wheel at 1 m/s of the end effector, base not turning [N m s]"
 }
 _MOUNT = ("mount_x", "mount_y", "mount_z")
 _LINK = "link:"
@@ -46,7 +51,7 @@ class Sweep:
     parameters : dict of str to ndarray, shape (D,)
         By name, as `sweep` takes them.
     statistics : dict of str to ndarray, shape (D,)
-        See `STATISTICS`.
+        See `STATISTICS`, and `OF_WHEELS` where the robot has reaction wheels.
     """
 
     parameters: Mapping[str, FloatArray]
@@ -83,7 +88,7 @@ class SweepWork:
     def __call__(self, rows: range) -> dict[str, FloatArray]:
         """Parameters and statistics of these designs."""
         names, designs = [name for name, _ in self.axes], self.designs()
-        table: dict[str, list[float]] = {name: [] for name in [*names, *STATISTICS]}
+        table: dict[str, list[float]] = {name: [] for name in [*names, *names_of(self.sms)]}
         for row in rows:
             values = dict(zip(names, designs[row], strict=True))
             changed = _design(values).applied(self.sms)
@@ -141,6 +146,7 @@ def sweep(
         "model": sms.model.name,
         "robot_sha256": digest(sms),
         "parameters": {name: list(values) for name, values in work.axes},
+        "wheel_axes": [] if sms.wheels is None else sms.wheels.axes.tolist(),
         "sampling": work.sampling.content(),
         "version": __version__,
     }
@@ -158,7 +164,14 @@ def sweep(
         return None
     tables = list(place.tables())
     columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-    return Sweep({name: columns[name] for name, _ in work.axes}, {name: columns[name] for name in STATISTICS})
+    return Sweep(
+        {name: columns[name] for name, _ in work.axes}, {name: columns[name] for name in names_of(sms)}
+    )
+
+
+def names_of(sms: SpaceManipulator) -> list[str]:
+    """Names of the statistics of a robot's designs."""
+    return [*STATISTICS, *(() if sms.wheels is None else OF_WHEELS)]
 
 
 def pareto(large: FloatArray, small: FloatArray) -> NDArray[np.bool_]:
@@ -205,7 +218,8 @@ def _design(values: Mapping[str, float]) -> Design:
 
 
 def _statistics(sms: SpaceManipulator, sampling: Sampling) -> dict[str, float]:
-    found = measured(sms, sampling.joints(range(sampling.rows)))
+    joints = sampling.joints(range(sampling.rows))
+    found = measured(sms, joints)
     translation, rotation = found["base_translation"], found["base_rotation"]
     values = (
         np.linalg.norm(found["end_effector"], axis=1).max(),
@@ -215,5 +229,6 @@ def _statistics(sms: SpaceManipulator, sampling: Sampling) -> dict[str, float]:
         np.quantile(rotation, 0.9),
         np.median(found["entropy"]),
         np.median(found["manipulability"]),
+        *(() if sms.wheels is None else (np.median(wheel_momentum_per_speed(sms, joints)),)),
     )
-    return {name: float(value) for name, value in zip(STATISTICS, values, strict=True)}
+    return {name: float(value) for name, value in zip(names_of(sms), values, strict=True)}

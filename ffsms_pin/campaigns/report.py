@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from ffsms_pin.campaigns.columns import METRICS, OUTCOMES
 from ffsms_pin.campaigns.merging import runs_file
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import DependencyMissing, InvalidValue, ResultError
+from ffsms_pin.errors import DependencyMissing, ResultError
+from ffsms_pin.scenarios.success import wilson_interval
 
-__all__ = ["Report", "report", "report_numbers", "wilson_interval"]
+__all__ = ["Report", "report", "report_numbers"]
 
 PERCENTILES = (5, 25, 50, 75, 95, 99)
 _WORST = 10  # runs
-_Z = 1.959963984540054  # of the standard normal distribution: 95 % lie within
 _ERRORS = 5  # different errors that are told
 
 
@@ -60,33 +60,6 @@ class Report:
     final_errors: FloatArray
     outcome: NDArray[np.str_]
     draws: dict[str, FloatArray]
-
-
-def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
-    """95 % confidence interval of a success rate.
-
-    Parameters
-    ----------
-    successes, runs : int
-        runs at least 1.
-
-    Returns
-    -------
-    low, high : float
-        Within 0 and 1, also where none or all succeed.
-
-    References
-    ----------
-    E. B. Wilson, Probable inference, the law of succession, and statistical inference, J. Am. Stat. Assoc.
-    22 (1927) 209-212: (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n).
-    """
-    if not 0 <= successes <= runs or runs < 1:
-        raise InvalidValue("successes", successes, f"must lie within 0 and the {runs} runs, at least one")
-    p, square = successes / runs, _Z**2 / runs
-    middle = (p + 0.5 * square) / (1.0 + square)
-    half = _Z / (1.0 + square) * math.sqrt(p * (1.0 - p) / runs + 0.25 * square / runs)
-    low = 0.0 if successes == 0 else middle - half
-    return low, 1.0 if successes == runs else middle + half
 
 
 def report(folder: str | os.PathLike[str]) -> Report:

@@ -16,7 +16,8 @@ __all__ = ["add_parser", "run"]
 _DESCRIPTION = """\
 Follow a scenario's motion on random plants, with all else as the scenario says: once planned again in the
 loop, once by the plan that was made for the model. Both methods meet the same plants. Prints one table, and
-writes robustness.json and one figure (pdf and png).
+writes robustness.json and one figure (pdf and png). Runs that are done are kept in a folder beside the
+results until these are written: the same command goes on where it was killed.
 
 example: ffsms-pin robustness case-1 --plants 50 --jobs 2
 
@@ -59,6 +60,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, print the table and write the results; returns the exit code."""
+    import shutil
+
     # Imported only now: --help needs none of it.
     from rich.console import Console
 
@@ -73,6 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)
     folder = chosen_folder(arguments.out, f"{chosen.name}-robustness")
+    parts = folder.with_name(f"{folder.name}.parts")
     with results_folder(folder) as staging, shown_progress(Console(stderr=True)) as progress:
         found = robustness(
             chosen,
@@ -82,6 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
             base_mass=arguments.base_mass,
             base_inertia=arguments.base_inertia,
             jobs=arguments.jobs,
+            folder=parts,
             progress=progress,
         )
         numbers = robustness_numbers(found)
@@ -89,6 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
         figure = plot_robustness(found)
         for ending in ("pdf", "png"):
             save_figure(figure, staging / f"robustness.{ending}", ending)
+    shutil.rmtree(parts, ignore_errors=True)
     output = output_console()
     output.print(_table(numbers))
     output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
@@ -111,6 +117,10 @@ def _table(numbers: dict[str, Any]) -> Table:
         f"within {reach} mm at the end",
         *(f"{row['arrived']} of {numbers['plants']}" for row in methods.values()),
     )
+    table.add_row(
+        "share of all plants, 95 % interval \\[%]",
+        *(_percent(row["arrived_95_percent_interval"]) for row in methods.values()),
+    )
     if any(row["stopped"] for row in methods.values()):
         table.add_row("stopped on the way", *(str(row["stopped"]) for row in methods.values()))
     for label, key in (
@@ -123,3 +133,8 @@ def _table(numbers: dict[str, Any]) -> Table:
             *("-" if row[key] is None else f"{1e3 * row[key]:.3g}" for row in methods.values()),
         )
     return table
+
+
+def _percent(shares: list[float]) -> str:
+    low, high = shares
+    return f"{100.0 * low:.1f} to {100.0 * high:.1f}"

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 import webbrowser
 from dataclasses import replace
 from pathlib import Path
@@ -15,10 +13,13 @@ from ffsms_pin.cli.output import output_console
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder
 from ffsms_pin.cli.summary_table import summary_table
+from ffsms_pin.cli.view_command import desktop
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import installed
 from ffsms_pin.scenarios import Scenario, run, scenario, summary
+from ffsms_pin.scenarios.client_motion import client_motion
 from ffsms_pin.scenarios.own_files import writes_files
+from ffsms_pin.scenarios.saved import save_scenario
 from ffsms_pin.storage import write_content
 
 __all__ = ["replayed", "run_scenario"]
@@ -43,7 +44,7 @@ def run_scenario(
     figures : bool
         Whether figures are drawn.
     show : bool
-        Whether to open the drawing of the motion, where there is a display.
+        Whether to open the animated scene, where there is a display; without the viewer the drawing.
     allow_outside : bool
         Whether files that the scenario names may lie elsewhere than below the results folder.
     allow_import : bool
@@ -64,10 +65,12 @@ def run_scenario(
         outcome.tracking.save(staging / "tracking.npz")
         if outcome.capture is not None:
             outcome.capture.tracking.save(staging / "capture.npz")
+            client_motion(outcome.plant, outcome.tracking, outcome.capture).save(staging / "client.npz")
             if figures and installed("view"):
                 from ffsms_pin.viewer import view_capture
 
                 view_capture(outcome, title=chosen.name).to_html(staging / "capture.html")
+        save_scenario(chosen, staging / "scenario.json")
         numbers = summary(outcome)
         text = json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
         write_content(staging / "summary.json", text)
@@ -79,8 +82,8 @@ def run_scenario(
     output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
     if figures and not installed("plot"):
         errors.print("no figures: they need matplotlib (pip install 'ffsms-pin[plot]')", markup=False)
-    elif show and figures:
-        _show(folder / "motion.png", output)
+    if show:
+        _show(folder, figures and installed("plot"), output)
     return outcome.trajectory.reached and bool(numbers["tracking"]["arrived"])
 
 
@@ -94,10 +97,20 @@ def replayed(folder: str, seed: str, allow_import: bool = False) -> Scenario:
     return replace(chosen, name=f"{chosen.name}-{int(seed)}")
 
 
-def _show(picture: Path, output: Console) -> None:
-    """Open a picture in the desktop's viewer; without a desktop, say where it is."""
-    desktop = sys.platform in ("darwin", "win32") or any(
-        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
-    )
-    if not (desktop and webbrowser.open(picture.resolve().as_uri())):
-        output.print(f"picture of the motion: {picture}", markup=False, highlight=False, soft_wrap=True)
+def _show(folder: Path, drawn: bool, output: Console) -> None:
+    """Open the scene of the results in the browser, or the drawing of the motion without the viewer.
+
+    Without a desktop, say where it is.
+    """
+    if installed("view"):
+        from ffsms_pin.cli.viewed import scene_of
+
+        shown = folder / "view.html"
+        scene_of(folder).to_html(shown)
+    elif drawn:
+        shown = folder / "motion.png"
+    else:
+        output.print("nothing to show: it needs meshcat (pip install 'ffsms-pin[view]')", markup=False)
+        return
+    if not (desktop() and webbrowser.open(shown.resolve().as_uri())):
+        output.print(f"to look at: {shown}", markup=False, highlight=False, soft_wrap=True)

@@ -14,8 +14,8 @@ REACHED, NOT_REACHED = 0, 1
 _DESCRIPTION = """\
 Plan a scenario and follow it in closed loop, under whatever conditions it sets: a plant that is not the
 model, planning again in the loop, friction, sensors, disturbances, failures (docs/scenarios.md lists all
-keys). Prints a summary table, and writes trajectory.npz, tracking.npz, summary.json and the figures (pdf and
-png).
+keys). Prints a summary table, and writes trajectory.npz, tracking.npz, scenario.json, summary.json and the
+figures (pdf and png).
 
 example: ffsms-pin run case-2 --out results/case-2
 One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign 4711
@@ -48,7 +48,7 @@ def add_parser(subparsers: Any) -> None:
         "--no-figures", dest="figures", action="store_false", help="write the numbers only, no figures"
     )
     parser.add_argument(
-        "--show", action="store_true", help="open the drawing of the motion, where there is a display"
+        "--show", action="store_true", help="open the animated scene, where there is a display"
     )
     parser.add_argument(
         "--allow-outside",

@@ -21,8 +21,8 @@ __all__ = ["add_parser", "run"]
 
 _DESCRIPTION = """\
 Change a robot's design, and measure each combination: reach, base motion for a metre of the end effector,
-entropy and manipulability. Prints the designs that no other one beats both in reach and in base rotation, and
-writes sweep.json and one figure (pdf and png).
+entropy and manipulability; with --wheel, also what the wheels would have to hold. Prints the designs that no
+other one beats both in reach and in base rotation, and writes sweep.json and one figure (pdf and png).
 
   --vary base_mass=0.5,1,2        factor of the base's mass, its inertia in proportion
   --vary base_inertia=0.5,1,2     factor of its inertia besides
@@ -46,6 +46,13 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("model", metavar="MODEL", help="a robot by name, as planar_3r, or a URDF file")
     parser.add_argument("--end-effector", metavar="FRAME", help="its frame (default: the last link's)")
     parser.add_argument(
+        "--wheel",
+        action="append",
+        default=[],
+        metavar="JOINT",
+        help="a continuous joint of the URDF file that is a reaction wheel; again for each wheel",
+    )
+    parser.add_argument(
         "--vary", action="append", required=True, metavar="NAME=VALUES", help="a parameter; see above"
     )
     parser.add_argument(
@@ -66,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.cli.results_folder import chosen_folder
     from ffsms_pin.models import load
 
-    sms = load(arguments.model, end_effector=arguments.end_effector)
+    sms = load(arguments.model, end_effector=arguments.end_effector, wheels=arguments.wheel)
     parameters = dict(_parameter(text) for text in arguments.vary)
     folder = chosen_folder(arguments.out, f"{Path(arguments.model).stem}-sweep")
     with shown_progress(Console(stderr=True)) as progress:
@@ -122,8 +129,10 @@ def _write(found: Sweep, folder: Path, model: str) -> None:
         "not_beaten": found.best().tolist(),
     }
     write_content(folder / "sweep.json", json.dumps(content, indent=2, allow_nan=False) + "\n")
-    figure, panels = stack(1)
-    plot_pareto(found, ax=panels[0])
+    motions = [name for name in ("base_rotation", "wheel_momentum") if name in found.statistics]
+    figure, panels = stack(len(motions))
+    for motion, panel in zip(motions, panels, strict=True):
+        plot_pareto(found, motion, ax=panel)
     for ending in ("pdf", "png"):
         save_figure(figure, folder / f"pareto.{ending}", ending)
 
@@ -135,7 +144,8 @@ def _table(found: Sweep) -> Table:
     best = found.best()
     title = f"{int(best.sum())} of {len(found)} designs are not beaten in both reach and base rotation"
     table = Table(title=title, title_justify="left")
-    shown = ("reach", "base_rotation", "base_translation", "entropy")
+    wanted = ("reach", "base_rotation", "base_translation", "wheel_momentum", "entropy")
+    shown = [name for name in wanted if name in found.statistics]
     for name in (*found.parameters, *shown):
         table.add_column(escape(name), justify="right")
     columns = [*found.parameters.values(), *(found.statistics[name] for name in shown)]

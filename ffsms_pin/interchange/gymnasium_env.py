@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.control import ComputedTorque
+from ffsms_pin.extras import require
 from ffsms_pin.simulation.integrators import rk4_step
 from ffsms_pin.system import SpaceManipulator
+
+require("gym", "the environment")
+
+import gymnasium as gym  # noqa: E402
 
 __all__ = ["ReachEnv"]
 

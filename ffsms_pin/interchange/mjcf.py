@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import positive
+from ffsms_pin.interchange.joint_axes import joint_axes
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["to_mjcf"]
@@ -33,8 +34,7 @@ def to_mjcf(sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = Tru
     """
     positive("timestep", timestep, "s")
     model = sms.model
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
+    axes = joint_axes(sms)
     children: dict[int, list[int]] = {j: [] for j in range(model.njoints)}
     for j in range(2, model.njoints):
         children[model.parents[j]].append(j)
@@ -52,9 +52,7 @@ def to_mjcf(sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = Tru
 
     def joint(j: int) -> str:
         i = j - 2
-        column = pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.joints[j].idx_v]
-        slides = not column[3:].any()
-        axis = column[:3] if slides else column[3:]
+        slides, axis = axes[i]
         lower, upper = sms.limits.lower[i], sms.limits.upper[i]
         limited = np.isfinite([lower, upper]).all()
         bounds = f' limited="true" range="{_numbers([lower, upper])}"' if limited else ' limited="false"'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,19 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import number, per_joint
-from ffsms_pin.errors import InvalidUrdf, InvalidValue, UnsupportedJoint
+from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, UnsupportedJoint
 from ffsms_pin.models.base import SatelliteBase
+from ffsms_pin.models.satellite_shapes import satellite_shapes
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.given_shapes import GivenShapes, checked_shapes
 from ffsms_pin.system.tool_frames import only_tool
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
 
 __all__ = ["append", "is_mjcf", "read_mjcf"]
 
+ShapePair = tuple[Any, Any] | None  # visual and collision shapes, pinocchio.GeometryModel
+_KINDS = (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION)
+_ROOT, _SATELLITE = 1, 2  # joint and frame of the satellite in its model
 _LAST = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
 
 
@@ -33,12 +39,20 @@ def is_mjcf(path: Path) -> bool:
         return False  # the reader of URDFs says what is wrong
 
 
-def read_mjcf(path: Path) -> Any:
-    """The pinocchio.Model of an MJCF file."""
+def read_mjcf(path: Path) -> tuple[Any, ShapePair]:
+    """The pinocchio.Model of an MJCF file, and its visual and collision shapes."""
     try:
-        return pin.buildModelFromMJCF(str(path))
+        model = pin.buildModelFromMJCF(str(path))
     except Exception as error:  # whatever Pinocchio's reader objects to
         raise InvalidUrdf(path, f"Pinocchio cannot read it as MJCF ({error})") from None
+    try:
+        return model, checked_shapes(
+            model, *(pin.buildGeomFromMJCF(model, str(path), kind) for kind in _KINDS)
+        )
+    except Exception as error:  # of the readers of meshes: each has its own kinds
+        text = f"{path}: its shapes cannot be read, and the robot has none ({error})"
+        warnings.warn(text, FfsmsWarning, stacklevel=4)
+        return model, None
 
 
 def append(
@@ -51,20 +65,28 @@ def append(
     torque: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     base_size: ArrayLike | None = None,
+    shapes: ShapePair = None,
 ) -> SpaceManipulator:
     """A satellite with the arm `arm` (pinocchio.Model) at `placement`; for the rest see `ffsms_pin.mount`.
 
-    What the model fixes to its universe is fixed to the satellite.
+    What the model fixes to its universe is fixed to the satellite. `shapes` are the visual and the collision
+    shapes of the arm; those of the satellite are added to both.
     """
-    arm = _lock(_of_one_freedom(arm), locked or {})
-    model = pin.appendModel(_satellite(base), arm, 2, placement)  # 2: the satellite's frame
+    arm, shapes = _lock(_of_one_freedom(arm), shapes, locked or {})
+    satellite = _satellite(base)
+    model = pin.appendModel(satellite, arm, _SATELLITE, placement)
+    description = None
+    if shapes is not None:
+        pairs = zip(satellite_shapes(base, _ROOT, _SATELLITE), shapes, strict=True)
+        whole = [pin.appendModel(satellite, arm, *pair, _SATELLITE, placement)[1] for pair in pairs]
+        description = GivenShapes(*whole)
     model.name = f"satellite_{arm.name or 'arm'}"
     _set_limits(model, velocity, torque)
     if end_effector is None:
         end_effector = _last_frame(model)
     box = pin.SE3.Identity() if base_size is None else None
     size = base.size if base_size is None else base_size
-    return SpaceManipulator(model, end_effector, size, box, acceleration)
+    return SpaceManipulator(model, end_effector, size, box, acceleration, description=description)
 
 
 def _of_one_freedom(arm: Any) -> Any:
@@ -84,7 +106,7 @@ def _of_one_freedom(arm: Any) -> Any:
     return arm
 
 
-def _lock(arm: Any, locked: Mapping[str, float]) -> Any:
+def _lock(arm: Any, shapes: ShapePair, locked: Mapping[str, float]) -> tuple[Any, ShapePair]:
     names = list(arm.names)[1:]
     q = pin.neutral(arm)
     fixed = []
@@ -101,7 +123,12 @@ def _lock(arm: Any, locked: Mapping[str, float]) -> Any:
         fixed.append(j)
     if len(fixed) == len(names):
         raise UnsupportedJoint(arm.name or "the arm", "every joint is locked; an arm needs one that moves")
-    return pin.buildReducedModel(arm, fixed, q) if fixed else arm
+    if not fixed:
+        return arm, shapes
+    if shapes is None:
+        return pin.buildReducedModel(arm, fixed, q), None
+    reduced, (visual, collision) = pin.buildReducedModel(arm, list(shapes), fixed, q)
+    return reduced, (visual, collision)
 
 
 def _satellite(base: SatelliteBase) -> Any:

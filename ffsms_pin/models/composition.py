@@ -14,8 +14,10 @@ from ffsms_pin.system.robot_element import read_robot
 from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_edit import INERTIA_KEYS, words
 
-__all__ = ["compose"]
+__all__ = ["BODY_COLOUR", "PANEL_COLOUR", "compose", "panel_boxes"]
 
+Triple = tuple[float, float, float]
+BODY_COLOUR, PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
 # Solar panels, as drawn: [m].
 _PANEL_THICKNESS, _PANEL_GAP = 0.02, 0.1
 
@@ -62,13 +64,19 @@ def _base_link(name: str, base: SatelliteBase) -> ElementTree.Element:
     tensor = base.inertia_matrix
     ElementTree.SubElement(inertial, "inertia", {key: words(tensor[ij]) for key, ij in INERTIA_KEYS.items()})
     _box(link, "collision", base.size, (0.0, 0.0, 0.0))
-    _box(link, "visual", base.size, (0.0, 0.0, 0.0), "0.80 0.78 0.72 1")
-    if base.panels is not None:
-        span, chord = base.panels
-        for side in (1.0, -1.0):
-            centre = (0.0, side * (base.size[1] / 2.0 + _PANEL_GAP + span / 2.0), 0.0)
-            _box(link, "visual", (chord, span, _PANEL_THICKNESS), centre, "0.10 0.15 0.40 1")
+    _box(link, "visual", base.size, (0.0, 0.0, 0.0), words(BODY_COLOUR))
+    for size, centre in panel_boxes(base):
+        _box(link, "visual", size, centre, words(PANEL_COLOUR))
     return link
+
+
+def panel_boxes(base: SatelliteBase) -> list[tuple[Triple, Triple]]:
+    """Size and centre of each solar panel's box in the base frame [m]; none without panels."""
+    if base.panels is None:
+        return []
+    span, chord = base.panels
+    middle = base.size[1] / 2.0 + _PANEL_GAP + span / 2.0
+    return [((chord, span, _PANEL_THICKNESS), (0.0, side * middle, 0.0)) for side in (1.0, -1.0)]
 
 
 def _box(link: ElementTree.Element, kind: str, size: Any, centre: Any, colour: str | None = None) -> None:

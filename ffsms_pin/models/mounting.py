@@ -18,6 +18,7 @@ from ffsms_pin.models.arms import ARMS, find_arm
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.models.composition import compose
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.given_shapes import checked_shapes
 from ffsms_pin.system.loading import build, checked, folders
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE, Inertias
 
@@ -39,6 +40,8 @@ def mount(
     wheels: ReactionWheels | None = None,
     thrusters: Thrusters | None = None,
     inertias: Inertias = "check",
+    visual: Any = None,
+    collision: Any = None,
 ) -> SpaceManipulator:
     """Put an arm on a satellite.
 
@@ -51,8 +54,7 @@ def mount(
         An arm of example-robot-data: "panda" with its fingers closed and locked, "xarm7", "ur5", "ur10", "z1"
         with its gripper closed and locked, "kinova", or the name of any other loader of that package, such
         as "talos_arm". Else a packaged name, a path to a URDF, a path to an MJCF file (.xml, .mjcf), or a
-        Pinocchio model without a free-flyer, whose joints have one degree of freedom each. Robots from MJCF
-        and from models have no shapes besides the satellite's box.
+        Pinocchio model without a free-flyer, whose joints have one degree of freedom each.
     base : SatelliteBase, optional
         Default: a solid cube of 200 kg and 1 m.
     placement : pinocchio.SE3, optional
@@ -84,6 +86,9 @@ def mount(
         Default: none.
     inertias : {"check", "keep", "repair"}
         What happens to inertias that break the triangle inequality: see `load`.
+    visual, collision : pinocchio.GeometryModel, optional
+        Shapes of an arm that is given as a Pinocchio model; a file has its own. Default: no shapes besides
+        the satellite's. With collision shapes alone, these are drawn too.
 
     Returns
     -------
@@ -112,12 +117,18 @@ def mount(
         raise InvalidValue("locked", locked, "must map names of joints to positions") from None
     limits = {"velocity": velocity, "torque": torque, "acceleration": acceleration}
     if isinstance(arm, pin.Model):
-        sms = append(arm, base, placement, end_effector, joints, **limits, base_size=base_size)
+        shapes = checked_shapes(arm, visual, collision)
+        sms = append(arm, base, placement, end_effector, joints, **limits, base_size=base_size, shapes=shapes)
         return _actuated(sms, wheels, thrusters)
+    for kind, given in (("visual", visual), ("collision", collision)):
+        if given is not None:
+            raise InvalidValue(kind, given, "belongs to a pinocchio.Model; a file brings its own shapes")
     path, known = find_arm(arm)
     if is_mjcf(path):
-        model = read_mjcf(path)
-        sms = append(model, base, placement, end_effector, joints, **limits, base_size=base_size)
+        model, shapes = read_mjcf(path)
+        sms = append(
+            model, base, placement, end_effector, joints, **limits, base_size=base_size, shapes=shapes
+        )
         return _actuated(sms, wheels, thrusters)
     joints = dict(known.locked) | joints
     name = f"satellite_{arm if str(arm) in ARMS else path.stem}"

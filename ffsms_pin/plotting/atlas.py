@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ffsms_pin.atlas.labels import long_name, unit
-from ffsms_pin.atlas.sweep import STATISTICS, Sweep
+from ffsms_pin.atlas.sweep import OF_WHEELS, STATISTICS, Sweep
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.plotting.style import ACCENT, NEUTRAL, applied, axes_or_new
@@ -186,7 +186,7 @@ def plot_pareto(
         bar = ax.get_figure().colorbar(dots, ax=ax)  # type: ignore[union-attr]
         bar.set_label(shade)
         ax.set_xlabel("reach [m]")
-        ax.set_ylabel(f"{motion.replace('_', ' ')}\n[{STATISTICS[motion].rpartition('[')[2]}")
+        ax.set_ylabel(f"{motion.replace('_', ' ')}\n[{(STATISTICS | OF_WHEELS)[motion].rpartition('[')[2]}")
         ax.legend()
     return ax
 

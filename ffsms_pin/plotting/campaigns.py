@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ffsms_pin.campaigns.report import Report, wilson_interval
+from ffsms_pin.campaigns.report import Report
 from ffsms_pin.plotting.style import NEUTRAL, applied, axes_or_new, line
+from ffsms_pin.scenarios.success import wilson_interval
 
 __all__ = ["plot_campaign", "plot_final_error_shares", "plot_success_over"]
 

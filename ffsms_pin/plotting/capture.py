@@ -8,10 +8,14 @@ import numpy as np
 import pinocchio as pin
 from matplotlib.axes import Axes
 
-from ffsms_pin.plotting.style import line
+from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
+from ffsms_pin.plotting.series import plot_series
+from ffsms_pin.plotting.style import applied, legend_above
 from ffsms_pin.scenarios import Outcome
 
 __all__ = ["plot_braking", "plot_turning"]
+
+_SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
 
 
 def plot_turning(outcome: Outcome, ax: Axes) -> Any:
@@ -28,25 +32,29 @@ def plot_turning(outcome: Outcome, ax: Axes) -> Any:
     t = tracking.t + offset
     rest = t[t >= capture.planned_braking]
     said = np.degrees(capture.planned_rest.twists(rest - capture.planned_braking)[:, 3:])
-    for i, axis in enumerate("xyz"):
-        style = line(i)
-        ax.plot(t, rates[:, i], label=f"$\\omega_{axis}$", **style)
-        ax.plot(rest, said[:, i], color="black", linewidth=0.8, linestyle=(0, (4, 3)))
-    ax.set_ylabel("base rate [deg/s]")
-    ax.set_xlabel("time since the contact [s]")
-    ax.legend(loc="best", ncols=3)
+    names = [f"$\\omega_{axis}$" for axis in "xyz"]
+    ax = plot_series(ax, t, rates, "base rate [deg/s]", names)
+    with applied():
+        for i in range(3):
+            ax.plot(rest, said[:, i], label="as said before" if i == 0 else None, **_SAID)
+        legend_above(ax, [*names, "as said before"])
+        ax.set_xlabel("time since the contact [s]")
+        ax.set_xlim(left=0.0)
     return ax
 
 
 def plot_braking(outcome: Outcome, ax: Axes) -> Any:
-    """Joint rates from the rigid capture on [deg/s]."""
+    """Joint rates from the rigid capture on."""
     capture = outcome.capture
     if capture is None:
         return ax
     offset = 0.0 if capture.contact is None else float(capture.contact.t[-1])
-    for i, name in enumerate(outcome.sms.joint_names):
-        rates = np.degrees(capture.tracking.v[:, 6 + i])
-        ax.plot(capture.tracking.t + offset, rates, label=name, **line(i))
-    ax.set_ylabel("joint rates [deg/s]")
+    ax = plot_series(
+        ax,
+        capture.tracking.t + offset,
+        capture.tracking.v[:, 6 : 6 + outcome.sms.n] * joint_factors(outcome.sms),
+        f"joint rate [{joint_unit_label(outcome.sms)}/s]",
+        outcome.sms.joint_names,
+    )
     ax.set_xlabel("time since the contact [s]")
     return ax

@@ -15,7 +15,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.plotting import base, coupling, coupling_over_time, joints, tracking
 from ffsms_pin.plotting.capture import plot_braking, plot_turning
-from ffsms_pin.plotting.motion import motion_sides, plot_motion
+from ffsms_pin.plotting.motion import motion_sides, plot_motion, times_drawn
 from ffsms_pin.plotting.style import applied, share_legend, stack
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.scenarios.tracked import end_effector_path
@@ -27,23 +27,23 @@ Panel = Callable[[Outcome, Axes], Any]
 
 FIGURES: Mapping[str, tuple[Panel, ...]] = {
     "joints": (
-        lambda o, ax: joints.plot_joint_positions(o.sms, o.trajectory, ax),
-        lambda o, ax: joints.plot_joint_rates(o.sms, o.trajectory, ax),
+        lambda o, ax: joints.plot_joint_positions(o.sms, o.trajectory, ax, o.tracking),
+        lambda o, ax: joints.plot_joint_rates(o.sms, o.trajectory, ax, o.tracking),
     ),
     "coupling": (
         lambda o, ax: coupling.plot_cost(o.trajectory, ax),
         lambda o, ax: coupling.plot_assistance(o.trajectory, ax),
-        lambda o, ax: coupling_over_time.plot_entropy(o.trajectory, ax),
-        lambda o, ax: coupling_over_time.plot_sigma_bands(o.sms, o.trajectory, ax),
+        lambda o, ax: coupling_over_time.plot_entropy(o.trajectory, ax, o.sms, o.tracking),
+        lambda o, ax: coupling_over_time.plot_sigma(o.sms, o.trajectory, ax, o.tracking),
         lambda o, ax: coupling.plot_position_error(o.trajectory, ax),
     ),
     "base-linear": (
-        lambda o, ax: base.plot_base_position(o.sms, o.trajectory, ax),
-        lambda o, ax: base.plot_base_velocity(o.sms, o.trajectory, ax),
+        lambda o, ax: base.plot_base_position(o.sms, o.trajectory, ax, o.tracking),
+        lambda o, ax: base.plot_base_velocity(o.sms, o.trajectory, ax, o.tracking),
     ),
     "base-angular": (
-        lambda o, ax: base.plot_base_rotation(o.sms, o.trajectory, ax),
-        lambda o, ax: base.plot_base_angular_velocity(o.sms, o.trajectory, ax),
+        lambda o, ax: base.plot_base_rotation(o.sms, o.trajectory, ax, o.tracking),
+        lambda o, ax: base.plot_base_angular_velocity(o.sms, o.trajectory, ax, o.tracking),
     ),
     "tracking-joints": (
         lambda o, ax: tracking.plot_joint_error(o.sms, o.tracking, ax),
@@ -63,7 +63,6 @@ CAPTURE_FIGURES: Mapping[str, tuple[Panel, ...]] = {"capture": (plot_turning, pl
 """More of them, where a client was captured."""
 
 _DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] of one drawing, and of two side by side
-_NEAR = 0.2  # share of the torque limits from which they are drawn: else the curves would look flat
 
 # Without a date, the same outcome gives the same file.
 _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
@@ -86,7 +85,7 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
     """Torques, with their limits where the motion comes near them; else a word on how far away they are."""
     limit, tau = outcome.controller.torque_limit, outcome.tracking.tau
     used = float((np.abs(tau) / limit).max(initial=0.0))
-    if used > _NEAR:
+    if used > joints.FAR_FROM_LIMITS:
         return tracking.plot_torques(outcome.sms, outcome.tracking, ax, limit)
     ax = tracking.plot_torques(outcome.sms, outcome.tracking, ax)
     if used > 0.0:
@@ -117,8 +116,13 @@ def _motion(outcome: Outcome) -> Figure:
         panels = list(result.subplots(1, len(sides), squeeze=False)[0])
     for ax, side in zip(panels, sides, strict=True):
         plot_motion(outcome.sms, outcome.trajectory, ax, paths=paths, along=side, obstacles=obstacles)
-    share_legend(result, panels)
+    if len(panels) > 1:  # once for both
+        for ax in panels:
+            ax.set_xlabel(ax.get_xlabel().partition("\n")[0])
+        with applied():
+            result.supxlabel(times_drawn(outcome.trajectory, bool(paths)), fontsize=9.0)
     _fit(result, panels)
+    share_legend(result, panels)
     return result
 
 

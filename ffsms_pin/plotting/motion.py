@@ -19,7 +19,7 @@ from ffsms_pin.plotting.obstacles import draw_obstacle
 from ffsms_pin.plotting.style import ACCENT, applied, axes_or_new, line
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["motion_sides", "plot_motion"]
+__all__ = ["motion_sides", "plot_motion", "times_drawn"]
 
 _FLAT = 1e-9  # [m] a motion that spreads less than this along an axis is planar
 _TARGET = "#D55E00"
@@ -56,7 +56,7 @@ def plot_motion(
     if along is not None:
         one_of("along", along, ("x", "y", "z"))
     paths = {} if paths is None else paths
-    rows, shown = _postures(sms, trajectory, instants)
+    shown = _postures(sms, trajectory, instants)
     spread = _spread(trajectory, shown, paths)
     across = _narrowest(spread)[0] if along is None else "xyz".index(along)
     axes = [axis for axis in range(3) if axis != across]
@@ -88,9 +88,7 @@ def plot_motion(
         ax.set_aspect("equal", adjustable="datalim")
         names = ["xyz"[axis] for axis in axes]
         note = "" if spread[across] < _FLAT else f" (projected along {'xyz'[across]})"
-        times = ", ".join(f"{trajectory.t[k]:.3g}" for k in rows)
-        planned = ", as planned" if paths else ""
-        ax.set_xlabel(f"{names[0]} [m]{note}\npale to full{planned}: t = {times} s")
+        ax.set_xlabel(f"{names[0]} [m]{note}\n{times_drawn(trajectory, bool(paths), instants)}")
         ax.set_ylabel(f"{names[1]} [m]{note}")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
     return ax
@@ -100,17 +98,24 @@ def motion_sides(
     sms: SpaceManipulator, trajectory: Trajectory, paths: Mapping[str, FloatArray] | None = None
 ) -> tuple[str, ...]:
     """The inertial axes along which to look at a motion: one if it is planar, else two."""
-    _, shown = _postures(sms, trajectory, 6)
+    shown = _postures(sms, trajectory, 6)
     spread = _spread(trajectory, shown, {} if paths is None else paths)
     first, second = _narrowest(spread)
     return ("xyz"[first],) if spread[first] < _FLAT else ("xyz"[first], "xyz"[second])
 
 
-def _postures(
-    sms: SpaceManipulator, trajectory: Trajectory, instants: int
-) -> tuple[NDArray[np.intp], list[_Posture]]:
-    rows = np.unique(np.linspace(0, len(trajectory.t) - 1, max(2, instants)).round().astype(np.intp))
-    return rows, [_Posture(sms, trajectory.q[k]) for k in rows]
+def times_drawn(trajectory: Trajectory, paths: bool, instants: int = 6) -> str:
+    """What a drawing says of its postures; with `paths`, that they are those of the plan."""
+    times = ", ".join(f"{trajectory.t[k]:.3g}" for k in _rows(trajectory, instants))
+    return f"pale to full{', as planned' if paths else ''}: t = {times} s"
+
+
+def _rows(trajectory: Trajectory, instants: int) -> NDArray[np.intp]:
+    return np.unique(np.linspace(0, len(trajectory.t) - 1, max(2, instants)).round().astype(np.intp))
+
+
+def _postures(sms: SpaceManipulator, trajectory: Trajectory, instants: int) -> list[_Posture]:
+    return [_Posture(sms, trajectory.q[k]) for k in _rows(trajectory, instants)]
 
 
 def _spread(trajectory: Trajectory, shown: list[_Posture], paths: Mapping[str, FloatArray]) -> FloatArray:
@@ -144,7 +149,13 @@ class _Posture:
         if sms.base_size is not None:
             box: Any = data.oMi[1] * sms.base_box_placement
             signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
-            self.corners = (signs * np.array(sms.base_size)) @ box.rotation.T + box.translation
+            half = 0.5 * np.array(sms.base_size)
+            self.corners = 2.0 * (signs * half) @ box.rotation.T + box.translation
+            for j in range(2, model.njoints):  # from the box to where an arm begins
+                if parents[j] == 1:
+                    nearest = box.act(np.clip(box.actInv(origins[j]), -half, half))
+                    if np.linalg.norm(nearest - origins[j]) > _FLAT:
+                        self.segments.append(np.array([nearest, origins[j]]))
 
     def points(self) -> FloatArray:
         """Every point of the arm, (k, 3)."""

@@ -3,14 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.plotting.style import LIMIT, applied, axes_or_new, legend_above, line
+from ffsms_pin.plotting.style import (
+    AS_PLANNED,
+    LIMIT,
+    LIMITS,
+    NEUTRAL,
+    PLANNED,
+    applied,
+    axes_or_new,
+    legend_above,
+    line,
+)
 
-__all__ = ["plot_series"]
+__all__ = ["Series", "plot_flown", "plot_series"]
+
+_SAME = 0.02  # of the largest planned value: what differs by less is drawn once
+_ROWS = 1500  # of a recording: more than a panel has room for help nobody
+
+
+class Series(NamedTuple):
+    """Values over time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (k,)
+        [s]
+    values : ndarray, shape (k, m)
+    """
+
+    t: FloatArray
+    values: FloatArray
 
 
 def plot_series(
@@ -55,11 +83,50 @@ def plot_series(
                     drawn.append(float(value))
                     ax.axhline(value, color="#555555" if shared else line(i)["color"], **LIMIT)
         if drawn:
-            ax.plot([], [], color="#555555", label="limits", **LIMIT)
+            ax.plot([], [], color="#555555", label=LIMITS, **LIMIT)
         ax.set_xlabel("time [s]")
         ax.set_ylabel(label)
         ax.margins(x=0.0)
         if names or drawn:
-            labels = [*names, *(["limits"] if drawn else [])]
+            labels = [*names, *([LIMITS] if drawn else [])]
             legend_above(ax, labels)
     return ax
+
+
+def plot_flown(
+    ax: Axes | None,
+    planned: Series,
+    flown: Series | None,
+    label: str,
+    names: Sequence[str],
+    limits: Sequence[FloatArray] = (),
+) -> Axes:
+    """Draw what was flown, and thin and pale what was planned where that differs; else the plan alone.
+
+    Parameters
+    ----------
+    ax : Axes or None
+    planned : Series
+    flown : Series or None
+    label, names, limits
+        As for `plot_series`.
+    """
+    if flown is None or not _differs(planned, flown):
+        return plot_series(ax, planned.t, planned.values, label, names, limits)
+    rows = np.unique(np.linspace(0, len(flown.t) - 1, min(_ROWS, len(flown.t))).astype(int))
+    ax = plot_series(ax, flown.t[rows], flown.values[rows], label, names, limits)
+    with applied():
+        for i in range(planned.values.shape[1]):
+            ax.plot(planned.t, planned.values[:, i], color=line(i)["color"], **PLANNED)
+        ax.plot([], [], color=NEUTRAL, label=AS_PLANNED, **PLANNED)
+        legend_above(ax, ax.get_legend_handles_labels()[1])
+    return ax
+
+
+def _differs(planned: Series, flown: Series) -> bool:
+    """Whether two motions differ by more than a line's width, as long as both last."""
+    both = planned.t <= flown.t[-1] + 1e-9
+    found = [np.interp(planned.t[both], flown.t, column) for column in flown.values.T]
+    largest = float(np.abs(planned.values).max(initial=0.0))
+    apart = float(np.abs(np.array(found).T - planned.values[both]).max(initial=0.0))
+    return apart > max(_SAME * largest, 1e-9)

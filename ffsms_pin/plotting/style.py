@@ -12,8 +12,11 @@ from matplotlib.figure import Figure
 
 __all__ = [
     "ACCENT",
+    "AS_PLANNED",
     "LIMIT",
+    "LIMITS",
     "NEUTRAL",
+    "PLANNED",
     "applied",
     "axes_or_new",
     "legend_above",
@@ -28,11 +31,15 @@ _DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (5, 1.5, 1, 1.5)), (0, (2, 1))
 ACCENT, NEUTRAL = "#0072B2", "#555555"
 # How limits are drawn.
 LIMIT: dict[str, Any] = {"linestyle": ":", "linewidth": 1.1}
+# How a plan is drawn beside what was flown: thin and pale, in the colour of what was flown.
+PLANNED: dict[str, Any] = {"linewidth": 0.9, "linestyle": "-", "alpha": 0.55}
+# What the legends call them.
+LIMITS, AS_PLANNED = "limits", "as planned"
 
 _WIDTH = 5.2  # [in]
 _HEIGHT = 2.1  # [in] a panel
-_LIMITS = "limits"  # a legend's name for dotted lines
 _LEGEND_WIDTH = 38.0  # [em] what fits above a panel of that width, labels of a long axis beside it
+_LAST = (LIMITS, AS_PLANNED)  # at the end of a legend, whichever panel has them
 
 # Matplotlib types the keys one by one, and newer versions know more of them than older ones.
 _STYLE: Any = {
@@ -82,10 +89,16 @@ def legend_above(ax: Axes, labels: Sequence[str]) -> None:
     )
 
 
-def _columns(labels: Sequence[str]) -> int:
-    # In widths of an m: the line and the gaps, and a little more than half of one for each letter.
-    widest = 4.8 + 0.6 * max((len(label) for label in labels), default=0)
-    return max(1, min(len(labels), int(_LEGEND_WIDTH / widest)))
+def _columns(labels: Sequence[str], width: float = 1.0) -> int:
+    """As many columns as fit into `width` panels; entries fill one column after the other."""
+    for count in range(len(labels), 1, -1):
+        rows = -(-len(labels) // count)
+        columns = [labels[i : i + rows] for i in range(0, len(labels), rows)]
+        # In widths of an m: the line and the gaps, and a little more than half of one for each letter.
+        needed = sum(4.8 + 0.6 * max(len(label) for label in column) for column in columns)
+        if needed <= width * _LEGEND_WIDTH:
+            return count
+    return 1
 
 
 def share_legend(figure: Figure, panels: Sequence[Axes]) -> None:
@@ -97,17 +110,18 @@ def share_legend(figure: Figure, panels: Sequence[Axes]) -> None:
     own: list[list[str]] = []
     for ax in panels:
         handles, labels = ax.get_legend_handles_labels()
-        own.append([label for label in labels if label != _LIMITS])
+        own.append([label for label in labels if label not in _LAST])
         entries |= dict(zip(labels, handles, strict=True))
     if any(labels != own[0] for labels in own):
         return
     for legend in legends:
         if legend is not None:
             legend.remove()
-    if _LIMITS in entries:  # at the end, whichever panel has limits
-        entries[_LIMITS] = entries.pop(_LIMITS)
+    for name in _LAST:
+        if name in entries:
+            entries[name] = entries.pop(name)
     with applied():
-        columns = _columns(list(entries))
+        columns = _columns(list(entries), figure.get_figwidth() / _WIDTH)
         figure.legend(entries.values(), entries.keys(), loc="outside upper right", ncols=columns)
 
 

@@ -20,7 +20,7 @@ from ffsms_pin.simulation.compliant import CompliantContact, compliant_contact
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import centroidal
 
-__all__ = ["Captured", "captured"]
+__all__ = ["Captured", "captured", "joined", "whole_tracking"]
 
 _AFTER = 10.0  # [s] simulated after the capture
 _CONTACT = 0.5  # [s] `compliant_contact`'s default
@@ -146,7 +146,7 @@ def captured(
     row = min(row, len(tracking.t) - 1)
     t, q, v = float(tracking.t[row]), tracking.q[row], tracking.v[row]
     plant: SpaceManipulator = options["plant"]
-    grasp = meeting(scenario, client)
+    grasp = meeting(scenario.meet or {}, client)
     state, place = plant.at(q, v), grasp.place(t)
     assert place.rotation is not None
     assert place.velocity is not None
@@ -224,16 +224,20 @@ def _client_about_origin(client: Client, t: float) -> FloatArray:
 
 def whole_tracking(approach: Tracking, capture: Captured) -> Tracking:
     """Approach and what follows as one recording, the compliant contact left out; its times go on."""
-    other = capture.tracking
+    contact = 0.0 if capture.contact is None else float(capture.contact.t[-1])
+    return joined(approach, capture.tracking, float(approach.t[-1]) + contact)
+
+
+def joined(approach: Tracking, after: Tracking, since: float) -> Tracking:
+    """Two recordings as one, the second of which begins at a time `since` [s] of the first."""
     values: dict[str, Any] = {}
     for field in fields(Tracking):
-        first, second = getattr(approach, field.name), getattr(other, field.name)
+        first, second = getattr(approach, field.name), getattr(after, field.name)
         if field.name == "note":
             values[field.name] = "; ".join(note for note in (first, second) if note)
         elif len(first) == len(approach.t):
             values[field.name] = np.concatenate([first[:-1], second])
         else:
             values[field.name] = np.concatenate([first, second])
-    contact = 0.0 if capture.contact is None else float(capture.contact.t[-1])
-    values["t"] = np.concatenate([approach.t[:-1], approach.t[-1] + contact + other.t])
+    values["t"] = np.concatenate([approach.t[:-1], since + after.t])
     return Tracking(**values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import coal
 import numpy as np
@@ -12,19 +12,17 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor
 from ffsms_pin.opt import Meet
+from ffsms_pin.scenarios.contents import Contents
 from ffsms_pin.scenarios.table import radians
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import roll_out
-
-if TYPE_CHECKING:
-    from ffsms_pin.scenarios.definition import Scenario
 
 __all__ = ["made_client", "meeting", "sensor"]
 
 _STEPS = 200  # of the straight move that meets a client by construction
 
 
-def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
+def made_client(scenario: Contents, sms: SpaceManipulator) -> Client:
     """The client of a scenario; its time zero is the start of the motion.
 
     Placed by `position` and `rpy`, these and `velocity` and `spin` are those at the start. Placed by `joints`
@@ -60,14 +58,14 @@ def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     return client(then.pose(-duration), then.twist(-duration))
 
 
-def meeting(scenario: Scenario, client: Client | ClientEstimate) -> Meet:
-    """The goal to meet a client."""
-    values = radians(scenario.meet or {})
+def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> Meet:
+    """The goal to meet a client, from the table [meet]."""
+    values = radians(meet)
     others = {key: value for key, value in values.items() if key not in ("grasp", "grasp_rpy")}
-    return Meet(client, _grasp(scenario.meet or {}), **others)
+    return Meet(client, _grasp(meet), **others)
 
 
-def sensor(scenario: Scenario) -> ClientSensor | None:
+def sensor(scenario: Contents) -> ClientSensor | None:
     """How the client is seen in the loop; None: where it is, is known."""
     given = None if scenario.client is None else scenario.client.get("sensor")
     return None if given is None else ClientSensor(**radians(given))

@@ -60,7 +60,7 @@ class ClosedLoop:
 
     def reference(self, plan: Trajectory) -> Reference:
         """What is to be followed: the plan, or a new reference that plans again."""
-        return replanning(self.scenario, self.sms) if self.scenario.replans else self.plan_once(plan)
+        return replanning(self.scenario, self.sms, plan) if self.scenario.replans else self.plan_once(plan)
 
     def plan_once(self, plan: Trajectory) -> Reference:
         """The plan, and after its end the rest that it ends in for as long as the scenario holds."""

@@ -30,7 +30,7 @@ def described(scenario: Scenario) -> dict[str, str]:
     for name in ("simulation", "plant", "friction", "actuator", "sensors", "estimator"):
         if values := getattr(scenario, name):
             words[name] = _words(values)
-    for name in ("disturbance", "capture", "fault", "term", "limit"):
+    for name in ("also", "via", "disturbance", "capture", "fault", "term", "limit"):
         several = getattr(scenario, name)
         for i, values in enumerate(several, start=1):
             words[name if len(several) == 1 else f"{name} {i}"] = _words(values)

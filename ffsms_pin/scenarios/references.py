@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeGuard
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt import AlphaBox, Replanning, SearchOptions, Trajectory
+from ffsms_pin.opt import AlphaBox, Limit, Replanning, SearchOptions, Trajectory, Via
 from ffsms_pin.opt.planning.plan import plan_problem
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.watching import Watching, first_sight
@@ -32,10 +33,13 @@ def planned(
     return replace(trajectory, reach=scenario.plan.get("reach", trajectory.reach))
 
 
-def replanning(scenario: Scenario, sms: SpaceManipulator) -> Replanning | Watching:
+def replanning(
+    scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | None = None
+) -> Replanning | Watching:
     """A reference that plans again from the measured state; one run uses it up.
 
-    Where the client has a sensor, what is planned for is its estimate.
+    Where the client has a sensor, what is planned for is its estimate. Waypoints without a time get that at
+    which `plan` passes them: the loop cannot see what was passed.
     """
     seen = sensor(scenario)
     client = None if scenario.client is None else scenario.made_client(sms)
@@ -43,6 +47,9 @@ def replanning(scenario: Scenario, sms: SpaceManipulator) -> Replanning | Watchi
     problem = scenario.problem(sms, dt=scenario.reference.get("dt"), client=estimate)
     if not any(isinstance(limit, AlphaBox) for limit in problem.limits):
         problem = replace(problem, limits=(*problem.limits, AlphaBox()))  # the paper's step has it always
+    if plan is not None:
+        limits = [one.timed(plan) if _untimed(one) else one for one in problem.limits]
+        problem = replace(problem, limits=limits)
     options = ReplanOptions(
         dead_band=scenario.reference.get("dead_band"), jerk=scenario.per_joint(sms, "reference", "jerk")
     )
@@ -50,6 +57,10 @@ def replanning(scenario: Scenario, sms: SpaceManipulator) -> Replanning | Watchi
     if client is None or seen is None or estimate is None:
         return reference
     return Watching(reference, client, seen, estimate)
+
+
+def _untimed(limit: Limit) -> TypeGuard[Via]:
+    return isinstance(limit, Via) and limit.time is None
 
 
 class Held:

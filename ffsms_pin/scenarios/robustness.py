@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
+import os
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -11,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.engine import Chunks, Table, collected, joined
+from ffsms_pin.engine import Chunks, Table, collected, joined, run
 from ffsms_pin.errors import InvalidValue, TaskError, TasksFailed
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, named, prepared
@@ -19,9 +21,11 @@ from ffsms_pin.scenarios.conditions import control_steps, controller
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.references import planned, replanning
 from ffsms_pin.scenarios.run import StageProgress, stage
+from ffsms_pin.scenarios.success import wilson_interval
 from ffsms_pin.scenarios.tracked import arrived
 from ffsms_pin.simulation import random_plants
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.version import __version__
 
 __all__ = ["METHODS", "Robustness", "robustness", "robustness_numbers"]
 
@@ -87,6 +91,7 @@ def robustness(
     base_mass: float = 0.1,
     base_inertia: float = 0.1,
     jobs: int | None = None,
+    folder: str | os.PathLike[str] | None = None,
     progress: StageProgress | None = None,
 ) -> Robustness:
     """Follow a scenario's motion on random plants, planned again in the loop and planned once.
@@ -104,6 +109,9 @@ def robustness(
         By what share they are off at most, as for `ffsms_pin.simulation.random_plants`.
     jobs : int, optional
         Processes at once; default: one for each core. The results do not depend on it.
+    folder : path, optional
+        Where runs are kept as they end, in chunks: the same call goes on from there where it was killed.
+        Default: nothing is kept.
     progress : callable, optional
         Called with "planning" or "plants" and the share of that stage that is done, 0 to 1.
 
@@ -115,6 +123,8 @@ def robustness(
         No plants, or a share out of range.
     TasksFailed
         Some runs raised errors; those that were stopped are no error.
+    ResultError
+        The folder cannot be written, or holds other runs.
     DependencyMissing
         Several processes are asked for, and Dask is not installed.
     """
@@ -132,12 +142,12 @@ def robustness(
         plan = planned(scenario, sms, q0, stage(progress, "planning"))
         report = stage(progress, "plants")
         work = _Runs(loop, plan, shares, seed)
-        found = collected(
+        found = _table_of(
             work,
-            Chunks.fitting(plants),
-            jobs=jobs,
-            lost=work.lost,
-            progress=None if report is None else lambda done, total: report(done / total),
+            plants,
+            folder,
+            jobs,
+            None if report is None else lambda done, total: report(done / total),
         )
     failures: dict[int, Exception] = {
         int(i): TaskError(str(found["error"][i])) for i in np.flatnonzero(found["error"] != "")
@@ -173,6 +183,9 @@ def robustness_numbers(found: Robustness) -> dict[str, Any]:
         errors = found.final_errors(method)
         numbers["methods"][method] = {
             "arrived": int(found.arrived[method].sum()),
+            "arrived_95_percent_interval": list(
+                wilson_interval(int(found.arrived[method].sum()), len(errors))
+            ),
             "stopped": sum(bool(why) for why in found.stopped[method]),
             "final_error_median_m": _finite(np.median(errors)),
             "final_error_95_percent_m": _finite(np.quantile(errors, 0.95, method="higher")),
@@ -210,6 +223,48 @@ class _Runs:
             return self.lost(0, f"{type(error).__name__}: {error}")
 
 
+def _table_of(
+    work: _Runs,
+    plants: int,
+    folder: str | os.PathLike[str] | None,
+    jobs: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> dict[str, Any]:
+    """The rows of all plants."""
+    chunks = Chunks.fitting(plants)
+    if folder is None:
+        return collected(work, chunks, jobs=jobs, lost=work.lost, progress=progress)
+    place = run(
+        work,
+        chunks,
+        folder,
+        specification=_specification(work),
+        jobs=jobs,
+        lost=work.lost,
+        progress=progress,
+    )
+    return joined(list(place.tables()))
+
+
+def _specification(work: _Runs) -> dict[str, Any]:
+    """All that the rows depend on: the file, the robot, the plan, the plants' draws and the version."""
+    scenario = work.loop.scenario
+    return {
+        "what": "robustness",
+        "scenario": scenario.name,
+        "file_sha256": _sha256(scenario.source.read_bytes()),
+        "robot_sha256": _sha256(work.loop.sms.model.saveToString().encode()),
+        "plan_sha256": _sha256(work.plan.q.tobytes()),
+        "largest_relative_error": work.shares,
+        "seed": work.seed,
+        "version": __version__,
+    }
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
 def _table(ends: Sequence[_End], error: str) -> dict[str, Any]:
     """One row: the runs on one plant, by method."""
     return {
@@ -223,7 +278,7 @@ def _table(ends: Sequence[_End], error: str) -> dict[str, Any]:
 def _end(loop: ClosedLoop, plan: Trajectory, method: str, plant: SpaceManipulator) -> _End:
     """One run on one plant; law and reference are new, for some remember."""
     scenario, sms = loop.scenario, loop.sms
-    reference = replanning(scenario, sms) if method == METHODS[0] else loop.plan_once(plan)
+    reference = replanning(scenario, sms, plan) if method == METHODS[0] else loop.plan_once(plan)
     tracking, stopped = attempt(partial(loop.run, reference, controller(scenario, sms), plant=plant))
     whole = np.full(control_steps(scenario) + 1, np.nan)
     whole[: len(tracking.t)] = tracking.position_error

@@ -11,6 +11,7 @@ from ffsms_pin.control import LAWS
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios.actuated import COORDINATED_WITH
 from ffsms_pin.scenarios.client_tables import check_client
+from ffsms_pin.scenarios.place_tables import check_places
 from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, HELD_BY, TABLES, Table, gains_of
 from ffsms_pin.scenarios.values import Unusable, frozen, text
 
@@ -62,6 +63,7 @@ def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     _check_alternatives(source, tables)
     _check_base(source, tables)
     check_client(source, tables)
+    check_places(source, tables)
     return tables
 
 

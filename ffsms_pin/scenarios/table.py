@@ -53,4 +53,6 @@ def radians(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _radians(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: math.radians(one) for name, one in value.items()}
     return tuple(map(math.radians, value)) if isinstance(value, tuple) else math.radians(value)

@@ -9,6 +9,7 @@ from ffsms_pin.control import LAWS
 from ffsms_pin.opt import METHODS
 from ffsms_pin.scenarios.base_tables import ATTITUDE, THRUSTERS, WHEELS
 from ffsms_pin.scenarios.client_tables import CLIENT, CONTACT, MEET
+from ffsms_pin.scenarios.place_tables import ALSO, TARGET, VIA
 from ffsms_pin.scenarios.table import DEGREES, Table, radians
 from ffsms_pin.scenarios.values import (
     Parser,
@@ -16,6 +17,7 @@ from ffsms_pin.scenarios.values import (
     flag,
     gain,
     matrix,
+    named_numbers,
     not_negative,
     number,
     numbers,
@@ -68,7 +70,18 @@ _BASE_LIMITS = Table(
 
 TABLES: Mapping[str, Table] = {
     "robot": Table(
-        {"model": text, "end_effector": text, "base_size": numbers(3, positive), "wheels": texts},
+        {
+            "model": text,
+            "end_effector": text,
+            "base_size": numbers(3, positive),
+            "wheels": texts,
+            "locked": named_numbers,
+            "velocity": per_joint(positive),
+            "acceleration": per_joint(positive),
+            "torque": per_joint(positive),
+            "inertias": one_of("check", "keep", "repair"),
+        },
+        frozenset({"locked", "velocity", "acceleration"}),
         required=("model",),
     ),
     "start": Table(
@@ -76,10 +89,9 @@ TABLES: Mapping[str, Table] = {
         frozenset({"joints", "joint_rates"}),
         required=("joints",),
     ),
-    "target": Table(
-        {"position": numbers(3), "rpy": numbers(3), "velocity": numbers(3)},
-        frozenset({"rpy"}),
-    ),
+    "target": TARGET,
+    "also": ALSO,
+    "via": VIA,
     "client": CLIENT,
     "meet": MEET,
     "contact": CONTACT,

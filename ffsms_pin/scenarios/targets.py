@@ -1,8 +1,7 @@
-"""The goal that the table [target] describes: a place, a pose, or either of them in motion."""
+"""The goals that a scenario file describes: the target, goals of other frames, and waypoints."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,40 +9,106 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.scenarios.tables import DEGREES
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt import Also, Goal, Moving, Pose, Position, Via
+from ffsms_pin.scenarios.table import radians
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.mechanism import frame_index
 
-__all__ = ["Straight", "goal_of"]
+__all__ = ["Straight", "goal_of", "other_goals", "waypoints"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Straight:
-    """A place that moves at a constant velocity, inertial axes.
+    """A place that moves at a constant velocity and turns at a constant rate, inertial axes.
 
     Attributes
     ----------
-    position : tuple of float
+    position : ndarray, shape (3,)
         At the start [m].
-    velocity : tuple of float
+    velocity : ndarray, shape (3,)
         [m/s]
-    rpy : tuple of float or None
-        Attitude as roll, pitch and yaw [rad]; None where any will do.
+    rotation : ndarray, shape (3, 3), or None
+        Attitude at the start; None where any will do.
+    spin : ndarray, shape (3,)
+        Angular velocity [rad/s].
     """
 
-    position: tuple[float, ...]
-    velocity: tuple[float, ...]
-    rpy: tuple[float, ...] | None = None
+    position: FloatArray
+    velocity: FloatArray
+    rotation: FloatArray | None
+    spin: FloatArray
 
     def __call__(self, t: float) -> Any:
         """The position (3,) [m] or the pose (pinocchio.SE3) at a time [s]."""
-        place = np.array(self.position) + t * np.array(self.velocity)
-        return place if self.rpy is None else pin.SE3(pin.rpy.rpyToMatrix(np.array(self.rpy)), place)
+        place = self.position + t * self.velocity
+        if self.rotation is None:
+            return place
+        return pin.SE3(pin.exp3(t * self.spin) @ self.rotation, place)
 
 
-def goal_of(target: Mapping[str, Any]) -> Any:
-    """What `opt.Problem` takes as its goal, from the table [target]."""
-    rpy = target.get("rpy")
-    if "rpy" + DEGREES in target:
-        rpy = tuple(math.radians(angle) for angle in target["rpy" + DEGREES])
-    velocity = target.get("velocity", (0.0, 0.0, 0.0))
-    path = Straight(target["position"], velocity, rpy)
-    return path if any(velocity) else path(0.0)
+def goal_of(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) -> Goal:
+    """The goal that the table [target] describes, for a start q0 (nq,)."""
+    values = radians(target)
+    axes = _axes(values, sms, q0, sms.end_effector)
+    place = _place(values, axes)
+    reaches = {key: values[key] for key in ("tolerance", "orientation_reach") if key in values}
+
+    def vector(key: str) -> FloatArray:
+        return np.asarray(axes.rotation @ np.array(values.get(key, (0.0, 0.0, 0.0))))
+
+    turned = isinstance(place, pin.SE3)
+    velocity, spin = vector("velocity"), vector("spin")
+    if velocity.any() or spin.any():
+        path = Straight(
+            place.translation if turned else place, velocity, place.rotation if turned else None, spin
+        )
+        return Moving(path, **reaches)
+    arrives = "arrival_velocity" in values
+    if turned:
+        twist = np.concatenate([vector("arrival_velocity"), vector("arrival_spin")]) if arrives else None
+        return Pose(place, twist, **reaches)
+    return Position(place, vector("arrival_velocity") if arrives else None, **reaches)
+
+
+def other_goals(rows: tuple[Mapping[str, Any], ...], sms: SpaceManipulator, q0: FloatArray) -> list[Also]:
+    """The goals of other frames that the tables [[also]] describe."""
+    found = []
+    for row in rows:
+        values = radians(row)
+        reaches = {key: values[key] for key in ("tolerance", "reach", "orientation_reach") if key in values}
+        place = _place(values, _axes(values, sms, q0, values["frame"]))
+        goal = Pose(place, **reaches) if isinstance(place, pin.SE3) else Position(place, **reaches)
+        found.append(Also(values["frame"], goal))
+    return found
+
+
+def waypoints(rows: tuple[Mapping[str, Any], ...], sms: SpaceManipulator, q0: FloatArray) -> list[Via]:
+    """The waypoints that the tables [[via]] describe; they are numbered where they have no name."""
+    found = []
+    for i, row in enumerate(rows, start=1):
+        values = radians(row)
+        others = {key: values[key] for key in ("time", "reach", "orientation_reach") if key in values}
+        place = _place(values, _axes(values, sms, q0, sms.end_effector))
+        found.append(Via(place, name=values.get("name", f"via {i}"), **others))
+    return found
+
+
+def _place(values: Mapping[str, Any], axes: Any) -> Any:
+    """A position (3,) or a pose (pinocchio.SE3) in inertial axes."""
+    position = np.array(values["position"])
+    if "rpy" not in values:
+        return np.asarray(axes.act(position))
+    return axes * pin.SE3(pin.rpy.rpyToMatrix(np.array(values["rpy"])), position)
+
+
+def _axes(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, frame: str) -> Any:
+    """The pose (pinocchio.SE3) in whose axes a place is given: those at the start, which do not move."""
+    which = values.get("relative_to", "inertial")
+    if which == "inertial":
+        return pin.SE3.Identity()
+    if which == "base":
+        return pin.XYZQUATToSE3(np.asarray(q0[:7]))
+    data = sms.model.createData()
+    pin.forwardKinematics(sms.model, data, q0)
+    return pin.updateFramePlacement(sms.model, data, frame_index(sms.model, frame)).copy()

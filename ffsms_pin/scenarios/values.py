@@ -16,6 +16,7 @@ __all__ = [
     "frozen",
     "gain",
     "matrix",
+    "named_numbers",
     "not_negative",
     "number",
     "numbers",
@@ -104,6 +105,13 @@ def texts(value: Any) -> tuple[str, ...]:
     if not isinstance(value, list):
         raise Unusable("must be a list of texts")
     return tuple(text(item) for item in value)
+
+
+def named_numbers(value: Any) -> dict[str, float]:
+    """A table of numbers by name."""
+    if not isinstance(value, dict) or not value:
+        raise Unusable("must be a table of numbers by joint, as {joint_2 = 0.5}")
+    return {key: number(item) for key, item in value.items()}
 
 
 def table(value: Any) -> dict[str, Any]:

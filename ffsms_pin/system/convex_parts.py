@@ -7,6 +7,7 @@ parts is never greater than that between shapes.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -87,7 +88,7 @@ def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
         body=body,
         place=coal.Transform3s(placed.rotation, placed.translation),
         centre=placed.act(centre),
-        radius=float(np.linalg.norm(half)),
+        radius=math.hypot(*half.tolist()),  # does not overflow where the square of a side would
         axes=placed.rotation.copy(),
         half=half,
         convex=convex,
@@ -108,7 +109,7 @@ def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
         half = np.maximum(half, _LEAST_HALF)
         shape = coal.Box(2.0 * half)
         place = coal.Transform3s(placed.rotation, placed.act(centre))
-        radius = float(np.linalg.norm(half))
+        radius = math.hypot(*half.tolist())
     return Part(
         shape=shape,
         body=body,

@@ -27,7 +27,7 @@ from ffsms_pin.system.robot_element import read_robot
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import Inertias, lenient
-from ffsms_pin.system.wheel_joints import taken_out
+from ffsms_pin.system.wheel_joints import taken_out, wheel_names
 from ffsms_pin.urdf import model_names, model_path
 
 __all__ = ["build", "checked", "folders", "load", "with_srdf"]
@@ -48,7 +48,7 @@ def load(
     inertias: Inertias = "check",
 ) -> SpaceManipulator:
     """A space manipulator from a packaged name or the path of a URDF; see `ffsms_pin.load`."""
-    path = _path(robot)
+    path, wheels = _path(robot), wheel_names(wheels)
     urdf, reaction_wheels = checked(read_robot(path), path, locked, inertias, velocity, torque, 4), None
     if wheels:
         urdf, reaction_wheels = taken_out(urdf, wheels)
@@ -110,12 +110,12 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
         No such file.
     """
     try:
-        path = Path(srdf)
+        path = Path(srdf).expanduser()
     except TypeError:
         raise InvalidValue("srdf", srdf, "must be a path") from None
     if not os.path.isfile(path):
         raise InvalidValue("srdf", str(srdf), "must be a file")
-    assert sms.description is not None  # it was built from a URDF
+    assert isinstance(sms.description, Description)  # it was built from a URDF
     return sms._variant(sms.model, description=replace(sms.description, srdf=path))
 
 
@@ -162,8 +162,8 @@ def folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:
     try:
         if isinstance(package_dirs, (str, bytes, os.PathLike)):
             raise TypeError
-        return tuple(Path(folder) for folder in package_dirs)
-    except TypeError:
+        return tuple(Path(folder).expanduser() for folder in package_dirs)
+    except (TypeError, RuntimeError):  # the latter: of a user who has no home folder
         raise InvalidValue("package_dirs", package_dirs, "must be a sequence of paths") from None
 
 

@@ -21,7 +21,7 @@ from ffsms_pin.system.bodies import check_bodies
 from ffsms_pin.system.convex_parts import Part, convex_parts
 from ffsms_pin.system.limits import JointLimits, limits_of
 from ffsms_pin.system.mechanism import Mechanism, scratch
-from ffsms_pin.system.shapes import Description, ShapeKind
+from ffsms_pin.system.shapes import ShapeKind, ShapeSource
 from ffsms_pin.system.state import State
 
 __all__ = ["SpaceManipulator"]
@@ -50,8 +50,8 @@ class SpaceManipulator(Mechanism):
         paper's ratio.
     limits : JointLimits, optional
         In place of the model's limits and `acceleration`.
-    description : Description, optional
-        The URDF behind the model, for its shapes.
+    description : ShapeSource, optional
+        The URDF behind the model, or the shapes that were given beside it.
     wheels : ReactionWheels, optional
     thrusters : Thrusters, optional
 
@@ -70,8 +70,8 @@ class SpaceManipulator(Mechanism):
         Centre of mass of the base body in the root frame [m].
     base_box_placement : pinocchio.SE3
         Pose of the box's centre in the root frame.
-    description : Description or None
-        The URDF behind the model; None where the model was given directly.
+    description : ShapeSource or None
+        Where its shapes come from; None where nothing is known of them.
     wheels : ReactionWheels or None
     thrusters : Thrusters or None
 
@@ -89,7 +89,7 @@ class SpaceManipulator(Mechanism):
         acceleration: ArrayLike | None = None,
         *,
         limits: JointLimits | None = None,
-        description: Description | None = None,
+        description: ShapeSource | None = None,
         wheels: ReactionWheels | None = None,
         thrusters: Thrusters | None = None,
     ) -> None:
@@ -106,7 +106,7 @@ class SpaceManipulator(Mechanism):
             base_box_placement = pin.SE3(np.eye(3), self.base_com)
         else:
             pose("base_box_placement", base_box_placement)
-        instance("description", description, Description, optional=True)
+        instance("description", description, ShapeSource, optional=True)
         self.base_box_placement = base_box_placement.copy()
         self.description = description
         instance("wheels", wheels, ReactionWheels, optional=True)
@@ -271,11 +271,11 @@ class SpaceManipulator(Mechanism):
         Raises
         ------
         GeometryError
-            A mesh is not there or cannot be read, or the model was not made from a URDF.
+            A mesh is not there or cannot be read, or the model was given without shapes.
         """
         one_of("kind", kind, ("visual", "collision"))
         if self.description is None:
-            raise GeometryError("the model was not made from a URDF, so nothing is known of its shapes")
+            raise GeometryError("nothing is known of its shapes: the model was given without any")
         if kind not in self._geometry:
             self._geometry[kind] = self.description.geometry(self.model, kind)
         return self._geometry[kind]

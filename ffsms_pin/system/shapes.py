@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -13,7 +14,7 @@ import pinocchio as pin
 from ffsms_pin.errors import GeometryError
 from ffsms_pin.system.urdf_numbers import is_number
 
-__all__ = ["Description", "ShapeKind", "find_mesh", "shape_problem"]
+__all__ = ["Description", "ShapeKind", "ShapeSource", "find_mesh", "shape_problem"]
 
 ShapeKind = Literal["visual", "collision"]
 _SCHEMES = ("package://", "model://")
@@ -28,8 +29,24 @@ _SIZES: dict[str, dict[str, int]] = {
 _JOINT_PARTS = ("parent", "child", "origin", "axis", "limit")
 
 
+class ShapeSource(ABC):
+    """What is known of a robot's shapes.
+
+    Attributes
+    ----------
+    srdf : Path or None
+        File that names pairs of links whose collisions do not count.
+    """
+
+    srdf: Path | None = None
+
+    @abstractmethod
+    def geometry(self, model: Any, kind: ShapeKind) -> Any:
+        """The visual or collision shapes (pinocchio.GeometryModel) for `model`, a new object."""
+
+
 @dataclass(frozen=True)
-class Description:
+class Description(ShapeSource):
     """The text that a robot was built from, kept for its shapes.
 
     Attributes

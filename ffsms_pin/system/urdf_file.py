@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
-from ffsms_pin.system.rigid_body import inertia_problem
+from ffsms_pin.system.rigid_body import ROUNDING, inertia_problem
 from ffsms_pin.system.robot_element import read_robot
 from ffsms_pin.system.tool_frames import only_tool
 from ffsms_pin.system.urdf_numbers import number_of, origin_of, triple_of
@@ -158,11 +158,13 @@ class UrdfFile:
                 f'has a negative principal inertia, {a:.6g} kg m^2; load it with inertias="repair"',
             )
         if problem == "triangle" and not self._any_tensor:
+            # A body that turns needs inertia about every axis, so zero cannot be kept.
+            ways = 'inertias="keep" or inertias="repair"' if a > ROUNDING * c else 'inertias="repair"'
             raise InvalidInertia(
                 self.path,
                 link,
                 f"breaks the triangle inequality: principal inertias {a:.6g} + {b:.6g} < {c:.6g} kg m^2;"
-                ' load it with inertias="keep" or inertias="repair"',
+                f" load it with {ways}",
             )
         return Inertial(mass, inertia)
 

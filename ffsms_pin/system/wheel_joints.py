@@ -15,9 +15,18 @@ from ffsms_pin.errors import InvalidUrdf, InvalidValue, UnsupportedJoint
 from ffsms_pin.system.urdf_edit import fix_joint
 from ffsms_pin.system.urdf_file import UrdfFile
 
-__all__ = ["taken_out"]
+__all__ = ["taken_out", "wheel_names"]
 
 _ROUNDING = 1e-4  # of a wheel's inertia: the digits of a file
+
+
+def wheel_names(value: object) -> tuple[str, ...]:
+    """Names of joints that are wheels, checked to be texts; there may be none."""
+    if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
+        names = tuple(value)
+        if all(isinstance(name, str) for name in names):
+            return names
+    raise InvalidValue("wheels", value, "must be a list of names of joints")
 
 
 def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionWheels]:
@@ -40,8 +49,6 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
         A joint is not continuous, is not on the base, carries another joint, or its link is not balanced and
         symmetric about its axis.
     """
-    if isinstance(names, (str, bytes)) or not all(isinstance(name, str) for name in names) or not names:
-        raise InvalidValue("wheels", names, "must be a list of names of joints")
     types = {joint.name: joint.type for joint in urdf.joints}
     for name in names:
         if name not in types:

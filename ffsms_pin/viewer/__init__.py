@@ -6,11 +6,12 @@ require("view", "the viewer")
 
 # ruff: noqa: E402  # the check comes first, so that its message is the one that is seen
 from ffsms_pin.viewer._meshcat import meshcat  # first of all
+from ffsms_pin.viewer.cameras import CAMERAS
 from ffsms_pin.viewer.captured import view_capture
 from ffsms_pin.viewer.layers import LAYERS
 from ffsms_pin.viewer.live import LiveView
 from ffsms_pin.viewer.opened import View, view
 
-__all__ = ["LAYERS", "LiveView", "View", "view", "view_capture"]
+__all__ = ["CAMERAS", "LAYERS", "LiveView", "View", "view", "view_capture"]
 
 del meshcat

@@ -31,6 +31,9 @@ COLOURS = {
     "end": "#56B4E9",
     "trail": "#777777",
     "obstacle": "#A03030",
+    "client": "#C9A227",
+    "wheel": "#5B6C7D",
+    "thruster": "#3A3A3A",
 }
 
 # cos(theta_a) from -1 (straight away) over 0 (across) to 1 (straight at the target).

@@ -14,7 +14,9 @@ from ffsms_pin.viewer.layers import LAYERS
 __all__ = ["facts"]
 
 
-def facts(frames: Frames, shown: dict[str, bool], speed: float, play: bool) -> dict[str, Any]:
+def facts(
+    frames: Frames, shown: dict[str, bool], speed: float, play: bool, seen: dict[str, Any]
+) -> dict[str, Any]:
     """The facts that `page.html` reads.
 
     Parameters
@@ -24,6 +26,8 @@ def facts(frames: Frames, shown: dict[str, bool], speed: float, play: bool) -> d
         Whether each layer that the scene has is visible at first.
     speed : float
     play : bool
+    seen : dict
+        From where, as `camera_facts` says.
     """
     readings: list[dict[str, Any]] = [
         {"label": "entropy", "unit": "", "digits": 3, "values": _short(frames.entropy)}
@@ -46,6 +50,7 @@ def facts(frames: Frames, shown: dict[str, bool], speed: float, play: bool) -> d
         "t": _short(frames.t - frames.t[0]),
         "speed": speed,
         "play": play,
+        **seen,
         "layers": layers,
         "scales": scales,
         "readings": readings,

@@ -114,8 +114,8 @@ def target_function(target: Target | None) -> Callable[[float], FloatArray] | No
     return lambda t: fixed
 
 
-def surroundings(frames: Frames) -> tuple[FloatArray, float]:
-    """Centre (3,) and radius [m] of what the camera should see."""
+def surroundings(frames: Frames, others: FloatArray | None = None) -> tuple[FloatArray, float]:
+    """Centre (3,) and radius [m] of what the camera should see; `others` (k, 3) are further places in it."""
     sms, data = frames.sms, frames.sms.model.createData()
     half = 0.0 if sms.base_size is None else 0.5 * max(sms.base_size)
     points = [frames.tips]
@@ -126,6 +126,8 @@ def surroundings(frames: Frames) -> tuple[FloatArray, float]:
         points.append(np.array([data.oMi[j].translation for j in range(2, sms.model.njoints)]))
     if frames.target is not None:
         points.append(frames.target)
+    if others is not None:
+        points.append(others)
     cloud = np.vstack(points)
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     return 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-3)

@@ -43,6 +43,12 @@ LAYERS = {
     ),
     "target": Layer("target", ("target",), COLOURS["target"]),
     "obstacles": Layer("obstacles", ("obstacles",), COLOURS["obstacle"]),
+    "client": Layer("client", ("client",), COLOURS["client"]),
+    "actuators": Layer(
+        "reaction wheels, thrusters",
+        ("wheels", "thrusters"),
+        f"linear-gradient(to right, {COLOURS['wheel']}, {COLOURS['thruster']})",
+    ),
     "planned_path": Layer("planned path, by cos θₐ", ("planned path",), _gradient(ASSISTANCE_STOPS)),
     "tracked_path": Layer("tracked path", ("tracked path",), COLOURS["tracked"]),
     "base_trail": Layer(
@@ -68,6 +74,8 @@ DEFAULT = (
     "ghosts",
     "target",
     "obstacles",
+    "client",
+    "actuators",
     "planned_path",
     "tracked_path",
     "base_motion",

@@ -84,7 +84,7 @@ class LiveView:
         first = self._frame(0.0, sms.checked_configuration("q", q), np.zeros(sms.nv))
         centre, radius = surroundings(first)
         self._stage = stage = Stage(radius)
-        stage.set_up(centre, radius, np.array([0.5, -1.2, 1.2]))
+        stage.set_up(centre, radius * np.array([0.365, -0.876, 0.876]))
         self._robot = Robot(stage, sms, "robot")
         if first.target is not None:
             stage.ball("target", 0.022 * radius, "#D55E00")

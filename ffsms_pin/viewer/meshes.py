@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from ffsms_pin.checks import FloatArray
 
-__all__ = ["Mesh", "along_z", "arrow", "cone", "tube", "turn_arrow"]
+__all__ = ["Mesh", "along_z", "arrow", "cone", "hull", "nozzle", "tube", "turn_arrow"]
 
 _SIDES = 20
+_SHARP = 200  # triangles; what has more is round
 
 
 class Mesh(NamedTuple):
@@ -87,6 +89,25 @@ def cone() -> Mesh:
     k = len(angles)
     faces = np.array([[0, 1 + j, 1 + (j + 1) % k] for j in range(k)])
     return Mesh(vertices, faces, np.concatenate([[0.0], np.ones(k)]))
+
+
+def nozzle(length: float) -> Mesh:
+    """A bell from the origin along z that opens to its end."""
+    z = np.linspace(0.0, length, 8)
+    radii = length * (0.12 + 0.33 * np.sqrt(z / length))
+    return tube(np.column_stack([np.zeros((8, 2)), z]), radii, _SIDES)
+
+
+def hull(points: FloatArray) -> Mesh:
+    """The hull of points (k, 3), its triangles counter-clockwise seen from outside; edges stay sharp."""
+    found = ConvexHull(points)
+    faces = found.simplices.astype(np.int64)
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    inward = np.einsum("kx,kx->k", np.cross(b - a, c - a), found.equations[:, :3]) < 0.0
+    faces[inward] = faces[inward][:, ::-1]
+    if len(faces) <= _SHARP:  # with corners of its own each triangle is shaded flat
+        points, faces = points[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)
+    return Mesh(points, faces, np.zeros(len(points)))
 
 
 def along_z(direction: FloatArray) -> FloatArray:

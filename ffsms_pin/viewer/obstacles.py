@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 import pinocchio as pin
-from scipy.spatial import ConvexHull
 
-from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.opt.limits.obstacles.outline import outline
 from ffsms_pin.viewer.colours import COLOURS
 from ffsms_pin.viewer.frames import Frames
-from ffsms_pin.viewer.meshes import Mesh
+from ffsms_pin.viewer.meshes import hull
 from ffsms_pin.viewer.stage import Stage
 
 __all__ = ["add_obstacles"]
@@ -23,7 +20,7 @@ def add_obstacles(stage: Stage, frames: Frames, obstacles: Sequence[Obstacle]) -
     """Draw obstacles, and film those that move, by themselves or with the base."""
     for i, obstacle in enumerate(obstacles):
         name = f"obstacles/{i}"
-        stage.mesh(name, _hull(outline(obstacle.shape)), COLOURS["obstacle"], opacity=0.6)
+        stage.mesh(name, hull(outline(obstacle.shape)), COLOURS["obstacle"], opacity=0.6)
         track = obstacle.track(frames.t)
         poses = [pin.SE3(R, p) for R, p in zip(track.rotations, track.positions, strict=True)]
         if obstacle.on_base:
@@ -33,13 +30,3 @@ def add_obstacles(stage: Stage, frames: Frames, obstacles: Sequence[Obstacle]) -
             for t, pose in zip(frames.t, poses, strict=True):
                 with stage.scene.filming(stage.film, float(t - frames.t[0])):
                     stage.place(name, pose.translation, pose.rotation)
-
-
-def _hull(points: FloatArray) -> Mesh:
-    """The hull of points (k, 3), its triangles counter-clockwise seen from outside."""
-    hull = ConvexHull(points)
-    faces = hull.simplices.astype(np.int64)
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    inward = np.einsum("kx,kx->k", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
-    faces[inward] = faces[inward][:, ::-1]
-    return Mesh(points, faces, np.zeros(len(points)))

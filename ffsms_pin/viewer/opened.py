@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import html
 import os
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
-import numpy as np
 import umsgpack
 
 from ffsms_pin.checks import positive
@@ -17,23 +15,22 @@ from ffsms_pin.opt.trajectory import REACH
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import write_content
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.viewer.colours import COLOURS
-from ffsms_pin.viewer.coupling_layer import CouplingLayer
+from ffsms_pin.viewer.actuators import add_actuators
+from ffsms_pin.viewer.cameras import FREE, camera_facts, camera_place, checked_camera
+from ffsms_pin.viewer.client import Body, add_client
+from ffsms_pin.viewer.drawing import draw_motion
 from ffsms_pin.viewer.facts import facts
 from ffsms_pin.viewer.frames import Frames, Result, Target, surroundings
 from ffsms_pin.viewer.layers import LAYERS, chosen_layers
-from ffsms_pin.viewer.margins import ClearanceLayer, LimitLayer
 from ffsms_pin.viewer.obstacles import add_obstacles
 from ffsms_pin.viewer.page import page
-from ffsms_pin.viewer.paths import add_base_trail, add_path, add_target
-from ffsms_pin.viewer.robot import Robot
+from ffsms_pin.viewer.recording import record
 from ffsms_pin.viewer.server import Server, open_browser
 from ffsms_pin.viewer.stage import Stage
 
 __all__ = ["View", "view"]
 
 _KAPPA = 10.0  # where no plan says another one
-_FLAT = 1e-6  # [m] a motion that spreads less along z is planar, and best seen from above
 
 
 def view(
@@ -43,7 +40,9 @@ def view(
     *,
     target: Target | None = None,
     obstacles: Sequence[Obstacle] = (),
+    client: Body | None = None,
     show: str | Sequence[str] | None = None,
+    camera: str = FREE,
     speed: float = 1.0,
     fps: float = 30.0,
     title: str | None = None,
@@ -64,12 +63,18 @@ def view(
         [m], inertial axes, or a function of time [s]. Default: the plan's. Without one there is no target,
         no direction to it and no cone.
     obstacles : sequence of Obstacle
-        What the plan kept clear of.
+        What the plan kept clear of; those on a client are drawn with it where it is given.
+    client : Client or ClientMotion, optional
+        A body to draw: anything with `shapes` and `poses(times)`, as `ffsms_pin.Client` has them.
     show : str or sequence of str, optional
         Layers that are visible at first, of `LAYERS`; "all" for every one. The others are in the scene too
         and can be switched on in it.
+    camera : str
+        Where the scene is looked at from first, of `CAMERAS`: "free" (oblique; planar motions from above),
+        "front" (from +x), "side" (from -y), "top" (from +z), or "base", which turns with the base. The page
+        can change it.
     speed : float
-        1 plays in true time, 2 twice as fast.
+        1 plays in true time, 2 twice as fast; the page can change it.
     fps : float
         Frames for each second of the motion [1/s]; the page interpolates between them.
     title : str, optional
@@ -96,7 +101,7 @@ def view(
     if not isinstance(result, Trajectory | Tracking):
         raise InvalidValue("result", result, "must be a Trajectory or a Tracking")
     speed, fps = positive("speed", speed), positive("fps", fps, "1/s")
-    shown = chosen_layers(show)
+    shown, camera = chosen_layers(show), checked_camera(camera)
     planned = result if isinstance(result, Trajectory) else plan
     if planned is not None and not isinstance(planned, Trajectory):
         raise InvalidValue("plan", planned, "must be a Trajectory")
@@ -107,7 +112,17 @@ def view(
     path = None if planned is None else Frames.of(sms, planned, target, kappa, fps)
     reach = REACH if planned is None else planned.reach
     return View(
-        frames, path, result is not planned, reach, shown, speed, title or sms.model.name, play, obstacles
+        frames,
+        path,
+        result is not planned,
+        reach,
+        shown,
+        speed,
+        title or sms.model.name,
+        play,
+        obstacles,
+        client,
+        camera,
     )
 
 
@@ -125,22 +140,28 @@ class View:
         title: str,
         play: bool,
         obstacles: Sequence[Obstacle] = (),
+        client: Body | None = None,
+        camera: str = FREE,
     ) -> None:
         self._frames, self._title, self._speed, self._play = frames, title, speed, play
+        self._camera = camera
         self._server: Server | None = None
-        centre, radius = surroundings(frames)
+        centre, radius = surroundings(frames, None if client is None else client.poses(frames.t)[0])
         self._stage = stage = Stage(radius)
-        flat = bool(np.ptp(frames.tips[:, 2]) < _FLAT)
-        stage.set_up(centre, radius, np.array([-0.12, -0.75, 1.5] if flat else [1.0, -1.5, 0.95]))
-        _draw(stage, frames, plan, tracked, reach)
-        add_obstacles(stage, frames, obstacles)
+        self._centre = centre
+        stage.set_up(centre, camera_place(camera, frames, radius))
+        draw_motion(stage, frames, plan, tracked, reach)
+        add_obstacles(stage, frames, [one for one in obstacles if client is None or not one.moves])
+        if client is not None:
+            add_client(stage, frames, client, obstacles)
+        add_actuators(stage, frames)
         there = set(stage.nodes)
         self.layers: dict[str, bool] = {}
         """Whether each layer that the scene has is visible at first."""
         for name, layer in LAYERS.items():
             if not there.isdisjoint(layer.nodes):
                 self.layers[name] = name in shown
-                for node in layer.nodes:
+                for node in there.intersection(layer.nodes):
                     stage.root[node].set_property("visible", name in shown)
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
@@ -157,7 +178,50 @@ class View:
             "options": {"play": True, "repetitions": 1_000_000},
         }
         commands = [*self._stage.scene.commands(), umsgpack.packb(film)]
-        return page(self._title, commands, facts(self._frames, self.layers, self._speed, self._play))
+        seen = camera_facts(self._frames, self._camera, self._stage.size, self._centre)
+        found = facts(self._frames, self.layers, self._speed, self._play, seen)
+        return page(self._title, commands, found)
+
+    def record(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        fps: float | None = None,
+        size: tuple[int, int] = (800, 600),
+        browser: str | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        """Write the motion as a film, one pass at the view's speed, from its camera.
+
+        A browser without a window draws the pictures one by one, so the film does not depend on how fast the
+        machine is.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .gif, or in .mp4.
+        fps : float, optional
+            Pictures a second; default 20, and 30 for mp4. A gif shows 10, 12.5, 20, 25 or 50 evenly.
+        size : tuple of int
+            Width and height [pixels], even numbers.
+        browser : path, optional
+            Chromium or Chrome; default: the first that is found.
+        progress : callable, optional
+            Called with the share of the work done, 0 to 1.
+
+        Raises
+        ------
+        ViewerError
+            There is no browser, or it shows nothing.
+        DependencyMissing
+            What writes that kind of file is not installed.
+        """
+        record(self.html(), self.duration / self._speed, self._speed, path, fps, size, browser, progress)
+
+    @property
+    def duration(self) -> float:
+        """Length of the motion [s]."""
+        return float(self._frames.t[-1] - self._frames.t[0])
 
     def open(self, browser: bool = True, *, host: str | None = None) -> str:
         """Show the scene on a live page of this machine; returns the page's address.
@@ -201,30 +265,3 @@ class View:
             f'<iframe srcdoc="{html.escape(self.html())}" style="width: 100%; height: 480px; border: none">'
         )
         return f"{frame}</iframe>"
-
-
-def _draw(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, reach: float) -> None:
-    """Put everything into the scene, then film it frame by frame."""
-    sms = frames.sms
-    robot = Robot(stage, sms, "robot")
-    for name, row in (("start", 0), ("end", -1)):
-        Robot(stage, sms, name, COLOURS[name]).display(frames.q[row])
-    if frames.target is not None:
-        add_target(stage, frames, reach)
-    if plan is not None:
-        add_path(stage, "planned path", plan.tips, plan.assistance if plan.target is not None else None)
-    if tracked:
-        add_path(stage, "tracked path", frames.tips, None, width=0.4)
-    add_base_trail(stage, frames)
-    layers: list[Any] = [CouplingLayer(stage, frames), LimitLayer(stage, frames)]
-    if sms.base_size is not None:
-        layers.append(ClearanceLayer(stage, frames))
-    for k, t in enumerate(frames.t):
-        if k == 0:  # where nothing plays, the scene stands at the start
-            robot.display(frames.q[0])
-            for layer in layers:
-                layer.show(frames, 0)
-        with stage.scene.filming(stage.film, float(t - frames.t[0])):
-            robot.display(frames.q[k])
-            for layer in layers:
-                layer.show(frames, k)

@@ -17,9 +17,6 @@ from ffsms_pin.viewer.scene import Scene
 __all__ = ["ROOT", "Stage"]
 
 ROOT = "/ffsms"
-_CAMERA = (
-    1.3  # distance of the camera in radii of what it should see; 1.6 would show it all in the worst case
-)
 _GONE = 1e-6  # as small as a thing gets that is not there: a scale of zero has no inverse
 
 
@@ -47,16 +44,15 @@ class Stage:
         below = [path[len(start) :] for path in self.scene.paths if path.startswith(start)]
         return list(dict.fromkeys(path.split("/")[0] for path in below))
 
-    def set_up(self, centre: FloatArray, radius: float, direction: FloatArray) -> None:
-        """Background, and a camera in `direction` (3,) that sees a ball about `centre` [m]."""
+    def set_up(self, centre: FloatArray, camera: FloatArray) -> None:
+        """Background, and a camera at `camera` (3,) from a centre (3,) that it looks at [m]."""
         self.root.set_transform(_shift(-centre))  # the page's camera turns about the origin
         self.root["/Background"].set_property("top_color", BACKGROUND[0])
         self.root["/Background"].set_property("bottom_color", BACKGROUND[1])
         for name in ("/Grid", "/Axes"):
             self.root[name].set_property("visible", False)
-        x, y, z = radius * _CAMERA * direction / np.linalg.norm(direction)
-        camera = self.root["/Cameras/default/rotated/<object>"]
-        camera.set_property("position", [float(x), float(z), float(-y)])  # of three.js, where y is up
+        x, y, z = (float(one) for one in camera)
+        self.root["/Cameras/default/rotated/<object>"].set_property("position", [x, z, -y])  # there y is up
 
     def mesh(
         self,

@@ -21,7 +21,7 @@ from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.starts import joint_range
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.direction import ARRIVAL_POWER, LEAST_APPROACH
-from ffsms_pin.opt.step.march import start_sides
+from ffsms_pin.opt.step.march import sides_across, start_sides
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmValues
@@ -102,9 +102,10 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
     place = problem.goal.place(problem.duration)
     low, high = joint_range(problem)
     most = np.where(problem.free, _SHARE * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)[:, None]
-    sides = _sides(problem, place.position)
-    straight = np.append(np.zeros(sides.shape[1], dtype=bool), True)
-    lateral = np.concatenate([sides, np.ones((3, 1))], axis=1)  # of the straight one it does not matter
+    J = problem.rotation0 @ stack.evaluate(problem.joints0[:, None]).jstar[..., 0]
+    sides = sides_across(place.position - problem.tip0, J)
+    straight = np.append(np.zeros(len(sides), dtype=bool), True)
+    lateral = np.array([*sides, np.ones(3)]).T  # of the straight one it does not matter
     count = len(straight)
     joints = np.repeat(problem.joints0[:, None], count, axis=1)
     R = np.repeat(problem.rotation0[..., None], count, axis=2)
@@ -162,16 +163,3 @@ def _least_squares(J: FloatArray, wanted: FloatArray, damping: float) -> FloatAr
     rest = wanted.T[..., None] - A @ (At @ first)
     u: FloatArray = (At @ (first + np.linalg.solve(square, rest)))[..., 0].T
     return u
-
-
-def _sides(problem: Problem, target: FloatArray) -> FloatArray:
-    """Unit vectors (3, S) across the way to the target in which the end effector can move at the start."""
-    arm = problem.stack.evaluate(problem.joints0[:, None])
-    way = target - problem.tip0
-    distance = float(np.linalg.norm(way))
-    across = np.eye(3) if distance < 1e-12 else np.eye(3) - np.outer(way, way) / distance**2
-    J = problem.rotation0 @ arm.jstar[..., 0]
-    directions, strengths, _ = np.linalg.svd(across @ J)
-    usable = [directions[:, i] for i in range(min(2, len(strengths))) if strengths[i] > 1e-6]
-    sides = [sign * direction for direction in usable for sign in (1.0, -1.0)]
-    return np.array(sides).T if sides else np.zeros((3, 0))

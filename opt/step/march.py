@@ -13,7 +13,7 @@ from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
 
-__all__ = ["March", "Progress", "Steps", "march", "start_sides"]
+__all__ = ["March", "Progress", "Steps", "march", "sides_across", "start_sides"]
 
 Progress: TypeAlias = Callable[[float], None]
 
@@ -98,9 +98,13 @@ def start_sides(sms: SpaceManipulator, q0: FloatArray, target: FloatArray) -> li
     For a planar arm the two sides of the way; in space both senses of the two principal directions.
     """
     step = step_state(sms, q0, np.zeros(sms.n), 1.0, 1.0)
-    way = target - step.pose.translation
+    return sides_across(target - step.pose.translation, step.J_star[:3]) or [np.zeros(3)]
+
+
+def sides_across(way: FloatArray, J: FloatArray) -> list[FloatArray]:
+    """Unit vectors across a way (3,) along which J (3, n) can move: both senses of the strongest two."""
     distance = float(np.linalg.norm(way))
     across = np.eye(3) if distance < 1e-12 else np.eye(3) - np.outer(way, way) / distance**2
-    directions, strengths, _ = np.linalg.svd(across @ step.J_star[:3])
-    usable = [directions[:, i] for i in range(2) if i < len(strengths) and strengths[i] > 1e-6]
-    return [sign * direction for direction in usable for sign in (1.0, -1.0)] or [np.zeros(3)]
+    directions, strengths, _ = np.linalg.svd(across @ J)
+    usable = [directions[:, i] for i in range(min(2, len(strengths))) if strengths[i] > 1e-6]
+    return [sign * direction for direction in usable for sign in (1.0, -1.0)]

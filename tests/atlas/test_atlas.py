@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -106,6 +107,14 @@ def test_a_run_that_broke_and_shards_give_the_same_numbers(
     for number in (2, 1):
         options = {"directions": DIRECTIONS, "seed": 3, "shard": Shard(number, 2)}
         assert atlas(planar, out, ROWS, **options) is None  # type: ignore[arg-type]
+    assert whole.identical(made(planar, out).load())
+
+
+def test_samples_that_are_gone_are_made_again(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
+    whole = made(planar, tmp_path / "whole.zarr").load()
+    out = tmp_path / "a.zarr"
+    atlas(planar, out, ROWS, directions=DIRECTIONS, seed=3, shard=Shard(1, 2))
+    shutil.rmtree(build.parts_folder(out) / "samples.zarr")
     assert whole.identical(made(planar, out).load())
 
 

@@ -19,6 +19,7 @@ from ffsms_pin.atlas.designs import (
     with_mount_moved,
 )
 from ffsms_pin.atlas.sweep import pareto
+from ffsms_pin.atlas.wheel_load import wheel_momentum_per_speed
 from ffsms_pin.cli import main
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.models import SatelliteBase, mount
@@ -147,3 +148,41 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     for wrong in ("base_mass", "base_mass=a", "base_mass=1:2:0", "=1"):
         assert main([*arguments, "--vary", wrong]) == 2
         assert "--vary" in capsys.readouterr().err
+
+
+def with_wheels(sms: ffsms.SpaceManipulator) -> ffsms.SpaceManipulator:
+    """Three wheels along the base's axes, and one askew."""
+    axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]]
+    return sms.with_actuators(wheels=ffsms.ReactionWheels(axes, inertia=1e-3))
+
+
+def test_wheel_momentum_is_pinocchios(rng: np.random.Generator) -> None:
+    sms = with_wheels(ffsms.load("satellite_ur5"))
+    joints = rng.uniform(-2.0, 2.0, (5, 6))
+    shares = np.linalg.pinv(sms.wheels.axes.T)  # type: ignore[union-attr]
+    for row, found in zip(joints, wheel_momentum_per_speed(sms, joints), strict=True):
+        q = sms.configuration(row)
+        data = sms.model.createData()
+        pin.ccrba(sms.model, data, q, np.zeros(sms.model.nv))
+        A = np.array(data.Ag)
+        # The base moves without turning, and the system's linear momentum is zero.
+        v = np.vstack([-np.linalg.solve(A[:3, :3], A[:3, 6:]), np.zeros((3, 6)), np.eye(6)])
+        pin.computeJointJacobians(sms.model, data, q)
+        J = pin.getFrameJacobian(sms.model, data, sms.frame_id, pin.LOCAL_WORLD_ALIGNED)[:3] @ v
+        held = shares @ A[3:] @ v @ np.linalg.pinv(J)
+        assert found == pytest.approx(np.linalg.norm(held, axis=1).max(), rel=1e-9)
+
+
+def test_wheels_add_a_column_and_a_panel(tmp_path: Path) -> None:
+    sms = with_wheels(ffsms.load("planar_3r"))
+    found = sweep(sms, {"base_mass": [1.0, 4.0], "link:joint_2": [1.0, 1.5]}, tmp_path / "s", 256, jobs=1)
+    assert found is not None
+    filled = found.statistics["wheel_momentum"]
+    assert (filled > 0.0).all()
+    assert filled[1] != filled[0]  # a longer link
+    assert found.best("wheel_momentum").any()
+    without = sweep(ffsms.load("planar_3r"), {"base_mass": [1.0]}, tmp_path / "t", 256, jobs=1)
+    assert without is not None
+    assert "wheel_momentum" not in without.statistics
+    with pytest.raises(InvalidValue, match="reaction wheels"):
+        wheel_momentum_per_speed(ffsms.load("planar_3r"), np.zeros((1, 3)))

@@ -9,6 +9,8 @@ import pytest
 from ffsms_pin import scenarios
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Meet, Problem
+from ffsms_pin.scenarios.capture import whole_tracking
+from ffsms_pin.scenarios.client_motion import ClientMotion, client_motion
 
 SHORT = """
 [robot]
@@ -66,19 +68,41 @@ def test_the_client_is_caught_and_the_rate_is_as_said(outcome: Any) -> None:
     assert drift < 1e-8
 
 
-def test_the_scene_holds_the_client(outcome: Any) -> None:
-    viewer = pytest.importorskip("ffsms_pin.viewer")
-    from ffsms_pin.scenarios.capture import whole_tracking
-    from ffsms_pin.viewer.captured import CapturedClient
-
+def test_the_client_moves_freely_and_then_with_the_arm(outcome: Any, tmp_path: Path) -> None:
     whole = whole_tracking(outcome.tracking, outcome.capture)
     assert len(whole.t) == len(outcome.tracking.t) + len(outcome.capture.tracking.t) - 1
-    client = CapturedClient(outcome.plant, whole, outcome.capture, 6.0)
-    # It goes on from where it was, and then with the end effector.
-    step = client.pose(6.0).translation - client.pose(5.996).translation
+    motion = client_motion(outcome.plant, outcome.tracking, outcome.capture)
+    assert motion.held_from == pytest.approx(6.0)
+    free = outcome.capture.client
+    for t in (0.0, 2.5, 5.9):
+        np.testing.assert_allclose(motion.pose(t).homogeneous, free.pose(t).homogeneous, atol=1e-6)
+    # It goes on from where it was, and then its place in the hand does not change; no longer a free body.
+    step = motion.pose(6.0).translation - motion.pose(5.996).translation
     assert np.linalg.norm(step) < 1e-3
+    rows = np.flatnonzero(whole.t >= 6.0)[[0, 300, -1]]
+    in_hand = [
+        outcome.plant.at(whole.q[row]).end_effector_pose.actInv(motion.pose(float(whole.t[row])))
+        for row in rows
+    ]
+    for one in in_hand[1:]:
+        np.testing.assert_allclose(one.homogeneous, in_hand[0].homogeneous, atol=1e-9)
+    late = float(whole.t[-1])
+    assert np.linalg.norm(motion.pose(late).translation - free.pose(late).translation) > 1e-3
+
+    motion.save(tmp_path / "client.npz")
+    again = ClientMotion.load(tmp_path / "client.npz", motion.shapes)
+    np.testing.assert_array_equal(again.position, motion.position)
+    np.testing.assert_array_equal(again.pose(3.0).homogeneous, motion.pose(3.0).homogeneous)
+
+
+def test_the_scene_holds_the_client(outcome: Any) -> None:
+    viewer = pytest.importorskip("ffsms_pin.viewer")
     scene = viewer.view_capture(outcome, fps=2.0)
-    assert "obstacles/0" in scene._stage.nodes or "obstacles/0" in str(scene._stage.scene.paths)
+    assert scene.layers["client"]
+    motion = client_motion(outcome.plant, outcome.tracking, outcome.capture)
+    times, rows = scene._stage.film._tracks["/ffsms/client", "position", "vector3"]
+    for t, row in zip(times, rows, strict=True):
+        np.testing.assert_allclose(row, motion.pose(t).translation, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -209,6 +209,16 @@ def test_what_is_not_positive_definite_is_not_kept(tmp_path: Path) -> None:
     assert a + b >= c * (1.0 - 1e-12)
 
 
+def test_a_planar_tensor_can_only_be_repaired(tmp_path: Path) -> None:
+    """Published planar robots have inertia about one axis alone; a body that turns needs it about all."""
+    text = satellite(LIMITED, ixx=0.08).replace('iyy="0.03"', 'iyy="0"').replace('izz="0.02"', 'izz="0"')
+    path = write(tmp_path, text)
+    with pytest.raises(InvalidInertia, match=r'0 \+ 0 < 0.04 kg m\^2; load it with inertias="repair"$'):
+        ffsms.load(path)
+    with pytest.warns(FfsmsWarning):
+        assert ffsms.load(path, inertias="repair").n == 3
+
+
 def test_valid_inertias_stay_as_they_are(tmp_path: Path) -> None:
     path = write(tmp_path, satellite(LIMITED))
     assert quiet(path).model == quiet(path, inertias="keep").model == quiet(path, inertias="repair").model

@@ -14,6 +14,7 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin import control, inspection, opt
 from ffsms_pin.models import satellite_names
+from ffsms_pin.system.shapes import Description
 from ffsms_pin.urdf import model_path
 from trials.judge import Trial
 
@@ -98,7 +99,7 @@ def _sources() -> list[tuple[str, str, str]]:
     mounted = []
     for name in satellite_names():
         sms = ffsms.load(name)
-        assert sms.description is not None
+        assert isinstance(sms.description, Description)
         mounted.append((name, sms.description.text, sms.end_effector))
     return [*(3 * small), *double, *mounted]
 

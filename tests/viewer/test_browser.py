@@ -238,7 +238,8 @@ def test_the_exported_file_shows_the_motion(
         assert f"t = {t:.2f} s" in browser.find_element(By.ID, "reading").text
         _check(eye, planar, _at(planar, plan, t), plan.target, other)
 
-    # The arm's box in the legend takes the arm away.
+    # The arm's box in the legend takes the arm away; the legend may have folded itself meanwhile.
+    browser.execute_script("document.getElementById('legend').open = true")
     browser.find_element(By.CSS_SELECTOR, "input[data-layer=robot]").click()
     link = _places(planar, _at(planar, plan, t))[1][1]
     _soon(lambda: not _is_shade(eye.colour(eye.picture(), link), _ARM), lambda: "the arm is still there")
@@ -262,6 +263,52 @@ def test_the_exported_file_plays_in_true_time(
 
     assert rate(1.0) == pytest.approx(1.0, rel=0.1)
     assert rate(4.0) == pytest.approx(4.0, rel=0.1)
+
+
+def test_speed_and_view_can_be_chosen_and_the_legend_folds(
+    browser: webdriver.Chrome, planar: ffsms.SpaceManipulator, plan: opt.Trajectory, tmp_path: Path
+) -> None:
+    def choose(name: str, value: str) -> None:
+        script = """const select = document.getElementById(arguments[0]);
+            select.value = arguments[1];
+            select.dispatchEvent(new Event("change"));
+            return select.value"""
+        assert browser.execute_script(script, name, value) == value
+
+    path = tmp_path / "controls.html"
+    made = view(planar, plan, fps=5.0, play=False)
+    made.to_html(path)
+    browser.get(path.as_uri())
+    _until(browser, "return document.body.dataset.ready === 'yes'")
+    assert browser.execute_script("return document.getElementById('legend').open")
+
+    choose("speed", "8")
+    assert browser.execute_script("return animator.mixer.timeScale") == 8.0
+
+    _, radius = surroundings(made._frames)
+    camera = "return viewer.camera.position.toArray()"
+    for name, place in (("front", [1.0, 0.0, 0.0]), ("side", [0.0, -1.0, 0.0])):
+        choose("camera", name)
+        x, y, z = np.array(place) * 1.65 * radius
+        np.testing.assert_allclose(browser.execute_script(camera), [x, z, -y], atol=1e-3)
+
+    choose("camera", "base")
+    browser.execute_script("seek(12.0)")
+    root, turn = browser.execute_script(
+        """const root = viewer.scene_tree.find(["ffsms"]).object;
+        return [root.position.toArray(), root.quaternion.toArray()]"""
+    )
+    scene_root = pin.XYZQUATToSE3(np.array([*root, *turn]))
+    centre, _ = surroundings(made._frames)
+    stays = pin.SE3(np.eye(3), -centre) * pin.XYZQUATToSE3(plan.q[0, :7])
+    base = scene_root * pin.XYZQUATToSE3(plan.q[-1, :7])
+    np.testing.assert_allclose(base.homogeneous, stays.homogeneous, atol=1e-4)
+    choose("camera", "free")
+    root = browser.execute_script("return viewer.scene_tree.find(['ffsms']).object.position.toArray()")
+    np.testing.assert_allclose(root, -centre, atol=1e-4)
+
+    _until(browser, "return !document.getElementById('legend').open")
+    assert _errors(browser) == []
 
 
 def test_the_live_page_shows_the_motion(

@@ -25,6 +25,7 @@ __all__ = [
     "generic_rank",
     "manipulability",
     "manipulator_jacobian",
+    "pseudo_inverse",
     "reduced_inertia",
 ]
 
@@ -125,7 +126,7 @@ def base_motion(coupling: FloatArray, jstar: FloatArray) -> BaseMotion:
     jstar : ndarray, shape (3, n, B)
         Linear rows of J*.
     """
-    X = np.einsum("inb,nxb->ixb", coupling, _pseudo_inverse(jstar))
+    X = np.einsum("inb,nxb->ixb", coupling, pseudo_inverse(jstar))
     return BaseMotion(singular_values(X[:3])[0], singular_values(X[3:])[0])
 
 
@@ -144,7 +145,7 @@ def assistance(arm_rows: FloatArray, jstar: FloatArray, directions: FloatArray) 
     directions : ndarray, shape (d, 3)
         Of unit length.
     """
-    rates = np.einsum("nxb,dx->dnb", _pseudo_inverse(arm_rows), directions)
+    rates = np.einsum("nxb,dx->dnb", pseudo_inverse(arm_rows), directions)
     velocity = np.einsum("xnb,dnb->xdb", jstar, rates)
     speed = np.sqrt(dot(velocity, velocity))
     # Rounding has no direction.
@@ -154,7 +155,7 @@ def assistance(arm_rows: FloatArray, jstar: FloatArray, directions: FloatArray) 
     return np.asarray(np.clip(np.where(moves, along / np.where(moves, speed, 1.0), 0.0), -1.0, 1.0))
 
 
-def _pseudo_inverse(rows: FloatArray) -> FloatArray:
+def pseudo_inverse(rows: FloatArray) -> FloatArray:
     """Pseudo-inverses (n, 3, B) of matrices (3, n, B), without directions that are too weak."""
     values, vectors = np.linalg.eigh(np.einsum("xnb,ynb->bxy", rows, rows))
     strong = values > _WEAK * values[:, -1:]

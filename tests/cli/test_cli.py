@@ -32,7 +32,7 @@ dt = 0.05
 [control]
 dt = 0.01
 """
-NUMBERS = {"trajectory.npz", "tracking.npz", "summary.json"}
+NUMBERS = {"trajectory.npz", "tracking.npz", "scenario.json", "summary.json"}
 ALL = NUMBERS | {f"{name}.{ending}" for name in FIGURES for ending in ("pdf", "png")}
 
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,10 +16,12 @@ from scenario_files import IN_RADIANS
 import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.cli import main
-from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.plotting.robustness import plot_robustness
 from ffsms_pin.scenarios import Robustness, robustness, scenario
 from ffsms_pin.scenarios.robustness import METHODS, robustness_numbers
+
+module = sys.modules["ffsms_pin.scenarios.robustness"]  # the package's attribute of that name is the function
 
 SCENARIO = f"""{IN_RADIANS}\
 [plan]
@@ -128,6 +133,46 @@ def test_the_figure_shows_bands_and_shares(found: Robustness) -> None:
         assert box is not None
         assert box.x0 >= -1.0
         assert box.x1 <= figure.bbox.width + 1.0
+
+
+def test_runs_that_are_done_are_not_made_again(
+    file: Path,
+    found: Robustness,
+    tmp_path: Path,
+    refused: Callable[..., FfsmsError],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Stop(Exception):
+        pass
+
+    def stop(stage: str, share: float) -> None:
+        if stage == "plants" and share > 0.0:
+            raise Stop
+
+    kept = tmp_path / "kept"
+    again = partial(robustness, scenario(file), PLANTS, seed=5, arm_mass=0.4, jobs=1, folder=kept)
+    with pytest.raises(Stop):
+        again(progress=stop)
+    made = []
+    run = module._end
+
+    def counted(*given: Any) -> Any:
+        made.append(given)
+        return run(*given)
+
+    monkeypatch.setattr(module, "_end", counted)
+    whole = again()
+    assert len(made) == len(METHODS) * (PLANTS - 1)
+    for method in METHODS:
+        np.testing.assert_array_equal(whole.distance[method], found.distance[method])
+    refused(lambda: robustness(scenario(file), PLANTS, seed=6, jobs=1, folder=kept), ResultError, "seed")
+
+
+def test_the_share_that_arrived_has_an_interval(found: Robustness) -> None:
+    for row in robustness_numbers(found)["methods"].values():
+        low, high = row["arrived_95_percent_interval"]
+        assert 0.0 <= low <= row["arrived"] / PLANTS <= high <= 1.0
+        assert low < high
 
 
 def test_the_command(file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,7 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-_FOLDER = Path(__file__).parent.parent / "notebooks"
+_FOLDER = Path(__file__).parents[2] / "notebooks"
 _NOTEBOOKS = sorted(_FOLDER.glob("*.ipynb"))
 _MOST = 600  # [s] a cell that hangs; a notebook is meant to take less than a minute
 

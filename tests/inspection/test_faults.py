@@ -1,55 +1,24 @@
-"""What `inspect` finds in damaged files, and that `repair` mends them and says so."""
+"""Faults of damaged files: `inspect` finds each, `repair` mends what can be mended and says so."""
 
 from __future__ import annotations
 
-import argparse
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from broken_urdfs import BOUNDS, LIMIT_2, PLANAR, in_joint_2, in_link_2, limits, write
 
 import ffsms_pin as ffsms
-from ffsms_pin.cli.inspect_command import add_parser, run
-from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidUrdf, InvalidValue, ModelNotFound, ResultError
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidUrdf
 from ffsms_pin.inspection import inspect, repair
-from ffsms_pin.inspection.numbers import mended_number
-from ffsms_pin.urdf import model_names, model_path
 
 Refused = Callable[..., FfsmsError]
-PLANAR = model_path("planar_3r").read_text()
-JOINT_2 = PLANAR.index('<joint name="joint_2"')
-LIMIT = re.compile(r"<limit lower[^>]*/>")
-BOUNDS = 'lower="-2.827433388230814" upper="2.827433388230814"'
-LIMIT_2 = str(LIMIT.findall(PLANAR)[1])
-
-
-def in_link_2(old: str, new: str) -> str:
-    start = PLANAR.index('<link name="link_2">')
-    assert old in PLANAR[start:]
-    return PLANAR[:start] + PLANAR[start:].replace(old, new, 1)
-
-
-def in_joint_2(old: str, new: str) -> str:
-    assert old in PLANAR[JOINT_2:]
-    return PLANAR[:JOINT_2] + PLANAR[JOINT_2:].replace(old, new, 1)
-
-
-def write(folder: Path, text: str) -> Path:
-    path = folder / "broken.urdf"
-    path.write_text(text, encoding="utf-8")
-    return path
 
 
 def body(sms: ffsms.SpaceManipulator, joint: str) -> Any:
     return sms.model.inertias[sms.model.getJointId(joint)]
-
-
-def limits(sms: ffsms.SpaceManipulator) -> list[float]:
-    given = sms.limits
-    return [float(x[1]) for x in (given.lower, given.upper, given.velocity, given.torque)]
 
 
 PI = np.pi
@@ -255,16 +224,6 @@ def test_faults_are_found_and_mended(case: str, tmp_path: Path) -> None:
     assert repair(out, tmp_path / "again.urdf") == []
 
 
-def test_only_what_is_wrong_is_changed(tmp_path: Path) -> None:
-    path, out = write(tmp_path, in_joint_2('effort="1.5"', 'effort="1.5 "')), tmp_path / "out.urdf"
-    assert len(repair(path, out)) == 1
-    assert ffsms.load(out).model == ffsms.load("planar_3r").model
-    mended = ffsms.load(out).geometry("visual")
-    assert mended.ngeoms == 4
-    assert "Das, Choi" not in out.read_text()  # a comment before the <robot> element is not kept
-    assert "A frame, not a body" in out.read_text()
-
-
 STUCK: dict[str, tuple[str, tuple[str, ...]]] = {
     "negative mass": (in_link_2('<mass value="0.569"/>', '<mass value="-0.569"/>'), ("link_2", "negative")),
     "mass in words": (in_link_2('<mass value="0.569"/>', '<mass value="half"/>'), ("link_2", "half")),
@@ -295,111 +254,3 @@ def test_what_cannot_be_mended_is_said(refused: Refused, case: str, tmp_path: Pa
         assert any(word in str(fault) for fault in stuck)
     refused(lambda: repair(path, out), InvalidUrdf, "cannot be mended", *words)
     assert not out.exists()
-
-
-@pytest.mark.parametrize("name", model_names())
-def test_packaged_robots_are_sound(name: str) -> None:
-    report = inspect(name)
-    assert report.loads
-    assert report.faults == ()
-    assert all(link.verdict in ("valid", "frame") for link in report.links)
-    assert all(joint.velocity for joint in report.joints if joint.type == "revolute")
-
-
-def test_the_report_says_what_is_there(tmp_path: Path) -> None:
-    path = write(tmp_path, in_link_2('<box size="0.3 0.03 0.03"/>', '<mesh filename="package://a/b.stl"/>'))
-    report = inspect(path)
-    assert report.name == "planar_3r"
-    assert report.loads  # meshes are not needed for the dynamics
-    (fault,) = report.faults
-    assert not fault.blocks
-    assert "b.stl" in fault.problem
-    link = next(link for link in report.links if link.name == "link_2")
-    assert (link.mass, link.principal_inertias) == (0.569, (0.0001, 0.0043, 0.0043))
-    assert [link.verdict for link in report.links] == ["valid"] * 4 + ["frame"]
-    joint = report.joints[0]
-    assert (joint.name, joint.type, joint.effort) == ("joint_1", "revolute", "3.5")
-    capsule = write(tmp_path, in_link_2('<box size="0.3 0.03 0.03"/>', '<capsule radius="1" length="2"/>'))
-    assert ["capsule" in str(fault) for fault in inspect(capsule).faults] == [True]
-    continuous = write(tmp_path, in_joint_2('"revolute"', '"continuous"').replace(LIMIT_2, "", 1))
-    assert ["rate limit" in str(fault) for fault in inspect(continuous).faults] == [True]
-
-
-def test_meshes_still_count_from_the_right_folder(tmp_path: Path) -> None:
-    (tmp_path / "arm.stl").write_text("a mesh")
-    path = write(tmp_path, in_link_2('<box size="0.3 0.03 0.03"/>', '<mesh filename="arm.stl"/>'))
-    (tmp_path / "new").mkdir()
-    (change,) = repair(path, tmp_path / "new" / "out.urdf")
-    assert "'../arm.stl'" in change.remedy
-    assert inspect(tmp_path / "new" / "out.urdf").faults == ()
-
-
-def test_equal_changes_are_all_listed(tmp_path: Path) -> None:
-    flat = in_link_2('<box size="0.3 0.03 0.03"', '<box size="0.3 0 0.03"')
-    shape = flat[flat.index("<visual>", flat.index('<link name="link_2">')) :]
-    shape = shape[: shape.index("</visual>") + len("</visual>")]
-    path = write(tmp_path, flat.replace(shape, shape + shape))
-    assert len(repair(path, tmp_path / "out.urdf")) == 2
-
-
-def test_limits_for_joints_without_any(tmp_path: Path) -> None:
-    path, out = write(tmp_path, in_joint_2(LIMIT_2, "")), tmp_path / "out.urdf"
-    (change,) = repair(path, out, rate=0.1, effort=7.0)
-    assert limits(ffsms.load(out)) == [-PI, PI, 0.1, 7.0]
-    assert "0.1 rad/s" in change.remedy
-    assert "7 N m" in change.remedy
-
-
-def test_bad_arguments(refused: Refused, tmp_path: Path) -> None:
-    path, out = write(tmp_path, PLANAR), tmp_path / "out.urdf"
-    nothing: Any = 3
-    refused(lambda: inspect(tmp_path / "none.urdf"), ModelNotFound, "none.urdf")
-    refused(lambda: inspect(nothing), InvalidValue, "path")
-    refused(lambda: repair(path, nothing), InvalidValue, "out")
-    refused(lambda: repair(path, out, rate=0.0), InvalidValue, "rate")
-    refused(lambda: repair(path, out, effort=-1.0), InvalidValue, "effort")
-    refused(lambda: repair(path, tmp_path / "no" / "out.urdf"), ResultError, "out.urdf")
-    refused(lambda: inspect(write(tmp_path, "<html/>")), InvalidUrdf, "<html>")
-
-
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [("1.5", "1.5"), (" 1.5\t", "1.5"), ("1,5", "1.5"), ("2*(1+0.5)", "3.0"), ("-pi", repr(-PI)),
-     ("math.pi/3", repr(PI / 3)), ("${pi / 2}", repr(PI / 2)), ("+M_PI", repr(PI))],
-)  # fmt: skip
-def test_numbers_that_can_be_told(text: str, value: str) -> None:
-    assert mended_number(text) == value
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["", " ", "1 2", "half", "1/0", "1kg", "2**9", "nan", "1e999", "9" * 400, "(" * 90, "__import__('os')",
-     "pi.real", "True", "1 if 1 else 2", "[1]", "\u0663", "1,000,5", "a\0b", "${x}", "1_0j"],
-)  # fmt: skip
-def test_numbers_that_cannot(text: str) -> None:
-    assert mended_number(text) is None
-
-
-def command(*arguments: str) -> int:
-    parser = argparse.ArgumentParser()
-    add_parser(parser.add_subparsers(dest="command"))
-    return run(parser.parse_args(["inspect", *arguments]))
-
-
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert command("planar_3r") == 0
-    shown = capsys.readouterr().out
-    for word in ("planar_3r", "link_3", "0.0043", "joint_2", "loads as it is"):
-        assert word in shown
-    path, out = write(tmp_path, in_joint_2('velocity="0.40002946455710037" ', "")), tmp_path / "out.urdf"
-    assert command(str(path)) == 1
-    shown = capsys.readouterr().out
-    for word in ("refuses", "joint_2", "--repair"):
-        assert word in shown
-    assert command(str(path), "--repair", str(out), "--rate", "0.2") == 0
-    shown = capsys.readouterr().out
-    assert "1 change:" in shown
-    assert "velocity limit set to 0.2 rad/s" in shown
-    assert ffsms.load(out).n == 3
-    with pytest.raises(InvalidUrdf, match="cannot be mended"):
-        command(str(write(tmp_path, PLANAR.replace("31.015", "-1"))), "--repair", str(out))

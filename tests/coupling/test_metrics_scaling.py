@@ -17,7 +17,7 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 
 Array = NDArray[np.float64]
 Builder = Callable[..., Any]
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def at_random(random_tree: Builder, seed: int, n: int) -> tuple[ffsms.SpaceManipulator, ffsms.State]:

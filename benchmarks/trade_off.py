@@ -1,0 +1,130 @@
+"""Cost against base turn against joint travel, as the weights on the base's turn and on effort vary.
+
+`python benchmarks/trade_off.py --targets 10 --figure docs/images/trade-off.png` makes the figure of the docs.
+Targets as in `motions.py`; turn and travel are ratios to the resolved-rate move, target by target, and what
+is drawn are medians. `--draw` makes the figure again from the numbers of an earlier run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from motions import DT, DURATION, measured, tasks
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.plotting.style import applied, line
+from ffsms_pin.storage import write_content
+
+BASE = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)  # weights of opt.BaseTurn, with the default effort
+EFFORT = (1e-4, 1e-3, 1e-2, 1e-1, 1.0)  # weights of opt.Effort, without the base's
+NUMBERS = ("cost", "turn", "travel")
+FAMILIES = {"base": "base = ", "effort": "effort = "}
+OTHERS = {"step": "the paper's step", "resolved-rate": "resolved-rate"}
+
+
+def planned(sms: ffsms.SpaceManipulator, q0: Any, target: Any, **weights: float) -> dict[str, float]:
+    """Cost [s], base turn [rad] and joint travel [rad] of one plan."""
+    plan = opt.plan(sms, q0, target, DURATION, DT, **weights)
+    return {
+        "reached": float(plan.reached),
+        "cost": plan.cost_integral,
+        "turn": float(plan.base_rotation.max()),
+        "travel": plan.joint_travel,
+    }
+
+
+def measure(name: str, count: int, seed: int) -> dict[str, dict[str, float]]:
+    """By setting, as "base 0.1": medians over the targets, turn and travel as ratios."""
+    sms = ffsms.load(name)
+    found: dict[str, list[dict[str, float]]] = {}
+    for q0, target, straight in islice(tasks(sms, seed), count):
+        rows = {"resolved-rate": straight, "step": measured(sms, q0, target, "step")}
+        rows.update({f"base {weight:g}": planned(sms, q0, target, base=weight) for weight in BASE})
+        rows.update({f"effort {weight:g}": planned(sms, q0, target, effort=weight) for weight in EFFORT})
+        for setting, row in rows.items():
+            ratios = {key: row[key] / straight[key] for key in ("turn", "travel")}
+            found.setdefault(setting, []).append({**row, **ratios})
+    return {
+        setting: {key: float(np.median([row[key] for row in rows])) for key in NUMBERS}
+        | {"reached": sum(row["reached"] for row in rows), "targets": float(len(rows))}
+        for setting, rows in found.items()
+    }
+
+
+def draw(results: dict[str, dict[str, dict[str, float]]], path: Path) -> None:
+    """The figure: a column an arm, cost and joint travel over the turn of the base."""
+    from matplotlib.figure import Figure
+
+    with applied():
+        figure = Figure(figsize=(4.4 * len(results), 6.0), layout="constrained")
+        axes = figure.subplots(2, len(results), sharex="col", sharey="row", squeeze=False)
+        for column, (name, found) in enumerate(results.items()):
+            for row, key in enumerate(("cost", "travel")):
+                ax = axes[row, column]
+                _families(ax, found, key)
+                ax.set_title(name if row == 0 else "", fontsize=9.0)
+            axes[0, column].set_yscale("log")
+            axes[1, column].set_xlabel("base turn, ratio to resolved-rate [-]")
+        axes[0, 0].set_ylabel("cost integral [s]")
+        axes[1, 0].set_ylabel("joint travel, ratio to resolved-rate [-]")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=4)
+        figure.savefig(path, dpi=150, metadata={"Software": None})
+
+
+def _families(ax: Any, found: dict[str, dict[str, float]], key: str) -> None:
+    for i, (family, label) in enumerate(FAMILIES.items()):
+        settings = [name for name in found if name.split()[0] == family]
+        x, y = ([found[name][k] for name in settings] for k in ("turn", key))
+        ax.plot(x, y, marker="o", markersize=4.0, label=f"opt.plan, {label.split()[0]} varied", **line(i))
+        for name, at, height in zip(settings, x, y, strict=True):
+            ax.annotate(
+                name.split()[1], (at, height), xytext=(4, 4), textcoords="offset points", fontsize=7.0
+            )
+    for (name, label), marker in zip(OTHERS.items(), "sD", strict=True):
+        at = found[name]
+        style = {"marker": marker, "linestyle": "none", "color": "#555555"}
+        ax.plot([at["turn"]], [at[key]], label=label, **style)
+
+
+def table(results: dict[str, dict[str, dict[str, float]]]) -> str:
+    """Markdown: the medians."""
+    lines = ["| arm | setting | reached | cost [s] | base turn | joint travel |", "|" + "---|" * 6]
+    for name, found in results.items():
+        lines += [
+            f"| `{name}` | {setting} | {row['reached']:.0f} of {row['targets']:.0f} | {row['cost']:.2g} "
+            f"| {row['turn']:.2f} | {row['travel']:.2f} |"
+            for setting, row in found.items()
+        ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure, print and draw."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--arms", nargs="+", default=["satellite_ur5", "satellite_panda"])
+    parser.add_argument("--targets", type=int, default=10, help="a robot (default: 10)")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", default="results/trade-off.json", help="file for all numbers")
+    parser.add_argument("--figure", default="results/trade-off.png", help="file for the figure")
+    parser.add_argument("--draw", action="store_true", help="draw the numbers of an earlier run")
+    arguments = parser.parse_args()
+    path = Path(arguments.out)
+    if arguments.draw:
+        results = json.loads(path.read_text("utf-8"))
+    else:
+        results = {name: measure(name, arguments.targets, arguments.seed) for name in arguments.arms}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_content(path, json.dumps(results, indent=1))
+    print(table(results))
+    draw(results, Path(arguments.figure))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""The README as package indexes show it: without the repository's files, so its links need an address.
+
+Without an address (`Source` of `[project.urls]`) pictures are left out, and what links named stays as text.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from hatchling.metadata.plugin.interface import MetadataHookInterface
+
+_PICTURE = re.compile(r"!\[([^\]]*)\]\((?!https?:)([^)]+)\)")
+_LINK = re.compile(r"(?<!!)\[([^\]]*)\]\((?!https?:)([^)]+)\)")
+_TABLE = re.compile(r"^\|.*!\[.*\]\((?!https?:).*\|\n\|[-|]+\|\n", re.M)  # a table of pictures alone
+
+
+def long_description(readme: str, source: str | None = None) -> str:
+    """The README's text, its links to files absolute, or gone where the repository has no address.
+
+    Parameters
+    ----------
+    readme : str
+    source : str, optional
+        Address of the repository.
+    """
+    if source is None:
+        return _LINK.sub(r"\1", _PICTURE.sub("", _TABLE.sub("", readme)))
+    source = source.rstrip("/")
+    pictured = _PICTURE.sub(rf"![\1]({source}/raw/main/\2)", readme)
+    return _LINK.sub(rf"[\1]({source}/blob/main/\2)", pictured)
+
+
+class CustomMetadataHook(MetadataHookInterface):  # type: ignore[misc]
+    """What hatchling calls for the field that pyproject.toml names as dynamic."""
+
+    def update(self, metadata: dict[str, Any]) -> None:
+        """Set the readme."""
+        text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
+        source = metadata.get("urls", {}).get("Source")
+        metadata["readme"] = {"content-type": "text/markdown", "text": long_description(text, source)}

@@ -1,0 +1,186 @@
+"""A robot as a Basilisk spacecraft: the base is its hub, each arm a chain of spinning bodies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from Basilisk.simulation import spacecraft, spinningBodyNDOFStateEffector
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.errors import UnsupportedJoint
+from ffsms_pin.interchange.joint_axes import joint_axes
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["BasiliskRobot", "to_basilisk"]
+
+
+@dataclass(frozen=True)
+class BasiliskRobot:
+    """A spacecraft with arms, made by `to_basilisk`.
+
+    Attributes
+    ----------
+    sms : SpaceManipulator
+    craft : Basilisk.simulation.spacecraft.Spacecraft
+        Its hub is the base. Gravity, thrusters and other effectors are added to it as in any Basilisk script.
+    arms : tuple of SpinningBodyNDOFStateEffector
+        One for each arm, already added to the craft. `motorTorqueInMsg` takes the joint torques.
+    chains : tuple of tuple of int
+        The joints of each arm, numbered from 0 as in `sms.joint_names`.
+    """
+
+    sms: SpaceManipulator
+    craft: Any
+    arms: tuple[Any, ...]
+    chains: tuple[tuple[int, ...], ...]
+
+    @property
+    def models(self) -> tuple[Any, ...]:
+        """What a task updates, in this order: the arms read their torques, then the craft moves."""
+        return (*self.arms, self.craft)
+
+    def state(
+        self, craft: Any, joints: list[list[Any]], falling: bool = False
+    ) -> tuple[FloatArray, FloatArray]:
+        """Pinocchio's q (nq,) and v (6 + n,) from Basilisk's messages.
+
+        Parameters
+        ----------
+        craft : SCStatesMsgPayload
+        joints : list of list of HingedRigidBodyMsgPayload
+            For each arm those of its joints.
+        falling : bool
+            Relative to a frame that moves with the system's centre of mass and does not turn, as something in
+            orbit sees itself. Default: relative to Basilisk's inertial frame.
+        """
+        position, velocity = np.array(craft.r_BN_N), np.array(craft.v_BN_N)
+        if falling:
+            position, velocity = position - craft.r_CN_N, velocity - craft.v_CN_N
+        R = _rotation(np.array(craft.sigma_BN))
+        angles, rates = np.zeros(self.sms.n), np.zeros(self.sms.n)
+        for chain, messages in zip(self.chains, joints, strict=True):
+            for i, message in zip(chain, messages, strict=True):
+                angles[i], rates[i] = message.theta, message.thetaDot
+        q = self.sms.configuration(angles, pin.SE3(R, position))
+        return q, np.concatenate([R.T @ velocity, craft.omega_BN_B, rates])
+
+
+def to_basilisk(
+    sms: SpaceManipulator,
+    q: ArrayLike,
+    v: ArrayLike | None = None,
+    *,
+    position: ArrayLike = (0.0, 0.0, 0.0),
+    velocity: ArrayLike = (0.0, 0.0, 0.0),
+    name: str = "robot",
+) -> BasiliskRobot:
+    """The robot as a Basilisk spacecraft that starts in a state.
+
+    Masses, inertias, joint axes and placements are those of `sms.model`. Basilisk knows no joint limits, and
+    wheels are not carried over: add Basilisk's own.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    q : array_like, shape (nq,)
+    v : array_like, shape (6 + n,), optional
+        Default: at rest.
+    position, velocity : array_like, shape (3,)
+        Of the origin to which `q` and `v` refer, in Basilisk's inertial frame [m], [m/s]: a point in orbit,
+        for instance. The axes of both frames are parallel.
+    name : str
+        Of the spacecraft, also the beginning of the arms' names.
+
+    Returns
+    -------
+    BasiliskRobot
+
+    Raises
+    ------
+    UnsupportedJoint
+        A joint slides, or a link of an arm carries two joints: chains of spinning bodies have neither.
+        Several arms on one base are several chains.
+    """
+    q = vector("q", q, sms.nq)
+    v = np.zeros(sms.nv) if v is None else vector("v", v, sms.nv)
+    chains = _chains(sms)
+    model, base = sms.model, sms.model.inertias[1]
+    data = model.createData()
+    pin.centerOfMass(model, data, q, v)
+    craft = spacecraft.Spacecraft()
+    craft.ModelTag = name
+    craft.hub.mHub = base.mass
+    craft.hub.r_BcB_B = _column(base.lever)
+    craft.hub.IHubPntBc_B = base.inertia.tolist()
+    craft.hub.r_CN_NInit = _column(vector("position", position, 3, "m") + data.com[0])
+    craft.hub.v_CN_NInit = _column(vector("velocity", velocity, 3, "m/s") + data.vcom[0])
+    craft.hub.sigma_BNInit = _column(_mrp(q[3:7]))
+    craft.hub.omega_BN_BInit = _column(v[3:6])
+    axes, angles = joint_axes(sms), sms.joint_positions(q)
+    arms = []
+    for k, chain in enumerate(chains):
+        arm = spinningBodyNDOFStateEffector.SpinningBodyNDOFStateEffector()
+        arm.ModelTag = f"{name}_arm_{k}"
+        # States are registered by name, and each arm needs its own.
+        arm.setNameOfThetaState(f"{arm.ModelTag}_theta")
+        arm.setNameOfThetaDotState(f"{arm.ModelTag}_theta_dot")
+        for i in chain:
+            inertia, place = model.inertias[i + 2], model.jointPlacements[i + 2]
+            body = spinningBodyNDOFStateEffector.SpinningBody()
+            body.setMass(inertia.mass)
+            body.setISPntSc_S(inertia.inertia.tolist())
+            body.setR_ScS_S(_column(inertia.lever))
+            body.setDCM_S0P(place.rotation.T.tolist())
+            body.setR_SP_P(_column(place.translation))
+            body.setSHat_S(_column(axes[i].axis))
+            body.setThetaInit(float(angles[i]))
+            body.setThetaDotInit(float(v[6 + i]))
+            body.setK(0.0)
+            body.setC(0.0)
+            arm.addSpinningBody(body)
+        craft.addStateEffector(arm)
+        arms.append(arm)
+    return BasiliskRobot(sms, craft, tuple(arms), chains)
+
+
+def _chains(sms: SpaceManipulator) -> tuple[tuple[int, ...], ...]:
+    """The joints of each arm, from the base outwards."""
+    model, axes = sms.model, joint_axes(sms)
+    children: dict[int, list[int]] = {j: [] for j in range(1, model.njoints)}
+    for j in range(2, model.njoints):
+        if axes[j - 2].slides:
+            problem = f"joint '{model.names[j]}' slides; Basilisk's chain of spinning bodies only turns"
+            raise UnsupportedJoint(model.name, problem)
+        children[model.parents[j]].append(j)
+    chains = []
+    for first in children[1]:
+        chain, j = [first - 2], first
+        while children[j]:
+            if len(children[j]) > 1:
+                problem = f"the link of joint '{model.names[j]}' carries several; chains there do not fork"
+                raise UnsupportedJoint(model.name, problem)
+            j = children[j][0]
+            chain.append(j - 2)
+        chains.append(tuple(chain))
+    return tuple(chains)
+
+
+def _column(values: ArrayLike) -> list[list[float]]:
+    return [[float(x)] for x in np.ravel(values)]
+
+
+def _mrp(quaternion: FloatArray) -> FloatArray:
+    """Modified Rodrigues parameters (3,) of the quaternion (x, y, z, w), the shorter set."""
+    sign = 1.0 if quaternion[3] >= 0.0 else -1.0
+    return np.asarray(sign * quaternion[:3] / (1.0 + sign * quaternion[3]))
+
+
+def _rotation(sigma: FloatArray) -> FloatArray:
+    """Rotation matrix (3, 3) from body axes to inertial ones, of modified Rodrigues parameters (3,)."""
+    square = float(sigma @ sigma)
+    x, y, z = 2.0 * sigma / (1.0 + square)
+    return np.array(pin.Quaternion((1.0 - square) / (1.0 + square), x, y, z).toRotationMatrix())

@@ -1,0 +1,93 @@
+"""Ten seconds of motion under the same torques, by us and by others; for tests and the page of agreement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import mujoco as mj
+import numpy as np
+from Basilisk.utilities import SimulationBaseClass, macros
+from engines import Array, Mujoco
+
+import ffsms_pin as ffsms
+from ffsms_pin.interchange.basilisk import ArmControl, to_basilisk
+from ffsms_pin.simulation.integrators import rk4_step
+
+__all__ = ["DURATION", "Push", "basilisk_end", "mujoco_end", "our_end", "push", "rates_apart"]
+
+DURATION = 10.0  # [s]
+State = tuple[Array, Array]
+
+
+class Push(NamedTuple):
+    """A start at rest, and joint torques [N m] by time [s]; engines hold them over each step."""
+
+    q: Array
+    v: Array
+    torque: Callable[[float], Array]
+
+
+def push(sms: ffsms.SpaceManipulator) -> Push:
+    """Torques that give each joint some hundredths of a radian a second squared, out of phase."""
+    rng = np.random.default_rng(8)
+    q = sms.configuration(rng.uniform(-0.3, 0.3, sms.n))
+    scale, phase = 0.02 * np.diag(sms.at(q).H_q), rng.uniform(0.0, 6.0, sms.n)
+    return Push(q, sms.velocity(q, np.zeros(sms.n)), lambda t: np.asarray(scale * np.sin(t + phase)))
+
+
+def our_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
+    """q and v at the end, by articulated-body dynamics and Runge-Kutta of order 4 on the manifold."""
+    q, v, data, force = motion.q, motion.v, sms.model.createData(), np.zeros(sms.nv)
+    for k in range(round(DURATION / dt)):
+        force[6:] = motion.torque(k * dt)
+        q, v, _ = rk4_step(sms.model, data, q, v, force, dt)
+    return q, v
+
+
+def mujoco_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
+    """The same by MuJoCo's Runge-Kutta."""
+    peer = Mujoco(sms, dt)
+    peer.set(motion.q, motion.v)
+    for k in range(round(DURATION / dt)):
+        peer.data.ctrl[:] = motion.torque(k * dt)
+        mj.mj_step(peer.model, peer.data)
+    return peer.state()
+
+
+def basilisk_end(sms: ffsms.SpaceManipulator, motion: Push, dt: float) -> State:
+    """The same by Basilisk: hub and spinning bodies, its back-substitution, its Runge-Kutta."""
+    robot = to_basilisk(sms, motion.q, motion.v)
+    clock = _Clock(motion.torque)
+    control = ArmControl(robot, clock, clock)
+    sim = SimulationBaseClass.SimBaseClass()
+    sim.CreateNewProcess("process").addTask(sim.CreateNewTask("task", macros.sec2nano(dt)))
+    for module in (*robot.models, control):
+        sim.AddModelToTask("task", module)
+    sim.InitializeSimulation()
+    sim.ConfigureStopTime(macros.sec2nano(DURATION))
+    sim.ExecuteSimulation()
+    return control.q, control.v
+
+
+class _Clock:
+    """A reference that only tells the time, and a law that knows the torques at each."""
+
+    duration, target = DURATION, np.zeros(3)
+
+    def __init__(self, torque: Callable[[float], Array]) -> None:
+        self._torque, self._now = torque, 0.0
+
+    def sample(self, t: float) -> tuple[Array, Array, Array]:
+        """Keep the time."""
+        self._now = t
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+
+    def torque(self, q: Array, v: Array, q_d: Array, qd_d: Array, qdd_d: Array) -> Array:
+        """The torques of that time."""
+        return self._torque(self._now)
+
+
+def rates_apart(one: State, other: State) -> float:
+    """How far joint rates differ, relative to the length of the first one's."""
+    return float(np.linalg.norm(one[1][6:] - other[1][6:]) / np.linalg.norm(one[1][6:]))

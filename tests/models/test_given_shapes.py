@@ -1,0 +1,122 @@
+"""Shapes that come beside a Pinocchio model, or in an MJCF file, are those of the URDF."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from link_sums import arm_file
+from motions import Array
+
+import ffsms_pin as ffsms
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, GeometryError, InvalidValue
+from ffsms_pin.opt.limits.clearance_stack import chosen_mode
+from ffsms_pin.viewer.robot import visual_shapes
+
+Refused = Callable[..., FfsmsError]
+PLACE = pin.SE3(pin.rpy.rpyToMatrix(0.3, 0.2, -0.5), np.array([0.6, 0.1, 0.2]))
+KINDS = {"visual": pin.GeometryType.VISUAL, "collision": pin.GeometryType.COLLISION}
+
+MJCF = """<mujoco model="two"><compiler angle="radian"/><worldbody><body name="foot">
+<inertial pos="0 0 0.1" mass="2" diaginertia="0.1 0.1 0.1"/>
+<geom type="box" size="0.1 0.1 0.02" pos="0 0 0.05"/>
+<body name="upper" pos="0 0 0.1"><joint name="shoulder" axis="0 0 1" range="-1 1"/>
+<inertial pos="0 0 0.2" mass="1.5" diaginertia="0.03 0.02 0.01"/>
+<geom type="capsule" size="0.05 0.15" pos="0 0 0.2"/>
+<body name="lower" pos="0 0 0.4"><joint name="elbow" axis="0 1 0" range="-2 2"/>
+<inertial pos="0 0 0.2" mass="1" diaginertia="0.01 0.02 0.03"/>
+<geom type="box" size="0.05 0.04 0.2" pos="0 0 0.2"/><site name="tool" pos="0 0 0.4"/>
+</body></body></body></worldbody></mujoco>"""
+
+
+def model_with_shapes(name: str) -> tuple[Any, dict[str, Any]]:
+    path = arm_file(name)
+    model = pin.buildModelFromUrdf(str(path))
+    folder = [str(path.parents[4])]
+    return model, {
+        k: pin.buildGeomFromUrdf(model, str(path), kind, package_dirs=folder) for k, kind in KINDS.items()
+    }
+
+
+def placed(sms: ffsms.SpaceManipulator, kind: Any, q: Array) -> list[Array]:
+    """Poses of all shapes of the robot in inertial axes, and their boxes, in a fixed order."""
+    shapes = sms.geometry(kind)
+    data, scratch = pin.GeometryData(shapes), sms.model.createData()
+    pin.updateGeometryPlacements(sms.model, scratch, shapes, data, q)
+    rows = []
+    for item, pose in zip(shapes.geometryObjects, data.oMg, strict=True):
+        item.geometry.computeLocalAABB()
+        box = item.geometry.aabb_local
+        rows.append(np.concatenate([pose.act(np.array(box.min_)), pose.act(np.array(box.max_))]))
+    return sorted(rows, key=lambda row: tuple(np.round(row, 6).tolist()))
+
+
+@pytest.mark.parametrize("locked", [{}, {"joint1": -0.3}])
+def test_a_model_s_shapes_are_those_of_its_urdf(locked: dict[str, float]) -> None:
+    model, shapes = model_with_shapes("xarm7")
+    base = ffsms.SatelliteBase(300.0, (1.2, 1.0, 0.8), panels=(2.0, 0.8))
+    found = ffsms.mount(model, base, PLACE, locked=locked, velocity=0.4, **shapes)
+    wanted = ffsms.mount("xarm7", base, PLACE, locked=locked, velocity=0.4)
+    q = wanted.configuration(np.linspace(-0.4, 0.7, wanted.n))
+    for kind in ("visual", "collision"):
+        np.testing.assert_allclose(placed(found, kind, q), placed(wanted, kind, q), atol=1e-9)
+    again = pickle.loads(pickle.dumps(found))
+    np.testing.assert_allclose(placed(again, "collision", q), placed(found, "collision", q), atol=1e-12)
+
+
+def test_collision_checks_see_them() -> None:
+    """The robot with its shapes is kept clear by them, the one without by the paper's points."""
+    model, shapes = model_with_shapes("xarm7")
+    plain, seen = ffsms.mount(model, velocity=0.4), ffsms.mount(model, velocity=0.4, **shapes)
+    assert [chosen_mode(sms) for sms in (plain, seen)] == ["points", "hulls"]
+
+
+def test_collision_shapes_alone_are_drawn_too() -> None:
+    model, shapes = model_with_shapes("xarm7")
+    sms = ffsms.mount(model, collision=shapes["collision"])
+    assert visual_shapes(sms).ngeoms == shapes["collision"].ngeoms + 1  # the satellite's box
+    sms = ffsms.mount(model, visual=shapes["visual"])
+    assert [item.name for item in sms.geometry("collision").geometryObjects] == ["satellite_0"]
+
+
+def test_an_mjcf_file_brings_its_shapes(tmp_path: Path) -> None:
+    (tmp_path / "two.xml").write_text(MJCF)
+    sms = ffsms.mount(tmp_path / "two.xml", placement=PLACE)
+    carriers = {item.name: item.parentJoint for item in sms.geometry("collision").geometryObjects}
+    assert carriers == {"satellite_0": 1, "footGeom_0": 1, "upperGeom_0": 2, "lowerGeom_0": 3}
+    q = sms.configuration([0.3, -0.5])
+    data = sms.model.createData()
+    pin.framesForwardKinematics(sms.model, data, q)
+    tool = data.oMf[sms.model.getFrameId("tool")]
+    # The last box reaches to the tool.
+    middle = tool.act(np.array([0.0, 0.0, -0.2]))
+    lower = sms.geometry("collision").geometryObjects[-1]
+    assert lower.name == "lowerGeom_0"
+    np.testing.assert_allclose(data.oMi[3].act(lower.placement.translation), middle, atol=1e-12)
+
+
+def test_an_mjcf_file_whose_mesh_is_missing_still_loads(tmp_path: Path) -> None:
+    mesh = '<asset><mesh name="m" file="nowhere.stl"/></asset><worldbody>'
+    text = MJCF.replace("<worldbody>", mesh).replace(
+        'type="capsule" size="0.05 0.15"', 'type="mesh" mesh="m"'
+    )
+    (tmp_path / "two.xml").write_text(text)
+    with pytest.warns(FfsmsWarning, match="its shapes cannot be read"):
+        sms = ffsms.mount(tmp_path / "two.xml")
+    assert sms.n == 2
+    with pytest.raises(GeometryError, match="without any"):
+        sms.geometry("collision")
+
+
+def test_shapes_of_something_else_are_refused(refused: Refused) -> None:
+    model, shapes = model_with_shapes("xarm7")
+    refused(lambda: ffsms.mount("xarm7", visual=shapes["visual"]), InvalidValue, "visual", "its own shapes")
+    refused(lambda: ffsms.mount(model, collision="boxes"), InvalidValue, "collision", "GeometryModel")
+    small = pin.Model()
+    small.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "one")
+    refused(lambda: ffsms.mount(small, **shapes), InvalidValue, "visual", "of 1 carries")

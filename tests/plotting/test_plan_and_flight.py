@@ -1,0 +1,120 @@
+"""Figures of a run: what was flown beside what was planned, limits that matter, and scales that show all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from scenario_files import QUICK, write
+
+from ffsms_pin import plotting
+from ffsms_pin.plotting.style import AS_PLANNED, PLANNED, _columns
+from ffsms_pin.scenarios import Outcome, run, scenario
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+    return run(scenario(write(tmp_path_factory.mktemp("quick"), QUICK.replace("offset_deg", "# offset_deg"))))
+
+
+def other_flight(outcome: Outcome) -> Outcome:
+    """The same with a recording that ends 5 degrees off at every joint, and 3 at the base."""
+    q = outcome.tracking.q.copy()
+    share = np.linspace(0.0, 1.0, len(q))
+    q[:, 7:] += np.radians(5.0) * share[:, None]
+    turn = 2.0 * np.arctan2(q[:, 5], q[:, 6]) + np.radians(3.0) * share
+    q[:, 5], q[:, 6] = np.sin(0.5 * turn), np.cos(0.5 * turn)
+    return replace(outcome, tracking=replace(outcome.tracking, q=q))
+
+
+def labels(ax: Axes) -> list[str]:
+    return list(ax.get_legend_handles_labels()[1])
+
+
+def thin(ax: Axes) -> list[Any]:
+    """The lines of the plan."""
+    return [
+        np.asarray(one.get_ydata())
+        for one in ax.get_lines()
+        if one.get_linewidth() == PLANNED["linewidth"] and len(np.asarray(one.get_ydata())) > 2
+    ]
+
+
+def test_the_flight_is_drawn_where_it_is_not_the_plan(outcome: Outcome) -> None:
+    for made, differs in ((outcome, False), (other_flight(outcome), True)):
+        for name, panel, values in (
+            ("joints", 0, np.degrees(outcome.trajectory.q[:, 7:])),
+            ("base-angular", 0, None),
+        ):
+            ax = plotting.figure(made, name).axes[panel]
+            assert (AS_PLANNED in labels(ax)) is differs, name
+            assert len(thin(ax)) == (3 if differs else 0)
+            if differs and values is not None:
+                np.testing.assert_allclose(np.array(thin(ax)).T, values, atol=1e-9)
+                drawn = np.asarray(ax.get_lines()[0].get_ydata())
+                assert drawn[-1] == pytest.approx(np.degrees(made.tracking.q[-1, 7]))
+        for panel in (2, 3):  # entropy and singular values
+            ax = plotting.figure(made, "coupling").axes[panel]
+            assert (AS_PLANNED in labels(ax)) is differs
+
+
+def test_only_limits_that_matter_are_drawn(outcome: Outcome) -> None:
+    def dotted(ax: Axes) -> list[float]:
+        lines = [one for one in ax.get_lines() if one.get_linestyle() == ":"]
+        return sorted(
+            {float(np.asarray(one.get_ydata())[0]) for one in lines if len(np.asarray(one.get_ydata()))}
+        )
+
+    positions = plotting.figure(outcome, "joints").axes[0]
+    assert dotted(positions) == []
+    sms = outcome.sms
+    upper = sms.limits.upper.copy()
+    upper[1] = outcome.trajectory.q[:, 8].max() + 0.01
+    near = sms.with_limits(replace(sms.limits, upper=upper))
+    positions = plotting.figure(replace(outcome, sms=near), "joints").axes[0]
+    np.testing.assert_allclose(dotted(positions), [np.degrees(upper[1])])
+
+    fast = sms.with_limits(replace(sms.limits, velocity=10.0 * sms.limits.velocity))
+    rates = plotting.figure(replace(outcome, sms=fast), "joints").axes[1]
+    assert dotted(rates) == []
+    share = 10.0 * float((np.abs(outcome.trajectory.v[:, 6:]) / sms.limits.velocity).max())
+    assert f"at most {share:.2g} % of the limits" in rates.get_ylabel()
+
+
+def test_singular_values_that_span_decades_can_all_be_read(outcome: Outcome) -> None:
+    ax = plotting.figure(outcome, "coupling").axes[3]
+    assert ax.get_yscale() == "log"  # of a planar arm: 0.3 and 0.003
+    low, high = ax.get_ylim()
+    sigma = np.array([outcome.sms.at(q).coupling.sigma for q in outcome.trajectory.q])
+    assert len(ax.get_lines()) == 3
+    assert low < sigma.min()
+    assert sigma.max() < high
+    for curve, column in zip(ax.get_lines(), sigma.T, strict=True):
+        np.testing.assert_allclose(np.asarray(curve.get_ydata()), column, rtol=1e-12)
+
+
+def test_legends_take_as_many_columns_as_fit() -> None:
+    assert _columns(["x", "y", "z", AS_PLANNED]) == 4
+    assert _columns([f"panda_joint{i}" for i in range(1, 8)]) == 3
+    assert _columns(["a" * 100, "b"]) == 1
+
+
+def test_a_figure_of_two_sides_says_its_times_once(outcome: Outcome, tmp_path: Path) -> None:
+    turned = outcome.trajectory.q.copy()
+    turned[:, 2] += np.linspace(0.0, 0.2, len(turned))  # out of the plane
+    spatial = replace(outcome, trajectory=replace(outcome.trajectory, q=turned))
+    figure = plotting.figure(spatial, "motion")
+    assert len(figure.axes) == 2
+    assert all("t = " not in ax.get_xlabel() for ax in figure.axes)
+    text = figure.get_supxlabel()
+    assert "t = 0, " in text
+    figure.draw_without_rendering()
+    inside = figure.bbox
+    for ax in figure.axes:
+        box = ax.xaxis.label.get_window_extent()
+        assert inside.x0 <= box.x0
+        assert box.x1 <= inside.x1

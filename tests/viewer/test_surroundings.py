@@ -1,0 +1,126 @@
+"""What is around a robot in the viewer's scene: clients, wheels, thrusters, and the cameras."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.viewer import CAMERAS, View, view
+from ffsms_pin.viewer.frames import surroundings
+
+AXES = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0] / np.sqrt(3.0), [1.0, 0.0, 0.0]])
+
+
+@pytest.fixture(scope="module")
+def equipped(planar: ffsms.SpaceManipulator) -> ffsms.SpaceManipulator:
+    wheels = ffsms.ReactionWheels(AXES, 0.01, 0.1, 1.0)
+    thrusters = ffsms.Thrusters(
+        [[0.2, 0.2, 0.0], [-0.2, 0.2, 0.0]], [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]], 1.0, proportional=True
+    )
+    return planar.with_actuators(wheels=wheels, thrusters=thrusters)
+
+
+@pytest.fixture(scope="module")
+def moved(equipped: ffsms.SpaceManipulator) -> opt.Trajectory:
+    problem = opt.Problem(equipped, equipped.configuration([0.4, 0.7, -0.5]), [0.5, 0.5, 0.0], 2.0, 0.5)
+    return measure(problem, 0.3 * np.ones((5, 3)))
+
+
+def track(scene: View, path: str, name: str) -> tuple[Any, Any]:
+    times, rows = scene._stage.film._tracks[
+        f"/ffsms/{path}", name, "vector3" if name != "quaternion" else name
+    ]
+    return np.array(times), np.array(rows)
+
+
+def placed(scene: View, path: str) -> Any:
+    """The transform (4, 4) that a node stands at."""
+    import umsgpack
+
+    packed = scene._stage.scene._nodes[f"/ffsms/{path}"].transform
+    assert packed is not None
+    return np.array(umsgpack.unpackb(packed)["matrix"]).reshape(4, 4).T
+
+
+def test_wheels_are_discs_on_the_base_along_their_axes(
+    equipped: ffsms.SpaceManipulator, moved: opt.Trajectory
+) -> None:
+    scene = view(equipped, moved)
+    assert scene.layers["actuators"]
+    places = []
+    for i, axis in enumerate(AXES):
+        matrix = placed(scene, f"wheels/{i}")
+        np.testing.assert_allclose(matrix[:3, 2], axis, atol=1e-12)  # the disc's own axis is z
+        places.append(matrix[:3, 3])
+        inside = np.abs(equipped.base_box_placement.actInv(matrix[:3, 3])) < 0.49 * np.array(
+            equipped.base_size
+        )
+        assert not inside.all()  # or the base would hide it
+    # Two on one axis stand one beyond the other, and none where the arm begins.
+    assert np.linalg.norm(places[0] - places[3]) > 0.01
+    assert all(place[0] < 0.0 for place in (places[0], places[3]))
+    _, rows = track(scene, "wheels", "position")
+    np.testing.assert_allclose(rows, moved.q[:, :3], atol=1e-12)
+
+
+def test_thrusters_are_nozzles_that_open_to_the_jet(
+    equipped: ffsms.SpaceManipulator, moved: opt.Trajectory
+) -> None:
+    scene = view(equipped, moved)
+    for i, (place, push) in enumerate(
+        zip(equipped.thrusters.places, equipped.thrusters.directions, strict=True)  # type: ignore[union-attr]
+    ):
+        matrix = placed(scene, f"thrusters/{i}")
+        np.testing.assert_allclose(matrix[:3, 3], place)
+        np.testing.assert_allclose(matrix[:3, 2], -push, atol=1e-12)
+    assert "actuators" not in view(equipped.with_actuators(), moved).layers
+
+
+def test_a_client_moves_with_the_motion(equipped: ffsms.SpaceManipulator, moved: opt.Trajectory) -> None:
+    pose = pin.SE3(np.eye(3), np.array([1.0, 0.5, 0.2]))
+    twist = np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.4])
+    client = ffsms.Client(5.0, [1.0, 2.0, 2.5], pose, twist, [coal.Box(0.2, 0.3, 0.4)])
+    ears = opt.Obstacle(coal.Sphere(0.05), pin.SE3(np.eye(3), np.array([0.0, 0.3, 0.0])), client)
+    same = opt.Obstacle(coal.Box(0.2, 0.3, 0.4), on=client)
+    scene = view(equipped, moved, client=client, obstacles=[ears, same])
+    assert scene.layers["client"]
+    assert "obstacles" not in scene.layers  # those of the client are drawn with it
+    drawn = {path.split("/")[3] for path in scene._stage.scene.paths if path.startswith("/ffsms/client/")}
+    assert drawn == {"0", "1", "axes"}  # its body once, and the sphere
+    times, rows = track(scene, "client", "position")
+    _, turns = track(scene, "client", "quaternion")
+    for t, row, turn in zip(times, rows, turns, strict=True):
+        np.testing.assert_allclose(row, client.pose(t).translation, atol=1e-12)
+        found = pin.Quaternion(*turn[[3, 0, 1, 2]]).toRotationMatrix()
+        np.testing.assert_allclose(found, client.pose(t).rotation, atol=1e-9)
+    # The camera sees it.
+    far = ffsms.Client(5.0, [1.0, 2.0, 2.5], pin.SE3(np.eye(3), np.array([9.0, 0.0, 0.0])))
+    assert view(equipped, moved, client=far)._stage.size > 4.0 > scene._stage.size
+
+
+def test_a_client_without_shapes_is_a_ball(equipped: ffsms.SpaceManipulator, moved: opt.Trajectory) -> None:
+    scene = view(equipped, moved, client=ffsms.Client(5.0, [1.0, 2.0, 2.5]))
+    assert "/ffsms/client/0" in scene._stage.scene.paths
+
+
+def test_cameras(equipped: ffsms.SpaceManipulator, moved: opt.Trajectory) -> None:
+    for name in CAMERAS:
+        scene = view(equipped, moved, camera=name)
+        assert f'"camera": "{name}"' in scene.html()
+    with pytest.raises(InvalidValue, match='"free" or "front" or "side" or "top" or "base"'):
+        view(equipped, moved, camera="behind")
+    centre, _ = surroundings(scene._frames)
+    from ffsms_pin.viewer.cameras import riding
+
+    stays = pin.SE3(np.eye(3), -centre) * pin.XYZQUATToSE3(moved.q[0, :7])
+    for row, q in zip(riding(scene._frames, centre), moved.q, strict=True):
+        base = pin.XYZQUATToSE3(np.array(row)) * pin.XYZQUATToSE3(q[:7])
+        np.testing.assert_allclose(base.homogeneous, stays.homogeneous, atol=1e-4)
