@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from scipy.optimize import lsq_linear
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system import SpaceManipulator
@@ -110,7 +109,7 @@ class ReactionEstimate:
             # The best constant for factors x is the mean of c + A x, with a prior of one sample's noise.
             G = G - self._sum_A.T @ self._sum_A / (self._samples + 1)
             g = g + self._sum_A.T @ self._sum_c / (self._samples + 1)
-        factors: FloatArray = 1.0 + np.linalg.solve(G, g)
+        factors = np.asarray(1.0 + np.linalg.solve(G, g), dtype=np.float64)
         if (factors >= _LEAST).all() and (factors <= _MOST).all():
             return factors
         return 1.0 + _bounded(G, g, _LEAST - 1.0, _MOST - 1.0) if self.noisy else np.ones_like(factors)
@@ -127,6 +126,9 @@ class ReactionEstimate:
 
 def _bounded(G: FloatArray, g: FloatArray, least: float, most: float) -> FloatArray:
     """The x (k,) within bounds that makes x^T G x / 2 - g^T x least."""
+    # Imported here: it takes a tenth of a second, and few runs need it.
+    from scipy.optimize import lsq_linear
+
     L = np.linalg.cholesky(G)
     return np.asarray(lsq_linear(L.T, np.linalg.solve(L, g), (least, most)).x)
 
