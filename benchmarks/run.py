@@ -16,6 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import clearances
 import machine
 import many
 import numpy as np
@@ -82,6 +83,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--fine", type=int, default=2, help="of these, how many on the plan's own grid (default: 2)"
     )
+    p.add_argument("--clear", type=int, default=40, help="targets of each satellite (default: 40)")
     p.add_argument("--plans", type=int, default=200, help="plans over processes (default: 200)")
     p.add_argument("--out", default="results/bench.json", help="file for all numbers; tables beside it")
     return p
@@ -213,6 +215,11 @@ SECTIONS: dict[str, Section] = {
         "Reach of the planner in space",
         lambda a: space.run(a.space, a.seeds[0]),
         space.report,
+    ),
+    "clear": (
+        "Plans called clear, judged on the meshes",
+        lambda a: clearances.run(a.clear, a.seeds[0]),
+        clearances.report,
     ),
     "cost": ("The plan beside IPOPT", cost_section, lambda found: printed(print_costs, found)),
 }

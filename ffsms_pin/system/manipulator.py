@@ -171,6 +171,7 @@ class SpaceManipulator(Mechanism):
     def _variant(self, model: Any, **others: Any) -> SpaceManipulator:
         make, (_, *rest) = self.__reduce__()
         made: SpaceManipulator = make(model, *rest, **others)
+        made._geometry.update(self._geometry)  # shapes that were read: masses and limits do not change them
         return made
 
     def at(self, q: ArrayLike, v: ArrayLike | None = None) -> State:

@@ -105,6 +105,14 @@ class BodyStack:
     def __reduce__(self) -> tuple[Any, ...]:
         return BodyStack, self._settings  # a copy has data of its own
 
+    def serves(self, sms: SpaceManipulator, clearance: float, payload: Part | None) -> bool:
+        """Whether it is the one for these as well: masses do not matter, shapes and joint limits do."""
+        of, _, asked, held = self._settings
+        if asked != clearance or held is not payload or of.limits is not sms.limits:
+            return False
+        # Only robots that differ in what moves no shape have the same ones, read once.
+        return of.geometry("collision") is sms.geometry("collision")
+
     def names(self) -> list[str]:
         """What each clearance is between, in order."""
         return self._names

@@ -86,6 +86,13 @@ class Clearance(Limit):
         """With the robot's points or shapes."""
         held = None if self.payload is None else payload_part(sms, *self.payload)
         around = ObstacleStack(sms, self.obstacles, self.collision, held) if self.obstacles else None
+        last = self._stack
+        if (
+            isinstance(last, BodyStack)
+            and self.collision in ("auto", last.mode)
+            and last.serves(sms, self.clearance, held)
+        ):
+            return replace(self, _around=around)  # planned again: the masses are others, the shapes are not
         mode = chosen_mode(sms) if self.collision == "auto" else self.collision
         stack = clearance_stack(sms, mode, self.clearance, held)
         if stack is None:

@@ -14,6 +14,7 @@ from ffsms_pin.opt.horizon.diagnosis import start_in_collision, within_workspace
 from ffsms_pin.opt.horizon.groups import QUICK, START_GROUPS
 from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.approach import Approach, Narrower
 from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.reaction import ReactionEstimate
@@ -99,7 +100,7 @@ class RestPlanner:
         rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked, goal)
         if self.current is not None:
             share = rest.duration / whole.duration
-            plan = replanned(rest, now, joints, self.current, options, share)
+            plan = replanned(self._careful(rest), now, joints, self.current, options, share)
             if plan.miss > options.arrived_miss and now >= self._next_search:
                 plan = self._searched_again(rest, now, joints, plan)
         else:
@@ -118,6 +119,13 @@ class RestPlanner:
             return plan
         # Joints that turn without end are counted from where they are.
         return replace(other, positions=other.positions + joints - other.positions[0])
+
+    def _careful(self, rest: Problem) -> Problem:
+        """With noisy sensors: the goal met more narrowly, without ways away from it."""
+        goal = rest.goal
+        if not self._estimate.noisy or goal.exact or goal.moves:
+            return rest
+        return replace(rest, goal=Narrower(goal), terms=[*rest.terms, Approach()])
 
     def _learn(self) -> None:
         """Take over the estimated masses, where they have changed."""

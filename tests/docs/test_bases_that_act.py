@@ -17,7 +17,7 @@ BLOCKS = re.findall(r"^```(python|toml)\n(.*?)^```$", PAGE.read_text(encoding="u
 
 
 def test_the_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    ((_, text),) = [block for block in BLOCKS if block[0] == "python"]
+    (_, text), *_ = [block for block in BLOCKS if block[0] == "python"]
     names: dict[str, Any] = {}
     exec(compile(text, str(PAGE), "exec"), names)
     track, plan = names["track"], names["plan"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -241,3 +243,26 @@ def test_plans_do_not_penetrate(name: str, turn: float) -> None:
         if clear == 2:
             return
     raise AssertionError("no goals were found")
+
+
+def test_robots_of_other_masses_share_what_was_made_of_the_shapes(robot: ffsms.SpaceManipulator) -> None:
+    geometry, limit = robot.geometry("collision"), opt.Clearance().for_robot(robot)
+    bodies = list(robot.model.inertias)[1:]
+    heavier = robot.with_inertias([pin.Inertia(1.2 * b.mass, b.lever, 1.2 * b.inertia) for b in bodies])
+    assert heavier.geometry("collision") is geometry
+    assert limit.for_robot(heavier)._stack is limit._stack
+    # Nothing else may differ: joint limits and the clearance are part of it.
+    limits = robot.limits
+    narrower = ffsms.JointLimits(
+        0.5 * limits.lower, 0.5 * limits.upper, limits.velocity, limits.acceleration, limits.torque
+    )
+    for other in (limit.for_robot(robot.with_limits(narrower)), limit.tightened(1e-3).for_robot(robot)):
+        assert other._stack is not limit._stack
+    assert limit.for_robot(ffsms.load("space_arm_7"))._stack is not limit._stack
+    assert replace(limit, collision="points").for_robot(robot)._stack is not limit._stack
+    joints, kept = places(robot, 3, 5), limit._stack
+    assert kept is not None
+    arm = ArmStack(robot).evaluate(joints)
+    np.testing.assert_array_equal(
+        kept.values(joints, arm), BodyStack(heavier, "hulls", 0.01).values(joints, arm)
+    )

@@ -42,3 +42,29 @@ def test_a_captured_body_is_noticed(planar: ffsms.SpaceManipulator) -> None:
     assert not estimate.observe(q, planar.velocity(q, rates))
     assert not estimate.observe(q, planar.velocity(q, rates))
     assert estimate.observe(q, planar.velocity(q, rates, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 3.0])))
+
+
+def test_noisy_estimates_stay_within_their_bounds(planar: ffsms.SpaceManipulator) -> None:
+    """Beyond the bounds exact sensors leave the model as it is; noisy ones give the best factors within."""
+    plant = perturb(planar, arm_mass=[3.0, 0.9, 1.1])
+    accelerations = 0.4 * np.sin(np.linspace(0.0, 12.0, 400)[:, None] * np.array([0.7, 1.1, 1.6]))
+    q, rates = roll_out(plant, plant.configuration(np.ones(3)), np.zeros(3), accelerations, 0.02, np.zeros(6))
+    estimate = ReactionEstimate(planar)
+    for a, u in zip(q, rates, strict=True):
+        estimate.observe(a, plant.velocity(a, u))
+    np.testing.assert_array_equal(estimate.solve(), 1.0)
+    estimate.noisy = True
+    factors = estimate.solve()
+    assert factors.max() == pytest.approx(2.0)
+    assert factors.min() >= 0.5
+
+    # Any motion along the bounds, or into them, explains less.
+    def unexplained(at: np.ndarray) -> float:
+        parts = np.array([estimate._momenta(a, plant.velocity(a, u)) for a, u in zip(q, rates, strict=True)])
+        total = parts @ np.concatenate([[1.0], at])
+        scaled = (total - total.mean(axis=0)) * estimate._scale[:, 0]
+        return float((scaled**2).sum() + (((at - 1.0) / 0.2) ** 2).sum())
+
+    least = unexplained(factors)
+    for change in 0.02 * np.vstack([np.eye(4), -np.eye(4)]):
+        assert unexplained(np.clip(factors + change, 0.5, 2.0)) >= least * (1.0 - 1e-6)
