@@ -16,14 +16,19 @@ PAGE = Path(__file__).parents[2] / "docs" / "bases-that-act.md"
 BLOCKS = re.findall(r"^```(python|toml)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.S | re.M)
 
 
-def test_the_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    (_, text), *_ = [block for block in BLOCKS if block[0] == "python"]
+def test_the_examples_run(capsys: pytest.CaptureFixture[str]) -> None:
+    """One after the other: the second goes on from the first."""
     names: dict[str, Any] = {}
-    exec(compile(text, str(PAGE), "exec"), names)
+    for kind, text in BLOCKS:
+        if kind == "python":
+            exec(compile(text, str(PAGE), "exec"), names)
     track, plan = names["track"], names["plan"]
     assert plan.reached
     assert track.note == ""
     assert np.abs(track.q[:, 3:6] - track.q[0, 3:6]).max() < 1e-5
+    again, first = names["again"], names["q0"][3:6]
+    assert again.position_error[-1] < 5e-4
+    assert np.degrees(2.0 * np.abs(again.q[:, 3:6] - first).max()) < 0.1
     assert capsys.readouterr().out
 
 
