@@ -1,6 +1,6 @@
 """Whether plans that are called clear keep the exact meshes apart, by Pinocchio and coal alone.
 
-Run from the repository's root: python benchmarks/clearances.py [ROBOT ...] [--targets N] [--modes points auto]
+From the repository's root: python benchmarks/clearances.py [ROBOT ...] [--targets N] [--modes points auto]
 Each plan goes from one random posture to where the end effector is in another one, both of them clear, with
 the library's defaults. Then all pairs of meshes but those of neighbours are tested, at the nodes and at the
 instants that cut each step into `PARTS`; the planner itself looks at convex parts of them, at the nodes and
