@@ -55,7 +55,10 @@ def test_errors_say_what_to_do(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_info_has_a_unit_for_every_number(capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_has_a_unit_for_every_number(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "160")  # wide enough for one line a row
     assert main(["info", "planar_3r"]) == 0
     out = capsys.readouterr().out
     for column in ("mass [kg]", "principal inertias [kg m²]"):

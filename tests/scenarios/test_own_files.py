@@ -76,7 +76,8 @@ def test_the_command_line_writes_below_its_folder(tmp_path: Path) -> None:
     path.write_text(stream("long.npz"))
     assert main(["run", str(path), "--out", str(out), "--no-figures"]) == 0
     assert sorted(os.listdir(tmp_path)) == ["s.toml", "some"]
-    assert sorted(os.listdir(out)) == ["long.npz", "summary.json", "tracking.npz", "trajectory.npz"]
+    written = ["long.npz", "scenario.json", "summary.json", "tracking.npz", "trajectory.npz"]
+    assert sorted(os.listdir(out)) == written
     np.testing.assert_array_equal(Tracking.load(out / "long.npz").q, Tracking.load(out / "tracking.npz").q)
     assert json.loads((out / "summary.json").read_text())["scenario"] == "s"
     path.write_text(stream("../far.npz"))

@@ -38,4 +38,4 @@ def test_a_narrower_goal_is_the_same_place() -> None:
     np.testing.assert_array_equal(narrower.place(1.0).position, goal.place(1.0).position)
     np.testing.assert_array_equal(narrower.positions(np.arange(3.0)), goal.positions(np.arange(3.0)))
     assert narrower.rotations(np.arange(3.0)) is None
-    assert narrower.passing(1.0) is None
+    assert narrower.approach(1.0) == []
