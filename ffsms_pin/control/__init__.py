@@ -12,6 +12,7 @@ from ffsms_pin.control.pd import PD
 from ffsms_pin.control.quaternion_feedback import QuaternionFeedback
 from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics
 from ffsms_pin.control.sliding_mode import SlidingModeController
+from ffsms_pin.control.station_keeping import StationKeeping
 from ffsms_pin.control.super_twisting import SuperTwisting
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "PulseWidth",
     "QuaternionFeedback",
     "SlidingModeController",
+    "StationKeeping",
     "SuperTwisting",
     "check_time_constants",
     "reduced_coriolis",

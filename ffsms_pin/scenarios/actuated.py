@@ -9,7 +9,15 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.control import BaseLaw, Coordinated, JointLaw, MomentumDump, QuaternionFeedback
+from ffsms_pin.control import (
+    BaseLaw,
+    Coordinated,
+    JointLaw,
+    MomentumDump,
+    QuaternionFeedback,
+    StationKeeping,
+)
+from ffsms_pin.scenarios.base_tables import STATION_KEEPING
 from ffsms_pin.scenarios.table import radians
 from ffsms_pin.system import SpaceManipulator
 
@@ -36,6 +44,8 @@ def base_law(attitude: Mapping[str, Any] | None, sms: SpaceManipulator) -> BaseL
         return None
     if attitude.get("law") == "coordinated":
         return Coordinated(sms, **_options(attitude))
+    if attitude.get("law") == STATION_KEEPING:
+        return StationKeeping(sms, **_options(attitude))
     return QuaternionFeedback(sms, **_options(attitude))
 
 

@@ -15,7 +15,11 @@ from ffsms_pin.scenarios.values import (
     texts,
 )
 
-__all__ = ["ATTITUDE", "THRUSTERS", "WHEELS"]
+__all__ = ["ATTITUDE", "STATIONS", "STATION_KEEPING", "THRUSTERS", "WHEELS"]
+
+STATION_KEEPING = "station-keeping"  # the law that holds the base's place
+# What this law holds in the modes of a plan that hold the base's place.
+STATIONS = {"flying": "both", "translation-flying": "place"}
 
 _ROWS = matrix(None, 3)
 
@@ -50,11 +54,13 @@ THRUSTERS = Table(
 
 ATTITUDE = Table(
     {
-        "law": one_of("quaternion", "coordinated"),
+        "law": one_of("quaternion", "coordinated", STATION_KEEPING),
+        "holds": one_of("both", "place"),
         "bandwidth": positive,
         "damping": positive,
         "feedforward": one_of("torque", "plan", "none"),
         "attitude": numbers(3),
+        "place": numbers(3),
     },
     frozenset({"attitude"}),
     tables={

@@ -10,6 +10,7 @@ from typing import Any
 from ffsms_pin.control import LAWS
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios.actuated import COORDINATED_WITH
+from ffsms_pin.scenarios.base_tables import STATION_KEEPING, STATIONS
 from ffsms_pin.scenarios.client_tables import check_client
 from ffsms_pin.scenarios.place_tables import check_places
 from ffsms_pin.scenarios.tables import DEFAULT_LAW, DEGREES, HELD_BY, TABLES, Table, gains_of
@@ -185,13 +186,35 @@ def _check_base(source: Path, tables: Mapping[str, Any]) -> None:
         raise InvalidScenario(source, "[attitude] needs [wheels] or [thrusters]")
     if attitude.get("dump") is not None and not (turning and tables["thrusters"] is not None):
         raise InvalidScenario(source, "[attitude.dump] needs [wheels] and [thrusters]")
-    if attitude.get("law") == "coordinated":
-        if tables["control"].get("law", DEFAULT_LAW) != COORDINATED_WITH:
+    _check_station(source, attitude, mode, tables["thrusters"] is not None)
+    joints = tables["control"].get("law", DEFAULT_LAW)
+    if attitude.get("law") == "coordinated" and joints != COORDINATED_WITH:
+        raise InvalidScenario(
+            source, f'[attitude] law = "coordinated" needs [control] law = "{COORDINATED_WITH}"'
+        )
+    if "feedforward" in attitude and attitude.get("law", "quaternion") != "quaternion":
+        raise InvalidScenario(source, '[attitude] feedforward is for law = "quaternion"')
+
+
+def _check_station(source: Path, attitude: Mapping[str, Any], mode: str, thrusters: bool) -> None:
+    """Raise `InvalidScenario` where the law that holds the base's place does not fit what else is said."""
+    holds = attitude.get("holds", "both")
+    if attitude.get("law") != STATION_KEEPING:
+        for key in ("holds", "place"):
+            if key in attitude:
+                raise InvalidScenario(source, f'[attitude] {key} is for law = "{STATION_KEEPING}"')
+        if mode in STATIONS:
             raise InvalidScenario(
-                source, f'[attitude] law = "coordinated" needs [control] law = "{COORDINATED_WITH}"'
+                source,
+                f'[plan] mode = "{mode}" holds the place: it needs [attitude] law = "{STATION_KEEPING}"',
             )
-        if "feedforward" in attitude:
-            raise InvalidScenario(source, '[attitude] feedforward is for law = "quaternion"')
+        return
+    if not thrusters:
+        raise InvalidScenario(source, f'[attitude] law = "{STATION_KEEPING}" needs [thrusters]')
+    if attitude.get("dump") is not None:
+        raise InvalidScenario(source, f'[attitude.dump] is not for law = "{STATION_KEEPING}"')
+    if mode in STATIONS and STATIONS[mode] != holds:
+        raise InvalidScenario(source, f'[plan] mode = "{mode}" needs [attitude] holds = "{STATIONS[mode]}"')
 
 
 def _suggestion(word: str, allowed: Collection[str]) -> str:

@@ -36,7 +36,12 @@ __all__ = ["DEFAULT_LAW", "DEGREES", "HELD_BY", "TABLES", "Table", "gains_of", "
 
 DEFAULT_LAW = "sliding-mode"
 #: Modes of a plan that a closed loop can follow, and what then holds the attitude.
-HELD_BY = {"rotation-floating": "wheels", "rotation-flying": "thrusters"}
+HELD_BY = {
+    "rotation-floating": "wheels",
+    "rotation-flying": "thrusters",
+    "translation-flying": "thrusters",
+    "flying": "thrusters",
+}
 
 
 def gains_of(law: str) -> tuple[str, ...]:

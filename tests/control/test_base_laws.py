@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from base_actuators import PLACES, PYRAMID, WAYS
 from motions import Array, Swing
 
 import ffsms_pin as ffsms
@@ -26,12 +27,6 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation import Tracking
 
 Refused = Callable[..., FfsmsError]
-PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
-# Pairs on the faces of a cube of 1 m: every couple and every force can be given.
-PLACES = np.array([[0.5, s * 0.5, 0.0] for s in (1, -1)] + [[-0.5, s * 0.5, 0.0] for s in (1, -1)])
-PLACES = np.concatenate([PLACES, np.roll(PLACES, 1, axis=1), np.roll(PLACES, 2, axis=1)])
-WAYS = np.array([[-1.0, 0, 0]] * 2 + [[1.0, 0, 0]] * 2)
-WAYS = np.concatenate([WAYS, np.roll(WAYS, 1, axis=1), np.roll(WAYS, 2, axis=1)])
 
 
 def errors(run: Tracking, wanted: Any = None) -> Array:

@@ -36,6 +36,18 @@ least_on_time = 0.01
 COORDINATED = '[attitude]\nlaw = "coordinated"\nbandwidth = 2.0\n'
 
 
+# Along both axes of the plane, and round the third.
+STATION = """
+[thrusters]
+places = [[0.2, 0.2, 0], [-0.2, -0.2, 0], [0.2, -0.2, 0], [-0.2, 0.2, 0], [0.2, 0, 0], [-0.2, 0, 0]]
+directions = [[0, 1, 0], [0, -1, 0], [0, -1, 0], [0, 1, 0], [-1, 0, 0], [1, 0, 0]]
+force = 20.0
+proportional = true
+[attitude]
+law = "station-keeping"
+"""
+
+
 def ran(tmp_path: Path, content: str) -> Outcome:
     path = tmp_path / "mine.toml"
     path.write_text(QUICK + content, encoding="utf-8")
@@ -97,6 +109,11 @@ def test_every_key_arrives(tmp_path: Path) -> None:
         ("[wheels]\naxes = [1, 0, 0]\ninertia = 1\n", ["[wheels] axes"]),
         ("[wheels]\naxes = [[0, 0, 1]]\ninertia = 2.0\n", ["wheels.inertia", "counts the wheels"]),
         (WHEELS + "[attitude]\nlaw = 'pid'\n", ["[attitude] law", '"coordinated"']),
+        (WHEELS + "[attitude]\nlaw = 'station-keeping'\n", ["station-keeping", "needs [thrusters]"]),
+        (WHEELS + "[attitude]\nholds = 'place'\n", ["[attitude] holds", "station-keeping"]),
+        (WHEELS + "[attitude]\nplace = [0, 0, 0]\n", ["[attitude] place", "station-keeping"]),
+        (STATION + "feedforward = 'plan'\n", ["[attitude] feedforward", "quaternion"]),
+        (WHEELS + STATION + "[attitude.dump]\nabove = 0.5\n", ["[attitude.dump]", "station-keeping"]),
         (WHEELS + "[attitude]\nbandwith = 1\n", ["'bandwith' in [attitude]", "did you mean 'bandwidth'"]),
         (THRUSTERS.replace("least_on_time = 0.01", ""), ["thrusters.period", "least_on_time"]),
     ],
@@ -107,6 +124,26 @@ def test_what_does_not_fit_is_named(tmp_path: Path, content: str, words: list[st
     assert type(caught.value) is InvalidScenario
     for word in ["mine.toml", *words]:
         assert word in str(caught.value)
+
+
+def in_mode(tmp_path: Path, mode: str, content: str) -> Path:
+    path = tmp_path / "mine.toml"
+    path.write_text(QUICK.replace("[plan]\n", f'[plan]\nmode = "{mode}"\n') + content, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(("mode", "holds"), [("flying", "both"), ("translation-flying", "place")])
+def test_the_place_is_held(tmp_path: Path, mode: str, holds: str) -> None:
+    found = run(scenario(in_mode(tmp_path, mode, f'{STATION}holds = "{holds}"\n')))
+    shifted = found.sms.base_com
+    places = [row[:3] + pin.Quaternion(row[3:7]).toRotationMatrix() @ shifted for row in found.tracking.q]
+    assert np.linalg.norm(np.array(places) - places[0], axis=1).max() < 1e-3
+    assert (turn(found) > 0.5) is (holds == "place")
+    other = {"both": "place", "place": "both"}[holds]
+    with pytest.raises(InvalidScenario, match=f'holds = "{holds}"'):
+        scenario(in_mode(tmp_path, mode, f'{STATION}holds = "{other}"\n'))
+    with pytest.raises(InvalidScenario, match="station-keeping"):
+        scenario(in_mode(tmp_path, mode, THRUSTERS + "[attitude]\n"))
 
 
 def test_coordinated_control_needs_its_law_of_the_joints(tmp_path: Path) -> None:

@@ -1,0 +1,12 @@
+"""Wheels and thrusters of a base, for tests: axes, places and directions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
+# Pairs on the faces of a cube of 1 m: every couple and every force can be given.
+PLACES = np.array([[0.5, s * 0.5, 0.0] for s in (1, -1)] + [[-0.5, s * 0.5, 0.0] for s in (1, -1)])
+PLACES = np.concatenate([PLACES, np.roll(PLACES, 1, axis=1), np.roll(PLACES, 2, axis=1)])
+WAYS = np.array([[-1.0, 0, 0]] * 2 + [[1.0, 0, 0]] * 2)
+WAYS = np.concatenate([WAYS, np.roll(WAYS, 1, axis=1), np.roll(WAYS, 2, axis=1)])

@@ -1,0 +1,102 @@
+"""Station keeping: the base's place held by thrusters, its attitude held too or free."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from base_actuators import PLACES, PYRAMID, WAYS
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.control import BaseView, ComputedTorque, StationKeeping
+from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.simulation import Tracking
+
+THRUSTERS = ffsms.Thrusters(PLACES, WAYS, 50.0, proportional=True)
+
+
+@pytest.fixture(scope="module")
+def panda() -> ffsms.SpaceManipulator:
+    return ffsms.load("satellite_panda").with_actuators(thrusters=THRUSTERS)
+
+
+def base_places(sms: ffsms.SpaceManipulator, run: Tracking) -> FloatArray:
+    """The base's centre of mass along a run (N, 3) [m]."""
+    turns = [pin.Quaternion(row[3:7]).toRotationMatrix() for row in run.q]
+    return np.array([q[:3] + R @ sms.base_com for q, R in zip(run.q, turns, strict=True)])
+
+
+@pytest.mark.parametrize("holds", ["both", "place"])
+def test_the_articulated_body_algorithm_agrees(
+    panda: ffsms.SpaceManipulator, rng: np.random.Generator, holds: str
+) -> None:
+    """Of a base that moves anyhow, with joint torques of any size."""
+    q = panda.configuration(0.5 * (panda.limits.lower + panda.limits.upper))
+    q[3:7] = pin.Quaternion(rng.normal(size=4)).normalized().coeffs()
+    v, tau = 0.1 * rng.normal(size=13), rng.normal(size=7)
+    R, c = pin.Quaternion(q[3:7]).toRotationMatrix(), panda.base_com
+    place = q[:3] + R @ c + [0.01, -0.02, 0.03]
+    law = StationKeeping(panda, 0.7, 0.9, place=place, holds=holds)  # type: ignore[arg-type]
+    nothing = (np.zeros(7),) * 3
+    command = law.command(BaseView(0.0, q, v, np.zeros(0), nothing, tau))
+    assert command.thruster_force is not None
+    forces = command.thruster_force
+    assert forces.max() < 50.0  # nothing was scaled down
+    directions = WAYS / np.linalg.norm(WAYS, axis=1, keepdims=True)
+    force, moment = forces @ directions, forces @ np.cross(PLACES, directions)
+    model = panda.model
+    a = pin.aba(model, model.createData(), q, v, np.concatenate([force, moment, tau]))
+    spin = v[3:6]
+    velocity = v[:3] + np.cross(spin, c)
+    found = a[:3] + np.cross(a[3:6], c) + np.cross(spin, velocity)
+    wanted = -(0.7**2) * R.T @ (q[:3] + R @ c - place) - 2.0 * 0.9 * 0.7 * velocity
+    np.testing.assert_allclose(found, wanted, atol=1e-9)
+    if holds == "both":
+        np.testing.assert_allclose(a[3:6], -2.0 * 0.9 * 0.7 * spin, atol=1e-9)
+    else:
+        np.testing.assert_allclose(moment - np.cross(c, force), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("mode", "holds"), [("flying", "both"), ("translation-flying", "place")])
+def test_a_plan_in_the_mode_is_what_the_loop_does(mode: str, holds: str) -> None:
+    sms = ffsms.load("planar_3r").with_actuators(thrusters=THRUSTERS)
+    q0 = sms.configuration([0.3, 0.8, -0.6])
+    plan = opt.plan(sms, q0, [0.75, 0.5, 0.0], 8.0, 0.05, mode=mode)
+    assert plan.reached
+    law = StationKeeping(sms, holds=holds)  # type: ignore[arg-type]
+    run = ffsms.simulate(sms, plan, ComputedTorque(sms), dt=5e-3, base_controller=law)
+    assert np.linalg.norm(base_places(sms, run) - base_places(sms, run)[0], axis=1).max() < 1e-4
+    turned = pin.Quaternion(run.q[0, 3:7]).angularDistance(pin.Quaternion(run.q[-1, 3:7]))
+    planned = pin.Quaternion(plan.q[0, 3:7]).angularDistance(pin.Quaternion(plan.q[-1, 3:7]))
+    assert turned == pytest.approx(planned, abs=1e-4)
+    assert (planned > 0.01) is (mode == "translation-flying")
+    assert run.position_error[-1] < 2e-3
+    # Left to itself the base does move.
+    floating = ffsms.simulate(sms, plan, ComputedTorque(sms), dt=5e-3)
+    assert np.linalg.norm(base_places(sms, floating) - base_places(sms, floating)[0], axis=1).max() > 2e-3
+
+
+def test_wheels_take_the_moment_where_there_are_any(panda: ffsms.SpaceManipulator) -> None:
+    robot = panda.with_actuators(
+        wheels=ffsms.ReactionWheels(PYRAMID, 12.0 / 628.3, 5.0, 12.0), thrusters=THRUSTERS
+    )
+    q, v = robot.configuration(np.zeros(7) + 0.3), np.zeros(13)
+    view = BaseView(0.0, q, v, np.zeros(4), (np.zeros(7),) * 3, np.full(7, 0.5))
+    command = StationKeeping(robot).command(view)
+    assert command.wheel_torque is not None
+    assert command.thruster_force is not None
+    assert np.abs(command.wheel_torque).max() > 1e-3
+    directions = WAYS / np.linalg.norm(WAYS, axis=1, keepdims=True)
+    couple = command.thruster_force @ np.cross(PLACES - robot.base_com, directions)
+    np.testing.assert_allclose(couple, 0.0, atol=1e-9)
+
+
+def test_wrong_arguments_are_named(panda: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]) -> None:
+    refused(lambda: StationKeeping(ffsms.load("planar_3r")), InvalidValue, "thrusters")
+    refused(lambda: StationKeeping(panda, bandwidth=0.0), InvalidValue, "bandwidth")
+    refused(lambda: StationKeeping(panda, place=[1.0]), InvalidValue, "place")
+    refused(lambda: StationKeeping(panda, holds="all"), InvalidValue, "holds")  # type: ignore[arg-type]
