@@ -276,7 +276,7 @@ class SpaceManipulator(Mechanism):
         one_of("kind", kind, ("visual", "collision"))
         if self.description is None:
             raise GeometryError(
-                "nothing is known of its shapes: the robot was made without a URDF, and without shapes"
+                "nothing is known of its shapes: the robot was made without a URDF, and without any shapes"
             )
         if kind not in self._geometry:
             self._geometry[kind] = self.description.geometry(self.model, kind)
