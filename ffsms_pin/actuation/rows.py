@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ __all__ = ["directions", "one_each", "rows"]
 def rows(name: str, value: ArrayLike, count: int | None = None) -> FloatArray:
     """A read-only array (count, 3); one row may be given without the second pair of brackets."""
     given = dimensions(name, value)
-    table: Any = [value] if given == 1 else value
+    table: Any = [value] if given == 1 else value if isinstance(value, Sequence) else np.asarray(value)
     length = len(table) if given else 0
     if length == 0:
         raise InvalidValue(name, value, "must be a list of rows of three numbers")

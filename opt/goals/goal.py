@@ -271,7 +271,7 @@ def rotation_matrix(name: str, value: Any) -> FloatArray:
     rotation = np.array(value, dtype=np.float64)
     if (
         rotation.shape != (3, 3)
-        or not np.isfinite(rotation).all()
+        or not (np.abs(rotation) < 2.0).all()  # false for what is not a number too
         or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6
         or np.linalg.det(rotation) < 0.0
     ):

@@ -72,7 +72,7 @@ class Clearance(Limit):
 
     def __post_init__(self) -> None:
         number("clearance", self.clearance)
-        if self.collision not in MODES:
+        if not isinstance(self.collision, str) or self.collision not in MODES:
             raise InvalidValue("collision", self.collision, f"must be one of {', '.join(MODES)}")
         object.__setattr__(self, "obstacles", checked_obstacles(self.obstacles))
         if self.payload is not None:

@@ -123,6 +123,8 @@ def plan_each(
     for name in options:
         if name not in known:
             raise InvalidValue("option", name, f"must be one of {', '.join(known)}")
+    if not isinstance(tasks, Iterable):
+        raise InvalidValue("tasks", tasks, "must be an iterable of (q0, target, duration)")
     found = outcomes(_plan, (sms, dt, kappa, options), tasks, jobs)
     return (_frozen(outcome) for outcome in found)
 
@@ -157,7 +159,7 @@ def _rows(name: str, value: Any, one: int = 1) -> list[Any] | None:
         return None
     if dimensions not in (1, one + 1):
         raise InvalidValue(name, value, "must be one for all motions, or a sequence with one a motion")
-    return list(value)
+    return list(value if isinstance(value, Sequence) else np.asarray(value))
 
 
 def _count(**sequences: list[Any] | None) -> int:

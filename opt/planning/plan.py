@@ -137,7 +137,7 @@ def plan(
     InvalidValue
         A wrong shape, a number out of range, or a start outside the joint limits.
     """
-    if method not in METHODS:
+    if not isinstance(method, str) or method not in METHODS:
         raise InvalidValue("method", method, f"must be one of {', '.join(METHODS)}")
     if base_limits is not None and not isinstance(base_limits, BaseLimits):
         raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")

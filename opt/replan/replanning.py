@@ -75,6 +75,7 @@ class Replanning:
             raise InvalidValue("hold", hold, "must be at least zero [s]")
         instance("problem", problem, Problem)
         instance("options", options, ReplanOptions, optional=True)
+        instance("weights", weights, StepWeights, optional=True)
         sms, n = problem.sms, problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + hold

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, one_of, positive, vector
+from ffsms_pin.checks import FloatArray, instance, one_of, positive, vector
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.limit import Limit
@@ -110,8 +110,9 @@ class Stepper:
         mode: str = "floating",
         wheel_total: ArrayLike | None = None,
     ) -> None:
-        if reference not in REFERENCES:
+        if not isinstance(reference, str) or reference not in REFERENCES:
             raise InvalidValue("reference", reference, f"must be one of {', '.join(REFERENCES)}")
+        instance("weights", weights, StepWeights, optional=True)
         self.sms = sms
         self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)
         self.terms, self.weights, self.reference = tuple(terms), weights or StepWeights(), reference
