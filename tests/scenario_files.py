@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["IN_DEGREES", "IN_RADIANS", "QUICK", "write"]
+__all__ = ["IN_DEGREES", "IN_RADIANS", "NEARER", "QUICK", "write"]
 
 # Robot, start and target; the second starts elsewhere by a fraction of a degree.
 IN_DEGREES = """
@@ -15,6 +15,7 @@ joints_deg = [23.0, 40.0, -29.0]
 [target]
 position = [0.75, 0.5, 0.0]
 """
+NEARER = IN_DEGREES.replace("[0.75, 0.5, 0.0]", "[0.7, 0.5, 0.0]")  # the same to a nearer target
 IN_RADIANS = IN_DEGREES.replace("joints_deg = [23.0, 40.0, -29.0]", "joints = [0.4, 0.7, -0.5]")
 
 QUICK = f"""{IN_DEGREES}\

@@ -20,14 +20,14 @@ from ffsms_pin.atlas.packages import xarray
 from ffsms_pin.atlas.sampling import BLOCK, Sampling
 from ffsms_pin.atlas.workspace import write_workspace
 from ffsms_pin.checks import instance, one_of, whole
-from ffsms_pin.engine import ChunkFolder, Chunks, Shard, run
+from ffsms_pin.engine import ChunkFolder, Chunks, Shard, parts_folder, run
 from ffsms_pin.errors import ResultError
 from ffsms_pin.storage import path_like, remove_leftovers, require_space
-from ffsms_pin.storage.temporary import locked_folder
+from ffsms_pin.storage.temporary import staged_folder
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 
-__all__ = ["atlas", "digest", "open_atlas", "parts_folder"]
+__all__ = ["atlas", "digest", "open_atlas"]
 
 #: Rows of a block: what is lost when a run is killed, and what a process holds in memory.
 CHUNK = BLOCK
@@ -103,8 +103,8 @@ def atlas(
     numbers = 7 + sms.n + min(6, sms.n) + len(work.directions)
     require_space(target, 4 * numbers * sampling.rows)
     parts, specification = ChunkFolder(parts_folder(target)), _specification(work)
-    blocks = Blocks(parts.path / _SAMPLES, sampling.rows, CHUNK)
-    tasks = Chunks(len(blocks), 1)
+    blocks = Blocks(parts.path / _SAMPLES, Chunks(sampling.rows, CHUNK))
+    tasks = Chunks(len(blocks.rows), 1)
     parts.open(tasks, specification)
     _make(blocks, work, parts)
     run(
@@ -115,7 +115,7 @@ def atlas(
         jobs=jobs,
         scheduler=scheduler,
         shard=shard,
-        progress=None if progress is None else partial(_in_rows, progress, blocks),
+        progress=None if progress is None else partial(_in_rows, progress, blocks.rows),
     )
     if shard is not None:
         return None
@@ -143,11 +143,6 @@ def open_atlas(path: str | os.PathLike[str]) -> Any:
         raise ResultError(place, f"cannot be read as an atlas ({error})") from None
 
 
-def parts_folder(target: Path) -> Path:
-    """Where the chunks of an atlas stand until it is written."""
-    return target.with_name(f"{target.name}.parts")
-
-
 def _make(blocks: Blocks, work: AtlasWork, parts: ChunkFolder) -> None:
     """The file that the blocks go into, where it is not there yet."""
     if blocks.path.exists():
@@ -155,42 +150,35 @@ def _make(blocks: Blocks, work: AtlasWork, parts: ChunkFolder) -> None:
     for index in parts.done():  # of a file that is gone
         parts.file(index).unlink(missing_ok=True)
     example = measured(work.sms, work.sampling.joints(range(1)), work.directions)
-    staging, lock = locked_folder(parts.path, _SAMPLES)
     try:
-        new = replace(blocks, path=staging / _SAMPLES)
-        new.make(example, _coordinates(work))
-        new.path.rename(blocks.path)
+        with staged_folder(parts.path, _SAMPLES) as staging:
+            new = replace(blocks, path=staging / _SAMPLES)
+            new.make(example, _coordinates(work))
+            new.path.rename(blocks.path)
     except OSError as error:
         if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # then another shard was faster
             raise ResultError(parts.path, f"cannot be written ({error.strerror or error})") from None
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-        os.close(lock)
 
 
-def _in_rows(progress: Callable[[int, int], None], blocks: Blocks, done: int, of: int) -> None:
-    progress(min(done * blocks.size, blocks.rows), blocks.rows)
+def _in_rows(progress: Callable[[int, int], None], rows: Chunks, done: int, of: int) -> None:
+    progress(min(done * rows.size, rows.rows), rows.rows)
 
 
 def _write(target: Path, blocks: Blocks, over: str, cells: int, attributes: Mapping[str, Any]) -> None:
     """The dataset, whole or not at all."""
-    remove_leftovers(target.parent)
-    staging, lock = locked_folder(target.parent, target.name)
-    new = staging / "atlas"
     try:
         if over == "joints":
             blocks.describe(attributes)
-            new = blocks.path
-        else:
-            write_workspace(new, blocks.tables, cells, attributes)
-        new.rename(target)
+            blocks.path.rename(target)
+            return
+        remove_leftovers(target.parent)
+        with staged_folder(target.parent, target.name) as staging:
+            write_workspace(staging / "atlas", blocks.tables, cells, attributes)
+            (staging / "atlas").rename(target)
     except OSError as error:
         if isinstance(error, ResultError):
             raise
         raise ResultError(target, f"cannot be written ({error.strerror or error})") from None
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-        os.close(lock)
 
 
 def _coordinates(work: AtlasWork) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import numpy as np
 from ffsms_pin.atlas.labels import long_name, unit
 from ffsms_pin.atlas.measures import AtlasWork
 from ffsms_pin.atlas.packages import xarray
+from ffsms_pin.engine import Chunks
 from ffsms_pin.errors import ResultError
 
 __all__ = ["FORMAT", "BlockWork", "Blocks", "save"]
@@ -36,21 +37,12 @@ class Blocks:
     Attributes
     ----------
     path : Path
-    rows : int
-    size : int
-        Rows of every block but the last.
+    rows : Chunks
+        How they are cut into blocks.
     """
 
     path: Path
-    rows: int
-    size: int
-
-    def __len__(self) -> int:
-        return -(-self.rows // self.size)
-
-    def rows_of(self, block: int) -> range:
-        """The rows of a block."""
-        return range(block * self.size, min((block + 1) * self.size, self.rows))
+    rows: Chunks
 
     def make(self, example: Mapping[str, Any], coordinates: Mapping[str, Any]) -> None:
         """Write the dataset without its values.
@@ -71,10 +63,11 @@ class Blocks:
             for name, values in example.items()
         }
         data = xarray().Dataset(variables, coords=dict(coordinates))
-        save(data, self.path, encoding={n: {"chunks": (self.size, *data[n].shape[1:])} for n in variables})
+        size = self.rows.size
+        save(data, self.path, encoding={n: {"chunks": (size, *data[n].shape[1:])} for n in variables})
         group = _opened(self.path)
         for name in variables:
-            group[name].resize((self.rows, *group[name].shape[1:]))
+            group[name].resize((self.rows.rows, *group[name].shape[1:]))
 
     def write(self, block: int, table: Mapping[str, Any]) -> None:
         """Fill one block with the table of its rows.
@@ -84,7 +77,7 @@ class Blocks:
         ResultError
             The disk is full, or the folder is gone.
         """
-        rows = self.rows_of(block)
+        rows = self.rows.rows_of(block)
         try:
             group = _opened(self.path)
             for name, values in table.items():
@@ -96,8 +89,8 @@ class Blocks:
         """The tables of the blocks in their order, one at a time."""
         group = _opened(self.path)
         names = [name for name, array in group.arrays() if array.attrs["_ARRAY_DIMENSIONS"][0] == "sample"]
-        for block in range(len(self)):
-            rows = self.rows_of(block)
+        for block in range(len(self.rows)):
+            rows = self.rows.rows_of(block)
             yield {name: group[name][rows.start : rows.stop] for name in names}
 
     def describe(self, attributes: Mapping[str, Any]) -> None:
@@ -121,8 +114,8 @@ class BlockWork:
     def __call__(self, indices: range) -> dict[str, Any]:
         """Fill these blocks; the table has the number of rows of each."""
         for block in indices:
-            self.blocks.write(block, self.work(self.blocks.rows_of(block)))
-        return {"rows": np.array([len(self.blocks.rows_of(block)) for block in indices])}
+            self.blocks.write(block, self.work(self.blocks.rows.rows_of(block)))
+        return {"rows": np.array([len(self.blocks.rows.rows_of(block)) for block in indices])}
 
 
 def save(data: Any, path: Path, **how: Any) -> None:

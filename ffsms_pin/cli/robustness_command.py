@@ -68,6 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.cli.output import output_console
     from ffsms_pin.cli.progress import shown_progress
     from ffsms_pin.cli.results_folder import chosen_folder, results_folder
+    from ffsms_pin.engine import parts_folder
     from ffsms_pin.plotting import save_figure
     from ffsms_pin.plotting.robustness import plot_robustness
     from ffsms_pin.scenarios import robustness, scenario
@@ -76,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)
     folder = chosen_folder(arguments.out, f"{chosen.name}-robustness")
-    parts = folder.with_name(f"{folder.name}.parts")
+    parts = parts_folder(folder)
     with results_folder(folder) as staging, shown_progress(Console(stderr=True)) as progress:
         found = robustness(
             chosen,

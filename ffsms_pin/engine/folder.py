@@ -15,7 +15,7 @@ from ffsms_pin.engine.task import load_table
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.storage import check_writable, path_like, remove_leftovers, write_content
 
-__all__ = ["ChunkFolder"]
+__all__ = ["ChunkFolder", "parts_folder"]
 
 SPECIFICATION = "specification.json"
 _CHUNKS = "chunks"
@@ -130,6 +130,11 @@ class ChunkFolder:
         except (ValueError, TypeError, KeyError, RecursionError):
             pass
         raise ResultError(path, "is no specification that this version wrote")
+
+
+def parts_folder(target: Path) -> Path:
+    """Where the chunks of a result stand until it is written: beside it."""
+    return target.with_name(f"{target.name}.parts")
 
 
 def _content(chunks: Chunks, specification: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Generic, TypeVar
 
-from ffsms_pin.checks import optional_callable
+from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.engine.answers import Answer, answer, answers, copied, packed, unpacked
 from ffsms_pin.engine.cluster import Cluster, check_installed
 from ffsms_pin.engine.kept import kept
@@ -66,12 +66,13 @@ def outcomes(
     Raises
     ------
     InvalidValue
-        `jobs` is no number of processes.
+        `jobs` is no number of processes, or one cannot go through `tasks`.
     DependencyMissing
         Several processes are asked for, and Dask is not installed.
     ClusterError
         While going through the outcomes: the processes cannot be started.
     """
+    instance("tasks", tasks, Iterable)
     jobs = checked_jobs(jobs)
     if jobs == 1:
         return _here(work, shared, tasks)

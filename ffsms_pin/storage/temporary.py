@@ -11,7 +11,8 @@ import os
 import re
 import secrets
 import shutil
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "locked_folder",
     "open_folder",
     "remove_leftovers",
+    "staged_folder",
 ]
 
 COMPLETE = "-complete"  # ends the name of a folder whose files only have to be moved: no leftover to remove
@@ -51,6 +53,17 @@ def locked_folder(folder: Path, name: str) -> tuple[Path, int]:
         handle = open_folder(path)
         if _held(path, handle):
             return path, handle
+
+
+@contextmanager
+def staged_folder(folder: Path, name: str) -> Iterator[Path]:
+    """A new hidden folder for the time of the block: what is to stay is moved out of it."""
+    path, handle = locked_folder(folder, name)
+    try:
+        yield path
+    finally:
+        shutil.rmtree(path, ignore_errors=True)
+        os.close(handle)
 
 
 def open_folder(path: Path) -> int:

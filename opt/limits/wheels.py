@@ -9,6 +9,7 @@ import numpy as np
 
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.instants import Instants
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices, Residual, Residuals
 from ffsms_pin.opt.batch.wheels import (
@@ -23,7 +24,6 @@ from ffsms_pin.opt.batch.wheels import (
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.limits.wheel_rows import wheel_rows
-from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["WheelLimits"]
 
@@ -49,12 +49,7 @@ class WheelLimits(Limit):
 
     name = "wheels"
     margin = _SCALE * _SHARE
-    _sms: SpaceManipulator | None = None
     _in_hand: float = _SHARE
-
-    def for_robot(self, sms: SpaceManipulator) -> WheelLimits:
-        """With the robot's wheels."""
-        return replace(self, _sms=sms)
 
     def tightened(self, by: float) -> WheelLimits:
         """With so much more in hand, at most half of the limit."""
@@ -76,9 +71,8 @@ class WheelLimits(Limit):
         if at[0].size:
             found.append(_momentum_residual(motions, wheels, momentum, at, self._in_hand))
         at = self._beyond(torque, wheels.torque)
-        if at[0].size and self._sms is not None:
-            slopes = TorqueSlopes(self._sms)
-            found.append(_torque_residual(motions, wheels, momentum, torque, at, self._in_hand, slopes))
+        if at[0].size:
+            found.append(_torque_residual(motions, wheels, momentum, torque, at, self._in_hand))
         return found
 
     def _beyond(self, values: FloatArray, most: FloatArray) -> tuple[Indices, Indices, Indices]:
@@ -144,7 +138,6 @@ def _torque_residual(
     torque: FloatArray,
     at: Any,
     in_hand: float,
-    slopes: TorqueSlopes,
 ) -> Residual:
     """Entries of too much torque, with slopes."""
     wheel, motion, instant = at
@@ -152,19 +145,14 @@ def _torque_residual(
     # One configuration serves all wheels that ask for too much at it.
     where, back = np.unique(np.stack([motion, instant]), axis=1, return_inverse=True)
     back = back.reshape(-1)
-    columns = (x[:, where[0], where[1]] for x in (motions.joints, motions.rates, motions.accelerations))
+    slopes = TorqueSlopes(motions.stack.robot).at(*Instants(*where).columns(motions))
     shares = wheel_shares(wheels)[wheel]
-    by = [-np.einsum("vx,xjv->jv", shares, slope[..., back]) for slope in slopes.at(*columns)]
+    by = [-np.einsum("vx,xjv->jv", shares, slope[..., back]) for slope in slopes]
     if wheels.rubs:
         grows = friction_slope(wheels, wheel, momentum[at])
         for kind, slope in enumerate(momentum_slopes_by_joints(motions)):
             by[kind] -= grows * np.einsum("vx,xjv->jv", shares, slope[:, :, motion, instant])
     factor = _SCALE * np.sign(value) / most
-    return Residual(
-        _SCALE * (np.abs(value) / most - (1.0 - in_hand)),
-        motion=motion,
-        instants=instant,
-        by_joints=factor * by[0],
-        by_rates=factor * by[1],
-        by_accelerations=factor * by[2],
+    return Instants(motion, instant).residual(
+        _SCALE * (np.abs(value) / most - (1.0 - in_hand)), [factor * one for one in by]
     )

@@ -123,8 +123,6 @@ def plan_each(
     for name in options:
         if name not in known:
             raise InvalidValue("option", name, f"must be one of {', '.join(known)}")
-    if not isinstance(tasks, Iterable):
-        raise InvalidValue("tasks", tasks, "must be an iterable of (q0, target, duration)")
     found = outcomes(_plan, (sms, dt, kappa, options), tasks, jobs)
     return (_frozen(outcome) for outcome in found)
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residual, Residuals
 from ffsms_pin.opt.goals import Place
@@ -66,14 +65,6 @@ class Narrower(OfAnother):
     def place(self, t: float) -> Place:
         """The other's."""
         return self.goal.place(t)
-
-    def positions(self, times: FloatArray) -> FloatArray:
-        """The other's."""
-        return self.goal.positions(times)
-
-    def rotations(self, times: FloatArray) -> FloatArray | None:
-        """The other's."""
-        return self.goal.rotations(times)
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """The other's."""

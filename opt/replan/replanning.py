@@ -75,11 +75,10 @@ class Replanning:
             raise InvalidValue("hold", hold, "must be at least zero [s]")
         instance("problem", problem, Problem)
         instance("options", options, ReplanOptions, optional=True)
-        instance("weights", weights, StepWeights, optional=True)
         sms, n = problem.sms, problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + hold
-        self._stepper = problem_stepper(problem, "resolved-rate", weights or _GENTLE)
+        self._stepper = problem_stepper(problem, "resolved-rate", _GENTLE if weights is None else weights)
         self._planner = RestPlanner(problem, self.options, plan)
         self._robot = sms
         if problem.locked:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, instance, positive
+from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, WheelLimits
 from ffsms_pin.opt.problem import Problem, check_parts
@@ -80,7 +80,6 @@ class StepPlanner:
         mode: str = "floating",
         wheel_momentum: ArrayLike | None = None,
     ) -> None:
-        instance("sms", sms, SpaceManipulator)
         if base_limits is not None and not isinstance(base_limits, BaseLimits):
             raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")
         if limits is None:

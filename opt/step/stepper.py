@@ -112,6 +112,7 @@ class Stepper:
     ) -> None:
         if not isinstance(reference, str) or reference not in REFERENCES:
             raise InvalidValue("reference", reference, f"must be one of {', '.join(REFERENCES)}")
+        instance("sms", sms, SpaceManipulator)
         instance("weights", weights, StepWeights, optional=True)
         self.sms = sms
         self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)

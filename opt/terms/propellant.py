@@ -8,8 +8,9 @@ import numpy as np
 
 from ffsms_pin.actuation.thrusters import STANDARD_GRAVITY
 from ffsms_pin.checks import at_least_zero, positive
+from ffsms_pin.opt.batch.instants import Instants
 from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residual, Residuals
+from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.batch.smooth_size import smooth_size
 from ffsms_pin.opt.batch.thrusters import held_wrench, thruster_shares, wrench_slopes
 from ffsms_pin.opt.terms.term import Term, time_scale
@@ -46,8 +47,8 @@ class Propellant(Term):
         thrusters, stack = motions.thrusters, motions.stack
         if thrusters is None:
             return []
-        motion, instant = np.nonzero(np.broadcast_to(motions.weights > 0.0, motions.rates.shape[1:]))
-        columns = tuple(x[:, motion, instant] for x in (motions.joints, motions.rates, motions.accelerations))
+        instants = Instants.weighted(motions)
+        columns = instants.columns(motions)
         wrench = held_wrench(stack, stack.evaluate(columns[0]), *columns[1:])
         slopes, shares = wrench_slopes(stack, *columns), thruster_shares(motions)
         flow = 1e3 / (thrusters.specific_impulse * STANDARD_GRAVITY)  # [g/s] a newton
@@ -56,14 +57,5 @@ class Propellant(Term):
         for share in shares:
             value, slope = smooth_size(share @ wrench, self.rounding)
             by = [root * slope * np.einsum("x,xjv->jv", share, one) for one in slopes]
-            found.append(
-                Residual(
-                    root * value,
-                    motion=motion,
-                    instants=instant,
-                    by_joints=by[0],
-                    by_rates=by[1],
-                    by_accelerations=by[2],
-                )
-            )
+            found.append(instants.residual(root * value, by))
         return found

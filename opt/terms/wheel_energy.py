@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsms_pin.checks import at_least_zero, positive
+from ffsms_pin.opt.batch.instants import Instants
 from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residual, Residuals
+from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.batch.smooth_size import smooth_size
 from ffsms_pin.opt.batch.wheels import (
     TorqueSlopes,
@@ -54,9 +55,9 @@ class WheelEnergy(Term):
             return []
         h = wheel_momentum(motions)
         torque = wheel_torque(motions, h)
-        motion, instant = np.nonzero(np.broadcast_to(motions.weights > 0.0, motions.rates.shape[1:]))
-        columns = (x[:, motion, instant] for x in (motions.joints, motions.rates, motions.accelerations))
-        by_torque = TorqueSlopes(motions.stack.robot).at(*columns)
+        instants = Instants.weighted(motions)
+        motion, instant = instants
+        by_torque = TorqueSlopes(motions.stack.robot).at(*instants.columns(motions))
         by_momentum = [slope[:, :, motion, instant] for slope in momentum_slopes_by_joints(motions)]
         root = np.sqrt(self.weight) * time_scale(motions) ** 1.5
         found: Residuals = []
@@ -70,15 +71,5 @@ class WheelEnergy(Term):
             by = [-speed * np.einsum("x,xjv->jv", share, one) for one in by_torque]
             for kind, one in enumerate(by_momentum):
                 by[kind] -= by_h * np.einsum("x,xjv->jv", share, one)
-            by = [root * slope * one for one in by]
-            found.append(
-                Residual(
-                    root * value,
-                    motion=motion,
-                    instants=instant,
-                    by_joints=by[0],
-                    by_rates=by[1],
-                    by_accelerations=by[2],
-                )
-            )
+            found.append(instants.residual(root * value, [root * slope * one for one in by]))
         return found

@@ -14,7 +14,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.atlas import atlas, build, measured, open_atlas
 from ffsms_pin.atlas.workspace import Cells
 from ffsms_pin.cli import main
-from ffsms_pin.engine import Shard
+from ffsms_pin.engine import Shard, parts_folder
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ResultError
 
 ROWS = 2500
@@ -114,7 +114,7 @@ def test_samples_that_are_gone_are_made_again(planar: ffsms.SpaceManipulator, tm
     whole = made(planar, tmp_path / "whole.zarr").load()
     out = tmp_path / "a.zarr"
     atlas(planar, out, ROWS, directions=DIRECTIONS, seed=3, shard=Shard(1, 2))
-    shutil.rmtree(build.parts_folder(out) / "samples.zarr")
+    shutil.rmtree(parts_folder(out) / "samples.zarr")
     assert whole.identical(made(planar, out).load())
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenario_files import IN_RADIANS
+from scenario_files import IN_RADIANS, write
 
 from ffsms_pin import opt
 from ffsms_pin.cli import main
@@ -25,9 +25,7 @@ METHODS = ("step", "resolved-rate", "least-disturbance")
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("scenario") / "short.toml"
-    path.write_text(SCENARIO)
-    return path
+    return write(tmp_path_factory.mktemp("scenario"), SCENARIO, "short.toml")
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenario_files import IN_RADIANS
+from scenario_files import IN_RADIANS, write
 
 import ffsms_pin as ffsms
 from ffsms_pin import control, simulation
@@ -38,9 +38,7 @@ end = 1.0
 
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("scenario") / "short.toml"
-    path.write_text(SCENARIO)
-    return path
+    return write(tmp_path_factory.mktemp("scenario"), SCENARIO, "short.toml")
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from scenario_files import NEARER, write
 
 from ffsms_pin import plotting
 from ffsms_pin.errors import InvalidValue
@@ -15,13 +16,7 @@ from ffsms_pin.plotting.figures import figure_names
 from ffsms_pin.plotting.wheels import plot_wheels
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
 
-SCENARIO = """
-[robot]
-model = "planar_3r"
-[start]
-joints_deg = [23.0, 40.0, -29.0]
-[target]
-position = [0.7, 0.5, 0.0]
+SCENARIO = f"""{NEARER}\
 [plan]
 duration = 4.0
 dt = 0.05
@@ -42,9 +37,7 @@ law = "coordinated"
 @pytest.fixture(scope="module")
 def held(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     """A run of a planar arm, with the attitude held by wheels of which one stands still."""
-    path = tmp_path_factory.mktemp("wheels") / "held.toml"
-    path.write_text(SCENARIO)
-    return run(scenario(path))
+    return run(scenario(write(tmp_path_factory.mktemp("wheels"), SCENARIO, "held.toml")))
 
 
 def named(ax: Axes) -> list[str]:

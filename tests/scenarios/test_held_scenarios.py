@@ -7,16 +7,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from scenario_files import NEARER
 
 from ffsms_pin.scenarios import Outcome, compare, run, scenario
 
-SCENARIO = """
-[robot]
-model = "planar_3r"
-[start]
-joints_deg = [23.0, 40.0, -29.0]
-[target]
-position = [0.7, 0.5, 0.0]
+SCENARIO = f"""{NEARER}\
 [plan]
 duration = 6.0
 dt = 0.05
