@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
 
-import coal
 import numpy as np
-import pinocchio as pin
 import pytest
 from horizon_parts import COARSE, node_rates, spline_of
-from own_parts import AbovePlane, LookAt
+from part_cases import (
+    GOAL,
+    LIMITS,
+    MODES,
+    POINT,
+    ROBOTS,
+    TERMS,
+    Tight,
+    aside,
+    elbow_aside,
+    finished,
+    problem_of,
+    use_of,
+)
 from slopes import by_differences, by_slopes, motions
 
 import ffsms_pin as ffsms
@@ -19,190 +29,12 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions, Smoothing
 from ffsms_pin.opt.batch.residual import Residuals
-from ffsms_pin.opt.batch.rollout import rolled_out
-from ffsms_pin.opt.batch.wheels import wheel_torque
 from ffsms_pin.opt.limits.base import BaseLimits
 from ffsms_pin.opt.step.march import march
 from ffsms_pin.opt.step.of_problem import problem_stepper
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure
 
-POINT = (0.3, 1.2, 0.2)
-GOAL = np.array([0.7, 0.5, 0.0])
-ROBOTS = ("planar_3r", "satellite_panda")
-
-# Heavy enough that each can be told from the paper's cost.
-TERMS: dict[str, opt.Term] = {
-    "coupling": opt.Coupling(),
-    "soft coupling": opt.Coupling(1.0, 2.0),
-    "smooth": opt.Smooth(1.0),
-    "effort": opt.Effort(0.01),
-    "base turn": opt.BaseTurn(100.0),
-    "own": LookAt(POINT, 10.0),
-    "wheel momentum": opt.WheelMomentum(3.0),
-    "wheel energy": opt.WheelEnergy(3.0, rounding=1e-4),
-    "propellant": opt.Propellant(3.0, rounding=1e-4),
-    "propellant, place held": opt.Propellant(3.0, rounding=1e-4),
-    "propellant, both held": opt.Propellant(3.0, rounding=1e-4),
-}
-# What of the base is held where that is not nothing.
-MODES = {
-    "wheel momentum": "rotation-floating",
-    "wheel energy": "rotation-floating",
-    "wheels' momentum": "rotation-floating",
-    "wheels' torque": "rotation-floating",
-    "propellant": "rotation-flying",
-    "propellant, place held": "translation-flying",
-    "propellant, both held": "flying",
-}
-AXES = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
-# Opposed pairs of thrusters on the faces of a cube.
-PLACES = np.array([[x, y, 0.0] for x in (0.5, -0.5) for y in (0.5, -0.5)])
-WAYS = np.array([[-1.0, 0.0, 0.0]] * 2 + [[1.0, 0.0, 0.0]] * 2)
-PLACES, WAYS = (np.concatenate([np.roll(one, i, axis=1) for i in range(3)]) for one in (PLACES, WAYS))
-
-
-def acting(sms: ffsms.SpaceManipulator, **limits: float) -> ffsms.SpaceManipulator:
-    """The robot with wheels, strong ones unless told otherwise, and thrusters."""
-    thrusters = ffsms.Thrusters(PLACES, WAYS, 50.0, proportional=True)
-    return sms.with_actuators(wheels=ffsms.ReactionWheels(AXES, 0.01, **limits), thrusters=thrusters)
-
-
-class Use(NamedTuple):
-    """What a motion makes of everything that a limit can be on."""
-
-    attitude: float
-    attitude_rate: float
-    translation: float
-    final_attitude: float
-    least: Callable[[str], float]  # clearance, of points or shapes
-    path: FloatArray  # of the end effector (3, K)
-    rates: FloatArray  # the largest (n,)
-    base: list[Any]  # poses of the base link (pinocchio.SE3)
-    last: FloatArray  # q at the end (nq,)
-    wheels: tuple[float, float]  # largest momentum and torque of a wheel [N m s, N m]
-
-
-# A limit that a motion breaks: from what that motion does, and the robot, tightened for joint limits.
-Tight = Callable[[ffsms.SpaceManipulator, Use], tuple[ffsms.SpaceManipulator, opt.Limit]]
-
-
-def beside_the_chord(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-    """A plane along the straight way, half as far from it as the motion strays."""
-    chord = use.path[:, -1] - use.path[:, 0]
-    normal = np.array([-chord[1], chord[0], 0.0]) / np.linalg.norm(chord)
-    strayed = normal @ (use.path - use.path[:, :1])
-    far = float(strayed[np.argmax(np.abs(strayed))])
-    normal = -np.sign(far) * normal
-    offset = float(normal @ use.path[:, 0]) - 0.5 * abs(far)
-    return sms, AbovePlane((float(normal[0]), float(normal[1]), 0.0), offset)
-
-
-def slow(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-    """The same arm, whose joints are allowed 0.8 of the rates."""
-    return sms.with_limits(replace(sms.limits, velocity=0.8 * use.rates)), opt.JointLimits()
-
-
-class Drifting:
-    """A client that drifts and turns slowly, and is at a place in the middle of a motion."""
-
-    def __init__(self, place: FloatArray, time: float) -> None:
-        self._place, self._time = place, time
-
-    def pose(self, t: float) -> Any:
-        turn = pin.exp3(np.array([0.1, -0.2, 0.3]) * (t - self._time))
-        return pin.SE3(turn, self._place + np.array([0.002, 0.001, 0.03]) * (t - self._time))
-
-    def poses(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        poses = [self.pose(t) for t in times.tolist()]
-        return np.array([p.translation for p in poses]), np.array([p.rotation for p in poses])
-
-
-def in_the_way(on: str) -> Tight:
-    """A cylinder where the motion's end effector is in the middle of its time."""
-
-    def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-        middle = use.path.shape[1] // 2
-        place, shape = pin.SE3(np.eye(3), use.path[:, middle]), coal.Capsule(0.02, 0.05)
-        if on == "base":
-            obstacle = opt.Obstacle(shape, use.base[middle].actInv(place), "base")
-        elif on == "client":
-            aside = pin.SE3(np.eye(3), np.array([0.02, 0.0, 0.0]))
-            obstacle = opt.Obstacle(shape, aside, Drifting(place.translation, 3.0))
-        else:
-            obstacle = opt.Obstacle(shape, place)
-        return sms, opt.Clearance(0.01, "off", obstacles=[obstacle])
-
-    return made
-
-
-def aside(timed: bool, turned: bool = False) -> Tight:
-    """A waypoint beside where the motion is in the middle of its time, towards the base."""
-
-    def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-        middle = use.path.shape[1] // 2
-        way = use.base[middle].translation - use.path[:, middle]
-        place = use.path[:, middle] + 0.05 * way / np.linalg.norm(way)
-        time = (3.0 if sms.n == 3 else 4.0) if timed else None
-        goal = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.5])), place) if turned else place
-        return sms, opt.Via(goal, time=time, reach=0.02 if timed else 0.01)
-
-    return made
-
-
-ELBOWS = {3: "link_3", 7: "panda_link5"}
-
-
-def elbow_aside(turned: bool = False) -> Tight:
-    """A goal for the elbow beside where the motion takes it, across the way from the base."""
-
-    def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-        elbow = frame_pose(sms, use.last, ELBOWS[sms.n])
-        way = elbow.translation - use.base[-1].translation
-        across = np.cross([0.0, 0.0, 1.0], way) / np.linalg.norm(way)
-        place = elbow.translation + 0.05 * across
-        goal = opt.Position(place, tolerance=0.03, reach=0.04)
-        if turned:
-            return sms, opt.Also(ELBOWS[sms.n], pin.SE3(elbow.rotation @ pin.exp3(0.2 * np.ones(3)), place))
-        return sms, opt.Also(ELBOWS[sms.n], goal)
-
-    return made
-
-
-def frame_pose(sms: ffsms.SpaceManipulator, q: FloatArray, name: str) -> Any:
-    """By Pinocchio (pinocchio.SE3)."""
-    data = sms.model.createData()
-    pin.framesForwardKinematics(sms.model, data, q)
-    return data.oMf[sms.model.getFrameId(name)].copy()
-
-
-def weak_wheels(what: str) -> Tight:
-    """Wheels that have 0.8 of the momentum, or the torque, that the motion asks for."""
-
-    def made(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
-        return acting(sms, **{what: 0.8 * use.wheels[what == "torque"]}), opt.WheelLimits()
-
-    return made
-
-
-LIMITS: dict[str, Tight] = {
-    "joints": slow,
-    "attitude": lambda sms, use: (sms, BaseLimits(attitude=0.6 * use.attitude)),
-    "attitude_rate": lambda sms, use: (sms, BaseLimits(attitude_rate=0.6 * use.attitude_rate)),
-    "translation": lambda sms, use: (sms, BaseLimits(translation=0.9 * use.translation)),
-    "final_attitude": lambda sms, use: (sms, BaseLimits(final_attitude=0.5 * use.final_attitude)),
-    "points": lambda sms, use: (sms, opt.Clearance(use.least("points") + 0.015, "points")),
-    "shapes": lambda sms, use: (sms, opt.Clearance(use.least("shapes") + 0.015, "shapes")),
-    "obstacle": in_the_way("inertial"),
-    "obstacle on the base": in_the_way("base"),
-    "obstacle on a client": in_the_way("client"),
-    "via": aside(True),
-    "via at any time": aside(False),
-    "also": elbow_aside(),
-    "own": beside_the_chord,
-    "wheels' momentum": weak_wheels("momentum"),
-    "wheels' torque": weak_wheels("torque"),
-}
 SPOTS = ("via", "via at any time", "also")
 # A step does not know whether a place was passed already.
 STEPPED = [name for name in LIMITS if name != "via at any time"]
@@ -214,56 +46,6 @@ PENALISED = [
     for robot in ROBOTS
     if (name, robot) != ("shapes", ROBOTS[1])
 ]
-
-
-def problem_of(sms: ffsms.SpaceManipulator, part: str = "", **change: Any) -> opt.Problem:
-    """A reach; of the spatial arm with its base turned, shifted, and the joints moving.
-
-    In the mode that the part of this name is about.
-    """
-    if part in MODES:
-        change = {"mode": MODES[part], **change}
-        sms = acting(sms) if sms.wheels is None else sms
-    if sms.n == 3:
-        options: dict[str, Any] = {"goal": GOAL, "duration": 6.0, "dt": 0.02, "limits": [opt.JointLimits()]}
-        return opt.Problem(sms, sms.configuration([0.4, 0.7, -0.5]), **(options | change))
-    low, high = (np.clip(bound, -2.0, 2.0) for bound in (sms.limits.lower, sms.limits.upper))
-    base = pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.2, 0.3]))
-    q0 = sms.configuration(0.5 * (low + high) + 0.1, base)
-    goal = sms.at(q0).end_effector_pose.translation + np.array([0.2, 0.1, 0.1])
-    rates = 0.05 * np.cos(np.arange(sms.n))
-    options = {"goal": goal, "duration": 8.0, "dt": 0.05, "joint_rates": rates, "limits": [opt.JointLimits()]}
-    return opt.Problem(sms, q0, **(options | change))
-
-
-def finished(problem: opt.Problem, rates: FloatArray) -> Motions:
-    """The motion of joint rates at the nodes, as limits and terms are shown it at the end."""
-    motion = rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum, 0.9)
-    place = problem.goal.place(problem.duration).position
-    target = np.repeat(place[:, None], len(motion.times), axis=1)
-    motion = replace(motion, target=target, mean_speed=problem.mean_speed, thrusters=problem.thrusters)
-    return replace(motion, wheels=problem.wheels, wheel_total=problem.wheel_total)
-
-
-def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
-    """By the plain formulas, from the configurations at the nodes."""
-    plan, sms = measure(problem, rates), problem.sms
-    motion = finished(problem, rates)
-    first = sms.at(problem.q0).base_pose
-    poses = [sms.at(q).base_pose for q in plan.q]
-    turns = [float(np.linalg.norm(pin.log3(first.rotation.T @ pose.rotation))) for pose in poses]
-    return Use(
-        max(turns),
-        float(np.linalg.norm(plan.v[:, 3:6], axis=1).max()),
-        max(float(np.linalg.norm(pose.translation - first.translation)) for pose in poses),
-        turns[-1],
-        lambda mode: opt.Clearance(0.0, mode).for_robot(sms).least(motion)[0],
-        plan.end_effector.T,
-        np.abs(rates).max(axis=0),
-        [pin.XYZQUATToSE3(q[:7]) for q in plan.q],
-        plan.q[-1],
-        (np.abs(plan.wheel_momentum).max(initial=0.0), np.abs(wheel_torque(motion)).max(initial=0.0)),
-    )
 
 
 def size_of(residuals: Residuals) -> float:
