@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.atlas.dataset import Blocks, BlockWork
 from ffsms_pin.atlas.measures import AtlasWork, measured, unit_directions
-from ffsms_pin.atlas.packages import xarray
+from ffsms_pin.atlas.packages import check_installed, xarray
 from ffsms_pin.atlas.sampling import BLOCK, Sampling
 from ffsms_pin.atlas.workspace import write_workspace
 from ffsms_pin.checks import instance, one_of, whole
@@ -91,7 +91,7 @@ def atlas(
         xarray and zarr are not installed: they come with ffsms-pin[cluster].
     InvalidValue, ResultError, ClusterError
     """
-    xarray()  # found out before the work
+    check_installed()  # found out before the work
     instance("sms", sms, SpaceManipulator)
     one_of("over", over, ("joints", "workspace"))
     whole("cells", cells, 1)
@@ -106,7 +106,9 @@ def atlas(
     blocks = Blocks(parts.path / _SAMPLES, Chunks(sampling.rows, CHUNK))
     tasks = Chunks(len(blocks.rows), 1)
     parts.open(tasks, specification)
-    _make(blocks, work, parts)
+    if not blocks.path.exists():
+        for index in parts.done():  # of a file that is gone
+            parts.file(index).unlink(missing_ok=True)
     run(
         BlockWork(work, blocks),
         tasks,
@@ -115,6 +117,7 @@ def atlas(
         jobs=jobs,
         scheduler=scheduler,
         shard=shard,
+        prepare=partial(_make, blocks, work, parts),
         progress=None if progress is None else partial(_in_rows, progress, blocks.rows),
     )
     if shard is not None:
@@ -147,8 +150,6 @@ def _make(blocks: Blocks, work: AtlasWork, parts: ChunkFolder) -> None:
     """The file that the blocks go into, where it is not there yet."""
     if blocks.path.exists():
         return
-    for index in parts.done():  # of a file that is gone
-        parts.file(index).unlink(missing_ok=True)
     example = measured(work.sms, work.sampling.joints(range(1)), work.directions)
     try:
         with staged_folder(parts.path, _SAMPLES) as staging:

@@ -40,9 +40,9 @@ class AtlasWork:
 
     def __call__(self, rows: range) -> dict[str, NDArray[np.float32]]:
         """Measures of these rows; see `measured`."""
+        joints = self.sampling.joints(rows)
         parts = [
-            measured(self.sms, self.sampling.joints(rows[k : k + _ROWS]), self.directions)
-            for k in range(0, len(rows), _ROWS)
+            measured(self.sms, joints[k : k + _ROWS], self.directions) for k in range(0, len(rows), _ROWS)
         ]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Any
 
 from ffsms_pin.errors import DependencyMissing
 
-__all__ = ["xarray"]
+__all__ = ["check_installed", "xarray"]
+
+
+def check_installed() -> None:
+    """Raise `DependencyMissing` where xarray or zarr is not installed, without importing them."""
+    if find_spec("xarray") is None or find_spec("zarr") is None:
+        raise DependencyMissing("xarray or zarr", "an atlas", "cluster")
 
 
 def xarray() -> Any:
@@ -17,9 +24,7 @@ def xarray() -> Any:
     DependencyMissing
         One of them is not installed.
     """
-    try:
-        import xarray
-        import zarr  # noqa: F401
-    except ImportError:
-        raise DependencyMissing("xarray or zarr", "an atlas", "cluster") from None
+    check_installed()
+    import xarray
+
     return xarray

@@ -46,7 +46,7 @@ signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which 
 settings = json.loads(sys.argv[1])
 sys.path[:] = settings["path"]
 from ffsms_pin.engine.worker import serve
-serve(settings["address"], settings["parent"], settings["folder"])
+serve(settings["address"], settings["parent"], settings["folder"], settings["module"])
 """
 
 
@@ -69,10 +69,14 @@ class Cluster:
         Of the scheduler.
     jobs : int
         Workers that are ours; none where the cluster stands already.
+    module : str
+        That our workers import while they start; empty: none.
     """
 
-    def __init__(self, client: Any, address: str, jobs: int = 0, ending: ExitStack | None = None) -> None:
-        self.client, self.address, self.jobs = client, address, jobs
+    def __init__(
+        self, client: Any, address: str, jobs: int = 0, ending: ExitStack | None = None, module: str = ""
+    ) -> None:
+        self.client, self.address, self.jobs, self.module = client, address, jobs, module
         self._ending = ending
         self._processes: list[subprocess.Popen[bytes]] = []
         self._folders: list[str] = []  # of the workers, while they start
@@ -136,7 +140,13 @@ class Cluster:
             self._words = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the workers
         folder = str(Path(tempfile.gettempdir()) / f"ffsms-pin-worker-{uuid4().hex}")
         self._folders.append(folder)
-        settings = {"path": sys.path, "address": self.address, "parent": os.getpid(), "folder": folder}
+        settings = {
+            "path": sys.path,
+            "address": self.address,
+            "parent": os.getpid(),
+            "folder": folder,
+            "module": self.module,
+        }
         try:
             return subprocess.Popen(
                 [sys.executable, "-c", _BOOT, json.dumps(settings)],
@@ -157,17 +167,17 @@ class Cluster:
 
 
 @contextmanager
-def embedded(jobs: int, allowed_failures: int = ALLOWED_FAILURES) -> Iterator[Cluster]:
+def embedded(jobs: int, allowed_failures: int = ALLOWED_FAILURES, module: str = "") -> Iterator[Cluster]:
     """A cluster of this machine for one run; parameters and errors as of `started`."""
     with quiet():
-        cluster = started(jobs, allowed_failures)
+        cluster = started(jobs, allowed_failures, module)
         try:
             yield cluster
         finally:
             cluster.end()
 
 
-def started(jobs: int, allowed_failures: int) -> Cluster:
+def started(jobs: int, allowed_failures: int, module: str = "") -> Cluster:
     """A cluster of this machine: the scheduler in this process, workers with one thread each, on loopback.
 
     Whoever starts it ends it, by its `end`.
@@ -178,6 +188,8 @@ def started(jobs: int, allowed_failures: int) -> Cluster:
         Workers.
     allowed_failures : int
         Deaths of workers after which Dask gives up a task that was assigned to them.
+    module : str
+        That the workers import while they start, since their work will need it; empty: none.
 
     Raises
     ------
@@ -205,7 +217,7 @@ def started(jobs: int, allowed_failures: int) -> Cluster:
                 client = stack.enter_context(distributed.Client(local, set_as_default=False))
         finally:
             shutil.rmtree(scratch, ignore_errors=True)  # a scheduler puts nothing there
-        cluster = Cluster(client, local.scheduler_address, jobs, stack.pop_all())
+        cluster = Cluster(client, local.scheduler_address, jobs, stack.pop_all(), module)
     try:
         cluster.tend()
     except BaseException:

@@ -31,6 +31,7 @@ def run(
     scheduler: str | None = None,
     shard: Shard | None = None,
     lost: Lost | None = None,
+    prepare: Callable[[], None] | None = None,
     progress: Callable[[int, int], None] | None = None,
     allowed_failures: int = ALLOWED_FAILURES,
 ) -> ChunkFolder:
@@ -60,6 +61,9 @@ def run(
         Gives the one-row table that stands for a row (its number, what happened) that kills its worker.
         Default: such a row ends the run with `TaskError`. Only other processes can be lost: in this one,
         such a row ends the run itself.
+    prepare : callable, optional
+        Called in this process before the first chunk, while the workers start; not at all where every chunk
+        is there.
     progress : callable, optional
         Called with the number of rows done and of all rows of this call.
     allowed_failures : int
@@ -85,6 +89,7 @@ def run(
     instance("chunks", chunks, Chunks)
     instance("shard", shard, Shard, optional=True)
     optional_callable("progress", progress)
+    optional_callable("prepare", prepare)
     jobs = checked_jobs(jobs)
     if shard is not None and scheduler is not None:
         raise InvalidValue("shard", f"{shard.number}/{shard.count}", "needs no scheduler; choose one of both")
@@ -99,7 +104,7 @@ def run(
         progress(finished, total)
     # The workers may have another working directory.
     job = _Job(work, chunks, ChunkFolder(place.path.absolute()), lost)
-    for index in _computed_chunks(job, rest, jobs, scheduler, shard, allowed_failures):
+    for index in _computed_chunks(job, rest, jobs, scheduler, shard, allowed_failures, prepare):
         finished += len(chunks.rows_of(index))
         if progress is not None:
             progress(finished, total)
@@ -125,20 +130,31 @@ class _Job:
 
 
 def _computed_chunks(
-    job: _Job, rest: list[int], jobs: int, scheduler: str | None, shard: Shard | None, allowed_failures: int
+    job: _Job,
+    rest: list[int],
+    jobs: int,
+    scheduler: str | None,
+    shard: Shard | None,
+    allowed_failures: int,
+    prepare: Callable[[], None] | None,
 ) -> Iterator[int]:
     """The chunks, each when it is written."""
     if not rest:
         return
+    prepare = prepare or (lambda: None)
     if scheduler is None and (shard is not None or jobs == 1):
+        prepare()
         for index in rest:
             stored(job.work, job.chunks.rows_of(index), job.folder.file(index))
             yield index
         return
     cluster: AbstractContextManager[Cluster] = (
-        embedded(min(jobs, len(rest)), allowed_failures) if scheduler is None else connected(scheduler)
+        embedded(min(jobs, len(rest)), allowed_failures, _module(job.work))
+        if scheduler is None
+        else connected(scheduler)
     )
     with cluster as opened:
+        prepare()
         yield from _over(opened, job, rest)
 
 
@@ -161,6 +177,12 @@ def _over(cluster: Cluster, job: _Job, rest: list[int]) -> Iterator[int]:
     for index in suspects:
         save_table(job.folder.file(index), halved(cluster, packed, job.chunks.rows_of(index), job.lost))
         yield index
+
+
+def _module(work: Work) -> str:
+    """Of the work's own function or class, for workers to import while they start; empty: only here."""
+    name = str(getattr(work, "__module__", ""))
+    return "" if name == "__main__" else name
 
 
 def _check_there(path: Path) -> None:

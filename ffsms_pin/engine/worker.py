@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import importlib
 import os
 import shutil
 import traceback
+from contextlib import suppress
 from typing import Any
 
 from ffsms_pin.parent import end_with_parent
@@ -24,7 +26,7 @@ _CONFIG = {
 }
 
 
-def serve(address: str, parent: int, folder: str) -> None:
+def serve(address: str, parent: int, folder: str, module: str = "") -> None:
     """Work for a scheduler until it closes, or the parent process is gone.
 
     Parameters
@@ -35,9 +37,14 @@ def serve(address: str, parent: int, folder: str) -> None:
         Process id.
     folder : str
         Made here, and removed as soon as the worker has begun.
+    module : str
+        Imported before the worker asks for tasks, since they will need it; empty: none.
     """
     os.mkdir(folder, mode=0o700)
     end_with_parent(parent, lambda: _remove(folder))
+    if module:
+        with suppress(Exception):  # the task itself says what is wrong with it
+            importlib.import_module(module)
     asyncio.run(_serve(address, folder))
 
 

@@ -75,6 +75,24 @@ def test_only_what_is_missing_is_computed_again(plain: ChunkFolder, tmp_path: Pa
     assert contents(found) == contents(plain)
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_what_is_to_be_prepared_stands_before_the_first_chunk(tmp_path: Path, jobs: int) -> None:
+    file = tmp_path / "prepared"
+    calls: list[int] = []
+
+    def prepare() -> None:
+        calls.append(1)
+        file.write_text("2.0")
+
+    def work(rows: range) -> dict[str, np.ndarray]:
+        return {"x": np.full(len(rows), float(file.read_text()))}
+
+    for _ in range(2):  # the second time all chunks are there
+        found = run(work, Chunks(4, 1), tmp_path / "run", specification={}, jobs=jobs, prepare=prepare)
+    assert calls == [1]
+    assert [float(table["x"][0]) for table in found.tables()] == [2.0] * 4
+
+
 def test_another_specification_is_refused(tmp_path: Path) -> None:
     made(tmp_path / "run", jobs=1)
     with pytest.raises(ResultError, match=r"another specification \(seed is 1 there and 2 here\)"):

@@ -6,13 +6,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
 import pytest
+from processes import alive, waited
 
 WITHIN = 5.0  # [s]
 
@@ -52,18 +52,6 @@ time.sleep(600)
 def remains(folder: Path) -> list[Path]:
     """What a process and its workers left in its folder for temporary files."""
     return list((folder / "temporary").iterdir())
-
-
-def alive(processes: list[psutil.Process]) -> list[int]:
-    return [one.pid for one in processes if one.is_running() and one.status() != psutil.STATUS_ZOMBIE]
-
-
-def waited(happened: Callable[[], bool], seconds: float) -> bool:
-    """Whether something happens within so many seconds."""
-    end = time.monotonic() + seconds
-    while not happened() and time.monotonic() < end:
-        time.sleep(0.05)
-    return happened()
 
 
 @contextmanager

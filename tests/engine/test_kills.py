@@ -8,14 +8,14 @@ import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
 import pytest
 from engine_work import Draws, lost
+from processes import alive, waited
 
 import ffsms_pin.engine.spread as spread_module
 from ffsms_pin.engine import ChunkFolder, Chunks, end_kept, run
@@ -42,17 +42,6 @@ def wanted(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 
 def contents(folder: ChunkFolder) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (folder.path / "chunks").iterdir()}
-
-
-def waited(happened: Callable[[], bool], seconds: float) -> bool:
-    end = time.monotonic() + seconds
-    while not happened() and time.monotonic() < end:
-        time.sleep(0.02)
-    return happened()
-
-
-def alive(processes: list[psutil.Process]) -> list[psutil.Process]:
-    return [one for one in processes if one.is_running() and one.status() != psutil.STATUS_ZOMBIE]
 
 
 def workers() -> list[psutil.Process]:
@@ -144,7 +133,7 @@ def standing(tmp_path: Path, count: int) -> Iterator[tuple[str, list[subprocess.
     loopback = ("--host", "127.0.0.1")
     try:
         start("scheduler", *loopback, "--port", "0", "--no-dashboard", "--scheduler-file", str(file))
-        assert waited(file.exists, 60.0)
+        assert waited(lambda: file.exists() and file.read_text().endswith("}"), 60.0)  # written whole
         address = str(json.loads(file.read_text())["address"])
         for _ in range(count):
             start("worker", address, *loopback, "--nthreads", "1", "--no-dashboard", "--no-nanny")
