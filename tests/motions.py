@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import ffsms_pin as ffsms
 from ffsms_pin.simulation import Tracking
 
-__all__ = ["START", "Constant", "ObservedSwing", "Swing", "arrays_of", "random_pose"]
+__all__ = ["START", "Constant", "Flying", "ObservedSwing", "Swing", "arrays_of", "random_pose"]
 
 Array: TypeAlias = NDArray[np.float64]
 START = np.deg2rad([1.0, 1.0, 1.0])
@@ -68,6 +68,21 @@ class Constant:
     ) -> Array:
         """The same each time."""
         return self.tau
+
+
+class Flying:
+    """A robot (model and data of Pinocchio) whose momentum and energy are looked at."""
+
+    model: Any
+    data: Any
+
+    def momentum(self, q: Array, v: Array) -> Array:
+        """Total, inertial axes, about the centre of mass."""
+        return np.array(pin.computeCentroidalMomentum(self.model, self.data, q, v).vector)
+
+    def energy(self, q: Array, v: Array) -> float:
+        """Kinetic."""
+        return float(pin.computeKineticEnergy(self.model, self.data, q, v))
 
 
 def arrays_of(tracking: Tracking) -> list[str]:

@@ -97,7 +97,7 @@ def test_without_the_corridor_the_way_leaves_it(planar: ffsms.SpaceManipulator) 
     held = measure(opt.Problem(planar, q0, goal, DURATION, 0.02), plan.joint_rates)
     assert held.broken.keys() == {"corridor"}
     assert not held.reached
-    # The residual sees what breaks the limit; the slopes are among those of tests/opt/test_parts.py.
+    # The residual sees what breaks the limit; the slopes are among those of tests/opt/test_part_slopes.py.
     assert "outside its corridor" in held.note
 
 
