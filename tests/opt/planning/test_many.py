@@ -168,8 +168,10 @@ def test_simulations_are_those_of_simulate_to_the_last_bit(
 
 
 def test_starts_in_rows_and_references_that_plan_again(planar: ffsms.SpaceManipulator, start: Array) -> None:
+    x, y, _ = planar.at(start).end_effector_pose.translation.tolist()
+
     def reference() -> opt.Replanning:
-        return opt.StepPlanner(planar, dt=0.05).track(lambda t: (0.8, 0.3 + 0.01 * t, 0.0), 2.0)
+        return opt.StepPlanner(planar, dt=0.05).track(lambda t: (x - 0.06, y + 0.08 + 0.01 * t, 0.0), 2.0)
 
     controller = SlidingModeController(planar)
     starts = np.array([start, planar.configuration(np.radians([3.0, 1.0, 1.0]))])
