@@ -13,13 +13,18 @@ __all__ = ["check_built", "faults", "warnings_are_errors"]
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 _PICTURES = ("text/html", "image/png")
+# The kernel's own warnings, at its end, are not the lesson's.
+_STRICT = """import warnings
+warnings.simplefilter("error")
+warnings.filterwarnings("ignore", module="ipykernel")
+"""
 
 
 def warnings_are_errors(folder: Path) -> None:
     """Let kernels that are started from now on turn warnings into errors; `folder` is for their settings."""
     startup = folder / "profile_default" / "startup"
     startup.mkdir(parents=True, exist_ok=True)
-    (startup / "strict.py").write_text("import warnings\nwarnings.simplefilter('error')\n", encoding="utf-8")
+    (startup / "strict.py").write_text(_STRICT, encoding="utf-8")
     os.environ["IPYTHONDIR"] = str(folder)
 
 
