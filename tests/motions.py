@@ -10,12 +10,14 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
+from ffsms_pin.opt import SearchOptions
 from ffsms_pin.simulation import Tracking
 
-__all__ = ["START", "Constant", "Flying", "ObservedSwing", "Swing", "arrays_of", "random_pose"]
+__all__ = ["HASTY", "START", "Constant", "Flying", "ObservedSwing", "Swing", "arrays_of", "random_pose"]
 
 Array: TypeAlias = NDArray[np.float64]
 START = np.deg2rad([1.0, 1.0, 1.0])
+HASTY = SearchOptions(time_limit=1e-9)  # the first plan that is found is taken
 
 
 class Swing:

@@ -71,7 +71,7 @@ def notebook_of(*sources: str) -> Any:
 
 def with_outputs(*outputs: Any) -> Any:
     notebook = notebook_of("...")
-    notebook.cells[0].outputs = [nbformat.from_dict(output) for output in outputs]
+    notebook.cells[0].outputs = [nbformat.from_dict(output) for output in outputs]  # type: ignore[no-untyped-call]
     return notebook
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -64,7 +65,7 @@ def test_plan_reaches(method: str, setting: Setting, stepped: opt.Trajectory) ->
     sms, q0, target, momentum = setting
     plan = stepped
     if method == "horizon":
-        plan = opt.plan(sms, q0, target, DURATION, DT, method=method, momentum=momentum)
+        plan = opt.plan(sms, q0, target, DURATION, DT, momentum=momentum, time_limit=1e-9)
     assert plan.reached
     np.testing.assert_array_equal(plan.momentum, momentum)
     np.testing.assert_allclose(momenta(sms, plan), np.tile(momentum, (len(plan.t), 1)), atol=1e-9)
@@ -80,7 +81,7 @@ def test_plan_reaches(method: str, setting: Setting, stepped: opt.Trajectory) ->
     assert np.linalg.norm(end - target) < 2e-3
 
     # A plan that knows nothing of the momentum misses the target by centimetres.
-    ignorant = opt.plan(sms, q0, target, DURATION, DT, method=method)
+    ignorant = opt.plan(sms, q0, target, DURATION, DT, method=method, time_limit=1e-9)
     assert ignorant.reached
     q, _ = roll_out(sms, q0, ignorant.joint_rates[0], ignorant.joint_accelerations, DT, momentum)
     assert np.linalg.norm(sms.at(q[-1]).end_effector_pose.translation - target) > 0.03
@@ -106,7 +107,7 @@ def test_pose_target() -> None:
     pose.translation = pose.translation + np.array([-0.1, 0.15, 0.05])
     pose.rotation = pose.rotation @ pin.rpy.rpyToMatrix(0.2, -0.1, 0.3)
     momentum = slow_tumble(sms, q0)
-    plan = opt.plan(sms, q0, pose, DURATION, DT, momentum=momentum)
+    plan = opt.plan(sms, q0, pose, DURATION, DT, momentum=momentum, time_limit=1e-9)
     assert plan.reached
     assert plan.position_error[-1] < 2e-3
     assert plan.orientation_error[-1] < 5e-3
@@ -129,7 +130,8 @@ def test_base_limits_with_momentum(planar: ffsms.SpaceManipulator) -> None:
     target = planar.at(q0).end_effector_pose.translation + np.array([-0.1, 0.1, 0.0])
     momentum = slow_tumble(planar, q0)
     wide, narrow = opt.BaseLimits(translation=0.4), opt.BaseLimits(translation=0.01)
-    assert opt.plan(planar, q0, target, DURATION, DT, momentum=momentum, base_limits=wide).reached
+    options: dict[str, Any] = {"momentum": momentum, "time_limit": 1e-9}
+    assert opt.plan(planar, q0, target, DURATION, DT, base_limits=wide, **options).reached
     plan = opt.plan(planar, q0, target, DURATION, DT, method="step", momentum=momentum, base_limits=narrow)
     assert not plan.reached
     assert "translation 0.01 m" in plan.note
