@@ -207,9 +207,20 @@ def save_figure(drawn: Figure, path: Path, ending: str) -> None:
 
 
 def save_formats(drawn: Figure, path: Path, formats: tuple[str, ...] = ("pdf", "png")) -> list[Path]:
-    """Write one figure in several formats, each to the path with that ending.
+    """Write one figure in several formats, each file atomically; its panels are laid out once, for the first.
 
-    The panels are laid out once, for the first of them.
+    Parameters
+    ----------
+    drawn : Figure
+    path : Path
+        Without an ending.
+    formats : tuple of str
+        Endings: "pdf", "svg", "png".
+
+    Returns
+    -------
+    list of Path
+        The files.
     """
     written, engine = [], drawn.get_layout_engine()
     try:
