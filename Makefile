@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
 
-.PHONY: demo test trials lint docs bench clean
+.PHONY: demo test trials lint style docs bench clean
 
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -15,18 +15,24 @@ $(READY): pyproject.toml
 demo: $(READY)  ## plan and track the paper's Case 2, and show the result
 	$(BIN)/ffsms-pin run case-2 --out results/case-2 --show
 
-test: $(READY)  ## lint, types, and every test
-	$(MAKE) lint
-	$(BIN)/python -m pytest -n auto
+# The slow check of types goes on beside the tests; either one's failure is that of the whole. Tests start many
+# processes: compiled files are kept for them, whatever the environment says. Each of pytest's workers takes
+# neighbouring tests, which share fixtures, and helps the other one in the end.
+test: $(READY) style  ## lint, types, and every test
+	$(BIN)/mypy & types=$$!; \
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal; tests=$$?; \
+	wait $$types && exit $$tests
 
 trials: $(READY)  ## damaged files, wrong arguments, kills: all of them (some 15 minutes); make trials TRIALS="--share 0.1"
 	PYTHONPATH=tests $(BIN)/python -m trials $(TRIALS)
 
-lint: $(READY)  ## ruff, import contracts, mypy
+lint: style  ## ruff, import contracts, mypy
+	$(BIN)/mypy
+
+style: $(READY)  ## what of it takes a second
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
-	$(BIN)/mypy
 
 docs: $(READY)  ## build the site into docs/_build, every lesson run, warnings as errors
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build

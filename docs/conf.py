@@ -14,6 +14,10 @@ sys.path.insert(0, str(HERE))
 import agreement  # noqa: E402
 import paper_map  # noqa: E402
 
+sys.path.insert(0, str(HERE.parent / "tests"))
+
+from lessons import check_built, warnings_are_errors  # noqa: E402
+
 from ffsms_pin.version import __version__  # noqa: E402
 
 project = "ffsms-pin"
@@ -44,6 +48,7 @@ nb_execution_mode = os.environ.get("NOTEBOOKS", "force")
 nb_execution_timeout = 600  # [s] a cell that hangs
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+warnings_are_errors(HERE / "_build" / "ipython")
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings say types with shapes and units
@@ -57,9 +62,17 @@ shutil.copytree(HERE.parent / "notebooks", HERE / "lessons", dirs_exist_ok=True)
 
 
 def setup(app: Any) -> None:
-    """|x| in a docstring is a length, not a substitution of reStructuredText."""
+    """Two steps of our own."""
     app.connect("autodoc-process-docstring", _bars)
+    app.connect("build-finished", _check_lessons)
+
+
+def _check_lessons(app: Any, exception: Exception | None) -> None:
+    """The lessons have run and are as they should be."""
+    if exception is None and nb_execution_mode != "off":
+        check_built(HERE / "jupyter_execute" / "lessons")
 
 
 def _bars(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """|x| in a docstring is a length, not a substitution of reStructuredText."""
     lines[:] = [line.replace("|", "\\|") for line in lines]

@@ -10,12 +10,14 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
+from ffsms_pin.opt import SearchOptions
 from ffsms_pin.simulation import Tracking
 
-__all__ = ["START", "Constant", "ObservedSwing", "Swing", "arrays_of", "random_pose"]
+__all__ = ["HASTY", "START", "Constant", "Flying", "ObservedSwing", "Swing", "arrays_of", "random_pose"]
 
 Array: TypeAlias = NDArray[np.float64]
 START = np.deg2rad([1.0, 1.0, 1.0])
+HASTY = SearchOptions(time_limit=1e-9)  # the first plan that is found is taken
 
 
 class Swing:
@@ -68,6 +70,21 @@ class Constant:
     ) -> Array:
         """The same each time."""
         return self.tau
+
+
+class Flying:
+    """A robot (model and data of Pinocchio) whose momentum and energy are looked at."""
+
+    model: Any
+    data: Any
+
+    def momentum(self, q: Array, v: Array) -> Array:
+        """Total, inertial axes, about the centre of mass."""
+        return np.array(pin.computeCentroidalMomentum(self.model, self.data, q, v).vector)
+
+    def energy(self, q: Array, v: Array) -> float:
+        """Kinetic."""
+        return float(pin.computeKineticEnergy(self.model, self.data, q, v))
 
 
 def arrays_of(tracking: Tracking) -> list[str]:

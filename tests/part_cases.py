@@ -16,9 +16,12 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.batch.wheels import wheel_torque
 from ffsms_pin.opt.limits.base import BaseLimits
+from ffsms_pin.opt.step.march import march
+from ffsms_pin.opt.step.of_problem import problem_stepper
 from ffsms_pin.opt.trajectory import measure
 
 POINT = (0.3, 1.2, 0.2)
@@ -194,6 +197,18 @@ LIMITS: dict[str, Tight] = {
 }
 
 
+# A step does not know whether a place was passed already.
+STEPPED = [name for name in LIMITS if name != "via at any time"]
+# Those that whole motions see as residuals, and robots; the distances of many meshes would take minutes.
+PENALISED = [
+    (name, robot)
+    for name in LIMITS
+    if name != "joints"
+    for robot in ROBOTS
+    if (name, robot) != ("shapes", ROBOTS[1])
+]
+
+
 def problem_of(sms: ffsms.SpaceManipulator, part: str = "", **change: Any) -> opt.Problem:
     """A reach; of the spatial arm with its base turned, shifted, and the joints moving.
 
@@ -242,3 +257,14 @@ def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
         plan.q[-1],
         (np.abs(plan.wheel_momentum).max(initial=0.0), np.abs(wheel_torque(motion)).max(initial=0.0)),
     )
+
+
+def size_of(residuals: Residuals) -> float:
+    """The largest residual; zero where there is none."""
+    return max((float(np.abs(one.value).max(initial=0.0)) for one in residuals), default=0.0)
+
+
+def rates_of_march(problem: opt.Problem) -> FloatArray:
+    """Joint rates of single steps to the end, under the problem's limits alone."""
+    stepper = problem_stepper(problem, terms=())
+    return march(stepper, problem.q0, problem.joint_rates, GOAL, problem.duration).rates

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["IN_DEGREES", "IN_RADIANS", "NEARER", "QUICK", "write"]
+__all__ = ["COARSE", "IN_DEGREES", "IN_RADIANS", "NEARER", "QUICK", "write"]
 
 # Robot, start and target; the second starts elsewhere by a fraction of a degree.
 IN_DEGREES = """
@@ -26,6 +26,7 @@ dt = 0.05
 dt = 0.004
 offset_deg = [0.5, 0.0, -0.5]
 """
+COARSE = QUICK.replace("dt = 0.004\noffset_deg = [0.5, 0.0, -0.5]", "dt = 0.01").lstrip()
 
 
 def write(folder: Path, text: str, name: str = "mine.toml") -> Path:

@@ -105,10 +105,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _figures(data: Any, folder: Path) -> None:
     from ffsms_pin.cli.results_folder import results_folder
-    from ffsms_pin.plotting import save_figure
+    from ffsms_pin.plotting import save_formats
     from ffsms_pin.plotting.atlas import plot_atlas
 
     figure = plot_atlas(data)
     with results_folder(folder) as staging:
-        for ending in ("pdf", "png"):
-            save_figure(figure, staging / f"atlas.{ending}", ending)
+        save_formats(figure, staging / "atlas")

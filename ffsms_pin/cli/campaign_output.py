@@ -21,7 +21,7 @@ def told(folder: Path, partial: bool = False) -> None:
     from ffsms_pin.campaigns import merge, report
     from ffsms_pin.campaigns.report import report_numbers
     from ffsms_pin.cli.output import output_console
-    from ffsms_pin.plotting import save_figure
+    from ffsms_pin.plotting import save_formats
     from ffsms_pin.plotting.campaigns import plot_campaign
     from ffsms_pin.storage import write_content
 
@@ -30,8 +30,7 @@ def told(folder: Path, partial: bool = False) -> None:
     numbers = json.dumps(report_numbers(found), indent=2, allow_nan=False)
     write_content(folder / "report.json", numbers + "\n")
     figure = plot_campaign(found)
-    for ending in ("pdf", "png"):
-        save_figure(figure, folder / f"report.{ending}", ending)
+    save_formats(figure, folder / "report")
     output = output_console()
     output.print(_table(found, folder.name))
     for row in found.worst[:_SHOWN]:

@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.cli.output import output_console
     from ffsms_pin.cli.progress import shown_progress
     from ffsms_pin.cli.results_folder import chosen_folder, results_folder
-    from ffsms_pin.plotting import save_figure
+    from ffsms_pin.plotting import save_formats
     from ffsms_pin.plotting.comparison import plot_comparison
     from ffsms_pin.scenarios import scenario
     from ffsms_pin.scenarios.compare import compare, comparison_numbers
@@ -65,8 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         text = json.dumps(numbers, indent=2) + "\n"
         write_content(staging / "comparison.json", text)
         figure = plot_comparison(comparison)
-        for ending in ("pdf", "png"):
-            save_figure(figure, staging / f"comparison.{ending}", ending)
+        save_formats(figure, staging / "comparison")
     output = output_console()
     output.print(_table(chosen.name, numbers))
     for method, row in numbers.items():

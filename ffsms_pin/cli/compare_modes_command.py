@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.cli.output import output_console
     from ffsms_pin.cli.progress import shown_progress
     from ffsms_pin.cli.results_folder import chosen_folder, results_folder
-    from ffsms_pin.plotting import save_figure
+    from ffsms_pin.plotting import save_formats
     from ffsms_pin.plotting.wheels import plot_modes
     from ffsms_pin.scenarios import scenario
     from ffsms_pin.scenarios.modes import compare_modes, mode_numbers
@@ -58,8 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         numbers = mode_numbers(comparison.found)
         write_content(staging / "modes.json", json.dumps(numbers, indent=2) + "\n")
         figure = plot_modes(comparison)
-        for ending in ("pdf", "png"):
-            save_figure(figure, staging / f"modes.{ending}", ending)
+        save_formats(figure, staging / "modes")
     output = output_console()
     output.print(_table(chosen.name, numbers, comparison.sms.wheels is None))
     for name, row in numbers.items():

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.cli.progress import shown_progress
     from ffsms_pin.cli.results_folder import chosen_folder, results_folder
     from ffsms_pin.control import LAWS
-    from ffsms_pin.plotting import save_figure
+    from ffsms_pin.plotting import save_formats
     from ffsms_pin.plotting.laws import plot_laws
     from ffsms_pin.scenarios import compare_laws, scenario
     from ffsms_pin.scenarios.laws import law_numbers
@@ -71,8 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         numbers = law_numbers(comparison)
         write_content(staging / "laws.json", json.dumps(numbers, indent=2, allow_nan=False) + "\n")
         figure = plot_laws(comparison)
-        for ending in ("pdf", "png"):
-            save_figure(figure, staging / f"laws.{ending}", ending)
+        save_formats(figure, staging / "laws")
     output = output_console()
     output.print(_table(chosen.name, numbers))
     for law, row in numbers.items():

@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.cli.progress import shown_progress
     from ffsms_pin.cli.results_folder import chosen_folder, results_folder
     from ffsms_pin.engine import parts_folder
-    from ffsms_pin.plotting import save_figure
+    from ffsms_pin.plotting import save_formats
     from ffsms_pin.plotting.robustness import plot_robustness
     from ffsms_pin.scenarios import robustness, scenario
     from ffsms_pin.scenarios.robustness import robustness_numbers
@@ -93,8 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
         numbers = robustness_numbers(found)
         write_content(staging / "robustness.json", json.dumps(numbers, indent=2, allow_nan=False) + "\n")
         figure = plot_robustness(found)
-        for ending in ("pdf", "png"):
-            save_figure(figure, staging / f"robustness.{ending}", ending)
+        save_formats(figure, staging / "robustness")
     shutil.rmtree(parts, ignore_errors=True)
     output = output_console()
     output.print(_table(numbers))

@@ -114,7 +114,7 @@ def _parameter(text: str) -> tuple[str, list[float]]:
 
 
 def _write(found: Sweep, folder: Path, model: str) -> None:
-    from ffsms_pin.plotting import save_figure
+    from ffsms_pin.plotting import save_formats
     from ffsms_pin.plotting.atlas import plot_pareto
     from ffsms_pin.plotting.style import stack
     from ffsms_pin.storage import write_content
@@ -133,8 +133,7 @@ def _write(found: Sweep, folder: Path, model: str) -> None:
     figure, panels = stack(len(motions))
     for motion, panel in zip(motions, panels, strict=True):
         plot_pareto(found, motion, ax=panel)
-    for ending in ("pdf", "png"):
-        save_figure(figure, folder / f"pareto.{ending}", ending)
+    save_formats(figure, folder / "pareto")
 
 
 def _table(found: Sweep) -> Table:

@@ -15,7 +15,7 @@ from ffsms_pin.plotting.base import (
 from ffsms_pin.plotting.coupling import plot_assistance, plot_cost, plot_position_error
 from ffsms_pin.plotting.coupling_over_time import plot_entropy, plot_sigma, plot_sigma_bands
 from ffsms_pin.plotting.entropy_map import entropy_grid, plot_entropy_map
-from ffsms_pin.plotting.figures import FIGURES, figure, save_figure, save_figures
+from ffsms_pin.plotting.figures import FIGURES, figure, save_figure, save_figures, save_formats
 from ffsms_pin.plotting.joints import plot_joint_positions, plot_joint_rates
 from ffsms_pin.plotting.motion import motion_sides, plot_motion
 from ffsms_pin.plotting.tracking import (
@@ -58,4 +58,5 @@ __all__ = [
     "plot_wheels",
     "save_figure",
     "save_figures",
+    "save_formats",
 ]

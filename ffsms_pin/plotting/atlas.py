@@ -14,7 +14,7 @@ from ffsms_pin.atlas.labels import long_name, unit
 from ffsms_pin.atlas.sweep import OF_WHEELS, STATISTICS, Sweep
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.plotting.style import ACCENT, NEUTRAL, applied, axes_or_new
+from ffsms_pin.plotting.style import ACCENT, NEUTRAL, applied, axes_or_new, subplots
 
 __all__ = ["plot_atlas", "plot_histogram", "plot_joint_map", "plot_pareto", "plot_workspace_map"]
 
@@ -36,8 +36,8 @@ def plot_atlas(data: Any) -> Figure:
     """
     with applied():
         figure = Figure(figsize=(7.2, 5.6), layout="constrained")
-        panels = figure.subplots(2, 2)
-    for name, ax in zip(_SCALARS, panels.flat, strict=True):
+        panels = subplots(figure, 2, 2)
+    for name, ax in zip(_SCALARS, panels, strict=True):
         if "sample" in data.sizes:
             plot_histogram(data, name, ax)
         else:

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ffsms_pin.campaigns.report import Report
-from ffsms_pin.plotting.style import NEUTRAL, applied, axes_or_new, line
+from ffsms_pin.plotting.style import NEUTRAL, applied, axes_or_new, line, subplots
 from ffsms_pin.scenarios.success import wilson_interval
 
 __all__ = ["plot_campaign", "plot_final_error_shares", "plot_success_over"]
@@ -27,11 +27,11 @@ def plot_campaign(found: Report) -> Figure:
     keys = list(found.draws)[:_PANELS]
     with applied():
         figure = Figure(figsize=(5.2, 2.4 * (1 + len(keys))), layout="constrained")
-        panels = figure.subplots(1 + len(keys), 1, squeeze=False)[:, 0]
+        panels = subplots(figure, 1 + len(keys))
         plot_final_error_shares(found, panels[0])
         for key, ax in zip(keys, panels[1:], strict=True):
             plot_success_over(found, key, ax)
-        figure.align_ylabels(list(panels))
+        figure.align_ylabels(panels)
     return figure
 
 

@@ -16,13 +16,13 @@ from ffsms_pin.opt import Obstacle
 from ffsms_pin.plotting import base, coupling, coupling_over_time, joints, tracking
 from ffsms_pin.plotting.capture import plot_braking, plot_turning
 from ffsms_pin.plotting.motion import motion_sides, plot_motion, times_drawn
-from ffsms_pin.plotting.style import applied, share_legend, stack
+from ffsms_pin.plotting.style import applied, share_legend, stack, subplots
 from ffsms_pin.plotting.wheels import plot_attitude, plot_wheel_torque, plot_wheels, wheels_turn
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.scenarios.tracked import end_effector_path
 from ffsms_pin.storage import write_atomically
 
-__all__ = ["FIGURES", "figure", "figure_names", "save_figure", "save_figures"]
+__all__ = ["FIGURES", "figure", "figure_names", "save_figure", "save_figures", "save_formats"]
 
 Panel = Callable[[Outcome, Axes], Any]
 
@@ -137,7 +137,7 @@ def _motion(outcome: Outcome) -> Figure:
     sides = motion_sides(outcome.sms, outcome.trajectory, paths)
     with applied():
         result = Figure(layout="constrained")
-        panels = list(result.subplots(1, len(sides), squeeze=False)[0])
+        panels = subplots(result, 1, len(sides))
     for ax, side in zip(panels, sides, strict=True):
         plot_motion(outcome.sms, outcome.trajectory, ax, paths=paths, along=side, obstacles=obstacles)
     if len(panels) > 1:  # once for both
@@ -177,10 +177,7 @@ def save_figures(
     names = figure_names(outcome)
     for count, name in enumerate(names, start=1):
         drawn = figure(outcome, name)
-        for ending in formats:
-            path = Path(folder) / f"{name}.{ending}"
-            save_figure(drawn, path, ending)
-            written.append(path)
+        written += save_formats(drawn, Path(folder) / name, formats)
         if progress is not None:
             progress(count / len(names))
     return written
@@ -207,3 +204,30 @@ def save_figure(drawn: Figure, path: Path, ending: str) -> None:
     metadata = _UNDATED.get(ending)
     with applied():
         write_atomically(path, lambda file: drawn.savefig(file, format=ending, metadata=metadata))
+
+
+def save_formats(drawn: Figure, path: Path, formats: tuple[str, ...] = ("pdf", "png")) -> list[Path]:
+    """Write one figure in several formats, each file atomically; its panels are laid out once, for the first.
+
+    Parameters
+    ----------
+    drawn : Figure
+    path : Path
+        Without an ending.
+    formats : tuple of str
+        Endings: "pdf", "svg", "png".
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    written, engine = [], drawn.get_layout_engine()
+    try:
+        for ending in formats:
+            written.append(path.with_name(f"{path.name}.{ending}"))
+            save_figure(drawn, written[-1], ending)
+            drawn.set_layout_engine("none")
+    finally:
+        drawn.set_layout_engine(engine)
+    return written

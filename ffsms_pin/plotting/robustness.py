@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, line
+from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, line, subplots
 from ffsms_pin.scenarios.robustness import METHODS, Robustness
 
 __all__ = ["plot_distance_bands", "plot_final_errors", "plot_robustness"]
@@ -24,7 +24,7 @@ def plot_robustness(found: Robustness) -> Figure:
     """
     with applied():
         figure = Figure(figsize=(5.2, 5.4), layout="constrained")
-        above, below = figure.subplots(2, 1)
+        above, below = subplots(figure, 2)
         plot_distance_bands(found, above)
         plot_final_errors(found, below)
         for ax in (above, below):  # one for both

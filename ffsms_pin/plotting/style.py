@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
 __all__ = [
     "ACCENT",
@@ -23,6 +24,7 @@ __all__ = [
     "line",
     "share_legend",
     "stack",
+    "subplots",
 ]
 
 # Okabe and Ito's colours, ordered so that neighbours also differ in lightness; each has its own line style.
@@ -130,13 +132,30 @@ def share_legend(figure: Figure, panels: Sequence[Axes]) -> None:
         figure.legend(entries.values(), entries.keys(), loc="outside upper right", ncols=columns)
 
 
+class _Ticks(ScalarFormatter):
+    """Plain numbers at the ticks: only the power of ten beside an axis needs the slow setting of formulas."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """The label of a tick."""
+        return super().__call__(x, pos).removeprefix("$\\mathdefault{").removesuffix("}$")
+
+
+def subplots(figure: Figure, rows: int, columns: int = 1, sharex: bool = False) -> list[Axes]:
+    """Panels of a figure, row by row; to be called within `applied`."""
+    panels: list[Axes] = list(figure.subplots(rows, columns, sharex=sharex, squeeze=False).ravel())
+    for ax in panels:
+        ax.xaxis.set_major_formatter(_Ticks())
+        ax.yaxis.set_major_formatter(_Ticks())
+    return panels
+
+
 def stack(rows: int) -> tuple[Figure, list[Axes]]:
     """A figure with panels one above the other that share their time axis."""
     with applied():
         figure = Figure(figsize=(_WIDTH, 0.4 + _HEIGHT * rows), layout="constrained")
-        panels = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
-        figure.align_ylabels(list(panels))
-    return figure, list(panels)
+        panels = subplots(figure, rows, sharex=True)
+        figure.align_ylabels(panels)
+    return figure, panels
 
 
 def axes_or_new(ax: Axes | None) -> Axes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,6 @@ __all__ = [
     "BaseMotion",
     "base_motion",
     "base_numbers",
-    "clearances_along",
     "least_clearances",
     "position_range",
 ]
@@ -51,30 +49,18 @@ def least_clearances(sms: SpaceManipulator, trajectory: Trajectory, model: Clear
     """
     rough = trajectory.dt / _SAMPLES_A_STEP
     times = rough * np.arange(_SAMPLES_A_STEP * (len(trajectory.t) - 1) + 1, dtype=np.float64)
-    values = _clearances(sms, trajectory, model, times)
-    least = values.min(axis=0)
-    close: FloatArray = rough * np.linspace(-1.0, 1.0, _CLOSER)
-    for i, k in enumerate(values.argmin(axis=0)):
-        around: FloatArray = np.clip(times[k] + close, 0.0, trajectory.duration)
-        least[i] = min(least[i], _clearances(sms, trajectory, model, around)[:, i].min())
-    return np.asarray(least)
-
-
-def clearances_along(q: Iterable[FloatArray], model: ClearanceModel) -> FloatArray:
-    """Least value of each clearance (m,) [m] over configurations (nq,)."""
-    least = np.full(model.count, np.inf)
-    for row in q:
-        least = np.minimum(least, model.values(row))
-    return least
-
-
-def _clearances(
-    sms: SpaceManipulator, trajectory: Trajectory, model: ClearanceModel, times: FloatArray
-) -> FloatArray:
-    """Clearances (k, m) at times (k,) of a trajectory."""
     home = pin.SE3.Identity()
-    q = (sms.configuration(trajectory.sample(float(t))[0], home) for t in times)
-    return np.array([model.values(row) for row in q]).reshape(len(times), model.count)
+
+    def q_at(times: FloatArray) -> FloatArray:
+        return np.array([sms.configuration(trajectory.sample(t)[0], home) for t in times.tolist()])
+
+    least, at = model.least(q_at(times))
+    close: FloatArray = rough * np.linspace(-1.0, 1.0, _CLOSER)
+    for i, k in enumerate(at):
+        around: FloatArray = np.clip(times[k] + close, 0.0, trajectory.duration)
+        alone = np.where(np.arange(model.count) == i, least, -np.inf)  # the others are not looked for
+        least[i] = model.least(q_at(around), alone)[0][i]
+    return least
 
 
 class BaseMotion(NamedTuple):

@@ -13,7 +13,7 @@ from ffsms_pin.opt.limits.clearance_rows import clearance_model
 from ffsms_pin.opt.limits.clearance_stack import chosen_mode
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.described import described
-from ffsms_pin.scenarios.extremes import base_numbers, clearances_along, least_clearances, position_range
+from ffsms_pin.scenarios.extremes import base_numbers, least_clearances, position_range
 from ffsms_pin.scenarios.joint_units import joint_units
 from ffsms_pin.scenarios.run import Outcome
 from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers, planned_actuators, tracked_numbers
@@ -156,7 +156,7 @@ def _tracked_clearance(outcome: Outcome) -> float | None:
         return None
     tracking = outcome.tracking
     every = max(1, round(outcome.trajectory.dt / float(tracking.t[1] - tracking.t[0])))
-    return float(clearances_along(tracking.q[::every], model).min())
+    return float(model.least(tracking.q[::every])[0].min())
 
 
 def _timing(outcome: Outcome) -> dict[str, float]:

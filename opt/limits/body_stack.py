@@ -18,6 +18,8 @@ __all__ = ["BodyStack", "body_pairs"]
 
 _SAMPLES = 6  # postures, beside zero and the middle, in which a pair that can be apart is looked for
 _FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are given the whole margin
+# Configurations where least clearances are looked for: some with this stride first, then blocks of so many.
+_STRIDE, _BLOCK = 16, 64
 
 
 def body_pairs(sms: SpaceManipulator, parts: list[Part]) -> list[tuple[int, int]]:
@@ -119,15 +121,34 @@ class BodyStack:
 
     def values(self, positions: FloatArray, arm: ArmValues, near: float | FloatArray = np.inf) -> FloatArray:
         """Clearances (m, ...) [m], exact below `near`, else bounds from below that are not."""
-        poses, count = Poses.of(arm), len(self._names)
-        near = np.broadcast_to(near, count)
-        if self._screens is None:
-            values = self._pairs.values(poses, near)
-        else:
-            values = self._screens.values(poses, near)
-            where = np.nonzero(values < near[:, None])
-            values[where] = self._pairs.nearest(poses, where, near[where[0]]).distance
+        values = self._values(Poses.of(arm), np.broadcast_to(near, len(self._names)))
         return values.reshape(-1, *positions.shape[1:])
+
+    def _values(self, poses: Poses, near: FloatArray) -> FloatArray:
+        if self._screens is None:
+            return self._pairs.values(poses, near)
+        values = self._screens.values(poses, near)
+        where = np.nonzero(values < near[:, None])
+        values[where] = self._pairs.nearest(poses, where, near[where[0]]).distance
+        return values
+
+    def least(self, q: FloatArray, below: FloatArray) -> tuple[FloatArray, Indices]:
+        """The least of each clearance (m,) over configurations (k, nq), and at which of them (m,).
+
+        What is not below `below` (m,), or not below what was found before, is not measured: a few
+        configurations on the way come first, so that little is measured of the others.
+        """
+        positions = np.array([self._sms.layout.positions(row) for row in q]).T
+        least, at = below.copy(), np.zeros(len(below), dtype=np.intp)
+        count, pairs = len(q), np.arange(len(below))
+        starts = range(0, count, _BLOCK)
+        for some in (np.arange(0, count, _STRIDE), *(np.arange(k, min(k + _BLOCK, count)) for k in starts)):
+            values = self._values(Poses.make(*self._arm.poses(positions[:, some])), least)
+            which = values.argmin(axis=1)
+            found = values[pairs, which]
+            better = found < least
+            least[better], at[better] = found[better], some[which[better]]
+        return least, at
 
     def gradients(
         self, stack: ArmStack, positions: FloatArray, arm: ArmValues, where: tuple[Indices, ...]

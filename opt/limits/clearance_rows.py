@@ -8,6 +8,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.body_stack import BodyStack
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.points import Points
@@ -38,6 +39,12 @@ class ClearanceModel(Protocol):
 
     def gradients(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Clearances (m,) [m] and their gradients (m, n) by the joints [m/rad] at q (nq,)."""
+
+    def least(self, q: FloatArray, below: FloatArray | None = None) -> tuple[FloatArray, Indices]:
+        """The least of each clearance (m,) [m] over configurations (k, nq), and at which of them (m,).
+
+        Only what is below `below` (m,) is looked for; where nothing is, `below` stands for the clearance.
+        """
 
 
 def clearance_model(sms: SpaceManipulator, collision: str, clearance: float = 0.0) -> ClearanceModel | None:
@@ -72,11 +79,15 @@ class BodyModel:
 
     def values(self, q: FloatArray) -> FloatArray:
         """Clearances (m,) at q (nq,) [m], negative where bodies overlap."""
-        return self._stack.slopes_at(q)[0]
+        return self.least(q[None])[0]
 
     def gradients(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Clearances (m,) [m] and their gradients (m, n) by the joints [m/rad] at q (nq,)."""
         return self._stack.slopes_at(q)
+
+    def least(self, q: FloatArray, below: FloatArray | None = None) -> tuple[FloatArray, Indices]:
+        """The least of each clearance over configurations, and at which of them: see `ClearanceModel`."""
+        return self._stack.least(q, np.full(self.count, np.inf) if below is None else below)
 
     def near_gradients(
         self, q: FloatArray, kept: float, fastest: FloatArray

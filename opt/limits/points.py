@@ -102,6 +102,12 @@ class Points:
         pin.forwardKinematics(self._sms.model, self._data, q)
         return self._measure(self._places())[0]
 
+    def least(self, q: FloatArray, below: FloatArray | None = None) -> tuple[FloatArray, Any]:
+        """The least of each clearance over configurations, and at which of them: see `ClearanceModel`."""
+        values = np.array([self.values(row) for row in q])
+        least = values.min(axis=0)
+        return least if below is None else np.minimum(least, below), values.argmin(axis=0)
+
     def gradients(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Clearances (m,) [m] and their gradients (m, n) by the joints [m/rad] at q (nq,)."""
         pin.computeJointJacobians(self._sms.model, self._data, q)

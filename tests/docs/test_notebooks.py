@@ -1,49 +1,117 @@
-"""Every notebook runs from top to bottom without a warning, and is kept without its outputs."""
+"""The notebooks: one runs here, all of them while the site is built.
+
+`make docs` runs every notebook in a kernel of its own, warnings as errors, and fails where `lessons.faults`
+finds anything. `.ci/run` does both, so that each notebook runs once in it. Here the shortest one runs, in the
+same way, and the checks are tried on notebooks that have each fault.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import nbformat
 import pytest
+from lessons import NOTEBOOKS, ROOT, check_built, faults, warnings_are_errors
 from nbclient import NotebookClient
+from nbclient.exceptions import CellExecutionError
 
-_FOLDER = Path(__file__).parents[2] / "notebooks"
-_NOTEBOOKS = sorted(_FOLDER.glob("*.ipynb"))
-_MOST = 600  # [s] a cell that hangs; a notebook is meant to take less than a minute
+SHORTEST = ROOT / "notebooks" / "07-your-own-urdf.ipynb"
+MOST = 600  # [s] a cell that hangs; a notebook is meant to take less than a minute
 
-_STRICT = "import warnings\nwarnings.simplefilter('error')"
+# The kernel's sockets outlive a test by a moment.
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+
+
+def ran(notebook: Any, folder: Path) -> Any:
+    """The notebook with its outputs."""
+    resources = {"metadata": {"path": str(folder)}}
+    return NotebookClient(notebook, timeout=MOST, kernel_name="python3", resources=resources).execute()
+
+
+@pytest.fixture
+def strict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IPYTHONDIR", "")  # as before afterwards
+    warnings_are_errors(tmp_path / "ipython")
 
 
 def test_there_are_notebooks() -> None:
-    assert len(_NOTEBOOKS) >= 5
+    assert len(NOTEBOOKS) >= 5
+    assert SHORTEST in NOTEBOOKS
 
 
-@pytest.mark.parametrize("path", _NOTEBOOKS, ids=lambda path: path.stem)
-# The kernel's sockets outlive the test by a moment.
-@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
-def test_notebook_runs(path: Path, tmp_path: Path) -> None:
-    notebook = nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]
-    strict = nbformat.v4.new_code_cell(_STRICT)  # type: ignore[no-untyped-call]
-    notebook.cells.insert(0, strict)
-    client = NotebookClient(
-        notebook, timeout=_MOST, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
-    )
-    client.execute()
-    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
-    # Something is shown, and nothing is said that nobody meant to say.
-    assert any(output.output_type in ("display_data", "execute_result") for output in outputs)
-    said = [output.text for output in outputs if output.output_type == "stream" and output.name == "stderr"]
-    assert said == []
-    pictures = ("text/html", "image/png")
-    assert any(kind in output.get("data", {}) for output in outputs for kind in pictures)
-    # The prose counts on every plan to arrive.
-    printed = "".join(output.text for output in outputs if output.output_type == "stream")
-    assert "reached: False" not in printed
-    assert "reached False" not in printed
+@pytest.mark.usefixtures("strict")
+def test_the_shortest_runs(tmp_path: Path) -> None:
+    notebook = nbformat.read(SHORTEST, as_version=4)  # type: ignore[no-untyped-call]
+    assert faults(ran(notebook, tmp_path)) == []
 
 
-@pytest.mark.parametrize("path", _NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.usefixtures("strict")
+def test_a_warning_ends_a_notebook(tmp_path: Path) -> None:
+    with pytest.raises(CellExecutionError, match="too old"):
+        ran(notebook_of("import warnings; warnings.warn('too old')"), tmp_path)
+
+
+def test_the_site_runs_all_and_fails_where_one_fails() -> None:
+    """The settings of `make docs`."""
+    text = (ROOT / "docs" / "conf.py").read_text(encoding="utf-8")
+    assert 'nb_execution_mode = os.environ.get("NOTEBOOKS", "force")' in text
+    assert "nb_execution_raise_on_error = True" in text
+    assert "warnings_are_errors(" in text
+    assert "check_built(" in text
+    recipe = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\ndocs:")[2].splitlines()[1]
+    assert "sphinx -W" in recipe
+    assert "NOTEBOOKS" not in recipe
+
+
+def notebook_of(*sources: str) -> Any:
+    cells = [nbformat.v4.new_code_cell(source) for source in sources]  # type: ignore[no-untyped-call]
+    return nbformat.v4.new_notebook(cells=cells)  # type: ignore[no-untyped-call]
+
+
+def with_outputs(*outputs: Any) -> Any:
+    notebook = notebook_of("...")
+    notebook.cells[0].outputs = [nbformat.from_dict(output) for output in outputs]  # type: ignore[no-untyped-call]
+    return notebook
+
+
+PICTURE = {"output_type": "display_data", "data": {"image/png": "..."}, "metadata": {}}
+
+
+def said(name: str, text: str) -> dict[str, Any]:
+    return {"output_type": "stream", "name": name, "text": text}
+
+
+@pytest.mark.parametrize(
+    ("outputs", "wanted"),
+    [
+        ([PICTURE, said("stdout", "reached: True")], []),
+        ([said("stdout", "reached: True")], ["it shows no picture"]),
+        ([PICTURE, said("stdout", "reached: False")], ["a plan does not reach its target"]),
+        ([PICTURE, said("stdout", "Case 1 reached False")], ["a plan does not reach its target"]),
+        ([PICTURE, said("stderr", "Hm.\n")], ["it complains: Hm."]),
+        (
+            [PICTURE, {"output_type": "error", "ename": "KeyError", "evalue": "", "traceback": []}],
+            ["it raises KeyError"],
+        ),
+    ],
+)
+def test_faults_are_found(outputs: list[Any], wanted: list[str], tmp_path: Path) -> None:
+    notebook = with_outputs(*outputs)
+    assert faults(notebook) == wanted
+    for path in NOTEBOOKS:
+        nbformat.write(notebook, tmp_path / path.name)  # type: ignore[no-untyped-call]
+    if wanted:
+        with pytest.raises(RuntimeError, match=f"01-quickstart.ipynb: {wanted[0]}"):
+            check_built(tmp_path)
+    else:
+        check_built(tmp_path)
+        (tmp_path / NOTEBOOKS[-1].name).unlink()
+        with pytest.raises(RuntimeError, match=f"{NOTEBOOKS[-1].name}: it was not run"):
+            check_built(tmp_path)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_is_kept_without_outputs(path: Path) -> None:
     notebook = nbformat.read(path, as_version=4)  # type: ignore[no-untyped-call]
     for cell in notebook.cells:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from motions import HASTY
 from scenario_files import QUICK, write
 
 import ffsms_pin as ffsms
@@ -41,7 +42,7 @@ def problem(path: Path) -> opt.Problem:
 def solved(path: Path) -> tuple[ffsms.SpaceManipulator, opt.Trajectory]:
     said = scenario(path)
     sms = said.load()
-    return sms, opt.solve(said.problem(sms))
+    return sms, opt.solve(said.problem(sms), HASTY)
 
 
 def test_both_tools_arrive(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def test_planning_again_knows_limits_of_the_base_and_momentum(
     momentum = [0.0, 0.0, 0.0, 0.0, 0.0, 0.004]
     outcome = ran(
         tmp_path,
-        QUICK.replace(
+        QUICK.replace("duration = 2.0", "duration = 4.0").replace(
             "[control]", f"momentum = {momentum}\n[plan.base_limits]\nattitude_rate_deg = 1.0\n[control]"
         )
         + '[reference]\nkind = "re-planning"\n',
@@ -83,7 +83,7 @@ def test_planning_again_knows_limits_of_the_base_and_momentum(
     planner = opt.StepPlanner(planar, dt=0.05, base_limits=limits, momentum=momentum)
     by_hand = sim.simulate(
         planar,
-        planner.track([0.75, 0.5, 0.0], 2.0),
+        planner.track([0.75, 0.5, 0.0], 4.0),
         control.ComputedTorque(planar),
         dt=0.01,
         q0=outcome.trajectory.q[0],

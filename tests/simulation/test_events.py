@@ -29,11 +29,6 @@ Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
 
 
-@pytest.fixture
-def law(planar: ffsms.SpaceManipulator) -> ComputedTorque:
-    return ComputedTorque(planar)
-
-
 # -- captures ---------------------------------------------------------------------------------------------
 
 

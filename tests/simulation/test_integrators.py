@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from motions import Flying
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
@@ -19,7 +20,7 @@ Array = NDArray[np.float64]
 KINDS = ("revolute", "prismatic", "continuous")
 
 
-class Case:
+class Case(Flying):
     """A random robot, turning fast, under constant joint torques."""
 
     def __init__(self, tree: Any, seed: int, spin: float, gravity: float = 0.0) -> None:
@@ -44,14 +45,6 @@ class Case:
             )
             work += done
         return q, v, work
-
-    def momentum(self, q: Array, v: Array) -> Array:
-        """Total, inertial axes, about the centre of mass."""
-        return np.array(pin.computeCentroidalMomentum(self.model, self.data, q, v).vector)
-
-    def energy(self, q: Array, v: Array) -> float:
-        """Kinetic."""
-        return float(pin.computeKineticEnergy(self.model, self.data, q, v))
 
 
 # Without gravity the accelerations do not depend on the base's pose, so its stages would not be tested.

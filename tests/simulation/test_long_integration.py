@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from motions import random_pose
+from motions import Flying, random_pose
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 KINDS = ("revolute", "prismatic", "continuous")
 
 
-class Flight:
+class Flight(Flying):
     """A random robot tumbling freely, its centre of mass at rest."""
 
     def __init__(self, tree: Any, seed: int, speed: float) -> None:
@@ -42,14 +42,6 @@ class Flight:
             q, v, done = INTEGRATORS[name](self.model, self.data, q, v, force, h, k * h)
             work += done
         return q, v, work
-
-    def momentum(self, q: Array, v: Array) -> Array:
-        """Total, inertial axes, about the centre of mass."""
-        return np.array(pin.computeCentroidalMomentum(self.model, self.data, q, v).vector)
-
-    def energy(self, q: Array, v: Array) -> float:
-        """Kinetic."""
-        return float(pin.computeKineticEnergy(self.model, self.data, q, v))
 
 
 @pytest.mark.parametrize(("seed", "n"), [(21, 1), (22, 3), (23, 6)])

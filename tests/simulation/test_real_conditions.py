@@ -33,11 +33,6 @@ Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
 
 
-@pytest.fixture
-def law(planar: ffsms.SpaceManipulator) -> ComputedTorque:
-    return ComputedTorque(planar)
-
-
 # -- the plant's inertia -----------------------------------------------------------------------------------
 
 

@@ -27,12 +27,6 @@ Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
-def plan(planar: ffsms.SpaceManipulator) -> opt.Trajectory:
-    q0 = planar.configuration(np.radians([1.0, 1.0, 1.0]))
-    return opt.plan(planar, q0, [0.45, 0.75, 0.0], duration=12.0, dt=0.05)
-
-
-@pytest.fixture(scope="module")
 def tracking(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> ffsms.Tracking:
     return ffsms.simulate(planar, plan, ffsms.SlidingModeController(planar), dt=0.01)
 

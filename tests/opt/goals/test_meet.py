@@ -97,7 +97,7 @@ def test_without_the_corridor_the_way_leaves_it(planar: ffsms.SpaceManipulator) 
     held = measure(opt.Problem(planar, q0, goal, DURATION, 0.02), plan.joint_rates)
     assert held.broken.keys() == {"corridor"}
     assert not held.reached
-    # The residual sees what breaks the limit; the slopes are among those of tests/opt/test_parts.py.
+    # The residual sees what breaks the limit; the slopes are among those of tests/opt/test_part_slopes.py.
     assert "outside its corridor" in held.note
 
 
@@ -117,7 +117,7 @@ def test_a_spatial_arm_meets_a_tumbling_client_while_the_base_has_momentum() -> 
     then = ffsms.Client(100.0, [20.0, 30.0, 35.0], tip * grasp.inverse(), [0.0, 0.0, 0.0, *spin])
     client = ffsms.Client(100.0, [20.0, 30.0, 35.0], then.pose(-20.0), then.twist(-20.0))
     goal = opt.Meet(client, grasp)
-    plan = opt.plan(sms, q0, goal, 20.0, 0.04, momentum=momentum)
+    plan = opt.plan(sms, q0, goal, 20.0, 0.04, momentum=momentum, time_limit=1e-9)
     assert plan.reached, plan.note
     check_contact(sms, plan, goal)
     assert strayed(plan, goal) <= goal.tolerance + 1e-9
@@ -128,7 +128,7 @@ def test_a_client_out_of_reach_is_told_with_the_time_to_try(planar: ffsms.SpaceM
     q0 = planar.configuration([0.4, 0.9, -0.5])
     pose = pin.SE3(np.eye(3), np.array([6.0, 0.5, 0.0]))
     client = ffsms.Client(50.0, [4.0, 5.0, 6.0], pose, [-0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
-    plan = opt.plan(planar, q0, opt.Meet(client, axis=AXIS), 6.0, 0.05)
+    plan = opt.plan(planar, q0, opt.Meet(client, axis=AXIS), 6.0, 0.05, time_limit=1e-9)
     assert not plan.reached
     assert "binding: the workspace" in plan.note
     assert "within reach from" in plan.note
@@ -144,7 +144,7 @@ def test_a_start_beside_the_corridor_is_refused(planar: ffsms.SpaceManipulator) 
     tip = planar.at(q0).end_effector_pose
     pose = pin.SE3(tip.rotation, tip.act(np.array([0.0, 0.05, 0.0])))
     goal = opt.Meet(ffsms.Client(50.0, [4.0, 5.0, 6.0], pose), axis=AXIS)
-    plan = opt.plan(planar, q0, goal, 6.0, 0.05)
+    plan = opt.plan(planar, q0, goal, 6.0, 0.05, time_limit=1e-9)
     assert not plan.reached
     assert plan.note.startswith("the start is beside the corridor")
 

@@ -30,7 +30,7 @@ def met() -> tuple[ffsms.SpaceManipulator, np.ndarray, ffsms.Client, pin.SE3]:
 
 def test_a_problem_takes_the_momentum_and_both_rest_after_it(met: Any) -> None:
     sms, q0, client, grasp = met
-    plan = opt.plan(sms, q0, opt.Meet(client, grasp, rest_after=True), DURATION, 0.02)
+    plan = opt.plan(sms, q0, opt.Meet(client, grasp, rest_after=True), DURATION, 0.02, time_limit=1e-9)
     assert plan.reached
     assert plan.note == ""
     com = pin.centerOfMass(sms.model, sms.model.createData(), q0)
@@ -43,7 +43,9 @@ def test_a_problem_takes_the_momentum_and_both_rest_after_it(met: Any) -> None:
 def test_another_momentum_is_told(met: Any) -> None:
     sms, q0, client, grasp = met
     given = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
-    plan = opt.plan(sms, q0, opt.Meet(client, grasp, rest_after=True), DURATION, 0.05, momentum=given)
+    plan = opt.plan(
+        sms, q0, opt.Meet(client, grasp, rest_after=True), DURATION, 0.05, momentum=given, time_limit=1e-9
+    )
     assert "leaves both at rest" in plan.note
     np.testing.assert_array_equal(plan.momentum, given)
     after = after_capture(sms, plan.q[-1], plan.v[-1], client, DURATION)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from motions import HASTY
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -63,10 +64,10 @@ def test_a_frame_by_pinocchio(sms: ffsms.SpaceManipulator, q0: Any) -> None:
 def test_both_tools_arrive_and_only_one_without(sms: ffsms.SpaceManipulator, q0: Any, turned: bool) -> None:
     left, right = goals(sms, q0)
     wanted = right if turned else right.translation
-    alone = opt.plan(sms, q0, left, duration=10.0)
+    alone = opt.plan(sms, q0, left, duration=10.0, time_limit=1e-9)
     assert alone.reached
     assert np.linalg.norm(tool(sms, alone.q[-1]).translation - right.translation) > 0.1
-    plan = opt.plan(sms, q0, left, duration=10.0, also={"right_tool": wanted})
+    plan = opt.plan(sms, q0, left, duration=10.0, also={"right_tool": wanted}, time_limit=1e-9)
     assert plan.reached, plan.note
     late = plan.q[plan.t >= 9.0]
     ends = [tool(sms, q) for q in late]
@@ -117,7 +118,10 @@ def test_an_idle_arm_keeps_the_base_still(sms: ffsms.SpaceManipulator, q0: Any) 
     """With the second arm locked the base turns ten times as far."""
     left, _ = goals(sms, q0)
     right = tuple(name for name in sms.joint_names if name.startswith("right"))
-    free, locked = (opt.plan(sms, q0, left, duration=15.0, base=100.0, locked=names) for names in ((), right))
+    free, locked = (
+        opt.plan(sms, q0, left, duration=15.0, base=100.0, locked=names, time_limit=1e-9)
+        for names in ((), right)
+    )
     assert free.reached
     assert locked.reached
     assert np.abs(np.diff(locked.joint_positions[:, 7:], axis=0)).max() == 0.0
@@ -130,11 +134,11 @@ def test_the_rest_of_a_problem_keeps_both_goals(sms: ffsms.SpaceManipulator, q0:
     problem = opt.Problem(
         sms, q0, left, duration=10.0, limits=[opt.JointLimits(), opt.Also("right_tool", right)]
     )
-    plan = opt.solve(problem)
+    plan = opt.solve(problem, HASTY)
     k = 400
     rest = rest_of(problem, sms, 4.0, plan.q[k], plan.joint_positions[k], plan.joint_rates[k], plan.q[0, :7])
     assert any(limit.ends() for limit in rest.limits)
-    again = opt.solve(rest)
+    again = opt.solve(rest, HASTY)
     assert again.reached, again.note
     assert np.linalg.norm(tool(sms, again.q[-1]).translation - right.translation) <= 1e-3
 

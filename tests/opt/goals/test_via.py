@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from motions import HASTY
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -35,18 +36,18 @@ def poses(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> list[Any]:
 def test_two_places_at_their_times(planar: ffsms.SpaceManipulator, q0: Any) -> None:
     """In the order of the times, whatever the straight way would pass first."""
     a, b = np.array([0.65, 0.60, 0.0]), np.array([0.70, 0.50, 0.0])
-    plan = opt.solve(problem_with(planar, q0, opt.Via(a, 3.0, name="a"), opt.Via(b, 5.0, name="b")))
+    plan = opt.solve(problem_with(planar, q0, opt.Via(a, 3.0, name="a"), opt.Via(b, 5.0, name="b")), HASTY)
     assert plan.reached, plan.note
     places = np.array([pose.translation for pose in poses(planar, plan)])
     assert np.linalg.norm(places[300] - a) <= 0.01
     assert np.linalg.norm(places[500] - b) <= 0.01
-    free = opt.solve(problem_with(planar, q0))
+    free = opt.solve(problem_with(planar, q0), HASTY)
     assert np.linalg.norm(free.end_effector[500] - b) > 0.02
 
 
 def test_a_pose_at_any_time(planar: ffsms.SpaceManipulator, q0: Any) -> None:
     """Place and attitude at the same instant."""
-    free = opt.solve(problem_with(planar, q0))
+    free = opt.solve(problem_with(planar, q0), HASTY)
     here = planar.at(free.q[400]).end_effector_pose
     wanted = pin.SE3(here.rotation @ pin.exp3(np.array([0.0, 0.0, 0.15])), here.translation)
 
@@ -58,14 +59,14 @@ def test_a_pose_at_any_time(planar: ffsms.SpaceManipulator, q0: Any) -> None:
         )
 
     assert not passes(free)
-    plan = opt.solve(problem_with(planar, q0, opt.Via(wanted)))
+    plan = opt.solve(problem_with(planar, q0, opt.Via(wanted)), HASTY)
     assert plan.reached, plan.note
     assert passes(plan)
 
 
 def test_the_rest_of_a_motion_and_times(planar: ffsms.SpaceManipulator, q0: Any) -> None:
     via = opt.Via([0.65, 0.60, 0.0], name="a")
-    plan = opt.solve(problem_with(planar, q0, via))
+    plan = opt.solve(problem_with(planar, q0, via), HASTY)
     timed = via.timed(plan)
     assert timed.time is not None
     assert np.linalg.norm(plan.end_effector[round(timed.time / plan.dt)] - via.place.position) <= 0.01

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from horizon_parts import COARSE, node_rates, spline_of
+from part_cases import finished, problem_of, size_of
+from slopes import by_differences, by_slopes, motions
 from step_parts import StepJoints, make_stepper
 
 import ffsms_pin as ffsms
+from ffsms_pin import opt
 from ffsms_pin.opt.limits.alpha_box import AlphaBox, alpha_box_rows
+from ffsms_pin.opt.step.march import march
 from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.base_motion import advance
 
 TARGET = np.array([0.45, 0.75, 0.0])
@@ -21,9 +27,7 @@ TARGET = np.array([0.45, 0.75, 0.0])
 def fast() -> ffsms.SpaceManipulator:
     """With generous joint limits only the box is left to hold the rates."""
     sms = ffsms.load("planar_3r")
-    return sms.with_limits(
-        dataclasses.replace(sms.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0))
-    )
+    return sms.with_limits(replace(sms.limits, velocity=np.full(3, 50.0), acceleration=np.full(3, 500.0)))
 
 
 def largest_alpha(stepper: Stepper, duration: float) -> float:
@@ -63,7 +67,7 @@ def test_where_the_box_cannot_be_kept_the_step_says_so(fast: ffsms.SpaceManipula
     assert np.abs(back.alpha).max() <= 1.0 + 1e-9
     assert back.slack < 1e-9
 
-    slow = fast.with_limits(dataclasses.replace(fast.limits, acceleration=np.full(3, 10.0)))
+    slow = fast.with_limits(replace(fast.limits, acceleration=np.full(3, 10.0)))
     assert alpha_box_rows(step_state(slow, q, rates, 0.01, 5.0)).give > 0.0
     step_ = make_stepper(slow, collision="off").step(q, rates, TARGET, 5.0)
     assert step_.solved
@@ -72,3 +76,41 @@ def test_where_the_box_cannot_be_kept_the_step_says_so(fast: ffsms.SpaceManipula
     # Not more than must be: the rates come back as fast as the joints can.
     assert np.abs(step_.joint_rates - rates).max() == pytest.approx(0.1, abs=1e-9)
     assert AlphaBox().rows(step).give == 0.0
+
+
+@pytest.fixture(scope="module")
+def brisk(planar: ffsms.SpaceManipulator) -> ffsms.SpaceManipulator:
+    """An arm whose joints may turn faster than the paper's box lets them."""
+    limits = replace(planar.limits, velocity=np.full(3, 3.0), acceleration=np.full(3, 6.0))
+    return planar.with_limits(limits)
+
+
+def test_the_box_in_marches(brisk: ffsms.SpaceManipulator) -> None:
+    goal, largest = np.array([0.3, -0.8, 0.0]), {}
+    for box in (False, True):
+        limits: list[opt.Limit] = [opt.JointLimits(), opt.AlphaBox()][: 1 + box]
+        problem = problem_of(brisk, goal=goal, duration=2.0, limits=limits)
+        rates = march(Stepper(brisk, 0.02, 10.0, limits), problem.q0, np.zeros(3), goal, 2.0).rates
+        plan = measure(replace(problem, limits=[opt.JointLimits(), opt.AlphaBox()]), rates)
+        largest[box] = plan.largest_alpha
+        assert plan.broken.get("alpha box", 0.0) == pytest.approx(max(0.0, largest[box] - 1.0), abs=1e-9)
+    assert largest[False] > 1.2
+    assert largest[True] <= 1.0 + 1e-9
+
+
+def test_the_box_in_whole_motions(brisk: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
+    problem = problem_of(brisk, duration=2.0)
+    spline, box = spline_of(problem, COARSE, free_end=True), opt.AlphaBox()
+    p = 1.5 * rng.normal(size=(1, spline.size, 3))
+    residuals = box.residual(motions(problem, spline, p))
+    assert size_of(residuals) > 0.1
+    slopes = by_slopes(problem, spline, p, residuals)
+    differences = by_differences(problem, spline, p, box.residual)
+    np.testing.assert_allclose(slopes, differences, rtol=0.0, atol=1e-5 * np.abs(differences).max())
+    # A motion without residual breaks nothing.
+    for share in (0.0, 0.3, 0.6, 1.0):
+        motion = finished(problem, node_rates(problem, spline, share * p[0]))
+        if size_of(box.residual(motion)) == 0.0:
+            assert box.violation(motion).amount == 0.0
+        if box.violation(motion).amount > 0.1:
+            assert size_of(box.residual(motion)) > box.margin

@@ -27,6 +27,7 @@ from ffsms_pin.simulation import Sensors, Watchdog, perturb, simulate, simulate_
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]
 TARGETS = [(1.0, 0.15, 0.0), (0.45, 0.75, 0.0), (0.9, -0.3, 0.0), (0.8, 0.5, 0.0)]
+DURATIONS = [8.0, 12.0, 8.0, 6.0]
 
 
 def same(a: Any, b: Any) -> bool:
@@ -50,19 +51,25 @@ def start(planar: ffsms.SpaceManipulator) -> Array:
 
 
 @pytest.fixture(scope="module")
-def plan(planar: ffsms.SpaceManipulator, start: Array) -> opt.Trajectory:
-    return opt.plan(planar, start, TARGETS[3], 6.0, method="step")
+def alone(planar: ffsms.SpaceManipulator, start: Array) -> list[opt.Trajectory]:
+    """The plans to all targets, one by one."""
+    return [opt.plan(planar, start, *task) for task in zip(TARGETS, DURATIONS, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def stepped(planar: ffsms.SpaceManipulator, start: Array) -> list[opt.Trajectory]:
+    """The same by steps."""
+    return [opt.plan(planar, start, target, 6.0, method="step") for target in TARGETS]
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_plans_are_those_of_plan_to_the_last_bit(
-    planar: ffsms.SpaceManipulator, start: Array, jobs: int
+    planar: ffsms.SpaceManipulator, start: Array, alone: list[opt.Trajectory], jobs: int
 ) -> None:
     shares: list[float] = []
-    durations = [8.0, 12.0, 8.0, 6.0]
-    many = opt.plan_many(planar, start, TARGETS, durations, jobs=jobs, progress=shares.append)
-    for target, duration, found in zip(TARGETS, durations, many, strict=True):
-        assert same(found, opt.plan(planar, start, target, duration))
+    many = opt.plan_many(planar, start, TARGETS, DURATIONS, jobs=jobs, progress=shares.append)
+    for expected, found in zip(alone, many, strict=True):
+        assert same(found, expected)
         assert not found.q.flags.writeable
     assert shares == [0.25, 0.5, 0.75, 1.0]
 
@@ -85,15 +92,17 @@ def panda_like() -> ffsms.SpaceManipulator:
     return ffsms.load("space_arm_7")
 
 
-def test_one_of_everything_is_one_plan(planar: ffsms.SpaceManipulator, start: Array) -> None:
+def test_one_of_everything_is_one_plan(
+    planar: ffsms.SpaceManipulator, start: Array, stepped: list[opt.Trajectory]
+) -> None:
     (found,) = opt.plan_many(planar, start, TARGETS[0], 6.0, method="step")
-    assert same(found, opt.plan(planar, start, TARGETS[0], 6.0, method="step"))
+    assert same(found, stepped[0])
     assert opt.plan_many(planar, start, [], 6.0) == []
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_failure_is_told_by_its_index_and_the_others_are_kept(
-    planar: ffsms.SpaceManipulator, start: Array, jobs: int
+    planar: ffsms.SpaceManipulator, start: Array, stepped: list[opt.Trajectory], jobs: int
 ) -> None:
     starts = [start, planar.configuration([0.0, 9.0, 0.0]), start]
     with pytest.raises(
@@ -104,7 +113,7 @@ def test_a_failure_is_told_by_its_index_and_the_others_are_kept(
     assert isinstance(e.value.failures[1], InvalidValue)
     assert e.value.results[1] is None
     for i in (0, 2):
-        assert same(e.value.results[i], opt.plan(planar, start, TARGETS[i], 6.0, method="step"))
+        assert same(e.value.results[i], stepped[i])
 
 
 def test_wrong_arguments_are_refused_before_any_process_starts(
@@ -131,6 +140,7 @@ def test_each_takes_tasks_only_as_they_are_needed(planar: ffsms.SpaceManipulator
             taken += 1
             yield start, TARGETS[i % 4], 2.0
 
+    expected = [opt.plan(planar, start, target, 2.0, 0.1, method="step") for target in TARGETS]
     for jobs in (1, 2):
         taken = 0
         found = list(islice(opt.plan_each(planar, tasks(), 0.1, jobs=jobs, method="step"), 5))
@@ -138,12 +148,13 @@ def test_each_takes_tasks_only_as_they_are_needed(planar: ffsms.SpaceManipulator
         assert taken <= 5 + 4 * 2
         for i, outcome in enumerate(found):
             assert outcome.result is not None
-            assert same(outcome.result, opt.plan(planar, start, TARGETS[i % 4], 2.0, 0.1, method="step"))
+            assert same(outcome.result, expected[i % 4])
 
 
 def test_simulations_are_those_of_simulate_to_the_last_bit(
-    planar: ffsms.SpaceManipulator, plan: opt.Trajectory
+    planar: ffsms.SpaceManipulator, stepped: list[opt.Trajectory]
 ) -> None:
+    plan = stepped[3]
     controller = SuperTwisting(planar, dt=5e-3)  # it has a memory
     plants = [perturb(planar, arm_mass=factor) for factor in (0.9, 1.0, 1.1)]
     sensors = [Sensors(joint_noise=1e-6, seed=seed) for seed in range(3)]
@@ -157,8 +168,10 @@ def test_simulations_are_those_of_simulate_to_the_last_bit(
 
 
 def test_starts_in_rows_and_references_that_plan_again(planar: ffsms.SpaceManipulator, start: Array) -> None:
+    x, y, _ = planar.at(start).end_effector_pose.translation.tolist()
+
     def reference() -> opt.Replanning:
-        return opt.StepPlanner(planar, dt=0.05).track(lambda t: (0.8, 0.3 + 0.01 * t, 0.0), 2.0)
+        return opt.StepPlanner(planar, dt=0.05).track(lambda t: (x - 0.06, y + 0.08 + 0.01 * t, 0.0), 2.0)
 
     controller = SlidingModeController(planar)
     starts = np.array([start, planar.configuration(np.radians([3.0, 1.0, 1.0]))])
@@ -167,7 +180,10 @@ def test_starts_in_rows_and_references_that_plan_again(planar: ffsms.SpaceManipu
         assert same(found, simulate(planar, reference(), controller, 0.01, q0))
 
 
-def test_a_stopped_simulation_brings_its_record(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> None:
+def test_a_stopped_simulation_brings_its_record(
+    planar: ffsms.SpaceManipulator, stepped: list[opt.Trajectory]
+) -> None:
+    plan = stepped[3]
     tasks = [
         {"reference": plan, "controller": SlidingModeController(planar), "dt": 0.01, "watchdog": watchdog}
         for watchdog in (None, Watchdog(joint_error=0.0))

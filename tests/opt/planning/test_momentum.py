@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +17,7 @@ from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.base_motion import roll_out
 
 Array = NDArray[np.float64]
+Setting = tuple[ffsms.SpaceManipulator, Array, Array, Array]
 
 DURATION, DT = 8.0, 0.02
 
@@ -31,7 +33,7 @@ def slow_tumble(sms: ffsms.SpaceManipulator, q0: Array) -> Array:
 
 
 @pytest.fixture(scope="module", params=["planar_3r", "satellite_xarm7"])
-def setting(request: pytest.FixtureRequest) -> tuple[ffsms.SpaceManipulator, Array, Array, Array]:
+def setting(request: pytest.FixtureRequest) -> Setting:
     """A robot, its start, a target that is away from the start, and a momentum."""
     sms = ffsms.load(request.param)
     if sms.n == 3:
@@ -44,6 +46,13 @@ def setting(request: pytest.FixtureRequest) -> tuple[ffsms.SpaceManipulator, Arr
     return sms, q0, target, slow_tumble(sms, q0)
 
 
+@pytest.fixture(scope="module")
+def stepped(setting: Setting) -> opt.Trajectory:
+    """The plan by steps, with the momentum."""
+    sms, q0, target, momentum = setting
+    return opt.plan(sms, q0, target, DURATION, DT, method="step", momentum=momentum)
+
+
 def momenta(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> Array:
     """Total momentum at every node (N + 1, 6), Pinocchio's."""
     data = sms.model.createData()
@@ -52,9 +61,11 @@ def momenta(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> Array:
 
 
 @pytest.mark.parametrize("method", ["horizon", "step"])
-def test_plan_reaches(method: str, setting: tuple[ffsms.SpaceManipulator, Array, Array, Array]) -> None:
+def test_plan_reaches(method: str, setting: Setting, stepped: opt.Trajectory) -> None:
     sms, q0, target, momentum = setting
-    plan = opt.plan(sms, q0, target, DURATION, DT, method=method, momentum=momentum)
+    plan = stepped
+    if method == "horizon":
+        plan = opt.plan(sms, q0, target, DURATION, DT, momentum=momentum, time_limit=1e-9)
     assert plan.reached
     np.testing.assert_array_equal(plan.momentum, momentum)
     np.testing.assert_allclose(momenta(sms, plan), np.tile(momentum, (len(plan.t), 1)), atol=1e-9)
@@ -70,16 +81,15 @@ def test_plan_reaches(method: str, setting: tuple[ffsms.SpaceManipulator, Array,
     assert np.linalg.norm(end - target) < 2e-3
 
     # A plan that knows nothing of the momentum misses the target by centimetres.
-    ignorant = opt.plan(sms, q0, target, DURATION, DT, method=method)
+    ignorant = opt.plan(sms, q0, target, DURATION, DT, method=method, time_limit=1e-9)
     assert ignorant.reached
     q, _ = roll_out(sms, q0, ignorant.joint_rates[0], ignorant.joint_accelerations, DT, momentum)
     assert np.linalg.norm(sms.at(q[-1]).end_effector_pose.translation - target) > 0.03
 
 
-def test_velocity_is_that_of_the_motion(setting: tuple[ffsms.SpaceManipulator, Array, Array, Array]) -> None:
+def test_velocity_is_that_of_the_motion(setting: Setting, stepped: opt.Trajectory) -> None:
     """v from finite differences of q."""
-    sms, q0, target, momentum = setting
-    plan = opt.plan(sms, q0, target, DURATION, DT, method="step", momentum=momentum)
+    sms, plan = setting[0], stepped
     for k in range(1, len(plan.t) - 1, 40):
         both = (
             pin.difference(sms.model, plan.q[k - 1], plan.q[k]),
@@ -97,7 +107,7 @@ def test_pose_target() -> None:
     pose.translation = pose.translation + np.array([-0.1, 0.15, 0.05])
     pose.rotation = pose.rotation @ pin.rpy.rpyToMatrix(0.2, -0.1, 0.3)
     momentum = slow_tumble(sms, q0)
-    plan = opt.plan(sms, q0, pose, DURATION, DT, momentum=momentum)
+    plan = opt.plan(sms, q0, pose, DURATION, DT, momentum=momentum, time_limit=1e-9)
     assert plan.reached
     assert plan.position_error[-1] < 2e-3
     assert plan.orientation_error[-1] < 5e-3
@@ -120,7 +130,8 @@ def test_base_limits_with_momentum(planar: ffsms.SpaceManipulator) -> None:
     target = planar.at(q0).end_effector_pose.translation + np.array([-0.1, 0.1, 0.0])
     momentum = slow_tumble(planar, q0)
     wide, narrow = opt.BaseLimits(translation=0.4), opt.BaseLimits(translation=0.01)
-    assert opt.plan(planar, q0, target, DURATION, DT, momentum=momentum, base_limits=wide).reached
+    options: dict[str, Any] = {"momentum": momentum, "time_limit": 1e-9}
+    assert opt.plan(planar, q0, target, DURATION, DT, base_limits=wide, **options).reached
     plan = opt.plan(planar, q0, target, DURATION, DT, method="step", momentum=momentum, base_limits=narrow)
     assert not plan.reached
     assert "translation 0.01 m" in plan.note
@@ -145,10 +156,10 @@ def test_save_and_load(planar: ffsms.SpaceManipulator, tmp_path: Path) -> None:
     np.testing.assert_array_equal(opt.Trajectory.load(tmp_path / "old.npz").momentum, np.zeros(6))
 
 
-def test_closed_loop(setting: tuple[ffsms.SpaceManipulator, Array, Array, Array]) -> None:
+def test_closed_loop(setting: Setting, stepped: opt.Trajectory) -> None:
     """The plant starts with the plan's momentum, keeps it, and arrives."""
-    sms, q0, target, momentum = setting
-    plan = opt.plan(sms, q0, target, DURATION, DT, method="step", momentum=momentum)
+    sms, _, _, momentum = setting
+    plan = stepped
     track = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms), dt=5e-3)
     np.testing.assert_allclose(track.momentum, np.tile(momentum, (len(track.t), 1)), atol=1e-9)
     assert track.position_error[-1] < 5e-3

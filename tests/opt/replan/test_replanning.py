@@ -57,12 +57,12 @@ class Watched:
 
 
 def run(
-    sms: ffsms.SpaceManipulator, target: Any, duration: float = 12.0, hold: float = 0.0, **given: Any
+    sms: ffsms.SpaceManipulator, target: Any, duration: float = 6.0, hold: float = 0.0, **given: Any
 ) -> tuple[opt.Replanning, Tracking]:
     """A closed loop from the paper's start."""
     reference = opt.StepPlanner(sms, dt=0.02).track(target, duration, hold)
     law = ComputedTorque(sms, 100.0, 20.0)
-    return reference, simulate(sms, reference, law, dt=2e-3, q0=sms.configuration(START), **given)
+    return reference, simulate(sms, reference, law, dt=5e-3, q0=sms.configuration(START), **given)
 
 
 # Corners of the range.
@@ -94,8 +94,8 @@ def test_random_plants_of_a_spatial_arm() -> None:
     q0 = sms.configuration(0.5 * (np.maximum(sms.limits.lower, -3.0) + np.minimum(sms.limits.upper, 3.0)))
     target = sms.at(q0).end_effector_pose.translation + np.array([-0.15, 0.35, -0.25])
     for plant in list(random_plants(sms, np.random.default_rng(1), 16))[9::6]:
-        reference = opt.StepPlanner(sms, dt=0.01).track(target, 12.0)
-        tracking = simulate(sms, reference, ComputedTorque(sms, 100.0, 20.0), dt=2e-3, q0=q0, plant=plant)
+        reference = opt.StepPlanner(sms, dt=0.02).track(target, 12.0)
+        tracking = simulate(sms, reference, ComputedTorque(sms, 100.0, 20.0), dt=5e-3, q0=q0, plant=plant)
         assert tracking.position_error[-1] < 2e-3
         assert reference.failed_steps == 0
         # Nothing makes it hurry: half a metre in 12 s.
@@ -152,8 +152,8 @@ def test_it_goes_on_with_what_is_left(kind: Any, planar: ffsms.SpaceManipulator)
     assert "joint_3" in reference.note
     if kind == "locked":
         assert tracking.position_error[-1] < 2e-3
-        np.testing.assert_array_equal(tracking.v[1001:, 8], 0.0)
-        assert reference.sample(12.0)[1][2] == 0.0
+        np.testing.assert_array_equal(tracking.v[401:, 8], 0.0)
+        assert reference.sample(6.0)[1][2] == 0.0
     else:
         assert np.isfinite(tracking.position_error).all()
 
@@ -199,8 +199,8 @@ def test_a_goal_that_asks_for_a_velocity_is_passed_with_it(planar: ffsms.SpaceMa
     _, tracking = run(planar, goal, 6.0, hold=2.0, plant=perturb(planar, arm_mass=1.1))
     k = int(np.searchsorted(tracking.t, 6.0))
     assert tracking.position_error[k] < 2e-3
-    velocity = np.gradient(tracking.position_error[k - 50 : k + 1], tracking.t[k - 50 : k + 1])
-    assert np.abs(velocity[:25] + 0.03).max() < 5e-3  # it comes near at that speed
+    velocity = np.gradient(tracking.position_error[k - 20 : k + 1], tracking.t[k - 20 : k + 1])
+    assert np.abs(velocity[:10] + 0.03).max() < 5e-3  # it comes near at that speed
     assert tracking.position_error[-1] < 2e-3  # and returns
 
 
@@ -233,7 +233,7 @@ def test_unsolved_steps_are_counted_and_stopped(
         step = plain(self, *arguments, **named)
         left = arguments[3]
         tracked = "prefer" in named or len(arguments) > 5
-        failing = tracked and any(begin <= 12.0 - left < end for begin, end in spans)
+        failing = tracked and any(begin <= 6.0 - left < end for begin, end in spans)
         return step._replace(solved=not failing)
 
     monkeypatch.setattr(Stepper, "advance", advance)
@@ -242,8 +242,8 @@ def test_unsolved_steps_are_counted_and_stopped(
     assert reference.failed_steps == 2
     assert reference.failed_in_a_row == 0
     assert "braked in 2 steps" in reference.note
-    assert tracking.t[-1] == 12.0
-    spans = [(2.011, 12.0)]
+    assert tracking.t[-1] == 6.0
+    spans = [(2.011, 6.0)]
     with pytest.raises(SimulationStopped, match="10 planning steps in a row"):
         run(planar, CASES[1], watchdog=Watchdog())
 
@@ -261,9 +261,8 @@ def test_bad_targets_and_times_are_refused(
 def test_pose_targets_are_tracked(planar: ffsms.SpaceManipulator) -> None:
     end = planar.configuration([0.4, 0.6, 0.3])
     pose = planar.at(end).end_effector_pose
-    reference, tracking = run(
-        planar, pin.SE3(pose.rotation, pose.translation), plant=perturb(planar, arm_mass=1.1)
-    )
+    target = pin.SE3(pose.rotation, pose.translation)
+    reference, tracking = run(planar, target, 9.0, plant=perturb(planar, arm_mass=1.1))
     assert tracking.position_error[-1] < 2e-3
     reached = planar.at(tracking.q[-1]).end_effector_pose
     assert np.linalg.norm(pin.log3(reached.rotation.T @ pose.rotation)) < 0.05

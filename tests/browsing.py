@@ -1,0 +1,209 @@
+"""Headless Chromium, and what is looked for in its pictures, for the tests of the viewer's pages.
+
+Needs Debian's chromium and chromium-driver. Where they are missing, the tests are skipped and say so in the
+summary; under CI that is a failure.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.viewer import View
+from ffsms_pin.viewer.frames import surroundings
+
+__all__ = [
+    "ARM",
+    "SIDE",
+    "Eye",
+    "check",
+    "chromium",
+    "configuration_at",
+    "errors",
+    "is_shade",
+    "places",
+    "requests",
+    "soon",
+    "until",
+]
+
+Array = NDArray[np.float64]
+
+_PATIENCE = 60.0  # [s]
+_FLAGS = (
+    "--headless=new",
+    "--no-sandbox",  # CI runs as root
+    "--disable-dev-shm-usage",
+    "--use-angle=swiftshader",  # no graphics card
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--force-device-scale-factor=1",
+    "--hide-scrollbars",
+    "--window-size=1000,760",
+)
+# Shades of the packaged planar robot's materials, as shares of their largest component.
+_BODY, ARM = np.array([0.80, 0.78, 0.72]) / 0.80, np.array([0.20, 0.42, 0.63]) / 0.63
+_TARGET = np.array([0xD5, 0x5E, 0x00])
+
+
+@contextmanager
+def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
+    """A browser without a window, with its files in a folder."""
+    names = ("chromium", "chromium-browser", "google-chrome")
+    program = next((found for name in names if (found := shutil.which(name))), None)
+    driver = shutil.which("chromedriver")
+    if program is None or driver is None:
+        missing = "the browser tests were not run: they need chromium and chromium-driver"
+        if os.environ.get("CI"):
+            pytest.fail(missing)
+        pytest.skip(missing)
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for flag in (*_FLAGS, f"--user-data-dir={profile}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"performance": "ALL", "browser": "ALL"})
+    chrome = webdriver.Chrome(options=options, service=Service(driver))
+    chrome.get("about:blank")  # the browser's own first page, and what it asks for, end here
+    try:
+        yield chrome
+    finally:
+        chrome.quit()
+
+
+_TWO_FRAMES = """const done = arguments[arguments.length - 1];
+    const next = (then) => requestAnimationFrame(then);
+    next(() => { viewer.set_dirty(); next(() => next(done)); });"""
+
+
+class Eye:
+    """Screenshots, and where in them a place of the scene must be.
+
+    The projection is worked out here from where `view` says the camera is: 1.3 radii from the centre of what
+    is shown, on the given side, z up, with Meshcat's 75 degrees from top to bottom.
+    """
+
+    def __init__(self, browser: webdriver.Chrome, scene: View, side: tuple[float, float, float]) -> None:
+        centre, radius = surroundings(scene._frames)
+        away = np.array(side) / np.linalg.norm(side)
+        self._browser, self._camera = browser, centre + 1.3 * radius * away
+        right = np.cross(-away, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        self._axes = np.array([right, np.cross(right, -away), -away])
+        self._width, self._height = browser.execute_script("return [innerWidth, innerHeight]")
+
+    def pixel(self, place: Array) -> tuple[int, int]:
+        x, y, depth = self._axes @ (place - self._camera)
+        scale = 0.5 * self._height / np.tan(np.radians(75.0) / 2.0)
+        return round(0.5 * self._width + scale * x / depth), round(0.5 * self._height - scale * y / depth)
+
+    def picture(self) -> Array:
+        """What is on the screen (height, width, 3), 0 to 255."""
+        self._browser.execute_async_script(_TWO_FRAMES)  # what was changed just now is drawn in the next
+        with Image.open(io.BytesIO(self._browser.get_screenshot_as_png())) as image:
+            return np.asarray(image.convert("RGB"), dtype=np.float64)
+
+    def colour(self, picture: Array, place: Array) -> Array:
+        """Mean colour of 3 by 3 pixels at a place."""
+        column, row = self.pixel(place)
+        patch = picture[row - 1 : row + 2, column - 1 : column + 2]
+        assert patch.shape == (3, 3, 3), f"{place} is outside of the picture, at {column}, {row}"
+        return np.asarray(patch.reshape(9, 3).mean(axis=0))
+
+
+def is_shade(colour: Array, of: Array) -> bool:
+    """Whether a colour is the material's, in more or less light."""
+    return bool(np.abs(colour / colour.max() - of).max() < 0.12)
+
+
+def places(sms: ffsms.SpaceManipulator, q: Array) -> tuple[Array, list[Array]]:
+    """A point on the top of the base, and the middle of each link."""
+    data = sms.model.createData()
+    pin.forwardKinematics(sms.model, data, q)
+    assert sms.base_size is not None
+    top = data.oMi[1].act(np.array([-0.1, 0.12, 0.5 * sms.base_size[2]]))
+    return np.array(top), [np.array(data.oMi[j].act(np.array([0.15, 0.0, 0.0]))) for j in (2, 3, 4)]
+
+
+def check(eye: Eye, sms: ffsms.SpaceManipulator, q: Array, target: Array, others: Array) -> None:
+    """Base, arm and target are where they belong, and the arm is not where `others` (nq,) puts it."""
+    base, links = places(sms, q)
+    elsewhere = places(sms, others)[1][2]
+
+    def wrong() -> list[str]:
+        picture = eye.picture()
+        found = [f"base {eye.colour(picture, base)}"] * (not is_shade(eye.colour(picture, base), _BODY))
+        found += [
+            f"link at {link} {eye.colour(picture, link)}"
+            for link in links
+            if not is_shade(eye.colour(picture, link), ARM)
+        ]
+        if np.abs(eye.colour(picture, target) - _TARGET).max() > 12.0:
+            found.append(f"target {eye.colour(picture, target)}")
+        if is_shade(eye.colour(picture, elsewhere), ARM):
+            found.append(f"an arm at {elsewhere}")
+        return found
+
+    soon(lambda: not wrong(), wrong)
+
+
+def soon(holds: Callable[[], bool], explain: Callable[[], object]) -> None:
+    """Wait for what the page needs a moment for: without a graphics card it is slow."""
+    started = time.monotonic()
+    while not holds():
+        if time.monotonic() - started > 15.0:
+            pytest.fail(str(explain()))
+        time.sleep(0.2)
+
+
+def until(browser: webdriver.Chrome, script: str) -> None:
+    started = time.monotonic()
+    while not browser.execute_script(script):
+        if time.monotonic() - started > _PATIENCE:
+            pytest.fail(f"the page never came to: {script}; it says {errors(browser)}")
+        time.sleep(0.05)
+
+
+def requests(browser: webdriver.Chrome) -> list[str]:
+    """Addresses that were asked for since the last call."""
+    entries: list[Any] = browser.get_log("performance")  # type: ignore[no-untyped-call]
+    messages = [json.loads(entry["message"])["message"] for entry in entries]
+    return [
+        str(item["params"]["request"]["url"])
+        for item in messages
+        if item["method"] == "Network.requestWillBeSent"
+    ]
+
+
+def errors(browser: webdriver.Chrome) -> list[str]:
+    entries: list[Any] = browser.get_log("browser")  # type: ignore[no-untyped-call]
+    return [str(entry["message"]) for entry in entries if entry["level"] == "SEVERE"]
+
+
+def configuration_at(sms: ffsms.SpaceManipulator, trajectory: opt.Trajectory, t: float) -> Array:
+    """Configuration at a time between two nodes."""
+    k = min(int(t / trajectory.dt), len(trajectory.t) - 2)
+    share = t / trajectory.dt - k
+    return np.array(pin.interpolate(sms.model, trajectory.q[k], trajectory.q[k + 1], share))
+
+
+SIDE = (-0.12, -0.75, 1.5)  # a planar motion is seen from above

@@ -1,0 +1,63 @@
+"""What `info`, `--help` and `--version` say."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin.cli import main
+
+
+def test_info(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "planar_3r", "--joints-deg", "1", "1", "1"]) == 0
+    out = capsys.readouterr().out
+    state = (sms := ffsms.load("planar_3r")).at(sms.configuration(np.deg2rad([1.0, 1.0, 1.0])))
+    for number in (
+        "31.02",  # mass of the base, of a link, of all
+        "0.569",
+        "32.72",
+        "-81 to 81 deg",
+        "22.92 deg/s",
+        "28.65 deg/s²",
+        "3.5 N m",
+        "-0.03557, -0.00064",
+        f"{np.linalg.cond(state.H_b):.4g}",
+        f"{state.coupling.entropy:.4f}",
+        *(f"{sigma:.4g}" for sigma in np.linalg.svd(state.C_bm, compute_uv=False)),
+    ):
+        assert number in out, number
+
+
+def test_info_takes_negative_angles_and_frames(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "planar_3r", "--end-effector", "link_2", "--joints-deg", "-10", "20", "-30"]) == 0
+    out = capsys.readouterr().out
+    assert "end effector 'link_2'" in out
+    assert "(-10 deg, 20 deg, -30 deg)" in out
+
+
+def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    for word in ("ffsms-pin run case-2", "ffsms-pin info planar_3r", "run", "info", "exit codes"):
+        assert word in out
+    for command in ("run", "info", "compare", "laws", "robustness"):
+        assert main([command, "--help"]) == 0
+        assert f"example: ffsms-pin {command} " in capsys.readouterr().out
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"ffsms-pin {ffsms.__version__}\n"
+
+
+def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
+    code = (
+        "import sys; from ffsms_pin.cli import main; main(['--help']); "
+        "print([x for x in ('matplotlib', 'rich') if x in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert done.stderr == "[]\n"

@@ -1,0 +1,58 @@
+"""What a notebook has to be once it has run: for `make docs`, which runs each of them, and for the tests."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import nbformat
+
+__all__ = ["check_built", "faults", "warnings_are_errors"]
+
+ROOT = Path(__file__).parents[1]
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+_PICTURES = ("text/html", "image/png")
+# The kernel's own warnings, at its end, are not the lesson's.
+_STRICT = """import warnings
+warnings.simplefilter("error")
+warnings.filterwarnings("ignore", module="ipykernel")
+"""
+
+
+def warnings_are_errors(folder: Path) -> None:
+    """Let kernels that are started from now on turn warnings into errors; `folder` is for their settings."""
+    startup = folder / "profile_default" / "startup"
+    startup.mkdir(parents=True, exist_ok=True)
+    (startup / "strict.py").write_text(_STRICT, encoding="utf-8")
+    os.environ["IPYTHONDIR"] = str(folder)
+
+
+def faults(notebook: Any) -> list[str]:
+    """What is wrong with a notebook (nbformat) that has run to its end; empty if nothing is."""
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    streams = [output for output in outputs if output.output_type == "stream"]
+    found = [f"it complains: {output.text.strip()}" for output in streams if output.name == "stderr"]
+    found += [f"it raises {output.ename}" for output in outputs if output.output_type == "error"]
+    shown = [output for output in outputs if output.output_type in ("display_data", "execute_result")]
+    if not any(kind in output.get("data", {}) for output in shown for kind in _PICTURES):
+        found.append("it shows no picture")
+    # The prose counts on every plan to arrive.
+    printed = "".join(output.text for output in streams)
+    if "reached: False" in printed or "reached False" in printed:
+        found.append("a plan does not reach its target")
+    return found
+
+
+def check_built(folder: Path) -> None:
+    """Check the notebooks that Sphinx has run and keeps in `folder`; a RuntimeError names all faults."""
+    found = []
+    for path in NOTEBOOKS:
+        ran = folder / path.name
+        if not ran.is_file():
+            found.append(f"{path.name}: it was not run")
+            continue
+        notebook = nbformat.read(ran, as_version=4)  # type: ignore[no-untyped-call]
+        found += [f"{path.name}: {fault}" for fault in faults(notebook)]
+    if found:
+        raise RuntimeError("; ".join(found))

@@ -1,0 +1,117 @@
+"""Slopes and violations of every term and limit, the packaged ones and two of one's own (`own_parts`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from horizon_parts import COARSE, node_rates, spline_of
+from part_cases import (
+    LIMITS,
+    PENALISED,
+    ROBOTS,
+    TERMS,
+    Tight,
+    aside,
+    elbow_aside,
+    finished,
+    problem_of,
+    size_of,
+    use_of,
+)
+from slopes import by_differences, by_slopes, motions
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.opt.batch.motions import Motions, Smoothing
+from ffsms_pin.opt.batch.residual import Residuals
+
+SPOTS = ("via", "via at any time", "also")
+
+
+def check_slopes(
+    problem: opt.Problem, residual_of: Callable[[Motions], Residuals], rng: np.random.Generator
+) -> Residuals:
+    """By control points: the chain rule of the library against central differences."""
+    spline = spline_of(problem, COARSE, free_end=True)
+    p = 0.15 * rng.normal(size=(1, spline.size, problem.sms.n))
+    residuals = residual_of(motions(problem, spline, p))
+    slopes = by_slopes(problem, spline, p, residuals)
+    differences = by_differences(problem, spline, p, residual_of)
+    size = float(np.abs(differences).max())
+    assert size > 1e-4
+    # In space the turn of the base follows by a quadrature of its own, which leaves something out.
+    tolerance = 1e-5 if problem.sms.n == 3 else 2e-3
+    np.testing.assert_allclose(slopes, differences, rtol=0.0, atol=tolerance * max(size, 1e-2))
+    return residuals
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("name", list(TERMS))
+def test_slopes_of_terms(name: str, robot: str, rng: np.random.Generator) -> None:
+    check_slopes(problem_of(ffsms.load(robot), name), TERMS[name].residual, rng)
+
+
+@pytest.mark.parametrize("smoothing", [Smoothing(0.3, 0.03), Smoothing(0.03, 0.002)])
+def test_slopes_of_the_smoothed_cost(
+    planar: ffsms.SpaceManipulator, smoothing: Smoothing, rng: np.random.Generator
+) -> None:
+    term = opt.Coupling(4.0)
+    check_slopes(problem_of(planar), lambda at: term.residual(replace(at, smoothing=smoothing)), rng)
+
+
+@pytest.mark.parametrize(("name", "robot"), PENALISED)
+def test_slopes_of_limits(name: str, robot: str, rng: np.random.Generator) -> None:
+    """Of what a motion uses beyond the limit; the joints have rows of their own instead."""
+    sms = ffsms.load(robot)
+    problem = problem_of(sms, name)
+    spline = spline_of(problem, COARSE, free_end=True)
+    p = 0.15 * np.random.default_rng(20250705).normal(size=(1, spline.size, sms.n))
+    tight, limit = LIMITS[name](sms, use_of(problem, node_rates(problem, spline, p[0])))
+    problem, limit = replace(problem, sms=tight), limit.for_robot(tight)
+    residuals = check_slopes(problem, limit.residual, rng)
+    assert size_of(residuals) > limit.margin
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("made", [aside(True, turned=True), elbow_aside(turned=True)], ids=["via", "also"])
+def test_slopes_of_places_with_an_attitude(made: Tight, robot: str, rng: np.random.Generator) -> None:
+    sms = ffsms.load(robot)
+    problem = problem_of(sms)
+    spline = spline_of(problem, COARSE, free_end=True)
+    p = 0.15 * np.random.default_rng(20250705).normal(size=(1, spline.size, sms.n))
+    _, limit = made(sms, use_of(problem, node_rates(problem, spline, p[0])))
+    check_slopes(problem, limit.for_robot(sms).residual, rng)
+
+
+@pytest.mark.parametrize(("name", "robot"), PENALISED)
+def test_violation_agrees_with_the_residual(name: str, robot: str) -> None:
+    """A motion without residual breaks nothing; one that breaks the limit has more than the margin."""
+    sms = ffsms.load(robot)
+    problem = problem_of(sms, name, joint_rates=None)
+    spline, rng = spline_of(problem, COARSE), np.random.default_rng(7)
+    # All joints one way: so the planar arm folds towards its base.
+    p = 0.15 * (1.0 + 0.3 * rng.normal(size=(spline.size, sms.n)))
+    tight, limit = LIMITS[name](sms, use_of(problem, node_rates(problem, spline, p)))
+    problem, limit = replace(problem, sms=tight), limit.for_robot(tight)
+    seen = {"kept": 0, "broken": 0}
+    for share in (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0, 1.1, 1.3):
+        motion = finished(problem, node_rates(problem, spline, share * p))
+        size, violation = size_of(limit.residual(motion)), limit.violation(motion)
+        assert size >= 0.0
+        assert (violation.amount > 0.0) == bool(violation.note)
+        assert ((violation.instants >= 0.0) & (violation.instants <= problem.duration)).all()
+        if violation.amount > 0.0:
+            seen["broken"] += 1
+            assert size > 0.9 * limit.margin
+            assert violation.instants.size
+        if size == 0.0:
+            seen["kept"] += 1
+            assert violation.amount == 0.0
+        if size > 1.1 * limit.margin:
+            assert violation.amount > 0.0
+    # The spatial arm starts with less room than the folded planar one; a place aside is kept by none.
+    assert seen["kept"] >= (1 if robot == ROBOTS[0] and name not in SPOTS else 0)
+    assert seen["broken"] >= 1

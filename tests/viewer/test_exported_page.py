@@ -1,0 +1,167 @@
+"""What a real browser shows of an exported file (see `browsing`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from browsing import (
+    ARM,
+    SIDE,
+    Eye,
+    check,
+    configuration_at,
+    errors,
+    is_shade,
+    places,
+    requests,
+    soon,
+    until,
+)
+from numpy.typing import NDArray
+from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.viewer import View, view
+from ffsms_pin.viewer.frames import surroundings
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def scene(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> Iterator[View]:
+    with view(planar, plan, show=("robot", "target"), fps=20.0) as made:
+        yield made
+
+
+# The film's time and the clock's, read in one frame each, a second apart.
+_ONE_SECOND = """const done = arguments[arguments.length - 1], read = [];
+    const look = () => {
+        const now = [animator.time, performance.now() / 1000];
+        if (read.length === 0) read.push(now);
+        if (now[1] - read[0][1] > 1.0) done([read[0], now]); else requestAnimationFrame(look);
+    };
+    requestAnimationFrame(look);"""
+
+
+def test_the_exported_file_shows_the_motion(
+    browser: webdriver.Chrome,
+    scene: View,
+    planar: ffsms.SpaceManipulator,
+    plan: opt.Trajectory,
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "scene.html"
+    scene.to_html(path)
+    requests(browser)
+    browser.get(path.as_uri())
+    until(browser, "return document.body.dataset.ready === 'yes'")
+    eye = Eye(browser, scene, SIDE)
+
+    slider = browser.find_element(By.ID, "slider")
+    # The end first: a click on the knob itself, which starts near the beginning, moves and pauses nothing.
+    for share, other in ((0.95, plan.q[0]), (0.05, plan.q[-1])):
+        offset = round((share - 0.5) * slider.size["width"])
+        ActionChains(browser).move_to_element_with_offset(slider, offset, 0).click().perform()
+        t = float(browser.execute_script("return document.getElementById('slider').value"))
+        assert t == pytest.approx(12.0 * share, abs=0.6)
+        assert f"t = {t:.2f} s" in browser.find_element(By.ID, "reading").text
+        check(eye, planar, configuration_at(planar, plan, t), plan.target, other)
+
+    # The arm's box in the legend takes the arm away; the legend may have folded itself meanwhile.
+    browser.execute_script("document.getElementById('legend').open = true")
+    browser.find_element(By.CSS_SELECTOR, "input[data-layer=robot]").click()
+    link = places(planar, configuration_at(planar, plan, t))[1][1]
+    soon(lambda: not is_shade(eye.colour(eye.picture(), link), ARM), lambda: "the arm is still there")
+
+    assert errors(browser) == []
+    asked = requests(browser)
+    assert path.as_uri() in asked
+    assert all(url.startswith(("file:", "data:", "blob:")) for url in asked), asked
+
+
+def test_the_exported_file_plays_in_true_time(
+    browser: webdriver.Chrome, planar: ffsms.SpaceManipulator, plan: opt.Trajectory, tmp_path: Path
+) -> None:
+    def rate(speed: float) -> float:
+        path = tmp_path / f"{speed}.html"
+        view(planar, plan, fps=5.0, speed=speed).to_html(path)
+        browser.get(path.as_uri())
+        until(browser, "return document.body.dataset.ready === 'yes' && animator.time > 0.1")
+        (t0, clock0), (t1, clock1) = browser.execute_async_script(_ONE_SECOND)
+        return float((t1 - t0) % plan.duration / (clock1 - clock0))  # it starts anew at its end
+
+    assert rate(1.0) == pytest.approx(1.0, rel=0.1)
+    assert rate(4.0) == pytest.approx(4.0, rel=0.1)
+
+
+def test_speed_and_view_can_be_chosen_and_the_legend_folds(
+    browser: webdriver.Chrome, planar: ffsms.SpaceManipulator, plan: opt.Trajectory, tmp_path: Path
+) -> None:
+    def choose(name: str, value: str) -> None:
+        script = """const select = document.getElementById(arguments[0]);
+            select.value = arguments[1];
+            select.dispatchEvent(new Event("change"));
+            return select.value"""
+        assert browser.execute_script(script, name, value) == value
+
+    path = tmp_path / "controls.html"
+    made = view(planar, plan, fps=5.0, play=False)
+    made.to_html(path)
+    browser.get(path.as_uri())
+    until(browser, "return document.body.dataset.ready === 'yes'")
+    assert browser.execute_script("return document.getElementById('legend').open")
+
+    choose("speed", "8")
+    assert browser.execute_script("return animator.mixer.timeScale") == 8.0
+
+    _, radius = surroundings(made._frames)
+    camera = "return viewer.camera.position.toArray()"
+    for name, place in (("front", [1.0, 0.0, 0.0]), ("side", [0.0, -1.0, 0.0])):
+        choose("camera", name)
+        x, y, z = np.array(place) * 1.65 * radius
+        np.testing.assert_allclose(browser.execute_script(camera), [x, z, -y], atol=1e-3)
+
+    choose("camera", "base")
+    browser.execute_script("seek(12.0)")
+    root, turn = browser.execute_script(
+        """const root = viewer.scene_tree.find(["ffsms"]).object;
+        return [root.position.toArray(), root.quaternion.toArray()]"""
+    )
+    scene_root = pin.XYZQUATToSE3(np.array([*root, *turn]))
+    centre, _ = surroundings(made._frames)
+    stays = pin.SE3(np.eye(3), -centre) * pin.XYZQUATToSE3(plan.q[0, :7])
+    base = scene_root * pin.XYZQUATToSE3(plan.q[-1, :7])
+    np.testing.assert_allclose(base.homogeneous, stays.homogeneous, atol=1e-4)
+    choose("camera", "free")
+    root = browser.execute_script("return viewer.scene_tree.find(['ffsms']).object.position.toArray()")
+    np.testing.assert_allclose(root, -centre, atol=1e-4)
+
+    until(browser, "return !document.getElementById('legend').open")
+    assert errors(browser) == []
+
+
+def test_meshes_of_an_arm_are_drawn(
+    browser: webdriver.Chrome, tmp_path: Path, planar: ffsms.SpaceManipulator
+) -> None:
+    sms = ffsms.load("satellite_ur5")
+    q0 = sms.configuration([0.3, -1.2, 1.2, 0.2, 0.5, 0.0])
+    tip = sms.at(q0).end_effector_pose.translation
+    plan = opt.plan(sms, q0, tip + np.array([0.0, 0.05, 0.0]), duration=2.0, dt=0.1, method="minimum-effort")
+    path = tmp_path / "arm.html"
+    view(sms, plan, fps=5.0).to_html(path)
+    browser.get(path.as_uri())
+    until(browser, "return document.body.dataset.ready === 'yes'")
+    count = """let count = 0;
+        viewer.scene_tree.find(["ffsms", "robot"]).object.traverse((item) => {
+            if (item.isMesh && item.geometry.attributes.position.count > 100) count += 1; });
+        return count"""
+    meshes = [item for item in sms.geometry("visual").geometryObjects if item.meshPath.endswith(".dae")]
+    assert browser.execute_script(count) == len(meshes) > 4
+    assert errors(browser) == []
