@@ -31,7 +31,7 @@ def hard_bounds(rows: Sequence[Rows], n: int) -> tuple[FloatArray, FloatArray]:
     lower, upper, one = np.full(n, -UNBOUNDED), np.full(n, UNBOUNDED), np.eye(n)
     for G, low, up, give in rows:
         # The first entry first: it tells nearly always, at no cost.
-        if give == 0.0 and G[0, 0] == 1.0 and np.array_equal(G, one):
+        if give == 0.0 and len(G) == n and G[0, 0] == 1.0 and (one == G).all():
             lower, upper = np.maximum(lower, low), np.minimum(upper, up)
     return lower, upper
 
