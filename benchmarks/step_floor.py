@@ -139,7 +139,7 @@ def _floors(task: Task) -> FloatArray:
     # The bounds s >= 0 and slack >= 0 are rows, too, as in the step.
     bounds = np.eye(sms.n + 2)[-2:]
     qp = new_solver(sms.n + 2, len(task.problems[0].C) + 2)
-    qp.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+    alpha_and_more, z, V = np.zeros(sms.n + 2), np.zeros(len(task.problems[0].C) + 2), np.eye(sms.n)
     axes, world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, pin.Convention.WORLD
     rows: list[tuple[int, ...]] = []
     for (q, _, _), p in zip(task.states, task.problems, strict=True):
@@ -147,6 +147,9 @@ def _floors(task: Task) -> FloatArray:
         options = {} if rows else {"compute_preconditioner": False}
         C = np.concatenate([p.C, bounds])
         low, up = np.concatenate([p.l, p.lower[-2:]]), np.concatenate([p.u, p.upper[-2:]])
+        # The last solution in this step's basis, as in the step: the joint limits come first, so V does.
+        rates, V = V.dot(alpha_and_more[: sms.n]), p.C[: sms.n, : sms.n]
+        start = np.concatenate([rates.dot(V), alpha_and_more[sms.n :]])
         t0 = now()
         M = pin.crba(model, data, q, world)
         t1 = now()
@@ -158,8 +161,9 @@ def _floors(task: Task) -> FloatArray:
         lapack.dgesdd(coupling)
         t4 = now()
         give(H=p.H, g=p.g, C=C, l=low, u=up, **options)
-        qp.solve()
+        qp.solve(start, None, z)
         t5 = now()
+        alpha_and_more, z = np.array(qp.results.x), np.array(qp.results.z)
         assert qp.results.info.status == proxqp.PROXQP_SOLVED
         rows.append((t1 - t0, t2 - t1, t3 - t2, t4 - t3, t5 - t4))
     return 1e-3 * np.array(rows, dtype=np.float64)

@@ -22,7 +22,9 @@ __all__ = ["Solution", "StepSolver", "new_solver"]
 # places it to 1e-6 rad/s. A laxer tolerance leaves it open in a few steps of a thousand which rows are
 # active; a stricter one takes a few per cent more iterations for nothing.
 TOLERANCE = 1e-11
-# A dozen iterations are usual. A programme that takes these many has failed; they end within milliseconds.
+# Far below that curvature: each iteration leaves about the share regularisation / curvature of the error.
+REGULARISATION = 1e-8
+# A few iterations are usual. A programme that takes these many has failed; they end within milliseconds.
 OUTER_ITERATIONS, INNER_ITERATIONS = 40, 40
 _KEPT = 1e-9  # [in the units of the rows] how exactly the refined solution keeps all rows
 
@@ -56,6 +58,7 @@ def new_solver(variables: int, rows: int) -> Any:
     qp = dense.QP(variables, 0, rows, dense_backend=dense.DenseBackend.PrimalDualLDLT)
     settings = qp.settings
     settings.eps_abs, settings.eps_rel = TOLERANCE, 0.0
+    settings.default_rho = REGULARISATION
     settings.max_iter, settings.max_iter_in = OUTER_ITERATIONS, INNER_ITERATIONS
     settings.initial_guess = proxqp.InitialGuess.WARM_START
     return qp
