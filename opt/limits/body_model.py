@@ -60,10 +60,12 @@ class BodyModel:
             row[4 * (part.body + 1) :][:4] = *part.centre, 1.0
         self._ways = np.array([centres[other] - centres[one] for one, other in pairs])
         self._radii = np.array([parts[one].radius + parts[other].radius for one, other in pairs])
-        # Pairs of a part of the base, with the axes and half the sides of its box, and a ball.
+        # The same in the axes of a box of the base's, three components each, of pairs that have one; half the
+        # sides of the box, and the other part's ball.
         based = [(k, parts[one], parts[other]) for k, (one, other) in enumerate(pairs) if parts[one].body < 0]
         self._based = np.array([k for k, _, _ in based], dtype=np.intp)
-        self._axes = np.array([part.axes for _, part, _ in based]).reshape(-1, 3, 3)
+        local = [np.einsum("j,xy->yjx", self._ways[k], part.axes).reshape(3, -1) for k, part, _ in based]
+        self._local = np.array(local).reshape(-1, 3 * self._ways.shape[1])
         self._half = np.array([part.half for _, part, _ in based]).reshape(-1, 3)
         self._balls = np.array([part.radius for _, _, part in based])
         # A joint changes the distance of two bodies where it carries the second and not the first (1), or the
@@ -109,9 +111,10 @@ class BodyModel:
 
     def _bounds(self) -> FloatArray:
         """Bounds from below on the distances of all pairs of parts."""
-        ways = self._ways.dot(np.concatenate(self._frames))
+        frames = np.concatenate(self._frames)
+        ways = self._ways.dot(frames)
         bounds = np.sqrt((ways * ways).dot(_ONES)) - self._radii
-        local = np.einsum("kxy,kx->ky", self._axes, ways[self._based])
+        local = self._local.dot(frames.ravel()).reshape(-1, 3)
         outside = np.maximum(np.abs(local) - self._half, 0.0)
         far = np.sqrt((outside * outside).dot(_ONES))
         # A ball whose centre is in the box may be deeper in it than its radius.

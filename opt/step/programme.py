@@ -198,13 +198,13 @@ def stacked_rows(V: FloatArray, rows: Sequence[Rows]) -> AllRows:
     parts: list[Rows] = []
     for given in rows:
         parts += _one_sided(given)
-    count = sum(len(part.lower) for part in parts)
-    A = np.zeros((count + 2, n + 2))
-    A[count, n] = A[count + 1, n + 1] = 1.0
+    G = np.concatenate([np.empty((0, n)), *(part.G for part in parts)])
+    A = np.zeros((len(G) + 2, n + 2))
+    A[:-2, :n] = G.dot(V)
+    A[-2, n] = A[-1, n + 1] = 1.0
     first = 0
     for part in parts:
         last = first + len(part.lower)
-        A[first:last, :n] = part.G.dot(V)
         if part.give:
             A[first:last, n + 1] = part.give
         first = last
