@@ -51,7 +51,8 @@ class BodyModel:
         # combination of them, and so is the way from one centre to another.
         shared = pin.sharedMemory()
         pin.sharedMemory(True)
-        self._poses = [(pose.rotation, pose.translation) for pose in list(self._data.oMi)[1:]]
+        poses = self._data.oMi
+        self._poses = [(poses[j].rotation, poses[j].translation) for j in range(1, model.njoints)]
         self._J = self._data.J
         pin.sharedMemory(shared)
         self._frames = [rows for axes, origin in self._poses for rows in (axes.T, origin[None])]
@@ -134,14 +135,16 @@ class BodyModel:
             if bounds[start + k] >= best:
                 break
             first, second = self._parts[start + k]
-            result = coal.DistanceResult()
+            convex, result = first.convex and second.convex, coal.DistanceResult()
+            if not convex and 0.0 < best < np.inf:
+                result.min_distance = best  # triangles that are farther need not be measured
             found = coal.distance(
                 first.shape, one * first.place, second.shape, other * second.place, _REQUEST, result
             )
             if found < best:
                 best, here, there = found, result.getNearestPoint1(), result.getNearestPoint2()
                 # coal leaves the normal of meshes unset.
-                exact = (first.convex and second.convex) or abs(found) < _TOUCHING
+                exact = convex or abs(found) < _TOUCHING
                 points = there, result.normal if exact else (there - here) / found
         return best, points
 
