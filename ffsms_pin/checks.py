@@ -82,6 +82,10 @@ def _within(name: str, value: Any, array: FloatArray, largest: float = LARGEST) 
 
 def vector(name: str, value: ArrayLike, size: int, unit: str = "", largest: float = LARGEST) -> FloatArray:
     """Copy of `value` as a finite vector of `size` numbers, none beyond `largest`."""
+    plain = type(value) is np.ndarray and value.dtype == _FLOAT64 and value.shape == (size,)
+    # The most common case. Where the square is below a number, none of them is infinite or a NaN.
+    if plain and value.dot(value) < largest * largest:
+        return np.array(value)
     array = _floats(name, value)
     if array.shape != (size,):
         wanted = f"must have shape ({size},)" + (f" [{unit}]" if unit else "")

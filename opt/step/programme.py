@@ -153,9 +153,11 @@ def objective(
     S[:, n] = -wanted.direction
     H = w.direction * S.T.dot(S)
     # V turns without stretching, so that |u| = |alpha|: effort and change are diagonal in alpha, too.
-    diagonal = np.full(n + 2, w.change + (w.effort if effort is None else 0.0))
-    diagonal[n], diagonal[n + 1] = w.speed, w.clearance
-    H.flat[:: n + 3] += diagonal
+    plain = w.change + (w.effort if effort is None else 0.0)
+    for i in range(n):
+        H[i, i] += plain
+    H[n, n] += w.speed
+    H[n + 1, n + 1] += w.clearance
     g = np.empty(n + 2)
     g[:n] = -w.change * step.rates.dot(V)
     g[n], g[n + 1] = -w.speed * wanted.speed, w.clearance

@@ -134,11 +134,11 @@ def _refined(goal: Objective, rows: AllRows, found: Solution) -> Solution:
     """
     n = len(goal.g)
     (active,) = (np.abs(found.z) > TOLERANCE).nonzero()
-    A, pressing, k = rows.A[active], found.z[active], len(active)
+    A, pressing, k = rows.A.take(active, 0), found.z.take(active), len(active)
     matrix, right = np.zeros((n + k, n + k)), np.empty(n + k)
     matrix[:n, :n], matrix[n:, :n], matrix[:n, n:] = goal.H, A, A.T
     right[:n] = -goal.g
-    right[n:] = np.where(pressing > 0.0, rows.up[active], rows.low[active])
+    right[n:] = np.where(pressing > 0.0, rows.up.take(active), rows.low.take(active))
     _, _, solution, info = lapack.dgesv(matrix, right)
     if info != 0:  # rows that depend on each other
         return found
