@@ -83,8 +83,8 @@ def _within(name: str, value: Any, array: FloatArray, largest: float = LARGEST) 
 def vector(name: str, value: ArrayLike, size: int, unit: str = "", largest: float = LARGEST) -> FloatArray:
     """Copy of `value` as a finite vector of `size` numbers, none beyond `largest`."""
     plain = type(value) is np.ndarray and value.dtype == _FLOAT64 and value.shape == (size,)
-    # The most common case. Where the square is below a number, none of them is infinite or a NaN.
-    if plain and value.dot(value) < largest * largest:
+    # The most common case. Where the length is below a number, no entry is infinite or a NaN.
+    if plain and math.hypot(*value.tolist()) < largest:
         return np.array(value)
     array = _floats(name, value)
     if array.shape != (size,):
