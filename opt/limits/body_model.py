@@ -114,7 +114,7 @@ class BodyModel:
         """Bounds from below on the distances of all pairs of parts."""
         frames = np.concatenate(self._frames)
         ways = self._ways.dot(frames)
-        bounds = np.sqrt((ways * ways).dot(_ONES)) - self._radii
+        bounds: FloatArray = np.sqrt((ways * ways).dot(_ONES)) - self._radii
         local = self._local.dot(frames.ravel()).reshape(-1, 3)
         outside = np.maximum(np.abs(local) - self._half, 0.0)
         far = np.sqrt((outside * outside).dot(_ONES))
