@@ -31,9 +31,9 @@ def of_bodies(bodies: BodyStack, arm: ArmStack, q: FloatArray) -> tuple[FloatArr
 def test_steps_are_those_of_the_whole_programme(case: str) -> None:
     sms, dt = ffsms.load("satellite_panda" if case == "bodies" else "planar_3r"), 0.01
     if case == "freely":
-        joints, target, steps = np.deg2rad([1.0, 1.0, 1.0]), np.array([0.45, 0.75, 0.0]), 1000
+        joints, target, steps = np.deg2rad([1.0, 1.0, 1.0]), np.array([0.45, 0.75, 0.0]), 300
     elif case == "into the base":
-        joints, steps = np.deg2rad([75.0, 60.0, 20.0]), 400
+        joints, steps = np.deg2rad([75.0, 60.0, 20.0]), 250
         target = sms.at(sms.configuration(joints)).base_pose.act(np.array([0.1, 0.15, 0.0]))
     else:
         joints, steps = 0.5 * (sms.limits.lower + sms.limits.upper), 200
