@@ -1,7 +1,8 @@
 """How near a planning step is to the least that it could take: the library calls it cannot do without.
 
 The floor of a step is the sum of its calls into Pinocchio, LAPACK and ProxQP, on the same states, with the
-same matrices, in the same run: a step that took no time for anything else. Prints the tables as Markdown:
+same matrices, in the same run: a step that took no time for anything else. A third table says where a step's
+time goes, by its parts. Prints the tables as Markdown:
 
     OMP_NUM_THREADS=1 python benchmarks/step_floor.py
 
@@ -22,15 +23,33 @@ from scipy.linalg import lapack
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.coupling import cosine
 from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits
+from ffsms_pin.opt.step.arguments import checked_arguments
+from ffsms_pin.opt.step.braking import hard_bounds, within
+from ffsms_pin.opt.step.direction import wanted_motion
 from ffsms_pin.opt.step.march import start_sides
-from ffsms_pin.opt.step.programme import StepProblem
-from ffsms_pin.opt.step.solver import new_solver
+from ffsms_pin.opt.step.programme import StepProblem, StepWeights, objective, stacked_rows
+from ffsms_pin.opt.step.solver import StepSolver, new_solver
+from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.terms.cost import ideal_cosine, step_cost
 from ffsms_pin.system.base_motion import advance
 
-DT = 0.01  # [s]
+DT, KAPPA = 0.01, 10.0  # [s], and the sharpness of C~
 MODELS = ("planar_3r", "satellite_panda")
+PARTS = (
+    "checks of the arguments",
+    "state: M, J*, V, entropy",
+    "direction and speed",
+    "objective",
+    "rows of the joint limits",
+    "rows of the clearances",
+    "rows of the box",
+    "all rows in alpha, bounds",
+    "ProxQP, its active rows solved exactly",
+    "rates, cosine, cost",
+)
 CALLS = ("crba with Jacobians", "frame Jacobian", "6 x 6 solve", "SVD", "ProxQP, warm")
 
 
@@ -56,7 +75,8 @@ def run(repeats: int = 7) -> dict[str, Any]:
     -------
     dict
         One entry a model: `calls` (medians of the floor's calls), `floor` (of their sum), `step`, `step_p999`
-        and `step_worst`, all in microseconds; `ratio` = step / floor; `tail` = step_p999 / step; `steps`.
+        and `step_worst`, `parts` (medians of the step's parts), all in microseconds; `ratio` = step / floor;
+        `tail` = step_p999 / step; `steps`.
     """
     return {name: measure(march(name), repeats) for name in MODELS}
 
@@ -90,16 +110,17 @@ def march(name: str) -> Task:
 
 def _stepper(sms: ffsms.SpaceManipulator) -> Stepper:
     """With the limits of the paper."""
-    return Stepper(sms, DT, 10.0, (JointLimits(), Clearance(), AlphaBox()))
+    return Stepper(sms, DT, KAPPA, (JointLimits(), Clearance(), AlphaBox()))
 
 
 def measure(task: Task, repeats: int) -> dict[str, Any]:
     """Times of a march's steps and of their floors [us]."""
     empty = _clock()
     # One after the other in turn, so that a busy machine slows both.
-    times = [(_steps(task), _floors(task)) for _ in range(repeats)]
-    steps = np.min([step for step, _ in times], axis=0) - empty
-    floors = np.array([floor for _, floor in times]) - empty
+    times = [(_steps(task), _floors(task), _parts(task)) for _ in range(repeats)]
+    steps = np.min([step for step, _, _ in times], axis=0) - empty
+    floors = np.array([floor for _, floor, _ in times]) - empty
+    parts = np.median(np.min([part for _, _, part in times], axis=0), axis=0) - empty
     # Of the calls together, so that what counts is one undisturbed run, as for the step.
     step, floor = float(np.median(steps)), float(np.median(floors.sum(axis=2).min(axis=0)))
     p999 = float(np.percentile(steps, 99.9))
@@ -111,6 +132,7 @@ def measure(task: Task, repeats: int) -> dict[str, Any]:
         "step_worst": float(steps.max()),
         "ratio": step / floor,
         "tail": p999 / step,
+        "parts": dict(zip(PARTS, parts.tolist(), strict=True)),
         "steps": len(steps),
     }
 
@@ -139,7 +161,7 @@ def _floors(task: Task) -> FloatArray:
     # The bounds s >= 0 and slack >= 0 are rows, too, as in the step.
     bounds = np.eye(sms.n + 2)[-2:]
     qp = new_solver(sms.n + 2, len(task.problems[0].C) + 2)
-    qp.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+    alpha_and_more, z, V = np.zeros(sms.n + 2), np.zeros(len(task.problems[0].C) + 2), np.eye(sms.n)
     axes, world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, pin.Convention.WORLD
     rows: list[tuple[int, ...]] = []
     for (q, _, _), p in zip(task.states, task.problems, strict=True):
@@ -147,6 +169,9 @@ def _floors(task: Task) -> FloatArray:
         options = {} if rows else {"compute_preconditioner": False}
         C = np.concatenate([p.C, bounds])
         low, up = np.concatenate([p.l, p.lower[-2:]]), np.concatenate([p.u, p.upper[-2:]])
+        # The last solution in this step's basis, as in the step: the joint limits come first, so V does.
+        rates, V = V.dot(alpha_and_more[: sms.n]), p.C[: sms.n, : sms.n]
+        start = np.concatenate([rates.dot(V), alpha_and_more[sms.n :]])
         t0 = now()
         M = pin.crba(model, data, q, world)
         t1 = now()
@@ -158,15 +183,50 @@ def _floors(task: Task) -> FloatArray:
         lapack.dgesdd(coupling)
         t4 = now()
         give(H=p.H, g=p.g, C=C, l=low, u=up, **options)
-        qp.solve()
+        qp.solve(start, None, z)
         t5 = now()
+        alpha_and_more, z = np.array(qp.results.x), np.array(qp.results.z)
         assert qp.results.info.status == proxqp.PROXQP_SOLVED
         rows.append((t1 - t0, t2 - t1, t3 - t2, t4 - t3, t5 - t4))
     return 1e-3 * np.array(rows, dtype=np.float64)
 
 
+def _parts(task: Task) -> FloatArray:
+    """Time of each part of each step, (N, parts) [us]: the parts of `Stepper.step`, one after the other."""
+    sms, now, weights, n = task.sms, time.perf_counter_ns, StepWeights(), task.sms.n
+    data, solver, side, last = sms.model.createData(), StepSolver(), task.side, None
+    limits = [limit.for_robot(sms) for limit in (JointLimits(), Clearance(), AlphaBox())]
+    found = []
+    for q, rates, left in task.states:
+        times = [now()]
+        q, rates, target, left, _ = checked_arguments(sms, q, rates, task.target, left)
+        times.append(now())
+        state = step_state(sms, q, rates, DT, left, data=data)
+        times.append(now())
+        wanted = wanted_motion(state, target, ideal_cosine(state.entropy, KAPPA), side)
+        times.append(now())
+        goal = objective(state, wanted, weights)
+        rows = []
+        times.append(now())
+        for limit in limits:
+            rows.append(limit.rows(state))
+            times.append(now())
+        bounds, stack = hard_bounds(rows, n), stacked_rows(state.V, rows)
+        times.append(now())
+        start = None if last is None else (np.concatenate([last[0].dot(state.V), last[1]]), last[2])
+        x, z, _ = solver.solve_rows(goal, stack, start)
+        times.append(now())
+        chosen = within(state.V.dot(x[:n]), bounds)
+        cos_theta = cosine(state.J_star[:3].dot(chosen), wanted.towards)
+        step_cost(cos_theta, state.entropy, KAPPA)
+        times.append(now())
+        side, last = wanted.side, (chosen, x[n:], z)
+        found.append(np.diff(times))
+    return 1e-3 * np.array(found, dtype=np.float64)
+
+
 def report(results: dict[str, Any]) -> str:
-    """Both tables, as Markdown."""
+    """The tables, as Markdown."""
     lines = ["| model | " + " | ".join(f"{call} [us]" for call in CALLS) + " | floor [us] |"]
     lines.append("|" + "---|" * (len(CALLS) + 2))
     for name, r in results.items():
@@ -182,6 +242,11 @@ def report(results: dict[str, Any]) -> str:
         f"{r['steps']} |"
         for name, r in results.items()
     ]
+    lines += ["", "| part of a step [us] | " + " | ".join(f"`{name}`" for name in results) + " |"]
+    lines.append("|" + "---|" * (len(results) + 1))
+    for part in PARTS:
+        values = " | ".join(f"{r['parts'][part]:.1f}" for r in results.values())
+        lines.append(f"| {part} | {values} |")
     return "\n".join(lines)
 
 

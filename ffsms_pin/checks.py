@@ -82,6 +82,11 @@ def _within(name: str, value: Any, array: FloatArray, largest: float = LARGEST) 
 
 def vector(name: str, value: ArrayLike, size: int, unit: str = "", largest: float = LARGEST) -> FloatArray:
     """Copy of `value` as a finite vector of `size` numbers, none beyond `largest`."""
+    if isinstance(value, np.ndarray) and value.dtype == _FLOAT64 and value.shape == (size,):
+        # The most common case. Where the length is below a number, no entry is infinite or a NaN.
+        length = math.hypot(*value.tolist())
+        if length < largest:
+            return np.array(value)
     array = _floats(name, value)
     if array.shape != (size,):
         wanted = f"must have shape ({size},)" + (f" [{unit}]" if unit else "")

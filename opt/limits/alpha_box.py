@@ -35,11 +35,11 @@ def alpha_box_rows(step: StepState) -> Rows:
     n = step.sms.n
     rows = Rows(step.V.T, np.full(n, -1.0), np.ones(n))
     # V turns without stretching: within the ball of radius 1 all rates are in the box.
-    if step.rates @ step.rates <= 1.0:
+    if step.rates.dot(step.rates) <= 1.0:
         return rows
     lower, upper = rate_bounds(step.joints, step.rates, step.sms.limits, step.dt)
     braking: FloatArray = np.minimum(np.maximum(0.0, lower), upper)
-    if np.abs(step.V.T @ braking).max() <= 1.0:
+    if np.abs(step.V.T.dot(braking)).max() <= 1.0:
         return rows
     return rows._replace(give=_GIVE)
 

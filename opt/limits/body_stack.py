@@ -62,6 +62,9 @@ class BodyStack:
     ----------
     left_out, by_shapes : list of str
         Pairs that are left out, and pairs that are judged by the shapes in place of their parts.
+    sms : SpaceManipulator
+    pairs : PartPairs
+        What is measured.
 
     Raises
     ------
@@ -72,7 +75,7 @@ class BodyStack:
     def __init__(
         self, sms: SpaceManipulator, mode: str, clearance: float, payload: Part | None = None
     ) -> None:
-        self.mode, self._sms, self._settings = mode, sms, (sms, mode, clearance, payload)
+        self.mode, self.sms, self._settings = mode, sms, (sms, mode, clearance, payload)
         self._arm = ArmStack(sms)
         held = [] if payload is None else [payload]
         whole = [*whole_shapes(sms.geometry("collision")), *held]
@@ -90,7 +93,7 @@ class BodyStack:
         bodies = [pair for pair, keep in zip(bodies, kept, strict=True) if keep]
         self._names = self._named(bodies)
         self._shapes = self._make(whole, bodies)
-        self._pairs = self._make(parts, bodies, whole, by_shapes[kept])
+        self.pairs = self._make(parts, bodies, whole, by_shapes[kept])
         # Distances of parts are bounds on those of shapes, and quicker: shapes are measured where these leave
         # a clearance in question.
         screened = mode == "shapes" and not all(part.convex for part in whole)
@@ -98,9 +101,9 @@ class BodyStack:
         low, high = sms.limits.lower, sms.limits.upper
         slides = np.maximum(np.abs(low), np.abs(high))
         #: How fast clearances can change at most by a unit rate of each joint (m, n) [m/rad].
-        self.reaches = self._pairs.reaches(np.where(np.isfinite(slides), slides, 0.0))
+        self.reaches = self.pairs.reaches(np.where(np.isfinite(slides), slides, 0.0))
         #: The largest distance of each pair in some postures (m,) [m], cut off 5 cm beyond the clearance.
-        self.largest = self._pairs.values(self._postures(), clearance + _FAR).max(axis=1)
+        self.largest = self.pairs.values(self._postures(), clearance + _FAR).max(axis=1)
         #: Whether shapes can tell more than their parts.
         self.refines = not all(part.convex for part in whole)
 
@@ -126,10 +129,10 @@ class BodyStack:
 
     def _values(self, poses: Poses, near: FloatArray) -> FloatArray:
         if self._screens is None:
-            return self._pairs.values(poses, near)
+            return self.pairs.values(poses, near)
         values = self._screens.values(poses, near)
         where = np.nonzero(values < near[:, None])
-        values[where] = self._pairs.nearest(poses, where, near[where[0]]).distance
+        values[where] = self.pairs.nearest(poses, where, near[where[0]]).distance
         return values
 
     def least(self, q: FloatArray, below: FloatArray) -> tuple[FloatArray, Indices]:
@@ -138,7 +141,7 @@ class BodyStack:
         What is not below `below` (m,), or not below what was found before, is not measured: a few
         configurations on the way come first, so that little is measured of the others.
         """
-        positions = np.array([self._sms.layout.positions(row) for row in q]).T
+        positions = np.array([self.sms.layout.positions(row) for row in q]).T
         least, at = below.copy(), np.zeros(len(below), dtype=np.intp)
         count, pairs = len(q), np.arange(len(below))
         starts = range(0, count, _BLOCK)
@@ -156,23 +159,23 @@ class BodyStack:
         """Gradients (n, V) of the clearances at V entries of `values`."""
         columns, *rest = where
         at = np.ravel_multi_index(tuple(rest), positions.shape[1:])
-        return self._pairs.slopes(Poses.of(arm), (columns, at))[1]
+        return self.pairs.slopes(Poses.of(arm), (columns, at))[1]
 
     def below(
         self, positions: FloatArray, arm: ArmValues, near: FloatArray
     ) -> tuple[tuple[Indices, ...], FloatArray, FloatArray]:
         """Clearances (V,) below `near` (m,), at which entries of `values`, and their gradients (n, V)."""
         poses = Poses.of(arm)
-        below = self._pairs.below if self._screens is None else self._screened
+        below = self.pairs.below if self._screens is None else self._screened
         where, found = below(poses, near)
         rest = np.unravel_index(where[1], positions.shape[1:])
-        return (where[0], *rest), found.distance, self._pairs.by_joints(poses, where, found)
+        return (where[0], *rest), found.distance, self.pairs.by_joints(poses, where, found)
 
     def _screened(self, poses: Poses, near: FloatArray) -> tuple[tuple[Indices, Indices], Nearest]:
         """As `PartPairs.below`, of the shapes: those whose parts are below it are measured."""
         assert self._screens is not None
         (columns, at), _ = self._screens.below(poses, near)
-        found = self._pairs.nearest(poses, (columns, at), near[columns])
+        found = self.pairs.nearest(poses, (columns, at), near[columns])
         close = found.distance < near[columns]
         return (columns[close], at[close]), Nearest(*(value[..., close] for value in found))
 
@@ -180,7 +183,7 @@ class BodyStack:
         """Clearances (V,) of one pair each at joint positions (n, V); those below `floor` by the shapes."""
         poses = Poses.make(*self._arm.poses(positions))
         entries = np.arange(len(columns))
-        found = (self._screens or self._pairs).nearest(poses, (columns, entries)).distance
+        found = (self._screens or self.pairs).nearest(poses, (columns, entries)).distance
         low = np.flatnonzero(found < floor)
         if self.refines and low.size:
             exact = self._shapes.nearest(poses, (columns[low], low)).distance
@@ -188,18 +191,8 @@ class BodyStack:
             found[low] = np.where(exact > 0.0, np.maximum(found[low], exact), np.minimum(found[low], exact))
         return found
 
-    def slopes_at(self, q: FloatArray, near: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """All clearances (m,) and their gradients (m, n) at q (nq,).
-
-        Beyond `near` (m,) a clearance may be a bound from below, with a gradient of zero.
-        """
-        poses = Poses.make(*self._arm.poses(self._sms.layout.positions(q)[:, None]))
-        near = np.full(len(self._names), np.inf) if near is None else near
-        value, gradient = self._pairs.near_slopes(poses, near)
-        return value, gradient.T
-
     def _named(self, bodies: list[tuple[int, int]]) -> list[str]:
-        body, model = self._sms.layout.body_name, self._sms.model
+        body, model = self.sms.layout.body_name, self.sms.model
         return [f"{body(model, a + 2)} - {body(model, b + 2)}" for a, b in bodies]
 
     def _make(
@@ -219,7 +212,7 @@ class BodyStack:
 
     def _postures(self) -> Poses:
         """The arm at zero, in its middle posture, and in some that are drawn."""
-        limits, rng = self._sms.limits, np.random.default_rng(0)
+        limits, rng = self.sms.limits, np.random.default_rng(0)
         low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
         high = np.where(np.isfinite(limits.upper), limits.upper, np.pi)
         rest = np.array([np.clip(0.0, low, high), 0.5 * (low + high)])

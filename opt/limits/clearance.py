@@ -13,8 +13,9 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices, Residual, Residuals
 from ffsms_pin.opt.limits.between import TOLERANCE, Least, least_of_bodies
+from ffsms_pin.opt.limits.body_model import BodyModel
 from ffsms_pin.opt.limits.body_stack import BodyStack
-from ffsms_pin.opt.limits.clearance_rows import BodyModel, clearance_model, clearance_rows
+from ffsms_pin.opt.limits.clearance_rows import clearance_model, clearance_rows
 from ffsms_pin.opt.limits.clearance_stack import ClearanceStack, chosen_mode, clearance_stack
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
 from ffsms_pin.opt.limits.obstacles.bodies import payload_part
@@ -92,7 +93,8 @@ class Clearance(Limit):
             and self.collision in ("auto", last.mode)
             and last.serves(sms, self.clearance, held)
         ):
-            return replace(self, _around=around)  # planned again: the masses are others, the shapes are not
+            # Planned again: the masses are others, the shapes are not. A model is for one thread.
+            return replace(self, _model=BodyModel(last), _around=around)
         mode = chosen_mode(sms) if self.collision == "auto" else self.collision
         stack = clearance_stack(sms, mode, self.clearance, held)
         if stack is None:

@@ -9,6 +9,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.residual import Indices
+from ffsms_pin.opt.limits.body_model import BodyModel
 from ffsms_pin.opt.limits.body_stack import BodyStack
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.points import Points
@@ -62,40 +63,6 @@ def clearance_model(sms: SpaceManipulator, collision: str, clearance: float = 0.
     return Points(sms) if collision == "points" else BodyModel(BodyStack(sms, collision, clearance))
 
 
-class BodyModel:
-    """Distances between bodies at one configuration (see `BodyStack`)."""
-
-    def __init__(self, stack: BodyStack) -> None:
-        self._stack = stack
-
-    @property
-    def count(self) -> int:
-        """Number of clearances, m: one a pair of bodies."""
-        return len(self._stack.names())
-
-    def names(self) -> list[str]:
-        """What each clearance is between, in order."""
-        return self._stack.names()
-
-    def values(self, q: FloatArray) -> FloatArray:
-        """Clearances (m,) at q (nq,) [m], negative where bodies overlap."""
-        return self.least(q[None])[0]
-
-    def gradients(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Clearances (m,) [m] and their gradients (m, n) by the joints [m/rad] at q (nq,)."""
-        return self._stack.slopes_at(q)
-
-    def least(self, q: FloatArray, below: FloatArray | None = None) -> tuple[FloatArray, Indices]:
-        """The least of each clearance over configurations, and at which of them: see `ClearanceModel`."""
-        return self._stack.least(q, np.full(self.count, np.inf) if below is None else below)
-
-    def near_gradients(
-        self, q: FloatArray, kept: float, fastest: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """The same; the gradient is zero where rates up to `fastest` (n,) are too slow for a row to bind."""
-        return self._stack.slopes_at(q, kept + self._stack.reaches @ fastest / CLOSING_RATE)
-
-
 def clearance_rows(model: ClearanceModel, kept: float, step: StepState) -> Rows:
     """Rows gradient . u >= -CLOSING_RATE (clearance - kept - MARGIN), which give way as fast as the slack.
 
@@ -109,7 +76,9 @@ def clearance_rows(model: ClearanceModel, kept: float, step: StepState) -> Rows:
     if isinstance(model, BodyModel):
         limits = step.sms.limits
         fastest = np.minimum(np.abs(step.rates) + limits.acceleration * step.dt, limits.velocity)
-        value, gradient = model.near_gradients(step.q, kept + MARGIN, fastest)
+        # Beyond this distance rates up to the fastest are too slow for a row to bind.
+        near = kept + MARGIN + model.reaches.dot(fastest) / CLOSING_RATE
+        value, gradient = model.gradients(step.q, near)
     else:
         value, gradient = model.gradients(step.q)
     least = CLOSING_RATE * (kept + MARGIN - value)

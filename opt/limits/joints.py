@@ -10,7 +10,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.limits.limit import ControlMaps, ControlRows, Limit, Rows, Violation
-from ffsms_pin.opt.limits.rate_bounds import rate_bounds
+from ffsms_pin.opt.limits.rate_bounds import RateBounds
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.system import JointLimits as Limits
 from ffsms_pin.system import SpaceManipulator
@@ -32,10 +32,16 @@ class JointLimits(Limit):
     name = "joints"
     _limits: Limits | None = field(default=None, repr=False)
     _joint_names: tuple[str, ...] = field(default=(), repr=False)
+    _bounds: RateBounds | None = field(default=None, repr=False, compare=False)
 
     def for_robot(self, sms: SpaceManipulator) -> JointLimits:
         """With the robot's limits."""
-        return replace(self, _limits=sms.limits, _joint_names=tuple(sms.joint_names))
+        return replace(
+            self,
+            _limits=sms.limits,
+            _joint_names=tuple(sms.joint_names),
+            _bounds=RateBounds(sms.limits),
+        )
 
     @property
     def limits(self) -> Limits:
@@ -46,8 +52,9 @@ class JointLimits(Limit):
 
     def rows(self, step: StepState) -> Rows:
         """Bounds on the joint rates that leave room to brake."""
-        lower, upper = rate_bounds(step.joints, step.rates, self.limits, step.dt)
-        return Rows(np.eye(len(lower)), lower, upper)
+        if self._bounds is None:
+            raise ValueError("JointLimits.for_robot comes first")
+        return self._bounds.rows(step.joints, step.rates, step.dt)
 
     def residual(self, motions: Motions) -> Residuals:
         """None: the control points keep the limits."""

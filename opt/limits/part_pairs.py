@@ -66,7 +66,8 @@ class PartPairs:
         pairs: Sequence[Sequence[tuple[int, int]]],
         others: int = 0,
     ) -> None:
-        self._stack, self._parts = stack, list(parts)
+        self._stack, self.parts = stack, list(parts)
+        self.groups = pairs
         flat = [pair for group in pairs for pair in group]
         self._first, self._second = (np.array([pair[i] for pair in flat], dtype=np.intp) for i in (0, 1))
         self._counts = np.array([len(group) for group in pairs], dtype=np.intp)
@@ -80,7 +81,7 @@ class PartPairs:
         self._body_covers = Covers.of_bodies(parts, used)
         self._ends = np.searchsorted(used, self.bodies)  # of each pair, as indices of the bodies' covers
         #: carried[b, j]: joint j moves body b; the last row is the base's.
-        self._carried = np.vstack([stack.carries.T, np.zeros((others + 1, stack.n))])
+        self.carried = np.vstack([stack.carries.T, np.zeros((others + 1, stack.n))])
 
     def values(self, poses: Poses, near: float | FloatArray) -> FloatArray:
         """Distances (m, B) of pairs of bodies: exact below `near`, a number or (m,), else bounds."""
@@ -123,7 +124,7 @@ class PartPairs:
         turns = np.einsum("xyv,xzv->vyz", R_a[..., close], R[:, :, b[close], at[close]])
         ways = np.einsum("xyv,xv->vy", R_a[..., close], origins[:, b[close], at[close]] - o_a[:, close])
         starts, counted, begun = self._starts[columns].tolist(), counts.tolist(), begins.tolist()
-        parts, request, result = self._parts, coal.DistanceRequest(), coal.DistanceResult()
+        parts, request, result = self.parts, coal.DistanceRequest(), coal.DistanceResult()
         for k, v in enumerate(close.tolist()):
             relative = coal.Transform3s(turns[k], ways[k])
             lows = bounds[begun[v] : begun[v] + counted[v]]
@@ -179,18 +180,9 @@ class PartPairs:
         columns, at = where
         a, b = self.bodies[columns].T
         axes, velocities = poses.axes[..., at], poses.velocities[..., at]
-        moves = (velocities + cross(axes, found.there[:, None])) * self._carried[b].T
-        moves -= (velocities + cross(axes, found.here[:, None])) * self._carried[a].T
+        moves = (velocities + cross(axes, found.there[:, None])) * self.carried[b].T
+        moves -= (velocities + cross(axes, found.here[:, None])) * self.carried[a].T
         return dot(moves, found.normal[:, None])
-
-    def near_slopes(self, poses: Poses, near: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distances (m,), gradients (n, m) at one configuration; beyond `near` (m,) bounds and zero."""
-        value = self.bounds(poses, float(near.max()))
-        gradient = np.zeros((self._stack.n, len(value)))
-        columns = np.flatnonzero(value < near)
-        if columns.size:
-            value[columns], gradient[:, columns] = self.slopes(poses, (columns, np.zeros_like(columns)))
-        return value, gradient
 
     def bounds(self, poses: Poses, near: float) -> FloatArray:
         """Bounds (m,) from below on the distances at one configuration; better ones below `near`."""
@@ -212,7 +204,7 @@ class PartPairs:
         stack, n = self._stack, self._stack.n
         # Of any point of a body from any joint that carries it: along the links, stretched.
         size = np.zeros(n + 1)
-        for part in self._parts:
+        for part in self.parts:
             far = float(np.linalg.norm(part.centre)) + part.radius
             size[part.body] = max(size[part.body], far)
         # Between the origins of joints, along the tree; -1: the base's.
@@ -220,7 +212,7 @@ class PartPairs:
         steps += np.where(stack.revolute, 0.0, slides)
         reach = np.zeros((len(self.bodies), n))
         for m, (a, b) in enumerate(self.bodies.tolist()):
-            for j in np.flatnonzero(self._carried[a] != self._carried[b]):
+            for j in np.flatnonzero(self.carried[a] != self.carried[b]):
                 if not stack.revolute[j]:
                     reach[m, j] = 1.0
                     continue

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
@@ -12,8 +11,7 @@ from ffsms_pin.system import SpaceManipulator
 __all__ = ["StepState"]
 
 
-@dataclass(frozen=True, eq=False)
-class StepState:
+class StepState(NamedTuple):
     """One configuration with joint rates, and its kinematics.
 
     Attributes

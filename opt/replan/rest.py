@@ -93,11 +93,11 @@ class CountedFrom(Limit):
 
     def rows(self, step: StepState) -> Rows | None:
         """The limit's, for a step that counts from there."""
-        return self.limit.rows(replace(step, base_start=self.pose))
+        return self.limit.rows(step._replace(base_start=self.pose))
 
     def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
         """Likewise."""
-        return self.limit.settle(replace(step, base_start=self.pose), rates, braking)
+        return self.limit.settle(step._replace(base_start=self.pose), rates, braking)
 
     def residual(self, motions: Motions) -> Residuals:
         """The limit's, for motions that count from there."""

@@ -28,12 +28,19 @@ def braking(step: StepState) -> FloatArray:
 
 def hard_bounds(rows: Sequence[Rows], n: int) -> tuple[FloatArray, FloatArray]:
     """Bounds (n,) on the joint rates that rows state one by one (G = 1) and that never give way [rad/s]."""
-    lower, upper, one = np.full(n, -UNBOUNDED), np.full(n, UNBOUNDED), np.eye(n)
-    for G, low, up, give in rows:
-        # The first entry first: it tells nearly always, at no cost.
-        if give == 0.0 and G[0, 0] == 1.0 and np.array_equal(G, one):
-            lower, upper = np.maximum(lower, low), np.minimum(upper, up)
+    found = [(low, up) for G, low, up, give in rows if give == 0.0 and _is_identity(G)]
+    if not found:
+        return np.full(n, -UNBOUNDED), np.full(n, UNBOUNDED)
+    lower, upper = found[0]
+    for low, up in found[1:]:
+        lower, upper = np.maximum(lower, low), np.minimum(upper, up)
     return lower, upper
+
+
+def _is_identity(G: FloatArray) -> bool:
+    # The zeros first: they tell nearly always, at no cost.
+    n = G.shape[1]
+    return len(G) == n == np.count_nonzero(G) and bool((G.diagonal() == 1.0).all())
 
 
 def within(rates: FloatArray, bounds: tuple[FloatArray, FloatArray]) -> FloatArray:

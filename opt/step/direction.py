@@ -78,17 +78,17 @@ def wanted_motion(step: StepState, target: FloatArray, cosine: float, side: Floa
         moves now.
     """
     way = target - step.pose.translation
-    distance = math.sqrt(way @ way)
+    distance = math.sqrt(way.dot(way))
     if distance < _ARRIVED:
         return WantedMotion(np.zeros(3), np.zeros(3), 0.0, side)
     towards = way / distance
     J_v = step.J_star[:3]
-    velocity = J_v @ step.rates + step.tip_drift[:3]
+    velocity = J_v.dot(step.rates) + step.tip_drift[:3]
     lateral = lateral_direction(towards, side if side.any() else velocity)
     direction = cone_direction(towards, lateral, cosine)
     # A path at a constant angle to the direction of the target is 1 / cos longer than the straight one.
     path = distance / max(cosine, LEAST_APPROACH)
-    speed = _scheduled(step, path, float(velocity @ direction), direction @ J_v)
+    speed = _scheduled(step, path, float(velocity.dot(direction)), direction.dot(J_v))
     speed = min(speed, _NEARING * distance * max(cosine, LEAST_APPROACH) / step.dt)
     return WantedMotion(towards, direction, speed, lateral)
 
@@ -102,14 +102,14 @@ def wanted_spin(step: StepState, rotation: FloatArray) -> FloatArray:
     rotation : ndarray, shape (3, 3)
         Wanted attitude of the end-effector frame, inertial axes.
     """
-    turn: FloatArray = pin.log3(rotation @ step.pose.rotation.T)
-    angle = math.sqrt(turn @ turn)
+    turn: FloatArray = pin.log3(rotation.dot(step.pose.rotation.T))
+    angle = math.sqrt(turn.dot(turn))
     if angle < _ARRIVED:
         return np.zeros(3)
     axis = turn / angle
     J_w = step.J_star[3:]
-    spin = J_w @ step.rates + step.tip_drift[3:]
-    wanted: FloatArray = _scheduled(step, angle, float(axis @ spin), axis @ J_w) * axis
+    spin = J_w.dot(step.rates) + step.tip_drift[3:]
+    wanted: FloatArray = _scheduled(step, angle, float(axis.dot(spin)), axis.dot(J_w)) * axis
     return wanted
 
 
@@ -124,7 +124,7 @@ def _scheduled(step: StepState, left: float, speed: float, gradient: FloatArray)
     if wanted <= now:
         return wanted
     acceleration = np.minimum(step.sms.limits.acceleration, _MOST)
-    return min(wanted, now + step.dt * float(np.abs(gradient) @ acceleration))
+    return min(wanted, now + step.dt * float(np.abs(gradient).dot(acceleration)))
 
 
 def reference_speed(path_left: float, speed: float, time_left: float, dt: float) -> float:
@@ -157,12 +157,12 @@ def lateral_direction(towards: FloatArray, hint: FloatArray) -> FloatArray:
     hint : ndarray, shape (3,)
         The side to take; where it has no part across `towards`, any side is taken.
     """
-    across = hint - (hint @ towards) * towards
-    size = math.sqrt(across @ across)
+    across = hint - hint.dot(towards) * towards
+    size = math.sqrt(across.dot(across))
     if size < 1e-9:
         # The cross product with the axis that is furthest from it.
         across = np.cross(towards, np.eye(3)[int(np.argmin(np.abs(towards)))])
-        size = math.sqrt(across @ across)
+        size = math.sqrt(across.dot(across))
     lateral: FloatArray = across / size
     return lateral
 

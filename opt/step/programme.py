@@ -18,7 +18,18 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.direction import WantedMotion
 
-__all__ = ["Objective", "StepProblem", "StepWeights", "build_step", "nearest_to", "objective"]
+__all__ = [
+    "AllRows",
+    "Objective",
+    "StepProblem",
+    "StepWeights",
+    "build_step",
+    "nearest_to",
+    "objective",
+    "stacked_rows",
+]
+
+_ZEROS, _NONE = np.zeros(2), np.full(2, UNBOUNDED)  # bounds of s and of the slack
 
 
 @dataclass(frozen=True)
@@ -85,12 +96,32 @@ class StepProblem(NamedTuple):
         gaps = np.concatenate([self.l - rows, rows - self.u, self.lower - x, x - self.upper])
         return max(0.0, float(gaps.max()))
 
+    def all_rows(self) -> AllRows:
+        """The rows with the bounds among them."""
+        (bounded,) = (np.minimum(-self.lower, self.upper) < UNBOUNDED).nonzero()
+        return AllRows(
+            np.concatenate([self.C, np.eye(len(self.g))[bounded]]),
+            np.concatenate([self.l, self.lower[bounded]]),
+            np.concatenate([self.u, self.upper[bounded]]),
+        )
+
 
 class Objective(NamedTuple):
     """The objective 1/2 x^T H x + g^T x of a step; attributes as of `StepProblem`."""
 
     H: FloatArray
     g: FloatArray
+
+
+class AllRows(NamedTuple):
+    """All rows low <= A x <= up of a programme, and after them the bounds on single variables as rows.
+
+    ProxQP has bounds of its own, but takes no multipliers of theirs to start from.
+    """
+
+    A: FloatArray
+    low: FloatArray
+    up: FloatArray
 
 
 def objective(
@@ -118,26 +149,29 @@ def objective(
     n, V, w = step.V.shape[0], step.V, weights
     # Direction: |J*_v V alpha + drift - s e|^2 = |S x + drift|^2.
     S = np.zeros((3, n + 2))
-    S[:, :n] = step.J_star[:3] @ V
+    S[:, :n] = step.J_star[:3].dot(V)
     S[:, n] = -wanted.direction
-    H = w.direction * (S.T @ S)
+    H = w.direction * S.T.dot(S)
     # V turns without stretching, so that |u| = |alpha|: effort and change are diagonal in alpha, too.
     plain = w.change + (w.effort if effort is None else 0.0)
-    H.flat[:: n + 3] += [*([plain] * n), w.speed, w.clearance]
+    for i in range(n):
+        H[i, i] += plain
+    H[n, n] += w.speed
+    H[n + 1, n + 1] += w.clearance
     g = np.empty(n + 2)
-    g[:n] = -w.change * (step.rates @ V)
+    g[:n] = -w.change * step.rates.dot(V)
     g[n], g[n + 1] = -w.speed * wanted.speed, w.clearance
     if step.momentum is not None:
-        g += w.direction * (step.tip_drift[:3] @ S)
+        g += w.direction * step.tip_drift[:3].dot(S)
     added = list(terms)
     if effort is not None:
         added.append((w.effort * effort, np.zeros(n)))
     if spin is not None:
         J_w = step.J_star[3:]
-        added.append((w.orientation * (J_w.T @ J_w), w.orientation * ((spin - step.tip_drift[3:]) @ J_w)))
+        added.append((w.orientation * J_w.T.dot(J_w), w.orientation * (spin - step.tip_drift[3:]).dot(J_w)))
     for matrix, vector in added:
-        H[:n, :n] += V.T @ matrix @ V
-        g[:n] -= vector @ V
+        H[:n, :n] += V.T.dot(matrix).dot(V)
+        g[:n] -= vector.dot(V)
     return Objective(H, g)
 
 
@@ -146,12 +180,12 @@ def nearest_to(rates: FloatArray, V: FloatArray, weights: StepWeights) -> Object
     n = rates.size
     H, g = np.eye(n + 2), np.zeros(n + 2)
     H[n + 1, n + 1] = g[n + 1] = weights.clearance
-    g[:n] = -rates @ V
+    g[:n] = -rates.dot(V)
     return Objective(H, g)
 
 
-def build_step(V: FloatArray, goal: Objective, rows: Sequence[Rows]) -> StepProblem:
-    """The programme of a step.
+def stacked_rows(V: FloatArray, rows: Sequence[Rows]) -> AllRows:
+    """All rows of a step's programme: those of the limits, then s >= 0 and slack >= 0.
 
     A row lower <= G u <= upper becomes lower <= G V alpha <= upper. Where it gives way, a side becomes a row
     of its own, G V alpha + give slack >= lower or G V alpha - give slack <= upper.
@@ -160,24 +194,33 @@ def build_step(V: FloatArray, goal: Objective, rows: Sequence[Rows]) -> StepProb
     ----------
     V : ndarray, shape (n, n)
         Right singular vectors of C_bm: u = V alpha.
-    goal : Objective
     rows : sequence of Rows
     """
     n = V.shape[0]
-    parts = [part for given in rows for part in _one_sided(given)]
-    count = sum(len(part.lower) for part in parts)
-    C, low, up = np.zeros((count, n + 2)), np.empty(count), np.empty(count)
+    parts: list[Rows] = []
+    for given in rows:
+        parts += _one_sided(given)
+    G = np.concatenate([np.empty((0, n)), *(part.G for part in parts)])
+    A = np.zeros((len(G) + 2, n + 2))
+    A[:-2, :n] = G.dot(V)
+    A[-2, n] = A[-1, n + 1] = 1.0
     first = 0
     for part in parts:
         last = first + len(part.lower)
-        np.matmul(part.G, V, out=C[first:last, :n])
         if part.give:
-            C[first:last, n + 1] = part.give
-        low[first:last], up[first:last] = part.lower, part.upper
+            A[first:last, n + 1] = part.give
         first = last
-    lower, upper = np.full(n + 2, -UNBOUNDED), np.full(n + 2, UNBOUNDED)
-    lower[n:] = 0.0
-    return StepProblem(goal.H, goal.g, C, low, up, lower, upper)
+    low = np.concatenate([*(part.lower for part in parts), _ZEROS])
+    up = np.concatenate([*(part.upper for part in parts), _NONE])
+    return AllRows(A, low, up)
+
+
+def build_step(goal: Objective, rows: AllRows) -> StepProblem:
+    """The programme of a step, to look at."""
+    size = len(goal.g)
+    lower, upper = np.full(size, -UNBOUNDED), np.full(size, UNBOUNDED)
+    lower[-2:] = 0.0
+    return StepProblem(goal.H, goal.g, rows.A[:-2], rows.low[:-2], rows.up[:-2], lower, upper)
 
 
 def _one_sided(rows: Rows) -> list[Rows]:

@@ -6,6 +6,7 @@ solver for robotics and beyond", Robotics: Science and Systems 2022.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,8 +14,7 @@ from proxsuite import proxqp
 
 from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.limit import UNBOUNDED
-from ffsms_pin.opt.step.programme import StepProblem
+from ffsms_pin.opt.step.programme import AllRows, Objective, StepProblem
 
 __all__ = ["Solution", "StepSolver", "new_solver"]
 
@@ -22,7 +22,9 @@ __all__ = ["Solution", "StepSolver", "new_solver"]
 # places it to 1e-6 rad/s. A laxer tolerance leaves it open in a few steps of a thousand which rows are
 # active; a stricter one takes a few per cent more iterations for nothing.
 TOLERANCE = 1e-11
-# A dozen iterations are usual. A programme that takes these many has failed; they end within milliseconds.
+# Far below that curvature: each iteration leaves about the share regularisation / curvature of the error.
+REGULARISATION = 1e-8
+# A few iterations are usual. A programme that takes these many has failed; they end within milliseconds.
 OUTER_ITERATIONS, INNER_ITERATIONS = 40, 40
 _KEPT = 1e-9  # [in the units of the rows] how exactly the refined solution keeps all rows
 
@@ -44,17 +46,6 @@ class Solution(NamedTuple):
     solved: bool
 
 
-class _Rows(NamedTuple):
-    """All rows low <= A x <= up of a programme, the bounds on single variables among them.
-
-    ProxQP has bounds of its own, but takes no multipliers of theirs to start from.
-    """
-
-    A: FloatArray
-    low: FloatArray
-    up: FloatArray
-
-
 def new_solver(variables: int, rows: int) -> Any:
     """ProxQP's dense solver for programmes of one size, with the step's settings.
 
@@ -67,8 +58,9 @@ def new_solver(variables: int, rows: int) -> Any:
     qp = dense.QP(variables, 0, rows, dense_backend=dense.DenseBackend.PrimalDualLDLT)
     settings = qp.settings
     settings.eps_abs, settings.eps_rel = TOLERANCE, 0.0
+    settings.default_rho = REGULARISATION
     settings.max_iter, settings.max_iter_in = OUTER_ITERATIONS, INNER_ITERATIONS
-    settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
+    settings.initial_guess = proxqp.InitialGuess.WARM_START
     return qp
 
 
@@ -99,72 +91,62 @@ class StepSolver:
             As in `Solution`, of a programme like this one. A start of another size is not used. Where the
             solver does not converge from it, it starts once more from nothing.
         """
-        rows = _all_rows(problem)
-        if start is not None and (start[0].shape, start[1].shape) != (problem.g.shape, rows.low.shape):
-            start = None
-        found = self._solve(problem, rows, start)
-        self.cold = start is not None and not found.solved
-        if self.cold:
-            found = self._solve(problem, rows, None)
-        return _refined(problem, rows, found) if found.solved else found
+        return self.solve_rows(Objective(problem.H, problem.g), problem.all_rows(), start)
 
-    def _solve(
-        self, problem: StepProblem, rows: _Rows, start: tuple[FloatArray, FloatArray] | None
+    def solve_rows(
+        self, goal: Objective, rows: AllRows, start: tuple[FloatArray, FloatArray] | None = None
     ) -> Solution:
-        p, size = problem, rows.A.shape
+        """The same, of a programme whose rows are stacked already."""
+        nothing = np.zeros(len(goal.g)), np.zeros(len(rows.low))
+        if start is None or (start[0].shape, start[1].shape) != (nothing[0].shape, nothing[1].shape):
+            start = nothing
+        found = self._solve(goal, rows, start)
+        self.cold = start is not nothing and not found.solved
+        if self.cold:
+            found = self._solve(goal, rows, nothing)
+        return _refined(goal, rows, found) if found.solved else found
+
+    def _solve(self, goal: Objective, rows: AllRows, start: tuple[FloatArray, FloatArray]) -> Solution:
+        size = rows.A.shape
         qp = self._solvers.get(size)
         if qp is None:
             qp = self._solvers[size] = new_solver(size[1], size[0])
-            qp.init(H=p.H, g=p.g, C=rows.A, l=rows.low, u=rows.up, compute_preconditioner=False)
+            qp.init(H=goal.H, g=goal.g, C=rows.A, l=rows.low, u=rows.up, compute_preconditioner=False)
         else:
-            qp.update(H=p.H, g=p.g, C=rows.A, l=rows.low, u=rows.up)
-        if start is None:
-            qp.settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
-            qp.solve()
-        else:
-            qp.settings.initial_guess = proxqp.InitialGuess.WARM_START
-            qp.solve(start[0], None, start[1])
+            qp.update(H=goal.H, g=goal.g, C=rows.A, l=rows.low, u=rows.up)
+        qp.solve(start[0], None, start[1])
         results = qp.results
         x, z = np.array(results.x), np.array(results.z)
         self.iterations = int(results.info.iter)
-        solved = results.info.status == proxqp.PROXQP_SOLVED and bool(np.isfinite(x).all())
+        # The square is finite where all of x is.
+        solved = results.info.status == proxqp.PROXQP_SOLVED and math.isfinite(x.dot(x))
         if not solved:
             del self._solvers[size]  # the next programme has no use for what is left in it
         return Solution(x, z, solved)
 
 
-def _all_rows(problem: StepProblem) -> _Rows:
-    p = problem
-    (bounded,) = (np.minimum(-p.lower, p.upper) < UNBOUNDED).nonzero()
-    return _Rows(
-        np.concatenate([p.C, np.eye(len(p.g))[bounded]]),
-        np.concatenate([p.l, p.lower[bounded]]),
-        np.concatenate([p.u, p.upper[bounded]]),
-    )
-
-
-def _refined(problem: StepProblem, rows: _Rows, found: Solution) -> Solution:
+def _refined(goal: Objective, rows: AllRows, found: Solution) -> Solution:
     """The exact solution of the equations of the rows that the multipliers say are active.
 
     ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory lies:
     over a march of a thousand steps that shows. The equations have no memory. Their solution is taken where
     it keeps all rows and its multipliers have the right signs, which makes it the programme's; else ProxQP's.
     """
-    n = len(problem.g)
+    n = len(goal.g)
     (active,) = (np.abs(found.z) > TOLERANCE).nonzero()
-    A, pressing, k = rows.A[active], found.z[active], len(active)
+    A, pressing, k = rows.A.take(active, 0), found.z.take(active), len(active)
     matrix, right = np.zeros((n + k, n + k)), np.empty(n + k)
-    matrix[:n, :n], matrix[n:, :n], matrix[:n, n:] = problem.H, A, A.T
-    right[:n] = -problem.g
-    right[n:] = np.where(pressing > 0.0, rows.up[active], rows.low[active])
+    matrix[:n, :n], matrix[n:, :n], matrix[:n, n:] = goal.H, A, A.T
+    right[:n] = -goal.g
+    right[n:] = np.where(pressing > 0.0, rows.up.take(active), rows.low.take(active))
     _, _, solution, info = lapack.dgesv(matrix, right)
     if info != 0:  # rows that depend on each other
         return found
     x, multipliers = solution[:n], solution[n:]
-    reached = rows.A @ x
-    kept = (reached >= rows.low - _KEPT) & (reached <= rows.up + _KEPT)
+    reached = rows.A.dot(x)
+    excess = np.maximum(rows.low - reached, reached - rows.up)
     # Written so that a NaN is not the solution.
-    if not (kept.all() and (multipliers * pressing >= 0.0).all()):
+    if not (excess.max(initial=0.0) <= _KEPT and (multipliers * pressing).min(initial=0.0) >= 0.0):
         return found
     z = np.zeros(len(found.z))
     z[active] = multipliers

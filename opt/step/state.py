@@ -68,7 +68,7 @@ def step_state(
         if momentum is not None:  # linear only: see `Problem`
             drift = np.zeros(6)
             drift[:3] = pin.Quaternion(q[3:7]).toRotationMatrix().T @ momentum[:3] / M[0, 0]
-        tip_drift = J_b @ drift
+        tip_drift = J_b.dot(drift)
     elif momentum is None:
         reaction, drift = -lapack.dposv(M_b, M[:6, 6:])[1], _STILL
         tip_drift = _STILL
@@ -76,13 +76,9 @@ def step_state(
         right = np.column_stack([-M[:6, 6:], root_momentum(M, q, momentum)])
         solution = lapack.dposv(M_b, right)[1]
         reaction, drift = solution[:, :n], solution[:, n]
-        tip_drift = J_b @ drift
+        tip_drift = J_b.dot(drift)
     # Singular values depend on the reference point, not on the axes: the base's centre of mass, root's axes.
-    C_bm = reaction.copy()
-    x, y, z = sms.base_com.tolist()
-    if x or y or z:
-        C_bm[:3] += np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]) @ reaction[3:]  # omega x com
-    _, sigma, V = decompose(C_bm)
+    _, sigma, V = decompose(sms.root_to_com.dot(reaction))
     return StepState(
         sms=sms,
         dt=dt,
@@ -92,7 +88,7 @@ def step_state(
         rates=rates,
         M=M,
         reaction=reaction,
-        J_star=J_b @ reaction + J_arm,
+        J_star=J_b.dot(reaction) + J_arm,
         J_arm=J_arm,
         V=V,
         entropy=entropy_of_values(sigma.tolist(), n),

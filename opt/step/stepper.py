@@ -18,11 +18,14 @@ from ffsms_pin.opt.step.braking import braking, hard_bounds, within
 from ffsms_pin.opt.step.direction import WantedMotion, wanted_motion, wanted_spin
 from ffsms_pin.opt.step.one_at_a_time import OneAtATime
 from ffsms_pin.opt.step.programme import (
+    AllRows,
+    Objective,
     StepProblem,
     StepWeights,
     build_step,
     nearest_to,
     objective,
+    stacked_rows,
 )
 from ffsms_pin.opt.step.references import REFERENCES
 from ffsms_pin.opt.step.result import Step
@@ -42,7 +45,8 @@ class _Build(NamedTuple):
     step: StepState
     wanted: WantedMotion
     bounds: tuple[FloatArray, FloatArray]  # that never give way, on the joint rates
-    problem: StepProblem
+    goal: Objective
+    rows: AllRows
 
 
 class _Last(NamedTuple):
@@ -202,7 +206,8 @@ class Stepper:
     def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
         """The quadratic programme of a step, without solving it; arguments as for `step`."""
         with self._alone:
-            return self._build(*checked_arguments(self.sms, q, joint_rates, target, time_left)).problem
+            built = self._build(*checked_arguments(self.sms, q, joint_rates, target, time_left))
+        return build_step(built.goal, built.rows)
 
     def advance(
         self,
@@ -226,10 +231,10 @@ class Stepper:
         step, wanted, n = built.step, built.wanted, self.sms.n
         self.side, self.base_start = wanted.side, step.base_start
         self.deadline = step.time + step.time_left
-        found = self._solver.solve(built.problem, self._start(step.V))
+        found = self._solver.solve_rows(built.goal, built.rows, self._start(step.V))
         if found.solved:
             # Within the solver's tolerance already; this makes the limits hold to the last bit.
-            chosen, slack = within(step.V @ found.x[:n], built.bounds), max(0.0, float(found.x[n + 1]))
+            chosen, slack = within(step.V.dot(found.x[:n]), built.bounds), max(0.0, float(found.x[n + 1]))
             self._last = _Last(chosen, found.x[n:], found.z)
             if self._settling:
                 slower = within(braking(step), built.bounds)
@@ -238,10 +243,10 @@ class Stepper:
                 chosen = within(chosen, built.bounds)
         else:
             chosen, slack, self._last = within(braking(step), built.bounds), 0.0, None
-        velocity = step.J_star[:3] @ chosen + step.tip_drift[:3]
+        velocity = step.J_star[:3].dot(chosen) + step.tip_drift[:3]
         cos_theta = cosine(velocity, wanted.towards)
         cost = step_cost(cos_theta, step.entropy, self.kappa)
-        return Step(chosen @ step.V, chosen, cos_theta, step.entropy, cost, found.solved, slack)
+        return Step(chosen.dot(step.V), chosen, cos_theta, step.entropy, cost, found.solved, slack)
 
     def _build(
         self,
@@ -277,13 +282,13 @@ class Stepper:
             shares = [share for term in self.terms if (share := term.step_objective(step)) is not None]
             goal = objective(step, wanted, self.weights, effort, spin, shares)
         rows = [rows for limit in self.limits if (rows := limit.rows(step)) is not None]
-        return _Build(step, wanted, hard_bounds(rows, self.sms.n), build_step(step.V, goal, rows))
+        return _Build(step, wanted, hard_bounds(rows, self.sms.n), goal, stacked_rows(step.V, rows))
 
     def _start(self, V: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Where the solver starts: the last solution, in the basis of this step."""
         if self._last is None:
             return None
-        return np.concatenate([self._last.rates @ V, self._last.speed_and_slack]), self._last.z
+        return np.concatenate([self._last.rates.dot(V), self._last.speed_and_slack]), self._last.z
 
 
 def _copied(

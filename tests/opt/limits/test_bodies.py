@@ -12,8 +12,8 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.body_model import BodyModel
 from ffsms_pin.opt.limits.body_stack import BodyStack, body_pairs
-from ffsms_pin.opt.limits.clearance_rows import BodyModel
 from ffsms_pin.opt.limits.clearance_stack import chosen_mode
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.batch.arm import ArmStack
@@ -172,12 +172,33 @@ def test_rows_leave_out_only_what_cannot_bind(robot: ffsms.SpaceManipulator) -> 
     model = BodyModel(BodyStack(robot, "hulls", 0.01))
     q, fastest = robot.configuration(places(robot, 1, 5)[:, 0]), np.full(robot.n, 0.2)
     value, gradient = model.gradients(q)
-    near_value, near_gradient = model.near_gradients(q, 0.012, fastest)
+    near_value, near_gradient = model.gradients(q, 0.012 + model.reaches @ fastest / 2.0)
     same = np.abs(near_gradient - gradient).max(axis=1) < 1e-12
     assert same.any()
     assert not same.all()
     np.testing.assert_allclose(near_value[same], value[same], atol=1e-9)
     assert (np.abs(gradient[~same]) @ fastest <= 2.0 * (near_value[~same] - 0.012) + 1e-9).all()
+
+
+@pytest.mark.parametrize("mode", ["hulls", "shapes"])
+def test_one_configuration_is_measured_as_a_stack_of_them(robot: ffsms.SpaceManipulator, mode: str) -> None:
+    """By other code: bounds from balls, and poses and Jacobians from Pinocchio, wherever the base is."""
+    stack, arm = BodyStack(robot, mode, 0.01), ArmStack(robot)
+    model, count = BodyModel(stack), len(stack.names())
+    joints = places(robot, 8, 9)
+    evaluated = arm.evaluate(joints)
+    values, base = stack.values(joints, evaluated), pin.SE3.Random()
+    columns, at = (index.ravel() for index in np.indices(values.shape))
+    slopes = stack.gradients(arm, joints, evaluated, (columns, at)).T.reshape(count, -1, robot.n)
+    smooth = 0
+    for k, row in enumerate(joints.T):
+        value, gradient = model.gradients(robot.configuration(row, base))
+        apart = values[:, k] > 1e-3  # how deep meshes overlap depends on which triangles are looked at
+        np.testing.assert_allclose(value[apart], values[apart, k], atol=1e-6)
+        assert (value[~apart] < 2e-3).all()
+        smooth += int((np.abs(gradient - slopes[:, k])[apart].max(axis=1) < 1e-6).sum())
+    # Where two places are as near as each other, rounding decides.
+    assert smooth > 0.95 * (values > 1e-3).sum()
 
 
 def test_the_mode_that_is_chosen(robot: ffsms.SpaceManipulator) -> None:

@@ -6,70 +6,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plain_steps import plain_programme
 from step_parts import StepJoints, StepRows, make_stepper
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.alpha_box import alpha_box_rows
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.points import Points
-from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.step.direction import cone_direction, lateral_direction, reference_speed
-from ffsms_pin.opt.step.programme import Objective, StepProblem, StepWeights, build_step
+from ffsms_pin.opt.step.programme import Objective, build_step, stacked_rows
 from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.opt.step.stepper import Stepper
-from ffsms_pin.opt.terms.cost import ideal_cosine
 from ffsms_pin.opt.terms.term import Term
 
 TARGET = np.array([0.45, 0.75, 0.0])
-
-
-def plain_programme(
-    sms: ffsms.SpaceManipulator, q: FloatArray, rates: FloatArray, target: FloatArray, left: float
-) -> StepProblem:
-    """The matrices of docs/convex-step.md, in the basis V of the stepper."""
-    dt, w, n = 0.01, StepWeights(), sms.n
-    step = step_state(sms, q, rates, dt, left)
-    V, J_v = step.V, step.J_star[:3]
-    velocity, way = J_v @ rates, target - step.pose.translation
-    distance = float(np.linalg.norm(way))
-    towards = way / distance
-    cosine = ideal_cosine(step.entropy, 10.0)
-    e = cone_direction(towards, lateral_direction(towards, velocity), cosine)
-    now = max(0.0, float(velocity @ e))
-    gain = dt * float(np.abs(e @ J_v) @ sms.limits.acceleration)
-    speed = min(reference_speed(distance / max(cosine, 0.2), now, left, dt), now + gain)
-    H, g = np.zeros((n + 2, n + 2)), np.zeros(n + 2)
-    S = np.column_stack([J_v @ V, -e, np.zeros(3)])
-    H += w.direction * S.T @ S
-    H[:n, :n] += w.effort * np.eye(n) + w.change * V.T @ V
-    H[n, n] += w.speed
-    H[n + 1, n + 1] += w.clearance
-    g[:n], g[n], g[n + 1] = -w.change * V.T @ rates, -w.speed * speed, w.clearance
-    value, gradient = Points(sms).gradients(q)
-    m = len(value)
-    lower, upper = rate_bounds(sms.layout.positions(q), rates, sms.limits, dt)
-    # The box, which may have to give way: then each side is a row.
-    give = alpha_box_rows(step).give
-    none = np.full(n, UNBOUNDED)
-    box = [(np.eye(n), np.zeros(n), -np.ones(n), np.ones(n))]
-    if give:
-        box = [
-            (np.eye(n), np.full(n, give), -np.ones(n), none),
-            (np.eye(n), np.full(n, -give), -none, np.ones(n)),
-        ]
-    rows = [(V, np.zeros(n), lower, upper), *box]
-    rows.append((gradient @ V, np.ones(m), -2.0 * (value - 0.012), np.full(m, UNBOUNDED)))
-    return StepProblem(
-        H=H,
-        g=g,
-        C=np.vstack([np.column_stack([G, np.zeros(len(G)), slack]) for G, slack, _, _ in rows]),
-        l=np.concatenate([low for _, _, low, _ in rows]),
-        u=np.concatenate([up for _, _, _, up in rows]),
-        lower=np.concatenate([-none, [0.0, 0.0]]),
-        upper=np.full(n + 2, UNBOUNDED),
-    )
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
@@ -105,7 +55,7 @@ def test_rows_with_two_sides_give_way_on_each() -> None:
     soft = Rows(
         rng.normal(size=(3, 3)), np.array([-1.0, 0.2, -UNBOUNDED]), np.array([1.0, UNBOUNDED, 0.3]), 0.5
     )
-    problem = build_step(V, Objective(np.eye(5), np.zeros(5)), [hard, soft])
+    problem = build_step(Objective(np.eye(5), np.zeros(5)), stacked_rows(V, [hard, soft]))
     for _ in range(50):
         alpha, slack = rng.normal(size=3), float(rng.uniform(0.0, 2.0))
         x = np.concatenate([alpha, [0.4], [slack]])

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 
-import daqp
 import numpy as np
 import pytest
+from plain_steps import by_daqp
 from scipy.optimize import nnls
 from step_parts import make_stepper
 
@@ -26,15 +26,6 @@ def optimality_gap(problem: StepProblem, x: FloatArray, near: float = 1e-9) -> f
     active = np.vstack([rows[rows @ x > high - near], -rows[rows @ x < low + near]])
     gradient = problem.H @ x + problem.g
     return float(np.linalg.norm(gradient)) if active.size == 0 else float(nnls(active.T, -gradient)[1])
-
-
-def by_daqp(problem: StepProblem) -> FloatArray:
-    p = problem
-    A = np.vstack([np.eye(p.g.size), p.C])
-    low, up = np.concatenate([p.lower, p.l]), np.concatenate([p.upper, p.u])
-    x, _, flag, _ = daqp.solve(p.H, p.g, A, up, low, np.zeros(len(up), dtype=np.int32), primal_tol=1e-11)
-    assert flag == 1
-    return np.asarray(x)
 
 
 def random_programme(rng: np.random.Generator, n: int, rows: int) -> StepProblem:

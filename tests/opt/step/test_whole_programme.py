@@ -1,0 +1,56 @@
+"""Every step of a march against the whole programme, written from the plain formulas and solved by DAQP.
+
+What a limit leaves out because it cannot bind, and how the solver is started, must not show.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plain_steps import by_daqp, plain_programme
+
+import ffsms_pin as ffsms
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits
+from ffsms_pin.opt.limits.body_stack import BodyStack
+from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.system.base_motion import advance
+from ffsms_pin.system.batch.arm import ArmStack
+
+
+def of_bodies(bodies: BodyStack, arm: ArmStack, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """All clearances and their gradients, as whole motions have them."""
+    joints = bodies.sms.layout.positions(q)[:, None]
+    every = np.arange(len(bodies.names())), np.zeros(len(bodies.names()), dtype=np.intp)
+    evaluated = arm.evaluate(joints)
+    return bodies.values(joints, evaluated)[:, 0], bodies.gradients(arm, joints, evaluated, every).T
+
+
+@pytest.mark.parametrize("case", ["freely", "into the base", "bodies"])
+def test_steps_are_those_of_the_whole_programme(case: str) -> None:
+    sms, dt = ffsms.load("satellite_panda" if case == "bodies" else "planar_3r"), 0.01
+    if case == "freely":
+        joints, target, steps = np.deg2rad([1.0, 1.0, 1.0]), np.array([0.45, 0.75, 0.0]), 300
+    elif case == "into the base":
+        joints, steps = np.deg2rad([75.0, 60.0, 20.0]), 250
+        target = sms.at(sms.configuration(joints)).base_pose.act(np.array([0.1, 0.15, 0.0]))
+    else:
+        joints, steps = 0.5 * (sms.limits.lower + sms.limits.upper), 200
+        way = np.array([-0.5, 0.1, -0.3])  # towards the base
+        target = sms.at(sms.configuration(joints)).end_effector_pose.translation + way
+    bodies, arm = BodyStack(sms, "hulls", 0.01) if case == "bodies" else None, ArmStack(sms)
+    stepper = Stepper(sms, dt, 10.0, [JointLimits(), AlphaBox(), Clearance(0.01)])
+    q, rates, bound = sms.configuration(joints), np.zeros(sms.n), 0
+    for k in range(steps):
+        left = 1.0 + (steps - k) * dt
+        stepper.side = np.zeros(3)  # that of the present motion
+        step = stepper.step(q, rates, target, left)
+        assert step.solved
+        value, gradient = Points(sms).gradients(q) if bodies is None else of_bodies(bodies, arm, q)
+        problem = plain_programme(sms, q, rates, target, left, (value, gradient))
+        x = by_daqp(problem)
+        np.testing.assert_allclose(step.alpha, x[: sms.n], rtol=0.0, atol=1e-9)
+        bound += bool((problem.C @ x - problem.l)[-len(value) :].min() < 1e-9)
+        q, rates = advance(sms, q, rates, (step.joint_rates - rates) / dt, dt)
+    assert (bound > 20) == (case != "freely")

@@ -1,0 +1,83 @@
+"""The programme of a step from its plain formulas, and another solver for it."""
+
+from __future__ import annotations
+
+import daqp
+import numpy as np
+
+import ffsms_pin as ffsms
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.alpha_box import alpha_box_rows
+from ffsms_pin.opt.limits.limit import UNBOUNDED
+from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.limits.rate_bounds import rate_bounds
+from ffsms_pin.opt.step.direction import cone_direction, lateral_direction, reference_speed
+from ffsms_pin.opt.step.programme import StepProblem, StepWeights
+from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.terms.cost import ideal_cosine
+
+__all__ = ["by_daqp", "plain_programme"]
+
+
+def plain_programme(
+    sms: ffsms.SpaceManipulator,
+    q: FloatArray,
+    rates: FloatArray,
+    target: FloatArray,
+    left: float,
+    clearances: tuple[FloatArray, FloatArray] | None = None,
+) -> StepProblem:
+    """The matrices of docs/convex-step.md, in the basis V of the stepper.
+
+    `clearances` and their gradients are those of the paper's points where not given.
+    """
+    dt, w, n = 0.01, StepWeights(), sms.n
+    step = step_state(sms, q, rates, dt, left)
+    V, J_v = step.V, step.J_star[:3]
+    velocity, way = J_v @ rates, target - step.pose.translation
+    distance = float(np.linalg.norm(way))
+    towards = way / distance
+    cosine = ideal_cosine(step.entropy, 10.0)
+    e = cone_direction(towards, lateral_direction(towards, velocity), cosine)
+    now = max(0.0, float(velocity @ e))
+    gain = dt * float(np.abs(e @ J_v) @ sms.limits.acceleration)
+    speed = min(reference_speed(distance / max(cosine, 0.2), now, left, dt), now + gain)
+    H, g = np.zeros((n + 2, n + 2)), np.zeros(n + 2)
+    S = np.column_stack([J_v @ V, -e, np.zeros(3)])
+    H += w.direction * S.T @ S
+    H[:n, :n] += w.effort * np.eye(n) + w.change * V.T @ V
+    H[n, n] += w.speed
+    H[n + 1, n + 1] += w.clearance
+    g[:n], g[n], g[n + 1] = -w.change * V.T @ rates, -w.speed * speed, w.clearance
+    value, gradient = Points(sms).gradients(q) if clearances is None else clearances
+    m = len(value)
+    lower, upper = rate_bounds(sms.layout.positions(q), rates, sms.limits, dt)
+    # The box, which may have to give way: then each side is a row.
+    give = alpha_box_rows(step).give
+    none = np.full(n, UNBOUNDED)
+    box = [(np.eye(n), np.zeros(n), -np.ones(n), np.ones(n))]
+    if give:
+        box = [
+            (np.eye(n), np.full(n, give), -np.ones(n), none),
+            (np.eye(n), np.full(n, -give), -none, np.ones(n)),
+        ]
+    rows = [(V, np.zeros(n), lower, upper), *box]
+    rows.append((gradient @ V, np.ones(m), -2.0 * (value - 0.012), np.full(m, UNBOUNDED)))
+    return StepProblem(
+        H=H,
+        g=g,
+        C=np.vstack([np.column_stack([G, np.zeros(len(G)), slack]) for G, slack, _, _ in rows]),
+        l=np.concatenate([low for _, _, low, _ in rows]),
+        u=np.concatenate([up for _, _, _, up in rows]),
+        lower=np.concatenate([-none, [0.0, 0.0]]),
+        upper=np.full(n + 2, UNBOUNDED),
+    )
+
+
+def by_daqp(problem: StepProblem) -> FloatArray:
+    p = problem
+    A = np.vstack([np.eye(p.g.size), p.C])
+    low, up = np.concatenate([p.lower, p.l]), np.concatenate([p.upper, p.u])
+    x, _, flag, _ = daqp.solve(p.H, p.g, A, up, low, np.zeros(len(up), dtype=np.int32), primal_tol=1e-11)
+    assert flag == 1
+    return np.asarray(x)
