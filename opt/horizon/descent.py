@@ -23,7 +23,7 @@ __all__ = ["Candidates", "Model", "descend"]
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4
 _HOPELESS = 1e3  # a step that fails even under this damping will not be found
 _STALL = 1e-3  # the relative gain below which a motion drops out
-_MERIT_NOISE = 1e-4  # added to the merit in that: gains below a tenth of this per thousand are nothing
+_MERIT_NOISE = 1e-2  # [s] added to the merit in that: gains of less than 1e-5 s of cost are nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +90,13 @@ class Candidates:
         )
 
 
-def descend(model: Model, motions: Candidates, weights: Weights, iterations: int) -> Candidates:
+def descend(
+    model: Model, motions: Candidates, weights: Weights, iterations: int, judged: bool = True
+) -> Candidates:
     """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it.
 
-    What follows begins under other weights, or is the end: the last iteration makes no derivatives.
+    What follows begins under other weights, or is the end: the last iteration makes no derivatives. Unless it
+    is `judged`, its step is taken untried, and the control points are all that is valid of the result.
     """
     size = motions.p[0].size
     diagonal = np.arange(size)
@@ -109,6 +112,9 @@ def descend(model: Model, motions: Candidates, weights: Weights, iterations: int
         expected = -2.0 * np.einsum("si,si->s", gradient, flat[..., 0])
         expected -= np.einsum("si,si->s", flat[..., 0], (hessian @ flat)[..., 0])
         trial = motions.p[live] + steps
+        if not (left or judged):
+            motions.p[live] = trial
+            break
         new = linearise(
             model.problem,
             model.goal,

@@ -73,4 +73,4 @@ class SearchOptions:
     least_reversal: float = 1e-8
     around_obstacles: float = 3.0
     widest_cone: float = 0.2
-    march_steps: int = 30
+    march_steps: int = 12

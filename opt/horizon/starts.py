@@ -42,7 +42,7 @@ _DAMPING = 1e-3  # of the Newton step, for near-singular goals, in squares of th
 # [arm lengths] From here on the damping decreases; a move that ends nearer than the other one ends there.
 _FAR, _THERE = 0.1, 1e-3
 _NEAR = 0.05  # [arm lengths] moves that end so near end nearly at the target
-_ENOUGH = 5  # Newton steps, where most moves end there after them
+_ENOUGH = 3  # Newton steps, where most moves end there after them
 _QUICKER = 1.5  # times as quick as the quickest straight move known: no plan has been found to be
 
 
@@ -100,8 +100,9 @@ class GoalFromStart(NamedTuple):
         """
         place, turn = problem.goal.place(problem.duration), problem.rotation0
         if problem.momentum is not None:
-            inverse = problem.stack.evaluate(problem.joints0[:, None]).inverse[..., 0]
-            turn = turn @ exp3(problem.duration * (inverse @ (turn.T @ problem.momentum[3:])))
+            turn = turn @ exp3(
+                problem.duration * (problem.arm0.inverse[..., 0] @ (turn.T @ problem.momentum[3:]))
+            )
         origin = problem.com0 + problem.duration * problem.drift
         ends = [end for limit in problem.limits for end in limit.ends()]
         wanted: list[tuple[FloatArray, FloatArray | None, RobotFrame | None]]
