@@ -23,7 +23,7 @@ __all__ = ["Candidates", "Model", "descend"]
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4
 _HOPELESS = 1e3  # a step that fails even under this damping will not be found
 _STALL = 1e-3  # the relative gain below which a motion drops out
-_MERIT_NOISE = 1e-2  # [s] added to the merit in that: gains of less than 1e-5 s of cost are nothing
+_MERIT_NOISE = 1e-4  # added to the merit in that: gains below a tenth of this per thousand are nothing
 
 
 @dataclass(frozen=True, eq=False)
