@@ -90,13 +90,10 @@ class Candidates:
         )
 
 
-def descend(
-    model: Model, motions: Candidates, weights: Weights, iterations: int, judged: bool = True
-) -> Candidates:
+def descend(model: Model, motions: Candidates, weights: Weights, iterations: int) -> Candidates:
     """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it.
 
-    What follows begins under other weights, or is the end: the last iteration makes no derivatives. Unless it
-    is `judged`, its step is taken untried, and the control points are all that is valid of the result.
+    What follows begins under other weights, or is the end: the last iteration makes no derivatives.
     """
     size = motions.p[0].size
     diagonal = np.arange(size)
@@ -112,9 +109,6 @@ def descend(
         expected = -2.0 * np.einsum("si,si->s", gradient, flat[..., 0])
         expected -= np.einsum("si,si->s", flat[..., 0], (hessian @ flat)[..., 0])
         trial = motions.p[live] + steps
-        if not (left or judged):
-            motions.p[live] = trial
-            break
         new = linearise(
             model.problem,
             model.goal,

@@ -53,7 +53,8 @@ class SearchOptions:
         By how much C~ may exceed max(0, cos(theta_a)), log 2 / kappa, for marches to be tried as plans: with
         a smaller kappa the cone is so wide that a march spirals and misses the deadline.
     march_steps : int
-        Steps of the marches that are starts.
+        Steps of the marches that are starts. Thirty, in a seventh of a planar plan's time, gave starts that
+        were no better.
     """
 
     time_limit: float | None = None

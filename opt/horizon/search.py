@@ -27,7 +27,7 @@ from ffsms_pin.opt.horizon.stages import (
     STRAIGHT_STAGE,
     follow,
     prefer_limits,
-    through,
+    run,
     tighten,
 )
 from ffsms_pin.opt.horizon.starts import (
@@ -73,7 +73,7 @@ class Search:
         self._coupled = not problem.goal.exact or any(isinstance(term, Coupling) for term in problem.terms)
         # Among obstacles a way that is nearly free may not be there: a second group rarely finds one.
         self._content_factor = self.options.around_obstacles if among_obstacles(problem) else 1.0
-        self._pool: FloatArray = np.empty((0, self._coarse.spline.size, problem.sms.n))
+        self._pool: Candidates | None = None
         self._drawn = 0
         self._started = time.perf_counter()
 
@@ -131,7 +131,10 @@ class Search:
         if group.marches:
             p = np.concatenate([p, march_starts(problem, coarse.spline, self.options)])
         p = np.stack([coarse.qp.within(one) for one in p])
-        self._pool = np.concatenate([self._pool, through(coarse, p, EARLY_STAGES)])
+        first = EARLY_STAGES[0]
+        early = Candidates.start(coarse, p, first.weights, first.damping or 0.3)
+        early = run(coarse, early, EARLY_STAGES, first.weights)
+        self._pool = early if self._pool is None else self._pool.join(early)
 
     def _there(self) -> NDArray[np.bool_]:
         """Which of the joint goals have straight moves that end at the goal."""
@@ -148,6 +151,7 @@ class Search:
 
     def _follow(self, group: StartGroup) -> None:
         """Follow the best of the pool to their ends."""
+        assert self._pool is not None
         found = follow(self._coarse, self._fine, self._pool, group.keep, group.repeats)
         before = len(self.found)
         for i in range(len(found.p)):
@@ -156,18 +160,16 @@ class Search:
         self._within_limits(before)
 
     def _finish(self, motion: Candidates) -> None:
-        """End on the fine spline; on the finest one where the motion lands but is not nearly free."""
-        motion = tighten(self._fine, motion)
-        lands = motion.at.end_share[0] <= 1.0 and motion.at.late_share[0] <= 1.0
-        cheap = not self._coupled or motion.at.cost[0] <= self.options.cost_tolerance
-        if lands and not cheap and not self._late():
-            model = Model.make(self.problem, self.options.finest)
-            p = embedded(self._fine.spline, model.spline, motion.p, self.problem.joint_rates)
-            finer = Candidates.start(model, p, FINE_STAGES[-1].weights, FINE_STAGES[-1].damping)
-            finer = descend(model, finer, FINE_STAGES[-1].weights, self.options.last_iterations)
-            if self._judge.arrives(self._finish_on(model, finer).plan):
-                return
-        self._finish_on(self._fine, motion)
+        """End on the fine spline; where the plan arrives but is not nearly free, on the finest one."""
+        weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
+        found = self._finish_on(self._fine, motion)
+        cheap = not self._coupled or cost_of(found.plan) <= self.options.cost_tolerance
+        if cheap or not found.plan.reached or self._out_of_time():
+            return
+        model = Model.make(self.problem, self.options.finest)
+        p = embedded(found.model.spline, model.spline, found.p, self.problem.joint_rates)
+        motion = Candidates.start(model, p[None], weights, damping)
+        self._finish_on(model, descend(model, motion, weights, self.options.last_iterations))
 
     def _finish_on(self, model: Model, motion: Candidates) -> Found:
         """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
@@ -191,7 +193,7 @@ class Search:
         """Where none of those found since arrives: the nearest, taken back within the limits."""
         nearest = self._judge.best(self.found[before:])
         if nearest.plan.broken and not self._arrived() and not self._out_of_time():
-            weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping
+            weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
             model = replace(nearest.model, problem=self.problem, goal=self.problem.goal)
             motion = Candidates.start(model, nearest.p[None], weights, damping)
             self._keep(model, prefer_limits(model, motion).p[0])
@@ -267,7 +269,7 @@ class Search:
     def _go_to(self, goal: FloatArray, iterations: int) -> None:
         model = self._fine
         p = model.qp.within(moves_to(self.problem, model.spline, goal[None])[0])
-        motion = Candidates.start(model, p[None], STRAIGHT_STAGE.weights, STRAIGHT_STAGE.damping)
+        motion = Candidates.start(model, p[None], STRAIGHT_STAGE.weights, STRAIGHT_STAGE.damping or 1.0)
         self._finish_on(model, descend(model, motion, STRAIGHT_STAGE.weights, iterations))
 
     def _arrived(self, cost: float = np.inf) -> bool:
@@ -276,9 +278,5 @@ class Search:
         return least <= cost and least < np.inf
 
     def _out_of_time(self) -> bool:
-        """Whether the time is up and there is a plan."""
-        return bool(self.found) and self._late()
-
-    def _late(self) -> bool:
         limit = self.options.time_limit
-        return limit is not None and time.perf_counter() - self._started > limit
+        return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit

@@ -249,4 +249,4 @@ def _basis(knots: FloatArray, degree: int, times: FloatArray) -> FloatArray:
         spans = knots[d:] - knots[:-d]
         rising = values * (t - knots[:-d]) / np.where(spans > 0.0, spans, 1.0)
         values = rising[:, :-1] + values[:, 1:] - rising[:, 1:]
-    return values
+    return np.asarray(values)

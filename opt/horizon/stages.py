@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
 from ffsms_pin.opt.horizon.merit import Weights
 from ffsms_pin.opt.horizon.spline import embedded
@@ -23,7 +22,7 @@ __all__ = [
     "distinct_best",
     "follow",
     "prefer_limits",
-    "through",
+    "run",
     "tighten",
 ]
 
@@ -46,14 +45,14 @@ class Stage:
     ----------
     keep, iterations : int
     weights : Weights
-    damping : float
-        To start from.
+    damping : float or None
+        To start from; None: as the last stage left it.
     """
 
     keep: int
     iterations: int
     weights: Weights
-    damping: float
+    damping: float | None = None
 
 
 def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: float = 10.0) -> Weights:
@@ -64,7 +63,7 @@ def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: flo
 # stiff end from the start would hold motions on the wrong way stage. The smoothing is taken back meanwhile.
 EARLY_STAGES = (
     Stage(99, 3, _weights(1e2, 0.3, 0.03), 0.3),
-    Stage(6, 2, _weights(1e2, 0.1, 0.03), 0.1),
+    Stage(6, 2, _weights(1e2, 0.1, 0.03)),
 )
 _COARSE = Stage(4, 3, _weights(1e3, 0.03, 0.01), 0.03)
 FINE_STAGES = (
@@ -87,36 +86,38 @@ def distinct_best(model: Model, motions: Candidates, keep: int) -> Candidates:
     return motions.take(chosen)
 
 
-def through(model: Model, p: FloatArray, stages: tuple[Stage, ...]) -> FloatArray:
-    """Motions (S, M, n) taken through stages on one spline: the best of each, a few steps on.
-
-    The last step of a stage is not judged: the next stage does that, under weights of its own.
-    """
-    for stage in stages:
-        motions = Candidates.start(model, p, stage.weights, stage.damping)
-        motions = distinct_best(model, motions, stage.keep)
-        p = descend(model, motions, stage.weights, stage.iterations, judged=False).p
-    return p
+def run(
+    model: Model, motions: Candidates, stages: tuple[Stage, ...], weights: Weights | None = None
+) -> Candidates:
+    """Stages on one spline; `weights` are those under which the motions were linearised, if any."""
+    for r in stages:
+        if weights is not None:
+            motions = distinct_best(model, motions, r.keep)
+        if r.weights is not weights:
+            damping = motions.damping if r.damping is None else r.damping
+            motions, weights = Candidates.start(model, motions.p, r.weights, damping), r.weights
+        motions = descend(model, motions, r.weights, r.iterations)
+    return motions
 
 
 def follow(
-    coarse: Model, fine: Model, pool: FloatArray, keep: tuple[int, int, int], repeats: int = 1
+    coarse: Model, fine: Model, pool: Candidates, keep: tuple[int, int, int], repeats: int = 1
 ) -> Candidates:
-    """From the pool of early motions (S, M, n) to a few on the fine spline, the best first.
+    """From the pool of early motions to a few on the fine spline, the best first.
 
     `keep` motions go on: on the coarse spline, on the fine one, and there to the end. `repeats`: how many
     times the usual iterations they make.
     """
-    early, first, last = (
+    stages = (
         replace(r, keep=k, iterations=repeats * r.iterations)
         for r, k in zip((_COARSE, *FINE_STAGES), keep, strict=True)
     )
-    p = through(coarse, pool, (early,))
-    p = embedded(coarse.spline, fine.spline, p, fine.problem.joint_rates)
-    p = through(fine, p, (first,))
-    motions = Candidates.start(fine, p, last.weights, last.damping)
-    motions = distinct_best(fine, motions, last.keep)
-    return distinct_best(fine, descend(fine, motions, last.weights, last.iterations), last.keep)
+    early, first, last = stages
+    motions = run(coarse, pool, (early,), EARLY_STAGES[-1].weights)
+    kept = distinct_best(coarse, motions, first.keep).p
+    p = embedded(coarse.spline, fine.spline, kept, fine.problem.joint_rates)
+    motions = Candidates.start(fine, p, first.weights, first.damping or 0.03)
+    return distinct_best(fine, run(fine, motions, (first, last), first.weights), last.keep)
 
 
 def tighten(model: Model, motion: Candidates) -> Candidates:

@@ -42,7 +42,7 @@ _DAMPING = 1e-3  # of the Newton step, for near-singular goals, in squares of th
 # [arm lengths] From here on the damping decreases; a move that ends nearer than the other one ends there.
 _FAR, _THERE = 0.1, 1e-3
 _NEAR = 0.05  # [arm lengths] moves that end so near end nearly at the target
-_ENOUGH = 3  # Newton steps, where most moves end there after them
+_ENOUGH = 5  # Newton steps, where most moves end there after them
 _QUICKER = 1.5  # times as quick as the quickest straight move known: no plan has been found to be
 
 
