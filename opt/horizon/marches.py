@@ -31,7 +31,6 @@ __all__ = ["cone_marches", "free_marches", "landed", "march_starts"]
 
 _DAMPING = 0.003  # [arm lengths] of the least squares, near singular postures
 _SHARE = 0.8  # of the rate limits
-_SAMPLES = 3  # a step, to which the spline is fitted: some fall after its last knots
 _STRIDES = 60  # a step of a march with all limits is at most such a part of the time left
 _BEHIND = 1.5  # at such a multiple of the way that is left at the mean speed a march is given up
 _BRAKING = 0.5  # of the acceleration limits, at the end of such a march
@@ -39,10 +38,9 @@ _BRAKING = 0.5  # of the acceleration limits, at the end of such a march
 
 def march_starts(problem: Problem, spline: RateSpline, options: SearchOptions) -> FloatArray:
     """Control points (S, M, n) nearest to the marches."""
-    steps = options.march_steps
-    samples = (np.arange(_SAMPLES * steps) + 0.5) * problem.duration / (_SAMPLES * steps)
-    rates = np.repeat(cone_marches(problem, steps), _SAMPLES, axis=1)
-    maps = spline.rates_at(samples)
+    rates = cone_marches(problem, options.march_steps)
+    middles = (np.arange(options.march_steps) + 0.5) * problem.duration / options.march_steps
+    maps = spline.rates_at(middles)
     rest = rates - maps.fixed[:, None] * problem.joint_rates
     return np.asarray(np.linalg.pinv(maps.free) @ rest)
 

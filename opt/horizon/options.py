@@ -53,8 +53,7 @@ class SearchOptions:
         By how much C~ may exceed max(0, cos(theta_a)), log 2 / kappa, for marches to be tried as plans: with
         a smaller kappa the cone is so wide that a march spirals and misses the deadline.
     march_steps : int
-        Steps of the marches that are starts. Thirty, in a seventh of a planar plan's time, gave starts that
-        were no better.
+        Steps of the marches that are starts.
     """
 
     time_limit: float | None = None
@@ -74,4 +73,4 @@ class SearchOptions:
     least_reversal: float = 1e-8
     around_obstacles: float = 3.0
     widest_cone: float = 0.2
-    march_steps: int = 12
+    march_steps: int = 30

@@ -242,11 +242,7 @@ def _summation(knots: FloatArray) -> FloatArray:
 
 
 def _basis(knots: FloatArray, degree: int, times: FloatArray) -> FloatArray:
-    """Values (K, M) of all B-splines at times (K,), by the recursion of Cox and de Boor."""
-    t = np.minimum(times, np.nextafter(knots[-1], 0.0))[:, None]  # the last interval has its end
-    values = ((knots[:-1] <= t) & (t < knots[1:])).astype(np.float64)
-    for d in range(1, degree + 1):
-        spans = knots[d:] - knots[:-d]
-        rising = values * (t - knots[:-d]) / np.where(spans > 0.0, spans, 1.0)
-        values = rising[:, :-1] + values[:, 1:] - rising[:, 1:]
-    return np.asarray(values)
+    """Values (K, M) of all B-splines at times (K,)."""
+    from scipy.interpolate import BSpline  # slow to load
+
+    return np.asarray(BSpline(knots, np.eye(len(knots) - degree - 1), degree)(times))
