@@ -20,7 +20,7 @@ from ffsms_pin.opt.limits import Clearance, JointLimits, Limit, WheelLimits
 from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
-from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
 __all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem", "check_parts"]
 
@@ -194,14 +194,18 @@ class Problem:
         """Momenta (w,) of the wheels that hold the attitude, were the joints at rest [N m s]."""
         if self.wheels is None:
             return np.zeros(0)
-        arm = self.stack.evaluate(self.joints0[:, None])
-        taken = wheel_shares(self.wheels) @ held_momentum(arm)[..., 0] @ self.joint_rates
+        taken = wheel_shares(self.wheels) @ held_momentum(self.arm0)[..., 0] @ self.joint_rates
         return np.asarray(self.wheel_momentum + taken)
 
     @cached_property
     def joints0(self) -> FloatArray:
         """Joint positions at the start (n,)."""
         return self.sms.layout.positions(self.q0)
+
+    @cached_property
+    def arm0(self) -> ArmValues:
+        """The arm at the start, as a stack of one."""
+        return self.stack.evaluate(self.joints0[:, None])
 
     @cached_property
     def rotation0(self) -> FloatArray:
@@ -212,7 +216,7 @@ class Problem:
     @cached_property
     def com0(self) -> FloatArray:
         """The system's centre of mass at the start (3,) [m]."""
-        return np.asarray(self.q0[:3] + self.rotation0 @ self.stack.evaluate(self.joints0[:, None]).com[:, 0])
+        return np.asarray(self.q0[:3] + self.rotation0 @ self.arm0.com[:, 0])
 
     @cached_property
     def base0(self) -> FloatArray:
@@ -222,8 +226,7 @@ class Problem:
     @cached_property
     def tip0(self) -> FloatArray:
         """Position of the end effector at the start (3,) [m]."""
-        rho = self.stack.evaluate(self.joints0[:, None]).rho[:, 0]
-        return np.asarray(self.com0 + self.rotation0 @ rho)
+        return np.asarray(self.com0 + self.rotation0 @ self.arm0.rho[:, 0])
 
     @cached_property
     def drift(self) -> FloatArray:

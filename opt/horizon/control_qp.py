@@ -29,6 +29,7 @@ _REST_SHARE = 2e-3  # of the rate limit, for slow arms
 # Kept in hand on every row, for the tolerance below.
 _RESERVE = 1e-6
 _TOLERANCE = 1e-7
+_TOUCHED = 1e-5  # A row with less room than this is at its limit.
 _MAX_ITERATIONS = 1000  # a few dozen are usual
 
 
@@ -103,9 +104,9 @@ class ControlQP:
         scale = len(gradient) / float(np.trace(hessian))
         options = {"primal_tol": _TOLERANCE, "iter_limit": _MAX_ITERATIONS}
         hessian, gradient = scale * hessian, scale * gradient
-        # DAQP transforms every row that it is given, and few of them matter: those that its solution breaks
-        # are added until there is none.
-        rows, chosen = self._free_rows, (move > high) | (move < low)
+        # DAQP transforms every row that it is given, and few of them matter: those that p touches and those
+        # that the unconstrained minimum breaks. Those that its solution breaks are added until there is none.
+        rows, chosen = self._free_rows, (move > high) | (move < low) | (high < _TOUCHED) | (low > -_TOUCHED)
         while True:
             found, _, status, _ = daqp.solve(
                 hessian, gradient, rows[chosen], high[chosen], low[chosen], **options

@@ -47,10 +47,12 @@ class Jacobian:
             apply(at.base_attitude[..., :count], x[..., :count]).transpose(2, 0, 1, 3)[:, :, :, None]
             for x in (at.arm.spin, spin_q)
         )
-        change = by_rates * self._rates[:, :count]
-        change += by_travel * self._travel[:, :count]
-        turned = change.reshape(-1, count) @ spline.sweep.T
-        self._turned: FloatArray = turned.reshape(*change.shape[:-1], len(spline.sweep))
+        shape = (at.count, 3, at.stack.n, spline.size, len(spline.sweep))
+        self._turned: FloatArray = np.empty(shape)
+        for axis in range(3):  # one by one: large temporary arrays take longer than their arithmetic
+            change = by_rates[:, axis] * self._rates[:, :count]
+            change += by_travel[:, axis] * self._travel[:, :count]
+            np.matmul(change, spline.sweep.T, out=self._turned[:, axis])
 
     @cached_property
     def _entropy_q(self) -> FloatArray:

@@ -103,7 +103,7 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
     place = problem.goal.place(problem.duration)
     low, high = joint_range(problem)
     most = np.where(problem.free, _SHARE * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)[:, None]
-    J = problem.rotation0 @ stack.evaluate(problem.joints0[:, None]).jstar[..., 0]
+    J = problem.rotation0 @ problem.arm0.jstar[..., 0]
     sides = sides_across(place.position - problem.tip0, J)
     straight = np.append(np.zeros(len(sides), dtype=bool), True)
     lateral = np.array([*sides, np.ones(3)]).T  # of the straight one it does not matter

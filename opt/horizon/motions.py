@@ -36,8 +36,10 @@ def motions_of(
         See `targets`.
     """
     stack, rates0 = problem.stack, problem.joint_rates
+    # Joints first, and in memory too.
     joints, rates, accelerations = (
-        one.of(p, rates0).transpose(2, 0, 1) for one in (spline.travel, spline.rates, spline.accelerations)
+        p.transpose(2, 0, 1) @ one.free.T + (rates0[:, None] * one.fixed)[:, None]
+        for one in (spline.travel, spline.rates, spline.accelerations)
     )
     joints = problem.joints0[:, None, None] + joints
     arm = stack.evaluate(joints)

@@ -100,8 +100,9 @@ class GoalFromStart(NamedTuple):
         """
         place, turn = problem.goal.place(problem.duration), problem.rotation0
         if problem.momentum is not None:
-            inverse = problem.stack.evaluate(problem.joints0[:, None]).inverse[..., 0]
-            turn = turn @ exp3(problem.duration * (inverse @ (turn.T @ problem.momentum[3:])))
+            turn = turn @ exp3(
+                problem.duration * (problem.arm0.inverse[..., 0] @ (turn.T @ problem.momentum[3:]))
+            )
         origin = problem.com0 + problem.duration * problem.drift
         ends = [end for limit in problem.limits for end in limit.ends()]
         wanted: list[tuple[FloatArray, FloatArray | None, RobotFrame | None]]

@@ -15,7 +15,7 @@ from ffsms_pin.opt.batch.residual import Indices, Residual, Residuals
 from ffsms_pin.opt.limits.between import TOLERANCE, Least, least_of_bodies
 from ffsms_pin.opt.limits.body_model import BodyModel
 from ffsms_pin.opt.limits.body_stack import BodyStack
-from ffsms_pin.opt.limits.clearance_rows import clearance_model, clearance_rows
+from ffsms_pin.opt.limits.clearance_rows import clearance_rows
 from ffsms_pin.opt.limits.clearance_stack import ClearanceStack, chosen_mode, clearance_stack
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
 from ffsms_pin.opt.limits.obstacles.bodies import payload_part
@@ -99,7 +99,7 @@ class Clearance(Limit):
         stack = clearance_stack(sms, mode, self.clearance, held)
         if stack is None:
             return replace(self, _stack=None, _model=None, _around=around)
-        model = BodyModel(stack) if isinstance(stack, BodyStack) else clearance_model(sms, mode)
+        model = BodyModel(stack) if isinstance(stack, BodyStack) else stack.points
         # Neighbours but one are hardly further apart than this in any posture, so bodies are given less than
         # points.
         margin = _BODY_MARGIN if isinstance(stack, BodyStack) else self.margin
@@ -162,6 +162,8 @@ class Clearance(Limit):
             return _lacking((kept[close[0]] - value) / length, close, by_joints=-slope / length)
         lack = kept[:, None, None] - self._stack.values(motions.joints, motions.arm, kept)
         where = np.nonzero(lack > 0.0)
+        if not where[0].size:
+            return []
         slope = self._stack.gradients(motions.stack, motions.joints, motions.arm, where)
         return _lacking(lack[where] / length, where, by_joints=-slope / length)
 

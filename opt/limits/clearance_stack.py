@@ -44,7 +44,7 @@ class ClearanceStack(Protocol):
 
 def clearance_stack(
     sms: SpaceManipulator, collision: str, clearance: float = 0.0, payload: Part | None = None
-) -> ClearanceStack | None:
+) -> BodyStack | PointStack | None:
     """The clearances that a mode keeps; None for "off", and where nothing can come near anything.
 
     Parameters
@@ -62,7 +62,7 @@ def clearance_stack(
     if collision not in ("points", "hulls", "shapes"):
         raise InvalidValue("collision", collision, 'must be "points", "hulls", "shapes" or "off"')
     points = collision == "points"
-    stack: ClearanceStack = PointStack(sms) if points else BodyStack(sms, collision, clearance, payload)
+    stack = PointStack(sms) if points else BodyStack(sms, collision, clearance, payload)
     return stack if stack.names() else None
 
 
@@ -96,18 +96,19 @@ class PointStack:
     mode: str = "points"
 
     def __init__(self, sms: SpaceManipulator) -> None:
-        self._points = Points(sms)
+        #: The same at single configurations, with scratch memory for one thread.
+        self.points = Points(sms)
         self._first, self._second = (
-            np.array(side, dtype=np.intp) for side in (self._points.first, self._points.second)
+            np.array(side, dtype=np.intp) for side in (self.points.first, self.points.second)
         )
-        self._outside = np.array(self._points.outside, dtype=np.intp)
+        self._outside = np.array(self.points.outside, dtype=np.intp)
         self._half = 0.5 * np.array(sms.base_size)
         self._rotation = sms.base_box_placement.rotation.copy()
         self._centre = sms.base_box_placement.translation.copy()
 
     def names(self) -> list[str]:
         """What each clearance is between, in order."""
-        return self._points.names()
+        return self.points.names()
 
     def values(self, positions: FloatArray, arm: ArmValues, near: float | FloatArray = np.inf) -> FloatArray:
         """Distances of pairs of points, then distances outside the base box."""
