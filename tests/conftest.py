@@ -94,12 +94,19 @@ def refused() -> Callable[..., FfsmsError]:
 
 
 @pytest.fixture(scope="session")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrome]:
+def started_browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrome]:
     """Headless Chromium, started once."""
     from browsing import chromium
 
     with chromium(tmp_path_factory.mktemp("profile")) as started:
         yield started
+
+
+@pytest.fixture
+def browser(started_browser: webdriver.Chrome) -> Iterator[webdriver.Chrome]:
+    """The browser, which draws nothing after the test: a scene that plays on takes a whole core."""
+    yield started_browser
+    started_browser.get("about:blank")
 
 
 @pytest.fixture
