@@ -17,8 +17,8 @@ demo: $(READY)  ## plan and track the paper's Case 2, and show the result
 
 # The slow check of types goes on beside the tests; either one's failure is that of the whole. Tests start many
 # processes: compiled files are kept for them, whatever the environment says, and BLAS, whose matrices are small
-# here, takes one thread. Each of pytest's workers takes
-# neighbouring tests, which share fixtures, and helps the other one in the end.
+# here, takes one thread. Each of pytest's workers takes neighbouring tests, which share fixtures, and helps the
+# other one in the end.
 test: $(READY) style  ## lint, types, and every test
 	$(BIN)/mypy & types=$$!; \
 	OMP_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal; tests=$$?; \
