@@ -23,6 +23,8 @@ from ffsms_pin.simulation import Tracking, simulate
 if TYPE_CHECKING:
     from selenium import webdriver
 
+    from ffsms_pin.viewer import View
+
 
 @pytest.fixture(scope="session")
 def random_tree() -> Callable[..., Tree]:
@@ -91,6 +93,15 @@ def refused() -> Callable[..., FfsmsError]:
         return caught.value
 
     return check
+
+
+@pytest.fixture(scope="module")
+def scene(planar: ffsms.SpaceManipulator, plan: Trajectory) -> Iterator[View]:
+    """The plan in the viewer, twenty frames a second; some modules have another one by this name."""
+    from ffsms_pin.viewer import view
+
+    with view(planar, plan, show=("robot", "target"), fps=20.0) as made:
+        yield made
 
 
 @pytest.fixture(scope="session")

@@ -11,12 +11,11 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.body_stack import BodyStack
-from ffsms_pin.system.batch.stacks import cross_rows
+from ffsms_pin.system.batch.stacks import cross_rows, row_lengths
 
 __all__ = ["BodyModel"]
 
 _TOUCHING = 1e-9  # [m] nearer than this two points have no direction from one to the other
-_ONES = np.ones(3)
 _REQUEST = coal.DistanceRequest()
 
 
@@ -119,10 +118,10 @@ class BodyModel:
         """Bounds from below on the distances of all pairs of parts."""
         frames = np.concatenate(self._frames)
         ways = self._ways.dot(frames)
-        bounds: FloatArray = np.sqrt((ways * ways).dot(_ONES)) - self._radii
+        bounds: FloatArray = row_lengths(ways) - self._radii
         local = self._local.dot(frames.ravel()).reshape(-1, 3)
         outside = np.maximum(np.abs(local) - self._half, 0.0)
-        far = np.sqrt((outside * outside).dot(_ONES))
+        far = row_lengths(outside)
         # A ball whose centre is in the box may be deeper in it than its radius.
         bounds[self._based] = np.where(far > 0.0, np.maximum(bounds[self._based], far - self._balls), -np.inf)
         return bounds

@@ -14,14 +14,13 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.batch.stacks import cross_rows
+from ffsms_pin.system.batch.stacks import cross_rows, row_lengths
 
 __all__ = ["Points"]
 
 _SAMPLES = 4
 _STILL = 1e-9  # [m] what is closer to constant than this is constant
 _LEAST = 1e-12  # [m] nearer than this two points have no direction from one to the other
-_ONES = np.ones(3)
 
 
 class Points:
@@ -136,7 +135,7 @@ class Points:
         apart, pairs = self._apart.dot(places), len(self.first)
         value, along = np.empty(len(apart)), np.empty((len(apart), 3))
         between = apart[:pairs]
-        value[:pairs] = np.sqrt((between * between).dot(_ONES))
+        value[:pairs] = row_lengths(between)
         along[:pairs] = between / np.maximum(value[:pairs], _LEAST)[:, None]
         # Outside the box: beyond the face that the point is furthest beyond.
         beyond = apart[pairs:].dot(self._normals.T) - self._faces

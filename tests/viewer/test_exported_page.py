@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -32,12 +31,6 @@ from ffsms_pin.viewer import View, view
 from ffsms_pin.viewer.frames import surroundings
 
 Array = NDArray[np.float64]
-
-
-@pytest.fixture(scope="module")
-def scene(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> Iterator[View]:
-    with view(planar, plan, show=("robot", "target"), fps=20.0) as made:
-        yield made
 
 
 # The film's time and the clock's, read in one frame each, a second apart.

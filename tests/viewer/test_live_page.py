@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import pytest
 from browsing import (
     SIDE,
     Eye,
@@ -23,15 +21,9 @@ from selenium import webdriver
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.viewer import LiveView, View, view
+from ffsms_pin.viewer import LiveView, View
 
 Array = NDArray[np.float64]
-
-
-@pytest.fixture(scope="module")
-def scene(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> Iterator[View]:
-    with view(planar, plan, show=("robot", "target"), fps=20.0) as made:
-        yield made
 
 
 def test_the_live_page_shows_the_motion(
