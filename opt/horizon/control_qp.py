@@ -30,7 +30,7 @@ _REST_SHARE = 2e-3  # of the rate limit, for slow arms
 _RESERVE = 1e-6
 _TOLERANCE = 1e-7
 _TOUCHED = 1e-5  # A row with less room than this is at its limit.
-_MAX_ITERATIONS = 1000  # a few dozen are usual
+_OPTIONS = {"primal_tol": _TOLERANCE, "iter_limit": 1000}  # a few dozen are usual
 
 
 class ControlQP:
@@ -73,15 +73,16 @@ class ControlQP:
             upper.append(np.minimum(high - _RESERVE, UNBOUNDED))
             self.labels.extend((kind.kind, i) for _ in kind.matrix for i in range(n))
         self.rows, self.lower, self.upper = np.vstack(rows), np.concatenate(lower), np.concatenate(upper)
+        self._matrix = np.vstack([np.empty((0, size)), *(kind.scale * kind.matrix for kind in kinds)])
         self.moving = len(self.labels) - (0 if spline.free_end else n)
         # A start at its limit, or beyond: it must stay feasible.
-        at = self.rows @ (braking(problem, spline) if start is None else start).ravel()
+        at = self._along(braking(problem, spline) if start is None else start)
         self.lower, self.upper = np.minimum(self.lower, at), np.maximum(self.upper, at)
         self._free_rows = self.rows[:, self._free]
 
     def within(self, p: FloatArray) -> FloatArray:
         """Control points shortened onto the limits; that they come to rest is left to the descent."""
-        at = (self.rows @ p.ravel())[: self.moving]
+        at = self._along(p)[: self.moving]
         return p * min(1.0, self.share(at, self.lower[: self.moving], self.upper[: self.moving]))
 
     def solve(self, hessian: FloatArray, gradient: FloatArray, p: FloatArray) -> FloatArray:
@@ -94,38 +95,50 @@ class ControlQP:
             hessian, gradient = hessian[np.ix_(free, free)], gradient[free]
         factor, info = lapack.dpotrf(hessian)
         unbounded = -gradient if info else lapack.dpotrs(factor, -gradient)[0]
-        at = self.rows @ p.ravel()
+        at = self._along(p)
         low, high = self.lower - at, self.upper - at
-        move = self._free_rows @ unbounded
-        if info == 0 and (move <= high).all() and (move >= low).all():
-            step[free] = unbounded
-            return step.reshape(p.shape)
-        # Of order one: the solver's tolerances are absolute.
-        scale = len(gradient) / float(np.trace(hessian))
-        options = {"primal_tol": _TOLERANCE, "iter_limit": _MAX_ITERATIONS}
-        hessian, gradient = scale * hessian, scale * gradient
-        # DAQP transforms every row that it is given, and few of them matter: those that p touches and those
-        # that the unconstrained minimum breaks. Those that its solution breaks are added until there is none.
+        step[free] = unbounded
+        move = self._along(step.reshape(p.shape))
+        if info or not ((move <= high).all() and (move >= low).all()):
+            found = None if info else self._bounded(factor, unbounded, move, low, high)
+            step[free] = unbounded * self.share(move, low, high) if found is None else found
+        return step.reshape(p.shape)
+
+    def _along(self, p: FloatArray) -> FloatArray:
+        """`rows` times control points (M, n): every row is of one joint."""
+        product: FloatArray = self._matrix @ p
+        return product.ravel()
+
+    def _bounded(
+        self, factor: FloatArray, unbounded: FloatArray, move: FloatArray, low: FloatArray, high: FloatArray
+    ) -> FloatArray | None:
+        """The best step within low <= rows x <= high; None where none is found.
+
+        With `factor`, the U of hessian = U^T U, it is z = U (x - unbounded) that is to be least, under bounds
+        on the rows times U^-1: LAPACK transforms few rows faster than DAQP does a hessian. These are the rows
+        that the arm touches and those that the unconstrained minimum breaks. What the solution breaks is
+        added until there is none.
+        """
         rows, chosen = self._free_rows, (move > high) | (move < low) | (high < _TOUCHED) | (low > -_TOUCHED)
+        # Of order one: the solver's tolerances are absolute.
+        factor = factor * np.sqrt(len(factor) / float(np.sum(factor * factor)))
+        identity, zeros = np.eye(len(factor)), np.zeros(len(factor))
         while True:
-            found, _, status, _ = daqp.solve(
-                hessian, gradient, rows[chosen], high[chosen], low[chosen], **options
-            )
-            if status != 1:
-                break
+            transformed = lapack.dtrtrs(factor, rows[chosen].T, trans=1)[0].T
+            bounds = high[chosen] - move[chosen], low[chosen] - move[chosen]
+            z, _, status, _ = daqp.solve(identity, zeros, transformed, *bounds, **_OPTIONS)
+            if status != 1 or not np.isfinite(z).all():
+                return None
+            found = unbounded + lapack.dtrtrs(factor, z)[0]
             beyond = rows @ found
             broken = ((beyond > high + _TOLERANCE) | (beyond < low - _TOLERANCE)) & ~chosen
             if not broken.any():
-                break
+                return np.asarray(found)
             chosen |= broken
-        if status != 1 or not np.isfinite(found).all():
-            found = unbounded * self.share(move, low, high)
-        step[free] = found
-        return step.reshape(p.shape)
 
     def active(self, p: FloatArray) -> list[tuple[str, int]]:
         """Kind and joint of the limits that control points p touch, most often touched first."""
-        at = self.rows @ p.ravel()
+        at = self._along(p)
         touched = (at > self.upper - 1e-4 * np.abs(self.upper)) | (
             at < self.lower + 1e-4 * np.abs(self.lower)
         )
