@@ -11,13 +11,15 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.body_stack import BodyStack
+from ffsms_pin.opt.limits.part_pairs import Poses
 
-__all__ = ["TOLERANCE", "Least", "joints_after", "least_between", "least_of_bodies"]
+__all__ = ["TOLERANCE", "Least", "along", "joints_after", "least_between", "least_of_bodies"]
 
 TOLERANCE = 1e-5  # [m] So much less than the asked clearance counts as kept.
 # How often an interval between two instants is halved, and how many clearances are measured in between at
 # most.
 _HALVINGS, _MOST = 12, 5000
+_STRIDE = 16  # of the instants that are measured first
 
 
 class Least(NamedTuple):
@@ -55,7 +57,8 @@ def least_of_bodies(stack: BodyStack, motion: Motions, clearance: float, binding
     change = stack.reaches @ way
     most = 0.5 * float(change.max(initial=0.0))
     near, floor = clearance + binding + most, clearance - TOLERANCE
-    values = stack.values(motion.joints[:, 0], motion.arm, near)
+    poses = Poses.of(motion.arm)
+    values = along(change, near, lambda pair, k, near: stack.distances_at(poses, (pair, k), near))
     low = np.nonzero(values < floor)
     if low[0].size:
         values[low] = stack.at(motion.joints[:, 0, low[1]], low[0], floor)
@@ -70,6 +73,42 @@ def least_of_bodies(stack: BodyStack, motion: Motions, clearance: float, binding
 
     between = least_between(times, values, change, floor, measure)
     return least if between is None else between._replace(near=close)
+
+
+def along(
+    change: FloatArray, near: float, measure: Callable[[Indices, Indices, FloatArray], FloatArray]
+) -> FloatArray:
+    """Distances (m, K) at the instants of a motion: exact below `near`, else bounds from below.
+
+    Some instants come first. Those in between are measured where these leave them in question.
+
+    Parameters
+    ----------
+    change : ndarray, shape (m, K - 1)
+        The most that a distance can change from one instant to the next [m].
+    near : float
+        [m]
+    measure : callable
+        Distances (V,) of pairs (V,) at instants (V,): exact below so much (V,), else bounds from below.
+    """
+    pairs, count = len(change), change.shape[1] + 1
+    way = np.concatenate([np.zeros((pairs, 1)), np.cumsum(change, axis=1)], axis=1)
+    first = np.append(np.arange(0, count - 1, _STRIDE), count - 1)
+    # What is farther than this at both ends of an interval is farther than `near` inside it.
+    enough = near + 0.5 * np.diff(way[:, first]).max(axis=1, initial=0.0)
+    every = np.repeat(np.arange(pairs), len(first)), np.tile(first, pairs)
+    found = measure(*every, np.repeat(enough, len(first))).reshape(pairs, -1)
+    after = np.searchsorted(first, np.arange(count))
+    before = np.maximum(after - 1, 0)
+    values = np.maximum(
+        found[:, before] - (way - way[:, first[before]]), found[:, after] - (way[:, first[after]] - way)
+    )
+    values[:, first] = found
+    asked = values < near
+    asked[:, first] = False
+    k, pair = np.nonzero(asked.T)
+    values[pair, k] = measure(pair, k, np.full(len(k), near))
+    return values
 
 
 def joints_after(motion: Motions, k: Indices, after: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.limits.part_pairs import Nearest, PartPairs, Poses
+from ffsms_pin.opt.limits.part_pairs import Nearest, PartPairs, Poses, distances_of_all
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.convex_parts import Part, whole_shapes
@@ -124,16 +124,17 @@ class BodyStack:
 
     def values(self, positions: FloatArray, arm: ArmValues, near: float | FloatArray = np.inf) -> FloatArray:
         """Clearances (m, ...) [m], exact below `near`, else bounds from below that are not."""
-        values = self._values(Poses.of(arm), np.broadcast_to(near, len(self._names)))
+        values = distances_of_all(self.distances_at, len(self._names), Poses.of(arm), near)
         return values.reshape(-1, *positions.shape[1:])
 
-    def _values(self, poses: Poses, near: FloatArray) -> FloatArray:
+    def distances_at(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray) -> FloatArray:
+        """Clearances (V,) at entries (pair, configuration): exact below `near` (V,), else bounds."""
         if self._screens is None:
-            return self.pairs.values(poses, near)
-        values = self._screens.values(poses, near)
-        where = np.nonzero(values < near[:, None])
-        values[where] = self.pairs.nearest(poses, where, near[where[0]]).distance
-        return values
+            return self.pairs.distances_at(poses, where, near)
+        found = self._screens.distances_at(poses, where, near)
+        low = np.flatnonzero(found < near)
+        found[low] = self.pairs.nearest(poses, (where[0][low], where[1][low]), near[low]).distance
+        return found
 
     def least(self, q: FloatArray, below: FloatArray) -> tuple[FloatArray, Indices]:
         """The least of each clearance (m,) over configurations (k, nq), and at which of them (m,).
@@ -146,7 +147,8 @@ class BodyStack:
         count, pairs = len(q), np.arange(len(below))
         starts = range(0, count, _BLOCK)
         for some in (np.arange(0, count, _STRIDE), *(np.arange(k, min(k + _BLOCK, count)) for k in starts)):
-            values = self._values(Poses.make(*self._arm.poses(positions[:, some])), least)
+            here = Poses.make(*self._arm.poses(positions[:, some]))
+            values = distances_of_all(self.distances_at, len(pairs), here, least)
             which = values.argmin(axis=1)
             found = values[pairs, which]
             better = found < least

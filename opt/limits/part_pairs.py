@@ -6,7 +6,7 @@ measures only what these bounds leave in question.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import coal
@@ -19,11 +19,12 @@ from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import cross, dot
 from ffsms_pin.system.convex_parts import Part
 
-__all__ = ["Nearest", "PartPairs", "Poses"]
+__all__ = ["Nearest", "PartPairs", "Poses", "distances_of_all"]
 
 _TOUCHING = 1e-9  # [m] nearer than this two points have no direction from one to the other
 
 _CHUNK = 256  # configurations that are bounded together
+_ENTRIES = 4096  # or entries of pairs and configurations
 
 
 class Nearest(NamedTuple):
@@ -43,6 +44,19 @@ class Nearest(NamedTuple):
     here: FloatArray
     there: FloatArray
     normal: FloatArray
+
+
+def distances_of_all(
+    distances_at: Callable[[Poses, tuple[Indices, ...], FloatArray], FloatArray],
+    pairs: int,
+    poses: Poses,
+    near: float | FloatArray,
+) -> FloatArray:
+    """Distances (m, B) of all of so many pairs at all configurations, by a function that takes entries."""
+    count = poses.origins.shape[-1]
+    where = np.tile(np.arange(pairs), count), np.repeat(np.arange(count), pairs)
+    found = distances_at(poses, where, np.tile(np.broadcast_to(near, pairs), count))
+    return found.reshape(count, pairs).T
 
 
 class PartPairs:
@@ -85,22 +99,21 @@ class PartPairs:
 
     def values(self, poses: Poses, near: float | FloatArray) -> FloatArray:
         """Distances (m, B) of pairs of bodies: exact below `near`, a number or (m,), else bounds."""
-        pairs, count = len(self.bodies), poses.origins.shape[-1]
-        values = np.empty((pairs, count))
-        for start in range(0, count, _CHUNK):
-            here = poses.take(slice(start, start + _CHUNK))
-            values[:, start : start + _CHUNK] = self._values(here, np.broadcast_to(near, pairs))
-        return values
+        return distances_of_all(self.distances_at, len(self.bodies), poses, near)
 
-    def _values(self, poses: Poses, near: FloatArray) -> FloatArray:
-        pairs, count = len(self.bodies), poses.origins.shape[-1]
-        first, second = np.repeat(self._ends, count, axis=0).T
-        bounds = self._body_covers.bounds(
-            poses, first, second, np.tile(np.arange(count), pairs), np.repeat(near, count)
-        )
-        values = bounds.reshape(pairs, count)
-        where = np.nonzero(values < near[:, None])
-        values[where] = self.nearest(poses, where, near[where[0]]).distance
+    def distances_at(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray) -> FloatArray:
+        """Distances (V,) at entries (pair of bodies, configuration): exact below `near` (V,), else bounds."""
+        values = np.empty(len(near))
+        for start in range(0, len(near), _ENTRIES):
+            part = slice(start, start + _ENTRIES)
+            columns, some = where[0][part], near[part]
+            used, at = np.unique(where[1][part], return_inverse=True)
+            here = poses.take(used)
+            first, second = self._ends[columns].T
+            bounds = self._body_covers.bounds(here, first, second, at, some)
+            close = np.flatnonzero(bounds < some)
+            bounds[close] = self.nearest(here, (columns[close], at[close]), some[close]).distance
+            values[part] = bounds
         return values
 
     def nearest(self, poses: Poses, where: tuple[Indices, ...], near: float | FloatArray = np.inf) -> Nearest:

@@ -12,7 +12,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions, apply_rates
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.limits.between import TOLERANCE, Least, joints_after, least_between
+from ffsms_pin.opt.limits.between import TOLERANCE, Least, along, joints_after, least_between
 from ffsms_pin.opt.limits.obstacles.obstacle import Track
 from ffsms_pin.opt.limits.obstacles.stack import ObstacleStack, seen_from_base
 from ffsms_pin.opt.limits.part_pairs import Poses
@@ -31,7 +31,7 @@ def least_of_obstacles(stack: ObstacleStack, motion: Motions, clearance: float, 
     poses = stack.seen(motion)
     change = _robot_change(stack, motion, poses) + _obstacle_change(stack, times)
     near, floor = clearance + binding + 0.5 * float(change.max(initial=0.0)), clearance - TOLERANCE
-    values = stack.values(motion, near)[:, 0]
+    values = along(change, near, lambda pair, k, near: stack.distances_at(poses, (pair, k), near))
     low = np.nonzero(values < floor)
     if low[0].size:
         values[low] = stack.exact(poses, low, floor)

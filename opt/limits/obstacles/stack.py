@@ -132,11 +132,15 @@ class ObstacleStack:
         found = self.exact(self.seen_at(q, time), (columns, np.zeros_like(columns)), 0.0)
         return np.asarray(found + self._margins)
 
-    def values(self, motions: Motions, near: float = np.inf) -> FloatArray:
-        """Distances less margins (m, S, K) [m]: exact below `near`, else bounds from below."""
-        values = self.pairs.values(self.seen(motions), near + self._margins)
-        values = values.reshape(-1, *motions.joints.shape[1:])
+    def values(self, motions: Motions) -> FloatArray:
+        """Distances less margins (m, S, K) [m]."""
+        values = self.pairs.values(self.seen(motions), np.inf).reshape(-1, *motions.joints.shape[1:])
         return np.asarray(values - self._margins[:, None, None])
+
+    def distances_at(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray) -> FloatArray:
+        """Distances less margins (V,) at entries: exact below `near` (V,), else bounds from below."""
+        margins = self._margins[where[0]]
+        return self.pairs.distances_at(poses, where, near + margins) - margins
 
     def below(
         self, motions: Motions, near: float

@@ -12,9 +12,12 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.residual import Indices
+from ffsms_pin.opt.limits.between import along
 from ffsms_pin.opt.limits.body_model import BodyModel
 from ffsms_pin.opt.limits.body_stack import BodyStack, body_pairs
 from ffsms_pin.opt.limits.clearance_stack import chosen_mode
+from ffsms_pin.opt.limits.part_pairs import Poses
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.batch.arm import ArmStack
 
@@ -287,3 +290,26 @@ def test_robots_of_other_masses_share_what_was_made_of_the_shapes(robot: ffsms.S
     np.testing.assert_array_equal(
         kept.values(joints, arm), BodyStack(heavier, "hulls", 0.01).values(joints, arm)
     )
+
+
+def test_little_is_measured_along_a_motion_and_nothing_is_lost(robot: ffsms.SpaceManipulator) -> None:
+    """Distances at some instants and how fast they can change tell where the others are measured."""
+    start, end = places(robot, 2, 7).T
+    share = np.linspace(0.0, 1.0, 200)
+    q = start[:, None] + share * (end - start)[:, None]
+    stack = BodyStack(robot, "hulls", 0.01)
+    change = np.tile(stack.reaches @ np.abs(end - start)[:, None] / 199.0, (1, 199))
+    poses, asked = Poses.make(*ArmStack(robot).poses(q)), 0
+
+    def measure(pair: Indices, k: Indices, near: FloatArray) -> FloatArray:
+        nonlocal asked
+        asked += len(k)
+        return stack.distances_at(poses, (pair, k), near)
+
+    near = 0.03
+    found, exact = along(change, near, measure), stack.pairs.values(poses, np.inf)
+    below = exact < near
+    assert 0 < below.sum() < asked < 0.5 * exact.size
+    np.testing.assert_allclose(found[below], exact[below], atol=1e-9)
+    assert (found[~below] >= near - 1e-9).all()
+    assert (found <= exact + 1e-9).all()
