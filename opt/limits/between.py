@@ -100,7 +100,7 @@ def along(
     found = measure(*every, np.repeat(enough, len(first))).reshape(pairs, -1)
     after = np.searchsorted(first, np.arange(count))
     before = np.maximum(after - 1, 0)
-    values = np.maximum(
+    values: FloatArray = np.maximum(
         found[:, before] - (way - way[:, first[before]]), found[:, after] - (way[:, first[after]] - way)
     )
     values[:, first] = found

@@ -140,7 +140,7 @@ class ObstacleStack:
     def distances_at(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray) -> FloatArray:
         """Distances less margins (V,) at entries: exact below `near` (V,), else bounds from below."""
         margins = self._margins[where[0]]
-        return self.pairs.distances_at(poses, where, near + margins) - margins
+        return np.asarray(self.pairs.distances_at(poses, where, near + margins) - margins)
 
     def below(
         self, motions: Motions, near: float
