@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from base_moves import LIMITS, finely, target_of, turned_start
 from step_parts import make_stepper, marched
 
 import ffsms_pin as ffsms
@@ -14,15 +15,6 @@ from ffsms_pin.opt.limits.base_rows import base_rows, settled
 from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.system.base_motion import roll_out
 
-DEGREE = np.pi / 180.0
-# Each about half of what the base does when it may do as it will, on the move below.
-LIMITS = {
-    "attitude": 2.0 * DEGREE,
-    "attitude_rate": 0.012,
-    "translation": 0.005,
-    "final_attitude": 0.5 * DEGREE,
-}
-
 
 @pytest.fixture(scope="module")
 def panda() -> ffsms.SpaceManipulator:
@@ -31,34 +23,14 @@ def panda() -> ffsms.SpaceManipulator:
 
 @pytest.fixture(scope="module")
 def start(panda: ffsms.SpaceManipulator) -> FloatArray:
-    lower, upper = panda.limits.lower, panda.limits.upper
-    share = np.array([0.03, -0.04, 0.02, 0.01, 0.05, 0.02, 0.01])
-    # Turned and shifted: the limits count from where the base starts.
-    base = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.5, -0.2, 0.3]))
-    return panda.configuration(0.5 * (lower + upper) + share * (upper - lower), base)
-
-
-def finely(sms: ffsms.SpaceManipulator, q0: FloatArray, rates: FloatArray, dt: float) -> dict[str, float]:
-    """The largest of what a limit is on, from the plain formulas, at the nodes and between them."""
-    accelerations = np.repeat(np.diff(rates, axis=0) / dt, 5, axis=0)
-    q, fine = roll_out(sms, q0, rates[0], accelerations, dt / 5)
-    states = [sms.at(row, sms.velocity(row, rate)) for row, rate in zip(q, fine, strict=True)]
-    poses = [state.base_pose for state in states]
-    turns = [np.linalg.norm(pin.log3(poses[0].rotation.T @ pose.rotation)) for pose in poses]
-    return {
-        "attitude": float(np.max(turns)),
-        "attitude_rate": max(float(np.linalg.norm(state.base_twist[3:])) for state in states),
-        "translation": max(float(np.linalg.norm(p.translation - poses[0].translation)) for p in poses),
-        "final_attitude": float(turns[-1]),
-    }
+    return turned_start(panda)
 
 
 @pytest.mark.parametrize("name", list(LIMITS))
 def test_steps_keep_the_limit_and_break_it_without(
     name: str, panda: ffsms.SpaceManipulator, start: FloatArray
 ) -> None:
-    turn = pin.XYZQUATToSE3(start[:7]).rotation
-    target = panda.at(start).end_effector_pose.translation + turn @ np.array([0.0, -0.4, -0.3])
+    target = target_of(panda, start, [0.0, -0.4, -0.3])
     free = marched(make_stepper(panda, 0.02), start, target, 6.0)
     held = marched(make_stepper(panda, 0.02, base=opt.BaseLimits(**{name: LIMITS[name]})), start, target, 6.0)
     assert finely(panda, start, free.rates, 0.02)[name] > 1.2 * LIMITS[name]

@@ -8,24 +8,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from base_moves import DEGREE, LIMITS, finely, target_of, turned_start
 from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.trajectory import measure
-from ffsms_pin.system.base_motion import roll_out
 
 Array = NDArray[np.float64]
-
-DEGREE = np.pi / 180.0
-# Each about half of what the base does when it may do as it will, on the move below.
-LIMITS = {
-    "attitude": 2.0 * DEGREE,
-    "attitude_rate": 0.012,
-    "translation": 0.005,
-    "final_attitude": 0.5 * DEGREE,
-}
 
 
 @pytest.fixture(scope="module")
@@ -35,32 +26,11 @@ def panda() -> ffsms.SpaceManipulator:
 
 @pytest.fixture(scope="module")
 def start(panda: ffsms.SpaceManipulator) -> Array:
-    lower, upper = panda.limits.lower, panda.limits.upper
-    share = np.array([0.03, -0.04, 0.02, 0.01, 0.05, 0.02, 0.01])
-    # Turned and shifted: the limits count from where the base starts.
-    base = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.5, -0.2, 0.3]))
-    return panda.configuration(0.5 * (lower + upper) + share * (upper - lower), base)
+    return turned_start(panda)
 
 
-def target_of(sms: ffsms.SpaceManipulator, start: Array, way: list[float]) -> Array:
-    """A target given from the end effector, in the base's axes."""
-    turn = pin.XYZQUATToSE3(start[:7]).rotation
-    return np.asarray(sms.at(start).end_effector_pose.translation + turn @ np.array(way))
-
-
-def finely(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, substeps: int = 5) -> dict[str, float]:
-    """The largest of what a limit is on, from the plain formulas, at the nodes and between them."""
-    accelerations = np.repeat(plan.joint_accelerations, substeps, axis=0)
-    q, rates = roll_out(sms, plan.q[0], plan.joint_rates[0], accelerations, plan.dt / substeps)
-    states = [sms.at(row, sms.velocity(row, rate)) for row, rate in zip(q, rates, strict=True)]
-    poses = [state.base_pose for state in states]
-    turns = [np.linalg.norm(pin.log3(poses[0].rotation.T @ pose.rotation)) for pose in poses]
-    return {
-        "attitude": float(np.max(turns)),
-        "attitude_rate": max(float(np.linalg.norm(state.base_twist[3:])) for state in states),
-        "translation": max(float(np.linalg.norm(p.translation - poses[0].translation)) for p in poses),
-        "final_attitude": float(turns[-1]),
-    }
+def _finely(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, substeps: int = 5) -> dict[str, float]:
+    return finely(sms, plan.q[0], plan.joint_rates, plan.dt, substeps)
 
 
 @pytest.mark.parametrize("name", list(LIMITS))
@@ -112,12 +82,12 @@ def test_plans_keep_the_limit(name: str, panda: ffsms.SpaceManipulator, start: A
     held = opt.plan(panda, start, target, duration=6.0, dt=0.02, base_limits=limits)
     assert free.reached
     assert held.reached
-    assert finely(panda, free)[name] > 1.2 * limit
-    assert finely(panda, held)[name] <= limit
+    assert _finely(panda, free)[name] > 1.2 * limit
+    assert _finely(panda, held)[name] <= limit
     problem = opt.Problem(panda, start, target, 6.0, 0.02, limits=[limits])
     judged = measure(problem, free.joint_rates)
     assert not judged.reached
-    assert judged.broken["base"] == pytest.approx(finely(panda, free)[name] - limit, rel=0.02)
+    assert judged.broken["base"] == pytest.approx(_finely(panda, free)[name] - limit, rel=0.02)
 
 
 def test_two_limits_at_once(panda: ffsms.SpaceManipulator, start: Array) -> None:
@@ -126,7 +96,7 @@ def test_two_limits_at_once(panda: ffsms.SpaceManipulator, start: Array) -> None
     target = target_of(panda, start, [-0.2, 0.3, 0.1])
     plan = opt.plan(panda, start, target, duration=6.0, dt=0.02, base_limits=limits)
     assert plan.reached
-    found = finely(panda, plan)
+    found = _finely(panda, plan)
     assert all(found[name] <= limit for name, limit in both.items())
 
 
@@ -145,7 +115,7 @@ def test_what_cannot_be_had(planar: ffsms.SpaceManipulator) -> None:
     assert not plan.reached
     assert plan.note
     # Short of the target, but within the limit.
-    assert finely(planar, plan)["attitude"] <= limits.attitude
+    assert _finely(planar, plan)["attitude"] <= limits.attitude
 
 
 # -- the judgement -------------------------------------------------------------------------------------
@@ -161,7 +131,7 @@ def test_note_names_limit_value_and_largest(planar: ffsms.SpaceManipulator) -> N
         planar, planar.configuration(np.radians([1.0, 1.0, 1.0])), [0.45, 0.75, 0.0], dt=0.02
     )
     plan = opt.solve(problem)
-    most = finely(planar, plan)["attitude"]
+    most = _finely(planar, plan)["attitude"]
     told = judged(problem, plan.joint_rates, attitude=0.1)
     assert plan.reached
     assert not told.reached
@@ -180,7 +150,7 @@ def test_judged_between_nodes(planar: ffsms.SpaceManipulator) -> None:
     rates[:, 0] = 0.2 * (-1.0) ** np.arange(steps + 1)
     problem = replace(problem, joint_rates=rates[0])
     plan = judged(problem, rates)
-    at_nodes, between = finely(planar, plan, 1)["attitude"], finely(planar, plan, 20)["attitude"]
+    at_nodes, between = _finely(planar, plan, 1)["attitude"], _finely(planar, plan, 20)["attitude"]
     assert at_nodes < 0.1 * between
     assert judged(problem, rates, attitude=0.98 * between).broken
     assert not judged(problem, rates, attitude=1.05 * between).broken
@@ -193,7 +163,7 @@ def test_judged_at_its_fastest(planar: ffsms.SpaceManipulator) -> None:
     )
     rates = np.array([[0.0, 1.6, 0.0], [0.0, 1.6, 0.0]])
     plan = judged(problem, rates)
-    at_nodes, between = finely(planar, plan, 1), finely(planar, plan, 40)
+    at_nodes, between = _finely(planar, plan, 1), _finely(planar, plan, 40)
     assert at_nodes["attitude_rate"] < 0.9 * between["attitude_rate"]
     for share, broken in ((0.98, True), (1.02, False)):
         told = judged(problem, rates, attitude_rate=share * between["attitude_rate"])

@@ -1,0 +1,52 @@
+"""A move of `satellite_panda` that turns and shifts its base, and what the base does in it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+import ffsms_pin as ffsms
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.system.base_motion import roll_out
+
+__all__ = ["DEGREE", "LIMITS", "finely", "target_of", "turned_start"]
+
+DEGREE = np.pi / 180.0
+# Each about half of what the base does when it may do as it will, on the move from `turned_start`.
+LIMITS = {
+    "attitude": 2.0 * DEGREE,
+    "attitude_rate": 0.012,
+    "translation": 0.005,
+    "final_attitude": 0.5 * DEGREE,
+}
+
+
+def turned_start(panda: ffsms.SpaceManipulator) -> FloatArray:
+    """Near the middle, the base turned and shifted: limits count from where it starts (nq,)."""
+    lower, upper = panda.limits.lower, panda.limits.upper
+    share = np.array([0.03, -0.04, 0.02, 0.01, 0.05, 0.02, 0.01])
+    base = pin.SE3(pin.rpy.rpyToMatrix(0.4, -0.7, 1.1), np.array([0.5, -0.2, 0.3]))
+    return panda.configuration(0.5 * (lower + upper) + share * (upper - lower), base)
+
+
+def target_of(sms: ffsms.SpaceManipulator, start: FloatArray, way: list[float]) -> FloatArray:
+    """A target given from the end effector, in the base's axes."""
+    turn = pin.XYZQUATToSE3(start[:7]).rotation
+    return np.asarray(sms.at(start).end_effector_pose.translation + turn @ np.array(way))
+
+
+def finely(
+    sms: ffsms.SpaceManipulator, q0: FloatArray, rates: FloatArray, dt: float, substeps: int = 5
+) -> dict[str, float]:
+    """The largest of what a limit is on, from the plain formulas, at the nodes and between them."""
+    accelerations = np.repeat(np.diff(rates, axis=0) / dt, substeps, axis=0)
+    q, fine = roll_out(sms, q0, rates[0], accelerations, dt / substeps)
+    states = [sms.at(row, sms.velocity(row, rate)) for row, rate in zip(q, fine, strict=True)]
+    poses = [state.base_pose for state in states]
+    turns = [np.linalg.norm(pin.log3(poses[0].rotation.T @ pose.rotation)) for pose in poses]
+    return {
+        "attitude": float(np.max(turns)),
+        "attitude_rate": max(float(np.linalg.norm(state.base_twist[3:])) for state in states),
+        "translation": max(float(np.linalg.norm(p.translation - poses[0].translation)) for p in poses),
+        "final_attitude": float(turns[-1]),
+    }
