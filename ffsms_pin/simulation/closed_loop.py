@@ -99,10 +99,12 @@ def simulate(
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
     v0 : array_like, shape (6 + n,), optional
-        Velocity of the plant at the start. Default: the reference's joint rates and momentum.
+        Velocity of the plant at the start. Default: the reference's joint rates and momentum, and at rest
+        what it holds of the base (`base_mode`, a plan's `mode`).
     momentum : array_like, shape (6,), optional
         Total momentum at the start [linear; angular], inertial axes, about the centre of mass, in place of
-        `v0`. Default: that of the reference, zero where it has none.
+        `v0`; the base moves by it as a floating one, whatever the reference holds. Default: that of the
+        reference, zero where it has none.
     integrator : str
         One of `INTEGRATORS`: "rk4", "variational", "adaptive", "stiff".
     friction : JointFriction, optional

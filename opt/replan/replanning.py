@@ -111,6 +111,11 @@ class Replanning:
         return momentum
 
     @property
+    def base_mode(self) -> str:
+        """What of the base is held, as in `opt.Problem`; `mode` is what the steps follow."""
+        return self.problem.mode
+
+    @property
     def expected_miss(self) -> float:
         """Distance to the goal at the deadline as last foreseen [m]; infinite before the first plan.
 

@@ -63,6 +63,11 @@ class Watching:
         return self.reference.momentum
 
     @property
+    def base_mode(self) -> str:
+        """See `Replanning.base_mode`."""
+        return self.reference.base_mode
+
+    @property
     def note(self) -> str:
         """See `Replanning.note`."""
         return self.reference.note
