@@ -46,11 +46,11 @@ def put_off(wake: Callable[[], object] | None = None) -> Iterator[None]:
             wake()
 
     try:
-        for number in _SIGNALS:
-            handler = signal.getsignal(number)
+        for one in _SIGNALS:
+            handler = signal.getsignal(one)
             if callable(handler):
-                handlers[number] = handler
-                signal.signal(number, note)
+                handlers[one] = handler
+                signal.signal(one, note)
         yield
     finally:
         for number, handler in handlers.items():

@@ -173,6 +173,7 @@ def simulate(
     if expect_noise is not None and sensors is not None and not sensors.perfect:
         expect_noise(place_deviation(sms, q, sensors, estimating))
     observe = getattr(reference, "observe", None)
+    observe_wheels = None if base is None else getattr(reference, "observe_wheels", None)
     reset = getattr(controller, "reset", None)
     if reset is not None:
         reset(dt)
@@ -207,6 +208,8 @@ def simulate(
             seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
             if estimating is not None:
                 seen_q, seen_v = estimating.update(seen_q, seen_v, record.tau[k - 1] if k else None)
+            if base is not None and observe_wheels is not None and k < steps:
+                observe_wheels(base.wheel_momentum)
             if observe is not None and k < steps:
                 observe(now, seen_q, seen_v)
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)

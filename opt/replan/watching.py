@@ -86,6 +86,10 @@ class Watching:
             self.estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
         self.reference.observe(t, q, v)
 
+    def observe_wheels(self, momentum: FloatArray) -> None:
+        """See `Replanning.observe_wheels`."""
+        self.reference.observe_wheels(momentum)
+
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """See `Replanning.sample`."""
         return self.reference.sample(t)

@@ -49,7 +49,7 @@ def pressed_in_del(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     from distributed import Future
 
     calls: list[int] = []
-    original = Future.__del__
+    original: Any = Future.__del__
 
     def drop(future: Any) -> None:
         if threading.current_thread() is threading.main_thread():

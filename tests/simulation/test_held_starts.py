@@ -1,4 +1,4 @@
-"""Joints that move at the start of a run whose base is held: what is held is at rest from the first instant."""
+"""Joints that move at the start of a run whose base is held: what is held is at rest from then on."""
 
 from __future__ import annotations
 
