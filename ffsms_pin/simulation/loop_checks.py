@@ -111,7 +111,7 @@ def start_velocity(
     if momentum is not None:
         return plant.velocity(q, rates, momentum)
     planned = getattr(reference, "momentum", None)
-    mode = one_of("reference.base_mode", getattr(reference, "base_mode", "floating"), tuple(MODES))
+    mode = one_of("reference.base_mode", getattr(reference, "base_mode", "floating"), MODES)
     if mode == "floating":
         return plant.velocity(q, rates, planned)
     total = None if planned is None else vector("reference.momentum", planned, 6)
