@@ -17,9 +17,12 @@ from ffsms_pin.engine.interrupts import put_off
 
 @pytest.fixture(autouse=True)
 def _handlers_stand_again() -> Iterator[None]:
+    """Python's own handler of Ctrl-C, also in the background of a shell, where it is for nobody."""
+    given = signal.signal(signal.SIGINT, signal.default_int_handler)
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     yield
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+    signal.signal(signal.SIGINT, given)
     end_kept()
 
 
