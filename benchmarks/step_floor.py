@@ -2,7 +2,7 @@
 
 The floor of a step is the sum of its calls into Pinocchio, LAPACK and ProxQP, on the same states, with the
 same matrices, in the same run: a step that took no time for anything else. A third table says where a step's
-time goes, by its parts. Prints the tables as Markdown:
+time goes, by the functions that it calls. Prints the tables as Markdown:
 
     OMP_NUM_THREADS=1 python benchmarks/step_floor.py
 
@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any, NamedTuple
+from unittest import mock
 
 import numpy as np
 import pinocchio as pin
@@ -23,33 +25,29 @@ from scipy.linalg import lapack
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.coupling import cosine
 from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits
-from ffsms_pin.opt.step.arguments import checked_arguments
-from ffsms_pin.opt.step.braking import hard_bounds, within
-from ffsms_pin.opt.step.direction import wanted_motion
+from ffsms_pin.opt.step import stepper
 from ffsms_pin.opt.step.march import start_sides
-from ffsms_pin.opt.step.programme import StepProblem, StepWeights, objective, stacked_rows
+from ffsms_pin.opt.step.programme import StepProblem
 from ffsms_pin.opt.step.solver import StepSolver, new_solver
-from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.opt.step.stepper import Stepper
-from ffsms_pin.opt.terms.cost import ideal_cosine, step_cost
 from ffsms_pin.system.base_motion import advance
 
 DT, KAPPA = 0.01, 10.0  # [s], and the sharpness of C~
 MODELS = ("planar_3r", "satellite_panda")
-PARTS = (
-    "checks of the arguments",
-    "state: M, J*, V, entropy",
-    "direction and speed",
-    "objective",
-    "rows of the joint limits",
-    "rows of the clearances",
-    "rows of the box",
-    "all rows in alpha, bounds",
-    "ProxQP, its active rows solved exactly",
-    "rates, cosine, cost",
-)
+# Of a step: where what it calls stands, and by which names.
+PARTS: dict[str, tuple[Any, tuple[str, ...]]] = {
+    "checks of the arguments": (stepper, ("checked_arguments",)),
+    "state: M, J*, V, entropy": (stepper, ("step_state",)),
+    "direction and speed": (stepper, ("ideal_cosine", "wanted_motion")),
+    "objective": (stepper, ("objective",)),
+    "rows of the joint limits": (JointLimits, ("rows",)),
+    "rows of the clearances": (Clearance, ("rows",)),
+    "rows of the box": (AlphaBox, ("rows",)),
+    "all rows in alpha, bounds": (stepper, ("hard_bounds", "stacked_rows")),
+    "ProxQP, its active rows solved exactly": (StepSolver, ("solve_rows",)),
+}
+REST = "the rest: rates, cosine, cost; reading the clock"
 CALLS = ("crba with Jacobians", "frame Jacobian", "6 x 6 solve", "SVD", "ProxQP, warm")
 
 
@@ -75,8 +73,8 @@ def run(repeats: int = 7) -> dict[str, Any]:
     -------
     dict
         One entry a model: `calls` (medians of the floor's calls), `floor` (of their sum), `step`, `step_p999`
-        and `step_worst`, `parts` (medians of the step's parts), all in microseconds; `ratio` = step / floor;
-        `tail` = step_p999 / step; `steps`.
+        and `step_worst`, `parts` (medians of the step's parts and of the rest), all in microseconds;
+        `ratio` = step / floor; `tail` = step_p999 / step; `steps`.
     """
     return {name: measure(march(name), repeats) for name in MODELS}
 
@@ -132,7 +130,7 @@ def measure(task: Task, repeats: int) -> dict[str, Any]:
         "step_worst": float(steps.max()),
         "ratio": step / floor,
         "tail": p999 / step,
-        "parts": dict(zip(PARTS, parts.tolist(), strict=True)),
+        "parts": dict(zip((*PARTS, REST), parts.tolist(), strict=True)),
         "steps": len(steps),
     }
 
@@ -192,37 +190,31 @@ def _floors(task: Task) -> FloatArray:
 
 
 def _parts(task: Task) -> FloatArray:
-    """Time of each part of each step, (N, parts) [us]: the parts of `Stepper.step`, one after the other."""
-    sms, now, weights, n = task.sms, time.perf_counter_ns, StepWeights(), task.sms.n
-    data, solver, side, last = sms.model.createData(), StepSolver(), task.side, None
-    limits = [limit.for_robot(sms) for limit in (JointLimits(), Clearance(), AlphaBox())]
-    found = []
-    for q, rates, left in task.states:
-        times = [now()]
-        q, rates, target, left, _ = checked_arguments(sms, q, rates, task.target, left)
-        times.append(now())
-        state = step_state(sms, q, rates, DT, left, data=data)
-        times.append(now())
-        wanted = wanted_motion(state, target, ideal_cosine(state.entropy, KAPPA), side)
-        times.append(now())
-        goal = objective(state, wanted, weights)
-        rows = []
-        times.append(now())
-        for limit in limits:
-            rows.append(limit.rows(state))
-            times.append(now())
-        bounds, stack = hard_bounds(rows, n), stacked_rows(state.V, rows)
-        times.append(now())
-        start = None if last is None else (np.concatenate([last[0].dot(state.V), last[1]]), last[2])
-        x, z, _ = solver.solve_rows(goal, stack, start)
-        times.append(now())
-        chosen = within(state.V.dot(x[:n]), bounds)
-        cos_theta = cosine(state.J_star[:3].dot(chosen), wanted.towards)
-        step_cost(cos_theta, state.entropy, KAPPA)
-        times.append(now())
-        side, last = wanted.side, (chosen, x[n:], z)
-        found.append(np.diff(times))
-    return 1e-3 * np.array(found, dtype=np.float64)
+    """Time of each part of each step and of its rest, (N, parts + 1) [us], measured within `Stepper.step`."""
+    spent, now = [0] * len(PARTS), time.perf_counter_ns
+
+    def timed(part: int, function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **named: Any) -> Any:
+            begin = now()
+            result = function(*arguments, **named)
+            spent[part] += now() - begin
+            return result
+
+        return call
+
+    planner, found = _stepper(task.sms), []
+    planner.reset(task.side)
+    with ExitStack() as stack:
+        for part, (place, names) in enumerate(PARTS.values()):
+            for name in names:
+                stack.enter_context(mock.patch.object(place, name, timed(part, getattr(place, name))))
+        for q, rates, left in task.states:
+            spent[:] = [0] * len(PARTS)
+            begin = now()
+            planner.step(q, rates, task.target, left)
+            whole = now() - begin
+            found.append([*spent, whole - sum(spent)])
+    return 1e-3 * np.array(found)
 
 
 def report(results: dict[str, Any]) -> str:
@@ -244,7 +236,7 @@ def report(results: dict[str, Any]) -> str:
     ]
     lines += ["", "| part of a step [us] | " + " | ".join(f"`{name}`" for name in results) + " |"]
     lines.append("|" + "---|" * (len(results) + 1))
-    for part in PARTS:
+    for part in (*PARTS, REST):
         values = " | ".join(f"{r['parts'][part]:.1f}" for r in results.values())
         lines.append(f"| {part} | {values} |")
     return "\n".join(lines)

@@ -9,7 +9,7 @@ dozen of them stay finite. Infinity is for limits only, where their documentatio
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -180,8 +180,8 @@ def optional_callable(name: str, value: Any) -> None:
         raise InvalidValue(name, value, "must be a function or None")
 
 
-def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
-    """One of a few words."""
+def one_of(name: str, value: Any, choices: Collection[str]) -> str:
+    """One of a few words; the keys of a dictionary are words too."""
     if not isinstance(value, str) or value not in choices:
         raise InvalidValue(name, value, "must be " + " or ".join(f'"{choice}"' for choice in choices))
     return value

@@ -121,7 +121,7 @@ class Problem:
         for name in self.locked:
             if name not in self.sms.joint_names:
                 raise InvalidValue("locked", name, f"must be a joint: {', '.join(self.sms.joint_names)}")
-        mode = one_of("mode", self.mode, tuple(MODES))
+        mode = one_of("mode", self.mode, MODES)
         _check_held(mode, momentum)
         by_wheels = mode == "rotation-floating" and self.sms.wheels is not None
         if by_wheels and not any(isinstance(limit, WheelLimits) for limit in limits):

@@ -31,7 +31,7 @@ class Trajectory:
 
     Between nodes the joint rates are linear and the joint positions quadratic in time, so `q`, `v` and
     `joint_accelerations` agree to rounding, and limits can be checked everywhere. The base follows the
-    momentum equation with the given total momentum, so `v` includes H_b^-1 h.
+    momentum equation of its `mode` with the given total momentum, so `v` includes H_b^-1 h where it floats.
 
     Attributes
     ----------
@@ -88,6 +88,8 @@ class Trajectory:
         Predicted integral of the sum of |motor torque x wheel speed| [J]: nothing is won back in braking.
     propellant : float
         Predicted, where thrusters hold attitude or place [kg].
+    mode : str
+        What of the base is held, as in `opt.Problem`.
     """
 
     t: FloatArray
@@ -119,6 +121,7 @@ class Trajectory:
     wheel_momentum: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     wheel_energy: float = 0.0
     propellant: float = 0.0
+    mode: str = "floating"
 
     def __post_init__(self) -> None:
         if not len(self.wheel_momentum):
@@ -147,6 +150,11 @@ class Trajectory:
     def joint_rates(self) -> FloatArray:
         """Joint rates at the nodes (N + 1, n) [rad/s]."""
         return self.v[:, 6:]
+
+    @property
+    def base_mode(self) -> str:
+        """The `mode`, by the name that `simulate` asks every reference for."""
+        return self.mode
 
     @property
     def reached(self) -> bool:
@@ -279,4 +287,5 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         wheel_momentum=nodal_momentum(motion, sms),
         wheel_energy=wheel_energy(motion),
         propellant=propellant(motion),
+        mode=problem.mode,
     )

@@ -64,6 +64,12 @@ def plan(planar: ffsms.SpaceManipulator) -> Trajectory:
 
 
 @pytest.fixture(scope="session")
+def tracking(planar: ffsms.SpaceManipulator, plan: Trajectory) -> Tracking:
+    """The plan, followed under the paper's law; likewise."""
+    return simulate(planar, plan, SlidingModeController(planar), dt=0.01)
+
+
+@pytest.fixture(scope="session")
 def law(planar: ffsms.SpaceManipulator) -> ComputedTorque:
     """A law for the planar system, without a memory."""
     return ComputedTorque(planar)

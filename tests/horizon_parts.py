@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -13,21 +14,40 @@ from ffsms_pin.opt.horizon.spline import Grid, RateSpline, rate_spline
 from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.trajectory import measure
 
-__all__ = ["COARSE", "TINY", "check", "moving_problem", "node_rates", "planar_problem", "spline_of", "told"]
+__all__ = [
+    "COARSE",
+    "GOAL",
+    "TINY",
+    "check",
+    "moving_problem",
+    "node_rates",
+    "planar_problem",
+    "same",
+    "spline_of",
+    "told",
+]
 
 COARSE = Grid(6, 3, 2)
 TINY = Grid(3, 2, 2)
+GOAL = np.array([0.7, 0.5, 0.0])
 
 
 def planar_problem(sms: ffsms.SpaceManipulator, **change: Any) -> Problem:
     """A reach of the planar arm, six seconds long."""
-    options: dict[str, Any] = {"goal": np.array([0.7, 0.5, 0.0]), "duration": 6.0, "dt": 0.02} | change
+    options: dict[str, Any] = {"goal": GOAL, "duration": 6.0, "dt": 0.02} | change
     return Problem(sms, sms.configuration([0.4, 0.7, -0.5]), **options)
 
 
 def moving_problem(sms: ffsms.SpaceManipulator, **change: Any) -> Problem:
     """The same from joints that move."""
     return planar_problem(sms, **({"joint_rates": [0.1, -0.06, 0.04]} | change))
+
+
+def same(first: Trajectory, second: Trajectory) -> None:
+    """To the last bit in every field."""
+    for field in fields(Trajectory):
+        one, other = getattr(first, field.name), getattr(second, field.name)
+        np.testing.assert_equal(one, other, err_msg=field.name)
 
 
 def spline_of(problem: Problem, grid: Grid = COARSE, free_end: bool = False) -> RateSpline:

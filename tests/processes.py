@@ -7,12 +7,20 @@ from collections.abc import Callable
 
 import psutil
 
-__all__ = ["alive", "waited"]
+__all__ = ["alive", "command_of", "waited"]
 
 
 def alive(processes: list[psutil.Process]) -> list[psutil.Process]:
     """Those that still run."""
     return [one for one in processes if _runs(one)]
+
+
+def command_of(process: psutil.Process) -> str:
+    """The command line of a process; nothing where it has ended meanwhile."""
+    try:
+        return " ".join(process.cmdline())
+    except psutil.Error:
+        return ""
 
 
 def waited(happened: Callable[[], bool], seconds: float) -> bool:

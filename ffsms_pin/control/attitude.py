@@ -11,7 +11,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray, positive, rotation
 from ffsms_pin.system import SpaceManipulator, dynamics
 
-__all__ = ["AttitudeHold", "base_torque", "held_dynamics"]
+__all__ = ["AttitudeHold", "base_torque", "base_wrench", "held_dynamics"]
 
 
 @dataclass
@@ -96,6 +96,41 @@ def held_dynamics(
     return force[3:6], force[6:]
 
 
+def base_wrench(
+    sms: SpaceManipulator,
+    q: FloatArray,
+    v: FloatArray,
+    tau: FloatArray,
+    known: FloatArray,
+    free: FloatArray,
+) -> FloatArray:
+    """Force [N] and moment [N m] on the root (6,), root axes, for an acceleration of the base known in part.
+
+    Of M v' + c = [wrench; tau] with v' = [known + free x; qdd], the joints' accelerations qdd and x are what
+    they become: along `free` no wrench acts, free^T wrench = 0.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    q, v : ndarray, shape (nq,), (6 + n,)
+    tau : ndarray, shape (n,)
+        Joint torques [N m].
+    known : ndarray, shape (6,)
+        Of the base's acceleration, Pinocchio's v'[:6] [m/s^2; rad/s^2].
+    free : ndarray, shape (6, k)
+        Directions in which the base gives way.
+    """
+    M, effects = dynamics.inertia_matrix(sms, q), dynamics.velocity_effects(sms, q, v)
+    k, n = free.shape[1], sms.n
+    ways = np.zeros((6 + n, k + n))
+    ways[:6, :k], ways[6:, k:] = free, np.eye(n)
+    moved = np.concatenate([known, np.zeros(n)])
+    acting = np.concatenate([np.zeros(6), tau]) - M @ moved - effects
+    rest = np.linalg.solve(ways.T @ M @ ways, ways.T @ acting)
+    wrench: FloatArray = (M @ (moved + ways @ rest) + effects)[:6]
+    return wrench
+
+
 def base_torque(
     sms: SpaceManipulator, q: FloatArray, v: FloatArray, turn: FloatArray, tau: FloatArray
 ) -> FloatArray:
@@ -104,9 +139,5 @@ def base_torque(
     The joints' accelerations and the base's linear one are what they become; other arguments as for
     `held_dynamics`.
     """
-    M, effects = dynamics.inertia_matrix(sms, q), dynamics.velocity_effects(sms, q, v)
-    free = np.r_[0:3, 6 : sms.nv]
-    acting = np.concatenate([np.zeros(3), tau]) - effects[free] - M[np.ix_(free, range(3, 6))] @ turn
-    moved = np.linalg.solve(M[np.ix_(free, free)], acting)
-    torque: FloatArray = M[3:6, 3:6] @ turn + M[3:6, free] @ moved + effects[3:6]
-    return torque
+    known = np.concatenate([np.zeros(3), turn])
+    return base_wrench(sms, q, v, tau, known, np.eye(6)[:, :3])[3:]

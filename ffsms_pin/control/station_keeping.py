@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.actuation.allocation import ThrusterAllocation, WheelAllocation
 from ffsms_pin.checks import FloatArray, instance, one_of, vector
-from ffsms_pin.control.attitude import AttitudeHold
+from ffsms_pin.control.attitude import AttitudeHold, base_wrench
 from ffsms_pin.control.base_command import BaseCommand, BaseView
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import cross_matrix
 
 __all__ = ["StationKeeping"]
@@ -103,23 +103,14 @@ class StationKeeping:
     def _wrench(self, view: BaseView, turn: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Force [N], and moment [N m] about the base's centre of mass, root axes (3,) each.
 
-        Of M v' + c = [wrench; tau] the joints' accelerations are unknown, and with a free attitude the
-        base's angular one too: then the moment about the base's centre of mass is zero.
+        Where the attitude is free the base turns about its centre of mass as it will: no moment acts.
         """
-        q, v, n = view.q, view.v, self.sms.n
-        M, effects = dynamics.inertia_matrix(self.sms, q), dynamics.velocity_effects(self.sms, q, v)
-        # The base turning about its centre of mass.
         about = np.vstack([cross_matrix(self.sms.base_com), np.eye(3)])
-        known = np.zeros(6 + n)
-        known[:3] = self._acceleration(q, v)
-        free = np.eye(6 + n)[:, 6:]
-        if turn is None:
-            free = np.hstack([np.vstack([about, np.zeros((n, 3))]), free])
-        else:
-            known[:6] += about @ turn
-        acting = np.concatenate([np.zeros(6), view.tau]) - M @ known - effects
-        rest = np.linalg.solve(free.T @ M @ free, free.T @ acting)
-        wrench = (M @ (known + free @ rest) + effects)[:6]
+        known = np.concatenate([self._acceleration(view.q, view.v), np.zeros(3)])
+        if turn is not None:
+            known += about @ turn
+        free = about if turn is None else np.zeros((6, 0))
+        wrench = base_wrench(self.sms, view.q, view.v, view.tau, known, free)
         force: FloatArray = wrench[:3]
         moment: FloatArray = about.T @ wrench
         return force, moment

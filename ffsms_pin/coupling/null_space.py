@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, number
+from ffsms_pin.checks import FloatArray, number, one_of
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["NULL_SPACE_TOLERANCE", "reaction_null_space"]
@@ -48,8 +48,7 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
     D. N. Nenchev, K. Yoshida, P. Vichitkulsawat, M. Uchiyama, "Reaction null-space control of flexible
     structure mounted manipulator systems", IEEE Transactions on Robotics and Automation 15 (1999).
     """
-    if not isinstance(of, str) or of not in _ROWS:
-        raise InvalidValue("of", of, "must be 'attitude' or 'twist'")
+    one_of("of", of, _ROWS)
     tolerance = number("tolerance", tolerance)
     if not 0.0 <= tolerance < 1.0:
         raise InvalidValue("tolerance", tolerance, "must be at least 0 and below 1")

@@ -11,8 +11,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, positive
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.checks import FloatArray, one_of, positive
 
 __all__ = ["Rows", "scaled"]
 
@@ -45,8 +44,7 @@ def scaled(C_bm: FloatArray, characteristic_length: float, offset: FloatArray, r
         `characteristic_length` is not above zero, or `rows` another word.
     """
     length = positive("characteristic_length", characteristic_length, "m")
-    if not isinstance(rows, str) or rows not in _ROWS:
-        raise InvalidValue("rows", rows, "must be 'all', 'translation' or 'rotation'")
+    one_of("rows", rows, _ROWS)
     matrix = np.array(C_bm)
     # A point of the base at `offset` moves with v + omega x offset.
     matrix[:3] = (matrix[:3] + np.cross(matrix[3:], offset, axisa=0, axisc=0)) / length

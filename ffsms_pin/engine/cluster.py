@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any
 from uuid import uuid4
 
+from ffsms_pin.engine.interrupts import put_off
 from ffsms_pin.engine.quiet import quiet
 from ffsms_pin.engine.worker import NOT_STARTED
 from ffsms_pin.errors import ClusterError, DependencyMissing, InvalidValue
@@ -202,7 +203,7 @@ def started(jobs: int, allowed_failures: int, module: str = "") -> Cluster:
     scratch = tempfile.mkdtemp(prefix="ffsms-pin-scheduler-")
     with ExitStack() as stack:
         try:
-            with dask.config.set({**_CONFIG, "temporary-directory": scratch}):
+            with put_off(), dask.config.set({**_CONFIG, "temporary-directory": scratch}):
                 local = stack.enter_context(
                     distributed.LocalCluster(
                         n_workers=0,
@@ -247,7 +248,8 @@ def connected(address: str) -> Iterator[Cluster]:
     dask, distributed = _packages()
     with quiet(), dask.config.set({"distributed.comm.timeouts.connect": f"{_CONNECTING:g}s"}):
         try:
-            client = distributed.Client(address, timeout=_CONNECTING, set_as_default=False)
+            with put_off():
+                client = distributed.Client(address, timeout=_CONNECTING, set_as_default=False)
         except (OSError, asyncio.TimeoutError, ValueError) as error:
             raise ClusterError(
                 f"no scheduler answers at {address}; start one with: dask scheduler"

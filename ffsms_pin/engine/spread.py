@@ -12,6 +12,7 @@ from typing import Any
 from uuid import uuid4
 
 from ffsms_pin.engine.cluster import Cluster
+from ffsms_pin.engine.interrupts import put_off
 from ffsms_pin.errors import ClusterError
 
 __all__ = ["Killed", "Submit", "spread"]
@@ -73,34 +74,23 @@ def spread(
         while True:
             room = AHEAD * max(workers, 1) - len(waiting) - held()
             for _, task in zip(range(room), rest, strict=False):
-                function, arguments = submit(task)
-                key = f"ffsms-pin-{run}-{number}"
-                number += 1
-                future = cluster.client.submit(function, *arguments, key=key, pure=False)
-                waiting[key] = task, future
-                future.add_done_callback(ended.put)
+                with put_off():
+                    key = f"ffsms-pin-{run}-{number}"
+                    number += 1
+                    waiting[key] = task, _submitted(cluster, key, submit(task), ended)
             if not waiting:
                 return
-            try:
-                future = ended.get(timeout=_LOOK)
-            except Empty:
-                future = None
-            if future is not None:
-                result = _result(cluster, future)
-                if isinstance(result, _Lost):
-                    future.add_done_callback(ended.put)
-                else:
-                    if not isinstance(result, Killed):
-                        cluster.worked()
-                    task, _ = waiting.pop(future.key)
-                    future.release()
-                    yield task, result
+            with put_off(lambda: ended.put(None)):
+                found = _next(cluster, ended, waiting)
+            if found is not None:
+                yield found
             now = time.monotonic()
             if now - looked >= _LOOK:
                 looked = now
-                if cluster.embedded:
-                    cluster.tend()
-                workers = cluster.workers()
+                with put_off():
+                    if cluster.embedded:
+                        cluster.tend()
+                    workers = cluster.workers()
                 seen = now if workers or cluster.embedded else seen
                 if now - seen > _PATIENCE:
                     raise ClusterError(
@@ -110,6 +100,37 @@ def spread(
     finally:
         for _, future in waiting.values():
             future.release()
+
+
+def _submitted(
+    cluster: Cluster, key: str, work: tuple[Callable[..., Any], tuple[Any, ...]], ended: SimpleQueue[Any]
+) -> Any:
+    """The future of a task, which comes into the queue when it has ended."""
+    function, arguments = work
+    future = cluster.client.submit(function, *arguments, key=key, pure=False)
+    future.add_done_callback(ended.put)
+    return future
+
+
+def _next(
+    cluster: Cluster, ended: SimpleQueue[Any], waiting: dict[str, tuple[Any, Any]]
+) -> tuple[Any, Any] | None:
+    """A task that has ended, and its result; None where none ends within a while."""
+    try:
+        future = ended.get(timeout=_LOOK)
+    except Empty:
+        return None
+    if future is None:  # a signal came
+        return None
+    result = _result(cluster, future)
+    if isinstance(result, _Lost):
+        future.add_done_callback(ended.put)
+        return None
+    if not isinstance(result, Killed):
+        cluster.worked()
+    task, _ = waiting.pop(future.key)
+    future.release()
+    return task, result
 
 
 def _result(cluster: Cluster, future: Any) -> Any:

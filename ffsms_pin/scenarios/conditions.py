@@ -57,7 +57,8 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     }
     if "v0" in simulation:
         options["v0"] = simulation["v0"]
-    else:  # a plan with momentum is one for a plant that has it
+    elif "momentum" in simulation or scenario.plan.get("mode", "floating") == "floating":
+        # A plan with momentum is one for a plant that has it; one that holds the base says so itself.
         options["momentum"] = simulation.get("momentum", scenario.plan.get("momentum"))
         if options["momentum"] is None and scenario.meet is not None and scenario.meet.get("rest_after"):
             options["momentum"] = scenario.problem(sms, q0).momentum

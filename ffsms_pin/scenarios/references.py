@@ -75,4 +75,5 @@ class Held:
 
     def __init__(self, plan: Trajectory, hold: float) -> None:
         self.q, self.target, self.sample = plan.q, plan.target, plan.sample
+        self.momentum, self.base_mode = plan.momentum, plan.mode
         self.duration = plan.duration + hold

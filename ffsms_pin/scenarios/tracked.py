@@ -139,7 +139,8 @@ def end_effector_deviation(
         h = t - float(plan.t[k])
         planned = plan.q[k]
         if k < steps and h > 1e-12:
-            planned, _ = advance(sms, planned, plan.joint_rates[k], plan.joint_accelerations[k], h, momentum)
+            rates, accelerations = plan.joint_rates[k], plan.joint_accelerations[k]
+            planned, _ = advance(sms, planned, rates, accelerations, h, momentum, plan.mode)
         distances.append(np.linalg.norm(place(sms, planned) - place(plant, tracking.q[row])))
     return np.array(distances)
 

@@ -99,10 +99,12 @@ def simulate(
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
     v0 : array_like, shape (6 + n,), optional
-        Velocity of the plant at the start. Default: the reference's joint rates and momentum.
+        Velocity of the plant at the start. Default: the reference's joint rates and momentum, and at rest
+        what it holds of the base (`base_mode`, a plan's `mode`).
     momentum : array_like, shape (6,), optional
         Total momentum at the start [linear; angular], inertial axes, about the centre of mass, in place of
-        `v0`. Default: that of the reference, zero where it has none.
+        `v0`; the base moves by it as a floating one, whatever the reference holds. Default: that of the
+        reference, zero where it has none.
     integrator : str
         One of `INTEGRATORS`: "rk4", "variational", "adaptive", "stiff".
     friction : JointFriction, optional
@@ -171,6 +173,7 @@ def simulate(
     if expect_noise is not None and sensors is not None and not sensors.perfect:
         expect_noise(place_deviation(sms, q, sensors, estimating))
     observe = getattr(reference, "observe", None)
+    observe_wheels = None if base is None else getattr(reference, "observe_wheels", None)
     reset = getattr(controller, "reset", None)
     if reset is not None:
         reset(dt)
@@ -205,6 +208,8 @@ def simulate(
             seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
             if estimating is not None:
                 seen_q, seen_v = estimating.update(seen_q, seen_v, record.tau[k - 1] if k else None)
+            if base is not None and observe_wheels is not None and k < steps:
+                observe_wheels(base.wheel_momentum)
             if observe is not None and k < steps:
                 observe(now, seen_q, seen_v)
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)

@@ -15,12 +15,16 @@ __all__ = ["Controller", "Reference"]
 class Reference(Protocol):
     """A wanted joint motion towards a target.
 
-    A planned `Trajectory` is one. Four more attributes are used where they exist:
+    A planned `Trajectory` is one. Six more attributes are used where they exist:
 
     - ``q``, an array of rows (nq,): its first row is where the plant starts unless `simulate` is told.
     - ``momentum``, (6,) or None: total momentum with which the plant starts unless `simulate` is told.
+    - ``base_mode``, as `opt.Problem.mode`: what of the base the motion holds. The plant starts as the motion
+      does then, with what is held at rest, unless `simulate` is told otherwise. Default: "floating".
     - ``observe(t, q, v)``: called with the measured state before each control step, so that a reference can
       plan again from it.
+    - ``observe_wheels(momentum)``: called before `observe` with the measured momenta (w,) of the plant's
+      wheels [N m s], in a run with a `base_controller`.
     - ``expect_noise(distance)``: called before the run where sensors are noisy or late, with the standard
       deviation of the place at which the end effector is seen [m].
     """

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, instance, optional_callable, vector
+from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation.actuator import Actuator
 from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
@@ -16,6 +17,8 @@ from ffsms_pin.simulation.interfaces import Reference
 from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.simulation.watchdog import Watchdog
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_motion import held_velocity
+from ffsms_pin.system.base_reaction import MODES
 
 __all__ = [
     "check_kinds",
@@ -95,14 +98,24 @@ def start_velocity(
     v0: ArrayLike | None,
     momentum: ArrayLike | None,
 ) -> FloatArray:
-    """How fast the plant is at the start (6 + n,)."""
+    """How fast the plant is at the start (6 + n,).
+
+    As the reference's first instant has it: its joint rates, its momentum, and at rest what it holds of the
+    base. A `momentum` that is given is the total one, so the base moves by it as a floating one.
+    """
     if v0 is not None:
         if momentum is not None:
             raise InvalidValue("momentum", momentum, "cannot be given together with v0")
         return vector("v0", v0, plant.nv)
     rates = first_sample(reference, plant.n)[1]
+    if momentum is not None:
+        return plant.velocity(q, rates, momentum)
     planned = getattr(reference, "momentum", None)
-    return plant.velocity(q, rates, planned if momentum is None else momentum)
+    mode = one_of("reference.base_mode", getattr(reference, "base_mode", "floating"), MODES)
+    if mode == "floating":
+        return plant.velocity(q, rates, planned)
+    total = None if planned is None else vector("reference.momentum", planned, 6)
+    return np.concatenate([held_velocity(plant, q, rates, total, mode), rates])
 
 
 def first_sample(reference: Reference, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -167,7 +167,7 @@ def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
         One of `MODES`: M. Wilde, S. Kwok Choon, A. Grompone, M. Romano, "Equations of motion of free-floating
         spacecraft-manipulator systems: an engineer's tutorial", Frontiers in Robotics and AI 5 (2018).
     """
-    free = list(MODES[one_of("mode", mode, tuple(MODES))])
+    free = list(MODES[one_of("mode", mode, MODES)])
     coupling = np.zeros_like(H_bm)
     if free:
         coupling[free] = -np.linalg.solve(H_b[np.ix_(free, free)], H_bm[free])

@@ -38,6 +38,7 @@ __all__ = [
     "wheel_momentum",
     "wheel_shares",
     "wheel_torque",
+    "wheel_total",
 ]
 
 
@@ -53,6 +54,19 @@ def held_momentum(arm: ArmValues) -> FloatArray:
     of mass.
     """
     return arm.angular - cross(arm.com[:, None], arm.linear)
+
+
+def wheel_total(
+    sms: SpaceManipulator, wheels: ReactionWheels, q: FloatArray, v: FloatArray, momentum: FloatArray
+) -> FloatArray:
+    """Momenta h_0 (w,) that wheels would have with all else at rest, from those of now (w,) [N m s].
+
+    At a measured state, Pinocchio's q (nq,) and v (6 + n,): what arm and base have of angular momentum, their
+    turning as well, is the wheels' in the end.
+    """
+    angular = pin.computeCentroidalMomentum(sms.model, sms.model.createData(), q, v).angular
+    in_root_axes = pin.Quaternion(q[3:7]).toRotationMatrix().T @ angular
+    return np.asarray(momentum + wheel_shares(wheels) @ in_root_axes)
 
 
 def arm_momentum(motions: Motions) -> FloatArray:

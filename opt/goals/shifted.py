@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.goals.goal import Goal, Place
+from ffsms_pin.opt.goals.goal import Place
+from ffsms_pin.opt.goals.of_another import OfAnother
 
 __all__ = ["Shifted"]
 
 
 @dataclass(frozen=True, eq=False)
-class Shifted(Goal):
+class Shifted(OfAnother):
     """Another goal, put aside: what a solver aims at where its model errs by as much.
 
     Attributes
@@ -25,18 +26,8 @@ class Shifted(Goal):
         Rotation, inertial axes.
     """
 
-    goal: Goal
     offset: FloatArray
     turn: FloatArray
-
-    def __post_init__(self) -> None:
-        for name in ("tolerance", "reach", "orientation_reach"):
-            object.__setattr__(self, name, getattr(self.goal, name))
-
-    @property
-    def moves(self) -> bool:
-        """Whether the other one does."""
-        return self.goal.moves
 
     def place(self, t: float) -> Place:
         """The other's place, shifted and turned."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, number, pose
+from ffsms_pin.checks import FloatArray, number, one_of, pose
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices, Residual, Residuals
@@ -73,8 +73,7 @@ class Clearance(Limit):
 
     def __post_init__(self) -> None:
         number("clearance", self.clearance)
-        if not isinstance(self.collision, str) or self.collision not in MODES:
-            raise InvalidValue("collision", self.collision, f"must be one of {', '.join(MODES)}")
+        one_of("collision", self.collision, MODES)
         object.__setattr__(self, "obstacles", checked_obstacles(self.obstacles))
         if self.payload is not None:
             if not isinstance(self.payload, tuple) or len(self.payload) != 2:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import number
+from ffsms_pin.checks import number, one_of
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Also, Via, as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
@@ -137,8 +137,7 @@ def plan(
     InvalidValue
         A wrong shape, a number out of range, or a start outside the joint limits.
     """
-    if not isinstance(method, str) or method not in METHODS:
-        raise InvalidValue("method", method, f"must be one of {', '.join(METHODS)}")
+    one_of("method", method, METHODS)
     if base_limits is not None and not isinstance(base_limits, BaseLimits):
         raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")
     goal = as_goal(target)
@@ -205,8 +204,7 @@ def plan_problem(
     InvalidValue
         The method does not know something that the problem has.
     """
-    if method not in METHODS:
-        raise InvalidValue("method", method, f"must be one of {', '.join(METHODS)}")
+    one_of("method", method, METHODS)
     based = any(isinstance(limit, BaseLimits) for limit in problem.limits)
     if method == "paper" and (based or problem.momentum is not None):
         raise InvalidValue("method", method, "knows no base limits and no momentum; take another one")

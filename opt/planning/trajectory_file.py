@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ffsms_pin.errors import ResultError
 from ffsms_pin.storage import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
+from ffsms_pin.system.base_reaction import MODES
 
 __all__ = ["read", "write"]
 
@@ -25,6 +27,7 @@ _SCALARS = (
     ("shortest_duration", float),
     ("wheel_energy", float),
     ("propellant", float),
+    ("mode", str),
 )
 _SHAPES: dict[str, tuple[str | int, ...]] = {
     "t": ("N+1",),
@@ -55,17 +58,18 @@ def write(path: str | os.PathLike[str], values: dict[str, Any]) -> None:
 
 def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     """What `write` wrote; a `ResultError` says what is wrong with another file."""
-    # Files from before there was momentum, or before there were terms, clients or wheels, have none.
+    # Files from before there was momentum, or before there were terms, clients, wheels or modes, have none.
     none = np.zeros((0, 0))
     before = {
         "momentum": np.zeros(6),
         "contact_velocity": np.zeros(6),
         "met": np.array(True),
+        "mode": np.array("floating"),
         "wheel_momentum": none,
         **dict.fromkeys(("wheel_energy", "propellant"), np.zeros(())),
         **{name: np.array("{}") for name in _TEXTS},
     }
-    kinds = {"clear": "b", "met": "b", **dict.fromkeys(("note", *_TEXTS), "U")}
+    kinds = {"clear": "b", "met": "b", **dict.fromkeys(("note", "mode", *_TEXTS), "U")}
 
     def check(heads: Mapping[str, Any]) -> None:
         if heads["wheel_momentum"] is none:
@@ -78,4 +82,6 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         arrays[name] = numbers_by_name(path, name, str(arrays[name]), rows=name == "binding")
     for name, kind in _SCALARS:
         arrays[name] = kind(arrays[name])
+    if arrays["mode"] not in MODES:
+        raise ResultError(path, f"its 'mode' is '{arrays['mode']}', none of {', '.join(MODES)}")
     return arrays

@@ -6,11 +6,14 @@ import math
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint
+from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, vector
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.batch.wheels import wheel_total
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.aim import aim
 from ffsms_pin.opt.replan.correctable import Correctable
 from ffsms_pin.opt.replan.dead_band import DeadBand
 from ffsms_pin.opt.replan.failed_joints import without
@@ -38,9 +41,9 @@ class Replanning:
     A closed loop calls `observe` with what it measures, then `sample`. Every `ReplanOptions.period` the whole
     rest of the motion is planned again, from the rest of the last plan: with the base where it is measured,
     the joints as they were commanded (so that they stay within their limits and without jumps), the masses as
-    the motion shows them (`ReactionEstimate`), and without the joints that have failed. In between, steps
-    follow the plan under the limits; shortly before the deadline, and after it, steps go straight to the goal
-    from the measured state.
+    the motion shows them (`ReactionEstimate`), the wheels' momenta as `observe_wheels` was told, and without
+    the joints that have failed. In between, steps follow the plan under the limits; shortly before the
+    deadline, and after it, steps go straight to the goal from the measured state.
 
     Parameters
     ----------
@@ -89,6 +92,7 @@ class Replanning:
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = 0
         self._noise: float | None = None
+        self._wheels: FloatArray | None = None
         self._correctable, self._uncorrectable = Correctable(sms, problem.mode), 0.0
         self._dead_band = DeadBand(sms)
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
@@ -109,6 +113,11 @@ class Replanning:
         """Total momentum that is reckoned with (6,); None: zero."""
         momentum: FloatArray | None = self.problem.momentum
         return momentum
+
+    @property
+    def base_mode(self) -> str:
+        """What of the base is held, as in `opt.Problem`; `mode` is what the steps follow."""
+        return self.problem.mode
 
     @property
     def expected_miss(self) -> float:
@@ -170,8 +179,11 @@ class Replanning:
         step = int(t / dt + 1e-6)
         if step == self._step:
             return
-        planner = self._planner
+        planner, wheels = self._planner, self.problem.wheels
         planner.observe(q, v)
+        if wheels is not None and self._wheels is not None:
+            planner.wheel_total = wheel_total(self._robot, wheels, q, v, self._wheels)
+            self._stepper.wheel_total = planner.wheel_total
         if self._step < 0:
             self._start, self._rates = self.problem.sms.layout.positions(q), v[6:].copy()
             self._stepper.reset(base_start=q[:7].copy(), deadline=self.problem.duration)
@@ -193,6 +205,15 @@ class Replanning:
         self.failed_steps += not chosen.solved
         rates = np.where(failed, 0.0, chosen.joint_rates)
         self._accelerations = (rates - self._rates) / dt
+
+    def observe_wheels(self, momentum: ArrayLike) -> None:
+        """Take in the measured momenta (w,) of the wheels that hold the attitude, against the base [N m s].
+
+        To be called before `observe`. Without it the wheels' momenta are those that conservation gives from
+        the start on: what thrusters take out of the wheels meanwhile is not known.
+        """
+        if (wheels := self.problem.wheels) is not None:
+            self._wheels = vector("momentum", momentum, len(wheels), "N m s")
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s], as last planned."""
@@ -229,7 +250,7 @@ class Replanning:
             there, wanted = plan.sample(now + dt)
             wanted = wanted + options.return_rate * (there - self._start - dt * wanted)
         else:
-            position, rotation = _aim(self.problem, goal, now)
+            position, rotation = aim(self.problem, goal, now)
             if self._jerk is not None and not goal.moves:
                 left = max(left, _JERKY * options.settle)
             if self.mode == "hold" and not goal.moves:
@@ -264,22 +285,3 @@ class Replanning:
         end = self._rates + dt * acceleration
         place = self._start + (0.5 * dt) * (self._rates + end) + (h - dt) * end
         return place, end, np.zeros_like(end)
-
-
-def _aim(problem: Problem, goal: Goal, now: float) -> tuple[FloatArray, FloatArray | None]:
-    """Where a step has to aim, ahead of a goal that moves: a position (3,) [m], and an attitude or None.
-
-    A step's speed is 2.5 times the way over the time left, each a little later (`reference_speed`). Aimed
-    ahead by that time's share of the goal's velocity, what is left of the way shrinks as for a goal at rest,
-    and the end effector arrives with that velocity. A goal that stays, but asks for a velocity at the
-    deadline, counts as passing by with it.
-    """
-    dt, left = problem.dt, problem.duration - now
-    place = goal.place(now if goal.moves else problem.duration)
-    position, velocity = place.position, place.velocity
-    if velocity is None or (left <= 0.0 and not goal.moves):
-        return position, place.rotation
-    if not goal.moves:
-        position = position - left * velocity
-    ahead = velocity * ((max(left - dt, 0.0) + 3.25 * dt) / 2.5 + 0.5 * dt)
-    return position + ahead, place.rotation

@@ -132,6 +132,7 @@ def rest_of(
     base_start: FloatArray,
     locked: Sequence[str] = (),
     goal: Goal | None = None,
+    wheel_total: FloatArray | None = None,
 ) -> Problem:
     """The problem from time t on.
 
@@ -153,6 +154,8 @@ def rest_of(
         Joints that cannot move.
     goal : Goal, optional
         Default: the problem's.
+    wheel_total : ndarray, shape (w,), optional
+        Momenta of the wheels that hold the attitude, were all else at rest [N m s]. Default: the problem's.
     """
     goal = problem.goal if goal is None else goal
     if any(isinstance(limit, JointLimits) for limit in problem.limits):
@@ -167,7 +170,8 @@ def rest_of(
     now = problem.wheel_momentum
     if wheels is not None:  # momentum is conserved: what the joints have of it, the wheels lack
         arm = ArmStack(sms, problem.mode).evaluate(joints[:, None])
-        now = problem.wheel_total - wheel_shares(wheels) @ held_momentum(arm)[..., 0] @ rates
+        total = problem.wheel_total if wheel_total is None else wheel_total
+        now = total - wheel_shares(wheels) @ held_momentum(arm)[..., 0] @ rates
     return replace(
         problem,
         sms=sms,

@@ -45,6 +45,9 @@ class RestPlanner:
         Joints that cannot be moved.
     current : JointPlan or None
         The last plan.
+    wheel_total : ndarray, shape (w,), or None
+        Momenta of the wheels that hold the attitude, were all else at rest, as last observed [N m s]; None:
+        the problem's.
     made, due : float
         When that was made, and when the next one is due [s].
     computing_time : float
@@ -57,6 +60,7 @@ class RestPlanner:
         self._known: FloatArray = np.ones(problem.sms.n + 1)
         self._base_start: FloatArray | None = None
         self._next_search = 0.0
+        self.wheel_total: FloatArray | None = None
         self.failed: NDArray[np.bool_] = ~problem.free
         self.current: JointPlan | None = None
         self.made = self.due = self.computing_time = 0.0
@@ -97,7 +101,8 @@ class RestPlanner:
         names = whole.sms.joint_names
         locked = [names[i] for i in np.flatnonzero(self.failed)]
         base_start = q[:7] if self._base_start is None else self._base_start
-        rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked, goal)
+        wheels = self.wheel_total
+        rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked, goal, wheels)
         if self.current is not None:
             share = rest.duration / whole.duration
             plan = replanned(self._careful(rest), now, joints, self.current, options, share)

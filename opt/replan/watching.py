@@ -63,6 +63,11 @@ class Watching:
         return self.reference.momentum
 
     @property
+    def base_mode(self) -> str:
+        """See `Replanning.base_mode`."""
+        return self.reference.base_mode
+
+    @property
     def note(self) -> str:
         """See `Replanning.note`."""
         return self.reference.note
@@ -80,6 +85,10 @@ class Watching:
             then = t - self._sensor.latency
             self.estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
         self.reference.observe(t, q, v)
+
+    def observe_wheels(self, momentum: FloatArray) -> None:
+        """See `Replanning.observe_wheels`."""
+        self.reference.observe_wheels(momentum)
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """See `Replanning.sample`."""

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, one_of, positive, vector
 from ffsms_pin.coupling import cosine
-from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.arguments import checked_arguments
@@ -114,15 +113,14 @@ class Stepper:
         mode: str = "floating",
         wheel_total: ArrayLike | None = None,
     ) -> None:
-        if not isinstance(reference, str) or reference not in REFERENCES:
-            raise InvalidValue("reference", reference, f"must be one of {', '.join(REFERENCES)}")
         instance("sms", sms, SpaceManipulator)
         instance("weights", weights, StepWeights, optional=True)
         self.sms = sms
         self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)
-        self.terms, self.weights, self.reference = tuple(terms), weights or StepWeights(), reference
+        self.terms, self.weights = tuple(terms), weights or StepWeights()
+        self.reference = one_of("reference", reference, REFERENCES)
         self.momentum = None if momentum is None else vector("momentum", momentum, 6)
-        self.mode = one_of("mode", mode, tuple(MODES))
+        self.mode = one_of("mode", mode, MODES)
         self.wheel_total: FloatArray | None = None
         if wheel_total is not None and np.size(wheel_total):
             count = 0 if sms.wheels is None else len(sms.wheels)

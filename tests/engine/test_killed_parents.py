@@ -12,7 +12,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from processes import alive, waited
+from processes import alive, command_of, waited
 
 WITHIN = 5.0  # [s]
 
@@ -88,7 +88,7 @@ def begun(
 def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
     """The processes that work."""
     found = psutil.Process(process.pid).children(recursive=True)
-    return [one for one in found if "ffsms_pin.engine.worker" in " ".join(one.cmdline())]
+    return [one for one in found if "ffsms_pin.engine.worker" in command_of(one)]
 
 
 @pytest.mark.parametrize("script", [PLANS, SIMULATIONS, IDLE], ids=["plans", "simulations", "idle"])

@@ -91,7 +91,12 @@ def test_the_whole_process_killed_and_begun_again(
     script.write_text(RUN)
     with (tmp_path / "err").open("w") as err:
         process = subprocess.Popen(
-            [sys.executable, str(script), str(folder), str(WAIT)], env=environment(temporary), stderr=err
+            [sys.executable, str(script), str(folder), str(WAIT)],
+            env=environment(temporary),
+            stderr=err,
+            preexec_fn=lambda: [
+                signal.signal(one, signal.SIG_DFL) for one in (signal.SIGINT, signal.SIGTERM)
+            ],
         )
     try:
         assert waited(lambda: count(folder) >= 4, 60.0), (tmp_path / "err").read_text()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from horizon_parts import check
+from horizon_parts import GOAL, same
 from own_parts import AbovePlane, LookAt
 
 import ffsms_pin as ffsms
@@ -18,8 +18,6 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.opt.trajectory import measure
-
-GOAL = np.array([0.7, 0.5, 0.0])
 
 
 @pytest.fixture(scope="module")
@@ -30,13 +28,6 @@ def q0(planar: ffsms.SpaceManipulator) -> FloatArray:
 @pytest.fixture(scope="module")
 def plan(planar: ffsms.SpaceManipulator, q0: FloatArray) -> opt.Trajectory:
     return opt.solve(opt.Problem(planar, q0, GOAL, 6.0, 0.02))
-
-
-def same(first: opt.Trajectory, second: opt.Trajectory) -> None:
-    """To the last bit in every field."""
-    for field in dataclasses.fields(opt.Trajectory):
-        one, other = getattr(first, field.name), getattr(second, field.name)
-        np.testing.assert_equal(one, other, err_msg=field.name)
 
 
 # -- what a problem is ---------------------------------------------------------------------------------
@@ -239,75 +230,3 @@ def test_shares_of_a_broken_and_own_parts_are_kept_in_the_file(
     old = opt.Trajectory.load(tmp_path / "old.npz")
     assert (old.shares, old.binding, old.broken) == ({}, {}, {})
     np.testing.assert_array_equal(old.q, told.q)
-
-
-# -- starts, goals, joints -----------------------------------------------------------------------------
-
-
-def test_a_start_with_moving_joints(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
-    rates = np.array([0.15, -0.2, 0.1])
-    plan = opt.solve(opt.Problem(planar, q0, GOAL, 6.0, 0.02, joint_rates=rates))
-    check(planar, plan)
-    np.testing.assert_array_equal(plan.joint_rates[0], rates)
-    np.testing.assert_allclose(plan.v[0], planar.velocity(q0, rates), atol=1e-12)
-    # Here the way from rest is another one.
-    assert opt.solve(opt.Problem(planar, q0, GOAL, 6.0, 0.02)).joint_rates[0].tolist() == [0.0] * 3
-
-
-def test_an_arrival_with_a_velocity(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
-    wanted = np.array([-0.03, 0.02, 0.0])
-    plan = opt.solve(opt.Problem(planar, q0, opt.Position(GOAL, velocity=wanted), 6.0, 0.02))
-    check(planar, plan, rests=False)
-    end = planar.at(plan.q[-1], plan.v[-1]).end_effector_twist
-    np.testing.assert_allclose(end[:3], wanted, atol=2e-3)
-
-
-@pytest.mark.parametrize("joint", [0, 2])
-def test_locked_joints_stay_exactly(joint: int, planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
-    # A target that the other joints reach: two joints of a planar arm have one way to each.
-    goals = {0: [0.75, 0.5, 0.0], 2: GOAL}
-    problem = opt.Problem(planar, q0, goals[joint], 8.0, 0.04, locked=[planar.joint_names[joint]])
-    plan = opt.solve(problem)
-    assert (plan.joint_positions[:, joint] == plan.joint_positions[0, joint]).all()
-    assert not plan.joint_rates[:, joint].any()
-    check(planar, plan)
-
-
-def test_a_moving_goal_is_met_with_its_velocity(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
-    def path(t: float) -> FloatArray:
-        return np.array([0.76 - 0.01 * t, 0.5 + 0.005 * t, 0.0])
-
-    plan = opt.solve(opt.Problem(planar, q0, path, 6.0, 0.02))
-    check(planar, plan, rests=False)
-    state = planar.at(plan.q[-1], plan.v[-1])
-    np.testing.assert_allclose(state.end_effector_pose.translation, path(6.0), atol=1e-3)
-    np.testing.assert_allclose(state.end_effector_twist[:3], [-0.01, 0.005, 0.0], atol=2e-3)
-    # Near it in the last tenth too, wherever it is then.
-    late = plan.t >= 0.9 * 6.0 - 1e-9
-    errors = [
-        np.linalg.norm(path(t) - tip) for t, tip in zip(plan.t[late], plan.end_effector[late], strict=True)
-    ]
-    assert max(errors) <= 0.02
-    np.testing.assert_allclose(plan.position_error[late], errors, atol=1e-12)
-
-
-def test_methods_of_single_steps_know_no_moving_goals(planar: ffsms.SpaceManipulator, q0: FloatArray) -> None:
-    for change in ({"target": lambda t: GOAL}, {"target": GOAL, "locked": ["joint_1"]}):
-        with pytest.raises(InvalidValue, match="take 'horizon'"):
-            opt.plan(planar, q0, **change, method="step")
-
-
-def test_a_time_limit_returns_the_best_so_far(planar: ffsms.SpaceManipulator) -> None:
-    """A motion is finished whatever the limit; more time looks at more motions."""
-    shares: list[float] = []
-    start, target = planar.configuration(np.deg2rad([1.0, 1.0, 1.0])), [0.45, 0.75, 0.0]
-    problem = opt.Problem(planar, start, target, 12.0, 0.05)
-    hasty = opt.solve(problem, opt.SearchOptions(time_limit=1e-9), shares.append)
-    assert np.isfinite(hasty.q).all()
-    assert hasty.broken == {}
-    assert shares[-1] == 1.0
-    full = opt.solve(problem)
-    assert full.reached
-    if hasty.reached:
-        assert full.cost_integral <= hasty.cost_integral + 1e-3 + 1e-9
-    same(opt.plan(planar, start, target, 12.0, 0.05, time_limit=1e6), full)

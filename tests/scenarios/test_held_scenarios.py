@@ -75,3 +75,17 @@ def test_a_term_spares_the_wheels_energy(tmp_path: Path) -> None:
         assert used[-1] == pytest.approx(outcome.trajectory.wheel_energy, rel=0.02)
         assert outcome.trajectory.reached
     assert used[1] < 0.8 * used[0]
+
+
+@pytest.mark.parametrize(
+    "more", ["", '[reference]\nkind = "re-planning"\ndt = 0.05\n', "[reference]\nhold = 0.5\n"]
+)
+def test_joints_that_move_at_the_start_do_not_turn_the_base(tmp_path: Path, more: str) -> None:
+    """Beside linear momentum, and whatever follows the plan."""
+    text = SCENARIO.replace("[plan]\n", "[plan]\nmomentum = [0.2, 0.1, 0.0, 0.0, 0.0, 0.0]\n")
+    path = tmp_path / "held.toml"
+    path.write_text(text.replace("[start]\n", "[start]\njoint_rates = [0.1, -0.1, 0.1]\n") + more)
+    outcome = run(scenario(path))
+    np.testing.assert_array_equal(outcome.tracking.v[0, 6:], [0.1, -0.1, 0.1])
+    np.testing.assert_allclose(outcome.tracking.v[0, 3:6], 0.0, atol=1e-12)
+    assert np.abs(outcome.tracking.v[0, :3]).max() > 1e-4

@@ -2,69 +2,24 @@
 
 from __future__ import annotations
 
-import base64
-import gzip
-import json
 import re
-import struct
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import umsgpack
-from numpy.typing import NDArray
+from exported import Opened
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.cli import main
-from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.viewer import LAYERS, View, view
-
-Array = NDArray[np.float64]
-
-
-@pytest.fixture(scope="module")
-def tracking(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> ffsms.Tracking:
-    return ffsms.simulate(planar, plan, ffsms.SlidingModeController(planar), dt=0.01)
 
 
 @pytest.fixture(scope="module")
 def scene(planar: ffsms.SpaceManipulator, plan: opt.Trajectory, tracking: ffsms.Tracking) -> View:
     return view(planar, tracking, plan, fps=10.0)
-
-
-class Opened:
-    """An exported file, taken apart."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-        found = re.search(r'<script id="facts" type="application/json">(.*?)</script>', text, re.S)
-        assert found is not None
-        self.facts: dict[str, Any] = json.loads(found[1])
-        found = re.search(r'<script id="commands" type="text/plain">(.*?)</script>', text, re.S)
-        assert found is not None
-        raw = gzip.decompress(base64.b64decode(found[1]))
-        self.commands: list[dict[str, Any]] = []
-        at = 0
-        while at < len(raw):
-            (length,) = struct.unpack_from("<I", raw, at)
-            self.commands.append(umsgpack.unpackb(raw[at + 4 : at + 4 + length]))
-            at += 4 + length
-
-    def of(self, kind: str) -> list[dict[str, Any]]:
-        return [command for command in self.commands if command["type"] == kind]
-
-    def track(self, path: str, name: str) -> tuple[Array, Array]:
-        """Times and rows of a track of the film."""
-        (film,) = self.of("set_animation")
-        (clip,) = [item["clip"] for item in film["animations"] if item["path"] == f"/ffsms/{path}"]
-        (track,) = [item for item in clip["tracks"] if item["name"] == f".{name}"]
-        times = np.frombuffer(track["times"].data, dtype=np.float32).astype(np.float64)
-        values = np.frombuffer(track["values"].data, dtype=np.float32).astype(np.float64)
-        return times, values.reshape(len(times), -1)
 
 
 @pytest.fixture(scope="module")
@@ -222,98 +177,3 @@ def test_meshes_are_drawn_whole_and_their_ghosts_light() -> None:
     names = {c["path"].rsplit("/", 1)[1] for c in objects if c["path"].startswith("/ffsms/robot/")}
     assert names == {shape.name for shape in sms.geometry("visual").geometryObjects}
     assert size("start") < 0.5 * size("robot")
-
-
-def test_the_file_is_written_whole_or_not_at_all(scene: View, tmp_path: Path) -> None:
-    path = tmp_path / "scene.html"
-    scene.to_html(path)
-    assert path.read_text("utf-8").rstrip().endswith("</html>")
-    assert [item.name for item in tmp_path.iterdir()] == ["scene.html"]
-    with pytest.raises(ResultError):
-        scene.to_html(tmp_path / "nowhere" / "scene.html")
-
-
-def test_a_notebook_shows_the_same_page(scene: View) -> None:
-    inline = scene._repr_html_()
-    assert inline.startswith("<iframe srcdoc=")
-    assert inline.count('"') == 4  # everything inside of the attribute is escaped
-
-
-def test_a_title_cannot_break_out(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> None:
-    text = view(planar, plan, fps=1.0, title="</script><b>x").html()
-    assert "</script><b>x" not in text
-    assert "&lt;/script&gt;&lt;b&gt;x" in text
-
-
-@pytest.mark.parametrize(
-    ("changes", "word"),
-    [
-        ({"speed": 0.0}, "speed"),
-        ({"fps": -1.0}, "fps"),
-        ({"show": "everything"}, "show"),
-        ({"target": [1.0, 2.0]}, "target"),
-        ({"plan": 3}, "plan"),
-    ],
-)
-def test_wrong_arguments_are_refused(
-    planar: ffsms.SpaceManipulator,
-    tracking: ffsms.Tracking,
-    refused: Callable[..., FfsmsError],
-    changes: dict[str, Any],
-    word: str,
-) -> None:
-    refused(lambda: view(planar, tracking, **changes), InvalidValue, word)
-
-
-def test_results_of_another_robot_are_refused(
-    plan: opt.Trajectory, refused: Callable[..., FfsmsError]
-) -> None:
-    refused(lambda: view(ffsms.load("space_arm_7"), plan), InvalidValue, "another robot")
-    wrong: Any = "plan.npz"
-    refused(lambda: view(ffsms.load("space_arm_7"), wrong), InvalidValue, "Trajectory")
-
-
-def test_the_command_writes_a_scene(
-    planar: ffsms.SpaceManipulator,
-    plan: opt.Trajectory,
-    tracking: ffsms.Tracking,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    plan.save(tmp_path / "trajectory.npz")
-    tracking.save(tmp_path / "tracking.npz")
-    (tmp_path / "summary.json").write_text(json.dumps({"scenario": "mine", "robot": "planar_3r"}))
-    out = tmp_path / "out.html"
-    assert main(["view", str(tmp_path), "--html", str(out), "--show", "robot,limits"]) == 0
-    assert str(out) in capsys.readouterr().out
-    opened = Opened(out.read_text("utf-8"))
-    assert {x["name"] for x in opened.facts["layers"] if x["shown"]} == {"robot", "limits"}
-    assert "mine" in opened.text
-
-
-def test_the_command_says_what_is_wrong(
-    plan: opt.Trajectory, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def line(*arguments: str) -> str:
-        assert main(["view", *arguments]) == 2
-        said = capsys.readouterr().err
-        assert said.count("\n") == 1
-        return said
-
-    assert "not a folder" in line(str(tmp_path / "nothing"))
-    assert "trajectory.npz" in line(str(tmp_path))
-    plan.save(tmp_path / "trajectory.npz")
-    assert "--robot" in line(str(tmp_path))  # no summary that says whose motion it is
-    assert "not a motion of" in line(str(tmp_path), "--robot", "space_arm_7")
-    (tmp_path / "summary.json").write_text("[")
-    assert "summary.json" in line(str(tmp_path))
-    (tmp_path / "summary.json").write_text('{"scenario": "x", "robot": "gone.urdf"}')
-    assert "gone.urdf" in line(str(tmp_path))
-
-
-def test_the_result_may_come_first(planar: ffsms.SpaceManipulator) -> None:
-    plan = ffsms.opt.plan(planar, planar.configuration([0.4, 0.7, -0.5]), [0.75, 0.5, 0.0], 2.0, 0.1)
-    one, other = ffsms.view(plan, planar).html(), ffsms.view(planar, plan).html()
-    assert abs(len(one) - len(other)) < 100  # the same but for the random names of the scene's objects
-    with pytest.raises(InvalidValue, match="must be a SpaceManipulator"):
-        ffsms.view(plan, plan)

@@ -257,6 +257,8 @@ def test_a_plain_script_needs_no_guard_and_may_be_interrupted(tmp_path: Path) ->
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # What runs in the background of a shell has it that Ctrl-C is for nobody.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     assert process.stdout is not None
     while process.stdout.readline() != "plan 1\n":

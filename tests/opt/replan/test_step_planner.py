@@ -76,5 +76,10 @@ def test_tracking_takes_over_the_settings(planar: ffsms.SpaceManipulator) -> Non
 def test_what_is_wrong_is_refused(planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]) -> None:
     wrong: Any = 0.1
     refused(lambda: opt.StepPlanner(planar, base_limits=wrong), InvalidValue, "base_limits")
-    refused(lambda: opt.StepPlanner(planar, aim="sideways"), InvalidValue, "must be one of")
+    refused(
+        lambda: opt.StepPlanner(planar, aim="sideways"),
+        InvalidValue,
+        "reference",
+        '"step" or "resolved-rate"',
+    )
     refused(lambda: opt.StepPlanner(planar, dt=0.0), InvalidValue, "dt")

@@ -1,0 +1,60 @@
+"""`put_off`: Ctrl-C waits for the end of a block, where the KeyboardInterrupt cannot be lost."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import current_thread, main_thread
+from types import FrameType
+
+__all__ = ["put_off"]
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def put_off(wake: Callable[[], object] | None = None) -> Iterator[None]:
+    """Call the handlers of SIGINT and SIGTERM at the end of the block, not within it.
+
+    Python runs a handler between any two steps of the main thread. What it raises in a `__del__` or in the
+    callback of a weak reference, as Dask has them, Python prints and drops: the program goes on as if nobody
+    had pressed Ctrl-C. The second signal within a block does not wait, so the block may always be left.
+
+    Handlers are those that stand when the block begins, a program's own ones too, and stand again after it.
+    Signals that have no handler in Python keep their effect. In other threads than the main one, which get no
+    signals, nothing happens.
+
+    Parameters
+    ----------
+    wake : callable, optional
+        Called when a signal is put off, to end what the block waits for.
+    """
+    if current_thread() is not main_thread():
+        yield
+        return
+    handlers: dict[int, Callable[[int, FrameType | None], object]] = {}
+    came: list[tuple[int, FrameType | None]] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if came:
+            came.clear()
+            handlers[number](number, frame)
+            return
+        came.append((number, frame))
+        if wake is not None:
+            wake()
+
+    try:
+        for one in _SIGNALS:
+            handler = signal.getsignal(one)
+            if callable(handler):
+                handlers[one] = handler
+                signal.signal(one, note)
+        yield
+    finally:
+        for number, handler in handlers.items():
+            if signal.getsignal(number) is note:  # nobody has set another one within the block
+                signal.signal(number, handler)
+        for number, frame in came:
+            handlers[number](number, frame)

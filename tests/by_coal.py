@@ -1,0 +1,37 @@
+"""Distances to obstacles by coal alone, and a way of the planar arm, for tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+import ffsms_pin as ffsms
+from ffsms_pin.checks import FloatArray
+
+__all__ = ["GOAL", "START", "ByCoal"]
+
+START = np.radians([23.0, 40.0, -29.0])
+GOAL = [0.45, 0.75, 0.0]
+
+
+class ByCoal:
+    """Least distance of the robot's collision shapes to a shape in inertial space, without the library."""
+
+    def __init__(self, sms: ffsms.SpaceManipulator) -> None:
+        self._model, self._data = sms.model, sms.model.createData()
+        self._geometry = sms.geometry("collision")
+        self._placed = self._geometry.createData()
+
+    def __call__(self, q: FloatArray, shape: Any, pose: pin.SE3, bodies: list[int] | None = None) -> float:
+        pin.updateGeometryPlacements(self._model, self._data, self._geometry, self._placed, q)
+        least, there = np.inf, coal.Transform3s(pose.rotation, pose.translation)
+        for item, place in zip(self._geometry.geometryObjects, self._placed.oMg, strict=True):
+            if bodies is None or int(item.parentJoint) in bodies:
+                here = coal.Transform3s(place.rotation, place.translation)
+                result = coal.DistanceResult()
+                found = coal.distance(item.geometry, here, shape, there, coal.DistanceRequest(), result)
+                least = min(least, found)
+        return float(least)

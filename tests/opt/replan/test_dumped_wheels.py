@@ -1,0 +1,98 @@
+"""Planning again while thrusters take momentum out of the wheels that hold the attitude."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from base_actuators import PLACES, PYRAMID, WAYS
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.control import Coordinated, MomentumDump
+from ffsms_pin.errors import FfsmsError, InvalidValue
+from ffsms_pin.opt.batch.wheels import wheel_total
+from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.replan.rest import rest_of
+from ffsms_pin.simulation import Tracking
+
+TARGET, DURATION, DT = [0.45, 0.75, 0.0], 8.0, 0.08
+# Momenta that leave the arm hardly anything in the direction in which it needs the wheels [N m s].
+MOST, GATHERED = 0.06, np.full(4, -0.05)
+SELDOM = ReplanOptions(period=0.4, search_again=100.0)  # so that the test is quick
+
+
+class Deaf:
+    """A reference that is not told of the wheels."""
+
+    def __init__(self, reference: opt.Replanning) -> None:
+        self.duration, self.target = reference.duration, reference.target
+        self.sample, self.observe = reference.sample, reference.observe
+
+
+@pytest.fixture(scope="module")
+def problem() -> opt.Problem:
+    wheels = ffsms.ReactionWheels(PYRAMID, 0.001364, 0.1, MOST)
+    thrusters = ffsms.Thrusters(PLACES, WAYS, 0.5, proportional=True)
+    sms = ffsms.load("planar_3r").with_actuators(wheels=wheels, thrusters=thrusters)
+    q0 = sms.configuration(np.radians([1.0, 1.0, 1.0]))
+    return opt.Problem(sms, q0, TARGET, DURATION, DT, mode="rotation-floating", wheel_momentum=GATHERED)
+
+
+@pytest.fixture(scope="module")
+def plan(problem: opt.Problem) -> opt.Trajectory:
+    return opt.solve(problem)
+
+
+def followed(problem: opt.Problem, reference: Any, dump: bool = True) -> Tracking:
+    often = MomentumDump(above=0.5, below=0.1, time_constant=1.0)
+    law = Coordinated(problem.sms, 100.0, 20.0, bandwidth=2.0, dump=often if dump else None)
+    values: dict[str, Any] = {"q0": problem.q0, "base_controller": law, "wheel_momentum": GATHERED}
+    return ffsms.simulate(problem.sms, reference, law, 2e-2, **values)
+
+
+def total(sms: ffsms.SpaceManipulator, run: Tracking, k: int) -> FloatArray:
+    """Momenta of the wheels, were all else at rest, in row k of a run."""
+    assert sms.wheels is not None
+    return wheel_total(sms, sms.wheels, run.q[k], run.v[k], run.wheel_momentum[k])
+
+
+def test_what_a_dump_takes_out_of_the_wheels_makes_room(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    """As planned they would saturate: a reference that is told of the dump arrives, and no other does."""
+    assert not plan.reached
+    assert "the wheels would saturate" in plan.note
+    told = opt.Replanning(problem, plan=plan, options=SELDOM)
+    run = followed(problem, told)
+    assert run.position_error[-1] < 1e-3
+    assert told.note == ""
+    assert np.abs(run.wheel_momentum).max() < MOST
+    assert np.abs(total(problem.sms, run, -1)).max() < 0.2 * np.abs(GATHERED).max()
+    untold = opt.Replanning(problem, plan=plan, options=SELDOM)
+    run = followed(problem, Deaf(untold))
+    assert run.position_error[-1] > 0.1
+    assert "no motion found that arrives" in untold.note
+
+
+def test_without_a_dump_it_is_what_conservation_gives(problem: opt.Problem, plan: opt.Trajectory) -> None:
+    """In every row of a run, arm and base moving; and so the rest of a plan begins as it does untold."""
+    sms = problem.sms
+    run = followed(problem, plan, dump=False)
+    for k in (0, 75, 166, 400):
+        np.testing.assert_allclose(total(sms, run, k), problem.wheel_total, atol=1e-9)
+    k = 35
+    joints, rates = plan.joint_positions[k], plan.joint_rates[k]
+    state = (problem, sms, k * DT, plan.q[k], joints, rates, plan.q[0, :7])
+    untold, told = rest_of(*state), rest_of(*state, wheel_total=problem.wheel_total + 0.01)
+    np.testing.assert_allclose(untold.wheel_momentum, plan.wheel_momentum[k], atol=1e-12)
+    np.testing.assert_allclose(told.wheel_momentum, plan.wheel_momentum[k] + 0.01, atol=1e-12)
+    np.testing.assert_allclose(told.wheel_total, problem.wheel_total + 0.01, atol=1e-12)
+
+
+def test_momenta_are_checked(problem: opt.Problem, refused: Callable[..., FfsmsError]) -> None:
+    reference = opt.Replanning(problem)
+    refused(lambda: reference.observe_wheels(np.ones(3)), InvalidValue, "momentum", "(4,)")
+    floating = opt.Replanning(opt.Problem(problem.sms, problem.q0, TARGET, DURATION, DT))
+    floating.observe_wheels(np.ones(4))  # they hold nothing there

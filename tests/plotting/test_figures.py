@@ -1,0 +1,118 @@
+"""Whole figures: their panels and legends, their files, and nothing that is cut off or changes elsewhere."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from drawn import curves, dotted, flown, points
+
+from ffsms_pin import plotting
+from ffsms_pin.scenarios import Outcome
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+    return flown(tmp_path_factory.mktemp("plotting"))
+
+
+def test_the_coupling_has_its_singular_values_and_its_entropy(outcome: Outcome) -> None:
+    labels = [ax.get_ylabel() for ax in plotting.figure(outcome, "coupling").axes]
+    for word in ("cost", "assistance", "entropy", "singular values", "distance"):
+        assert sum(word in label for label in labels) == 1
+
+
+def test_no_panel_of_torques_is_a_flat_line(outcome: Outcome) -> None:
+    """Limits are drawn where the motion comes near them; else the label says how far away they are."""
+    share = 100.0 * (np.abs(outcome.tracking.tau) / outcome.controller.torque_limit).max()
+    assert share < 20.0
+    ax = plotting.figure(outcome, "tracking-torques").axes[1]
+    assert not dotted(ax)
+    assert f"at most {share:.2g} % of the limits" in ax.get_ylabel()
+    tau = outcome.tracking.tau * 0.5 * 100.0 / share
+    hard = replace(outcome, tracking=replace(outcome.tracking, tau=tau))
+    ax = plotting.figure(hard, "tracking-torques").axes[1]
+    assert dotted(ax) == [-3.5, -1.5, 1.5, 3.5]
+    assert "limits" not in ax.get_ylabel()
+
+
+def test_panels_that_say_the_same_share_a_legend(outcome: Outcome) -> None:
+    figure = plotting.figure(outcome, "joints")
+    assert [ax.get_legend() for ax in figure.axes] == [None, None]
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["joint_1", "joint_2", "joint_3", "limits"]
+    figure.draw_without_rendering()
+    box = legend.get_window_extent()
+    assert all(not box.overlaps(ax.get_window_extent()) for ax in figure.axes)
+    assert not plotting.figure(outcome, "tracking-torques").legends
+
+
+def test_every_figure_is_written_whole_and_the_same_each_time(outcome: Outcome, tmp_path: Path) -> None:
+    shares: list[float] = []
+    first = plotting.save_figures(outcome, tmp_path, progress=shares.append)
+    assert sorted(tmp_path.iterdir()) == sorted(first)  # no temporary file is left
+    assert {path.stem for path in first} == set(plotting.FIGURES)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    for path in first:
+        start = path.read_bytes()[:8]
+        assert start.startswith(b"%PDF-" if path.suffix == ".pdf" else b"\x89PNG")
+        assert path.stat().st_size > 4_000
+    before = {path: path.read_bytes() for path in first}
+    plotting.save_figures(outcome, tmp_path, formats=("pdf",))
+    assert before == {path: path.read_bytes() for path in first}
+
+
+def test_svg_too(outcome: Outcome, tmp_path: Path) -> None:
+    written = plotting.save_figures(outcome, tmp_path, formats=("svg",))
+    assert all("</svg>" in path.read_text() for path in written)
+
+
+def test_nothing_is_cut_off(outcome: Outcome) -> None:
+    """Every text lies within its figure."""
+    for name in plotting.FIGURES:
+        figure = plotting.figure(outcome, name)
+        figure.draw_without_rendering()
+        width, height = figure.bbox.width, figure.bbox.height
+        for ax in figure.axes:
+            box = ax.get_tightbbox()
+            assert box is not None
+            assert box.x0 >= -1.0, name
+            assert box.y0 >= -1.0, name
+            assert box.x1 <= width + 1.0, name
+            assert box.y1 <= height + 1.0, name
+
+
+def test_drawing_changes_nothing_global(outcome: Outcome, tmp_path: Path) -> None:
+    # The backend is chosen when it is first asked for, so it is not asked for here.
+    before = {key: mpl.rcParams[key] for key in mpl.rcParams if key != "backend"}
+    loaded = "matplotlib.pyplot" in sys.modules
+    plotting.save_figures(outcome, tmp_path, formats=("png",))
+    assert before == {key: mpl.rcParams[key] for key in before}
+    assert ("matplotlib.pyplot" in sys.modules) == loaded
+
+
+def test_where_the_motion_was_planned_again_both_runs_are_drawn(tmp_path: Path) -> None:
+    extra = 'reference.kind = "re-planning"\nplant.arm_mass = 1.5\ncontrol.law = "computed-torque"\n'
+    outcome = flown(tmp_path, extra)
+    assert outcome.open_loop is not None
+    distance = plotting.figure(outcome, "tracking-torques").axes[0]
+    again, once = (points(curve)[:, 1] for curve in curves(distance))
+    np.testing.assert_array_equal(again, outcome.tracking.position_error)
+    np.testing.assert_array_equal(once, outcome.open_loop.tracking.position_error)
+    (drawing,) = plotting.figure(outcome, "motion").axes
+    legend = drawing.get_legend()
+    assert legend is not None
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels[:3] == ["end effector as planned", "planned again", "plan made once"]
+    paths = {str(curve.get_label()): points(curve) for curve in drawing.get_lines()}
+    for name, tracking in (
+        ("planned again", outcome.tracking),
+        ("plan made once", outcome.open_loop.tracking),
+    ):
+        end = outcome.plant.at(tracking.q[-1]).end_effector_pose.translation
+        np.testing.assert_allclose(paths[name][-1], end[:2], atol=1e-12)

@@ -1,0 +1,129 @@
+"""Joints that move at the start of a run whose base is held: what is held is at rest from then on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from base_actuators import PLACES, PYRAMID, WAYS
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.control import ComputedTorque, Coordinated, QuaternionFeedback, StationKeeping
+from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.scenarios.references import Held
+from ffsms_pin.scenarios.tracked import end_effector_deviation
+from ffsms_pin.simulation import Tracking
+
+RATES = (0.1, -0.15, 0.2)
+DRIFT = (0.3, -0.2, 0.0, 0.0, 0.0, 0.0)
+LINEAR, ANGULAR = slice(0, 3), slice(3, 6)
+# What holds the base in each mode, and the rows of its twist that it holds.
+LAWS: dict[str, tuple[Any, list[slice]]] = {
+    "rotation-floating": (Coordinated, [ANGULAR]),
+    "rotation-flying": (QuaternionFeedback, [ANGULAR]),
+    "translation-flying": (lambda sms: StationKeeping(sms, holds="place"), [LINEAR]),
+    "flying": (StationKeeping, [LINEAR, ANGULAR]),
+}
+
+
+def robot(mode: str) -> ffsms.SpaceManipulator:
+    """`planar_3r` with what its mode needs."""
+    if mode == "rotation-floating":
+        wheels = ffsms.ReactionWheels(PYRAMID, 0.001364, torque=1.0, momentum=10.0)
+        return ffsms.load("planar_3r").with_actuators(wheels=wheels)
+    thrusters = ffsms.Thrusters(PLACES, WAYS, 50.0, proportional=True)
+    return ffsms.load("planar_3r").with_actuators(thrusters=thrusters)
+
+
+def problem(mode: str, **values: Any) -> opt.Problem:
+    sms = robot(mode)
+    q0 = sms.configuration([0.3, 0.8, -0.6])
+    return opt.Problem(sms, q0, [0.75, 0.5, 0.0], 6.0, 0.05, joint_rates=RATES, mode=mode, **values)
+
+
+def followed(sms: ffsms.SpaceManipulator, reference: Any, mode: str, **values: Any) -> Tracking:
+    law = LAWS[mode][0](sms)
+    joints = law if mode == "rotation-floating" else ComputedTorque(sms)
+    return ffsms.simulate(sms, reference, joints, 5e-3, base_controller=law, **values)
+
+
+def held_speed(sms: ffsms.SpaceManipulator, run: Tracking, mode: str) -> FloatArray:
+    """The largest speed of what the mode holds, every 50 ms [m/s, rad/s]."""
+    twists = np.array([sms.at(q, v).base_twist for q, v in zip(run.q[::10], run.v[::10], strict=True)])
+    rows = np.concatenate([np.abs(twists[:, held]) for held in LAWS[mode][1]], axis=1)
+    return np.asarray(rows.max(axis=1))
+
+
+@pytest.mark.parametrize("mode", list(LAWS))
+def test_the_plant_starts_as_the_plan_and_follows_it(mode: str) -> None:
+    """As if the base floated, which is the way without a mode, it starts with a kick and goes astray."""
+    task = problem(mode)
+    sms, plan = task.sms, opt.solve(task)
+    assert plan.reached
+    assert plan.mode == mode
+    run = followed(sms, plan, mode)
+    np.testing.assert_allclose(run.v[0], plan.v[0], atol=1e-12)
+    assert held_speed(sms, run, mode)[0] < 1e-12
+    assert held_speed(sms, run, mode).max() < 1e-5
+    assert run.position_error[-1] < 1e-3
+    kicked = followed(sms, replace(plan, mode="floating"), mode)
+    assert held_speed(sms, kicked, mode)[0] > 5e-4
+    missed = [end_effector_deviation(sms, plan, one).max() for one in (run, kicked)]
+    assert missed[0] < 0.5 * missed[1]
+
+
+def test_a_plant_that_drifts_keeps_its_attitude() -> None:
+    """The linear momentum of the plan, and that alone, moves the base."""
+    task = problem("rotation-floating", momentum=DRIFT)
+    sms, plan = task.sms, opt.solve(task)
+    run = followed(sms, plan, "rotation-floating")
+    np.testing.assert_allclose(run.v[0], plan.v[0], atol=1e-12)
+    assert held_speed(sms, run, "rotation-floating").max() < 1e-5
+    np.testing.assert_allclose(sms.at(run.q[0], run.v[0]).momentum[:3], DRIFT[:3], atol=1e-12)
+    assert end_effector_deviation(sms, plan, run).max() < 1e-4
+    # Between the plan's nodes, too, it is compared with the base as it is held.
+    between: Any = SimpleNamespace(t=run.t[8::10], q=run.q[8::10])
+    assert end_effector_deviation(sms, plan, between).max() < 1e-4
+    assert end_effector_deviation(sms, replace(plan, mode="floating"), between).max() > 3e-4
+
+
+def test_references_that_plan_again_or_hold_on_start_alike() -> None:
+    task = problem("rotation-floating")
+    sms, plan = task.sms, opt.solve(task)
+    for reference in (opt.Replanning(task, plan=plan), Held(plan, 1.0)):
+        run = followed(sms, reference, "rotation-floating", q0=task.q0)
+        np.testing.assert_allclose(run.v[0], plan.v[0], atol=1e-12)
+        assert run.position_error[-1] < 2e-3
+
+
+def test_what_is_told_comes_first() -> None:
+    """A momentum that is given is the total one, of a base that gives way."""
+    task = problem("flying")
+    sms, plan = task.sms, opt.solve(task)
+    for momentum in (np.zeros(6), np.array(DRIFT)):
+        run = followed(sms, plan, "flying", momentum=momentum)
+        np.testing.assert_allclose(sms.at(run.q[0], run.v[0]).momentum, momentum, atol=1e-12)
+    v0: FloatArray = np.concatenate([np.full(6, 0.01), RATES])
+    np.testing.assert_array_equal(followed(sms, plan, "flying", v0=v0).v[0], v0)
+    with pytest.raises(InvalidValue, match=r"reference\.base_mode"):
+        followed(sms, replace(plan, mode="held"), "flying")
+
+
+def test_the_mode_is_saved_and_older_files_are_floating(tmp_path: Path) -> None:
+    plan = opt.solve(problem("flying"))
+    plan.save(tmp_path / "plan.npz")
+    assert opt.Trajectory.load(tmp_path / "plan.npz").mode == "flying"
+    with np.load(tmp_path / "plan.npz") as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "wrong.npz", **{**arrays, "mode": np.array("held")})
+    with pytest.raises(ResultError, match="'mode' is 'held'"):
+        opt.Trajectory.load(tmp_path / "wrong.npz")
+    del arrays["mode"]
+    np.savez(tmp_path / "older.npz", **arrays)
+    assert opt.Trajectory.load(tmp_path / "older.npz").mode == "floating"

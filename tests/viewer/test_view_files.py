@@ -1,0 +1,112 @@
+"""The viewer's page as a file, in a notebook and from the command line, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from exported import Opened
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.cli import main
+from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
+from ffsms_pin.viewer import View, view
+
+
+def test_the_file_is_written_whole_or_not_at_all(scene: View, tmp_path: Path) -> None:
+    path = tmp_path / "scene.html"
+    scene.to_html(path)
+    assert path.read_text("utf-8").rstrip().endswith("</html>")
+    assert [item.name for item in tmp_path.iterdir()] == ["scene.html"]
+    with pytest.raises(ResultError):
+        scene.to_html(tmp_path / "nowhere" / "scene.html")
+
+
+def test_a_notebook_shows_the_same_page(scene: View) -> None:
+    inline = scene._repr_html_()
+    assert inline.startswith("<iframe srcdoc=")
+    assert inline.count('"') == 4  # everything inside of the attribute is escaped
+
+
+def test_a_title_cannot_break_out(planar: ffsms.SpaceManipulator, plan: opt.Trajectory) -> None:
+    text = view(planar, plan, fps=1.0, title="</script><b>x").html()
+    assert "</script><b>x" not in text
+    assert "&lt;/script&gt;&lt;b&gt;x" in text
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"speed": 0.0}, "speed"),
+        ({"fps": -1.0}, "fps"),
+        ({"show": "everything"}, "show"),
+        ({"target": [1.0, 2.0]}, "target"),
+        ({"plan": 3}, "plan"),
+    ],
+)
+def test_wrong_arguments_are_refused(
+    planar: ffsms.SpaceManipulator,
+    tracking: ffsms.Tracking,
+    refused: Callable[..., FfsmsError],
+    changes: dict[str, Any],
+    word: str,
+) -> None:
+    refused(lambda: view(planar, tracking, **changes), InvalidValue, word)
+
+
+def test_results_of_another_robot_are_refused(
+    plan: opt.Trajectory, refused: Callable[..., FfsmsError]
+) -> None:
+    refused(lambda: view(ffsms.load("space_arm_7"), plan), InvalidValue, "another robot")
+    wrong: Any = "plan.npz"
+    refused(lambda: view(ffsms.load("space_arm_7"), wrong), InvalidValue, "Trajectory")
+
+
+def test_the_command_writes_a_scene(
+    planar: ffsms.SpaceManipulator,
+    plan: opt.Trajectory,
+    tracking: ffsms.Tracking,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    plan.save(tmp_path / "trajectory.npz")
+    tracking.save(tmp_path / "tracking.npz")
+    (tmp_path / "summary.json").write_text(json.dumps({"scenario": "mine", "robot": "planar_3r"}))
+    out = tmp_path / "out.html"
+    assert main(["view", str(tmp_path), "--html", str(out), "--show", "robot,limits"]) == 0
+    assert str(out) in capsys.readouterr().out
+    opened = Opened(out.read_text("utf-8"))
+    assert {x["name"] for x in opened.facts["layers"] if x["shown"]} == {"robot", "limits"}
+    assert "mine" in opened.text
+
+
+def test_the_command_says_what_is_wrong(
+    plan: opt.Trajectory, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def line(*arguments: str) -> str:
+        assert main(["view", *arguments]) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1
+        return said
+
+    assert "not a folder" in line(str(tmp_path / "nothing"))
+    assert "trajectory.npz" in line(str(tmp_path))
+    plan.save(tmp_path / "trajectory.npz")
+    assert "--robot" in line(str(tmp_path))  # no summary that says whose motion it is
+    assert "not a motion of" in line(str(tmp_path), "--robot", "space_arm_7")
+    (tmp_path / "summary.json").write_text("[")
+    assert "summary.json" in line(str(tmp_path))
+    (tmp_path / "summary.json").write_text('{"scenario": "x", "robot": "gone.urdf"}')
+    assert "gone.urdf" in line(str(tmp_path))
+
+
+def test_the_result_may_come_first(planar: ffsms.SpaceManipulator) -> None:
+    plan = ffsms.opt.plan(planar, planar.configuration([0.4, 0.7, -0.5]), [0.75, 0.5, 0.0], 2.0, 0.1)
+    one, other = ffsms.view(plan, planar).html(), ffsms.view(planar, plan).html()
+    assert abs(len(one) - len(other)) < 100  # the same but for the random names of the scene's objects
+    with pytest.raises(InvalidValue, match="must be a SpaceManipulator"):
+        ffsms.view(plan, plan)
