@@ -52,6 +52,9 @@ class SearchOptions:
     widest_cone : float
         By how much C~ may exceed max(0, cos(theta_a)), log 2 / kappa, for marches to be tried as plans: with
         a smaller kappa the cone is so wide that a march spirals and misses the deadline.
+    long_way : float
+        Marches are tried as well where the joints travel more than so many times as far as on the shortest
+        straight move: the cheapest motions found are sometimes detours, and a march rarely is one.
     march_steps : int
         Steps of the marches that are starts.
     """
@@ -73,4 +76,5 @@ class SearchOptions:
     least_reversal: float = 1e-8
     around_obstacles: float = 3.0
     widest_cone: float = 0.2
+    long_way: float = 3.0
     march_steps: int = 30

@@ -233,7 +233,7 @@ class Search:
         return self._arrived()
 
     def _march(self) -> None:
-        """The paper's own marches, where one may be cheaper than the plan by more than the tolerance."""
+        """The paper's own marches, where one may be cheaper than the plan, or ask less of the joints."""
         goal, floats = self.problem.goal, self.problem.mode == "floating"
         place = goal.place(self.problem.duration)
         if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
@@ -243,14 +243,20 @@ class Search:
         if cost < np.inf and obstructed(self.problem, best.plan):
             return  # a march stops at an obstacle that the plan goes round
         coupled = any(isinstance(term, Coupling) for term in self.problem.terms)
-        if cost <= tolerance or not floats or not coupled:
+        if not floats or not coupled or (cost <= tolerance and not self._travels_far(best.plan)):
             return
         if cost == np.inf and not self._there().any():
             return
-        for rates in free_marches(self.problem, cost - tolerance):
+        for rates in free_marches(self.problem, max(cost - tolerance, tolerance)):
             self.found.append(best._replace(plan=measure(self.problem, rates)))
-            if self._arrived(tolerance) or self._out_of_time():
+            done = self._arrived(tolerance) and not self._travels_far(self.best().plan)
+            if done or self._out_of_time():
                 break
+
+    def _travels_far(self, plan: Trajectory) -> bool:
+        """Whether the joints of a plan go much further than those of the straight moves."""
+        ways = np.abs(self.goals.joints[self._there()] - self.problem.joints0).sum(axis=1)
+        return plan.joint_travel > self.options.long_way * float(ways.min(initial=np.inf))
 
     def _go_straight(self) -> None:
         """Where every cheap way round fails: the quickest straight moves that end at the goal."""
