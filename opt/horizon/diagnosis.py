@@ -11,7 +11,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.horizon.blocked import blocking
 from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
-from ffsms_pin.opt.horizon.starts import JointGoals, joint_range, spread_postures, straight_time, too_short
+from ffsms_pin.opt.horizon.shooting import JointGoals, too_short
+from ffsms_pin.opt.horizon.starts import joint_range, spread_postures, straight_time
 from ffsms_pin.opt.limits import Clearance, Corridor
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure

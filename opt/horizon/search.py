@@ -19,7 +19,9 @@ from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.groups import QUICK, START_GROUPS, StartGroup
 from ffsms_pin.opt.horizon.judge import Found, Judge, cost_of
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts
+from ffsms_pin.opt.horizon.merit import linearise
 from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals, too_short
 from ffsms_pin.opt.horizon.spline import embedded
 from ffsms_pin.opt.horizon.stages import (
     EARLY_STAGES,
@@ -30,13 +32,7 @@ from ffsms_pin.opt.horizon.stages import (
     run,
     tighten,
 )
-from ffsms_pin.opt.horizon.starts import (
-    JointGoals,
-    joint_goals,
-    spread_postures,
-    straight_time,
-    too_short,
-)
+from ffsms_pin.opt.horizon.starts import spread_postures, straight_time
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -122,8 +118,7 @@ class Search:
         far = spread_postures(problem, self._drawn, group.far)
         joints = np.vstack([problem.joints0, near, far] if not self._drawn else [near, far])
         self._drawn += max(group.near, group.far)
-        goals = joint_goals(problem, joints)
-        self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
+        goals = self._shoot(joints)
         length, half = problem.stack.length, (len(goals.distance) - 1) // 2
         reach = max(self.options.goal_radius * length, float(np.sort(goals.distance)[half]))
         p = moves_to(problem, coarse.spline, goals.joints[goals.distance <= reach])
@@ -135,6 +130,12 @@ class Search:
         early = Candidates.start(coarse, p, first.weights, first.damping or 0.3)
         early = run(coarse, early, EARLY_STAGES, first.weights)
         self._pool = early if self._pool is None else self._pool.join(early)
+
+    def _shoot(self, joints: FloatArray) -> JointGoals:
+        """Joint goals found from postures (K, n); those known grow by them."""
+        goals = joint_goals(self.problem, joints)
+        self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
+        return goals
 
     def _there(self) -> NDArray[np.bool_]:
         """Which of the joint goals have straight moves that end at the goal."""
@@ -253,18 +254,35 @@ class Search:
                 break
 
     def _go_straight(self) -> None:
-        """Where every cheap way round fails: the quickest straight moves that end at the goal."""
-        problem = self.problem
-        there = self.goals.joints[self._there()]
+        """Where every cheap way round fails: straight moves that end at the goal.
+
+        First those that keep the limits, then the quickest. Where none does, more joint goals are looked for.
+        """
         before = len(self.found)
-        for goal in sorted(there, key=lambda goal: straight_time(problem, goal))[
-            : self.options.straight_moves
-        ]:
+        goals, kept = self._straight()
+        if not kept.any():
+            self._shoot(spread_postures(self.problem, self._drawn, self.options.more_goals))
+            self._drawn += self.options.more_goals
+            goals, _ = self._straight()
+        for goal in goals[: self.options.straight_moves]:
             self._go_to(goal, STRAIGHT_STAGE.iterations)
             if self._arrived() or self._out_of_time():
                 break
         if before < len(self.found):
             self._within_limits(before)
+
+    def _straight(self) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Joint goals (K, n) of straight moves that end at the goal, best first, and which keep the limits."""
+        problem, model = self.problem, self._fine
+        goals = self.goals.joints[self._there()]
+        if not len(goals):
+            return goals, np.zeros(0, dtype=bool)
+        times = np.array([straight_time(problem, goal) for goal in goals])
+        p = np.stack([model.qp.within(one) for one in moves_to(problem, model.spline, goals)])
+        at = linearise(problem, model.goal, model.spline, p, STRAIGHT_STAGE.weights, -np.inf)
+        kept = (at.limit_share <= 1.0) & (times <= problem.duration)
+        order = np.lexsort((times, ~kept))
+        return goals[order], kept[order]
 
     def _go_to(self, goal: FloatArray, iterations: int) -> None:
         model = self._fine

@@ -12,7 +12,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.correction import arrival_error, corrected_goal
 from ffsms_pin.opt.horizon.diagnosis import explain, reach_range, start_in_collision, within_workspace
-from ffsms_pin.opt.horizon.starts import JointGoals
+from ffsms_pin.opt.horizon.shooting import JointGoals
 
 
 def test_reach_range_of_the_planar_arm(planar: ffsms.SpaceManipulator) -> None:
