@@ -44,7 +44,7 @@ def smoothness(rates: FloatArray, dt: float) -> dict[str, float]:
 
 
 def apart_by(sms: ffsms.SpaceManipulator) -> Apart:
-    """What `opt.plan` keeps apart by default, by a route of its own: the meshes by coal, or the paper's points.
+    """What `opt.plan` keeps apart by default, by a route of its own: meshes by coal, or the paper's points.
 
     The planner looks at convex parts, which are a little larger than the meshes.
     """

@@ -1,10 +1,10 @@
 """Targets that are reachable by construction.
 
-A joint goal is drawn from 90 % of the joint box. Where the straight joint-space move to it keeps the clearances
-that `opt.plan` keeps by default, the target is the end effector's place (or pose) at its end, the base reacting,
-and the duration is 1.5 times what the slowest joint needs. So the straight move itself is a plan that would do.
-Clearances are those of `opt.Clearance` as it judges finished motions: between the bodies' collision shapes, and
-between the paper's points (const4 to const7) where bodies have no shapes and for planar arms.
+A joint goal is drawn from 90 % of the joint box. Where the straight joint-space move to it keeps the
+clearances that `opt.plan` keeps by default, the target is the end effector's place (or pose) at its end, the
+base reacting, and the duration is 1.5 times what the slowest joint needs. So the straight move would do.
+Clearances are those of `opt.Clearance` as it judges finished motions: between the bodies' collision shapes,
+and between the paper's points (const4 to const7) for planar arms and where bodies have no shapes.
 """
 
 from __future__ import annotations

@@ -14,12 +14,11 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.approaches import moves_to
 from ffsms_pin.opt.horizon.correction import corrected_goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
-from ffsms_pin.opt.horizon.detours import among_obstacles, obstructed, pushed_aside
+from ffsms_pin.opt.horizon.detours import among_obstacles, best_first, obstructed, pushed_aside
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.groups import QUICK, START_GROUPS, StartGroup
 from ffsms_pin.opt.horizon.judge import Found, Judge, cost_of
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts
-from ffsms_pin.opt.horizon.merit import linearise
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals, too_short
 from ffsms_pin.opt.horizon.spline import embedded
@@ -32,7 +31,7 @@ from ffsms_pin.opt.horizon.stages import (
     run,
     tighten,
 )
-from ffsms_pin.opt.horizon.starts import spread_postures, straight_time
+from ffsms_pin.opt.horizon.starts import spread_postures
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -259,30 +258,17 @@ class Search:
         First those that keep the limits, then the quickest. Where none does, more joint goals are looked for.
         """
         before = len(self.found)
-        goals, kept = self._straight()
-        if not kept.any():
+        goals, good = best_first(self._fine, self.goals.joints[self._there()])
+        if not good.any():
             self._shoot(spread_postures(self.problem, self._drawn, self.options.more_goals))
             self._drawn += self.options.more_goals
-            goals, _ = self._straight()
+            goals, _ = best_first(self._fine, self.goals.joints[self._there()])
         for goal in goals[: self.options.straight_moves]:
             self._go_to(goal, STRAIGHT_STAGE.iterations)
             if self._arrived() or self._out_of_time():
                 break
         if before < len(self.found):
             self._within_limits(before)
-
-    def _straight(self) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Joint goals (K, n) of straight moves that end at the goal, best first, and which keep the limits."""
-        problem, model = self.problem, self._fine
-        goals = self.goals.joints[self._there()]
-        if not len(goals):
-            return goals, np.zeros(0, dtype=bool)
-        times = np.array([straight_time(problem, goal) for goal in goals])
-        p = np.stack([model.qp.within(one) for one in moves_to(problem, model.spline, goals)])
-        at = linearise(problem, model.goal, model.spline, p, STRAIGHT_STAGE.weights, -np.inf)
-        kept = (at.limit_share <= 1.0) & (times <= problem.duration)
-        order = np.lexsort((times, ~kept))
-        return goals[order], kept[order]
 
     def _go_to(self, goal: FloatArray, iterations: int) -> None:
         model = self._fine

@@ -1,7 +1,4 @@
-"""Joint goals by shooting: where straight joint-space moves end, the base reacting, and how to move that end.
-
-The base turns while the joints move, by more than the last bit of the way says: another goal is another way.
-"""
+"""Joint goals by shooting: where straight joint-space moves end with the base reacting, and what moves it."""
 
 from __future__ import annotations
 
@@ -19,12 +16,10 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
 
-__all__ = ["GoalFromStart", "JointGoals", "joint_goals", "too_short"]
+__all__ = ["GoalFromStart", "JointGoals", "joint_goals", "straight_ends", "too_short"]
 
-_POINTS = 4  # Gauss points along a straight move; its base rotation is then known to 1e-4 rad
-# [rad] Where moves turn the base by more, the median over them, that takes more points, and the goal's slopes
-# must know that another way turns the base differently.
-_MUCH, _MORE_POINTS = 0.5, 12
+# [rad] Where straight moves turn the base by more, the median over them, Newton's method needs exact slopes.
+_MUCH = 0.5
 _STEP = 0.5  # [rad or m] largest Newton step of a joint
 _DAMPING = 1e-3  # of the Newton step, for near-singular goals, in squares of the arm's length
 # [arm lengths] From here on the damping decreases; a move that ends nearer than the other one ends there.
@@ -32,6 +27,16 @@ _FAR, _THERE = 0.1, 1e-3
 _NEAR = 0.05  # [arm lengths] moves that end so near end nearly at the target
 _ENOUGH = 5  # Newton steps, where most moves end there after them
 _QUICKER = 1.5  # times as quick as the quickest straight move known: no plan has been found to be
+
+
+def _gauss(points: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss points and weights of the interval from 0 to 1."""
+    x, w = np.polynomial.legendre.leggauss(points)
+    return 0.5 * (x + 1.0), 0.5 * w
+
+
+# Along a straight move. With the few its base rotation is known to 1e-4 rad where the base turns little.
+_FEW, _MANY = _gauss(4), _gauss(12)
 
 
 class JointGoals(NamedTuple):
@@ -94,7 +99,7 @@ class GoalFromStart(NamedTuple):
         R : ndarray, shape (3, 3, K)
             How the base is turned by then.
         beyond : ndarray, shape (3, n, K), optional
-            How much further than by the joints' last bit of way the base is turned (see `_turned`).
+            What J* leaves out of how goals turn the base (see `straight_ends`).
         """
         if self.frame is None:
             rho, rotation = arm.rho, arm.tip_rotation
@@ -119,6 +124,9 @@ class GoalFromStart(NamedTuple):
 def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:
     """Joint goals whose straight moves end near the goal: Newton's method through J*.
 
+    J* says how the end moves on a base that has turned already. Where the base turns much, `straight_ends`
+    adds what a changed goal turns it.
+
     Parameters
     ----------
     problem : Problem
@@ -133,18 +141,10 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
     goals = np.where(problem.free, joints, start)
     # Of the moves that arrive, rather those that leave the base as it was.
     steady = any(isinstance(one, BaseLimits) and one.holds_attitude for one in problem.limits)
-    (s, w), exact = _gauss(_POINTS), False
+    exact = False
     for k in range(iterations):
-        way = (goals - start).T[..., None]
-        values = arm.evaluate(start[:, None, None] + way * np.append(s, 1.0))
-        omega = w * apply_rates(values.spin[..., :-1], way)
-        turns = products(exp3(omega))
-        R, end = turns[..., -1], ArmValues(*(value[..., -1] for value in values.arrays()))
-        beyond = None
-        if exact:
-            beyond = _turned(arm, values, way, s, w, apply(turns, exp3(-0.5 * omega))) - apply(R, end.spin)
-        elif k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > _MUCH:
-            (s, w), exact = _gauss(_MORE_POINTS), True
+        end, R, beyond = straight_ends(problem, goals, exact)
+        exact = exact or (k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > _MUCH)
         missed = [one.missed(arm, end, R, beyond) for one in wanted]
         error = np.concatenate([one for one, _ in missed])
         columns = np.concatenate([one for _, one in missed])
@@ -167,22 +167,36 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
     return JointGoals(goals, distance)
 
 
-def _gauss(points: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss points and weights of the interval from 0 to 1."""
-    x, w = np.polynomial.legendre.leggauss(points)
-    return 0.5 * (x + 1.0), 0.5 * w
+def straight_ends(
+    problem: Problem, goals: FloatArray, exact: bool = False
+) -> tuple[ArmValues, FloatArray, FloatArray | None]:
+    """Where straight moves to joint goals (K, n) end, without momentum.
 
-
-def _turned(
-    arm: ArmStack, values: ArmValues, way: FloatArray, s: FloatArray, weights: FloatArray, R: FloatArray
-) -> FloatArray:
-    """How a joint's goal turns the end of straight moves (3, n, K), axes of the start.
-
-    The integral of R d(omega) over the move: omega = spin @ way changes with the way, and with where it goes.
+    Returns
+    -------
+    arm : ArmValues
+        At the goals.
+    R : ndarray, shape (3, 3, K)
+        How the base is turned by then.
+    beyond : ndarray, shape (3, n, K), or None
+        With `exact`: how much more a change of a joint's goal turns the base than the joint's rate there
+        would, axes of the start. The turn is the integral of R omega over the move, omega = spin @ way:
+        another goal changes the way, and where it leads. Where the base turns little that is little.
     """
+    stack, start = problem.stack, problem.joints0
+    s, weights = _MANY if exact else _FEW
+    way = (goals - start).T[..., None]
+    values = stack.evaluate(start[:, None, None] + way * np.append(s, 1.0))
+    turns = weights * apply_rates(values.spin[..., :-1], way)
+    after = products(exp3(turns))
+    R, arm = after[..., -1], ArmValues(*(value[..., -1] for value in values.arrays()))
+    if not exact:
+        return arm, R, None
     at = ArmValues(*(value[..., :-1] for value in values.arrays()))
-    slopes, _ = velocity_slopes(arm, at, np.broadcast_to(way, (*way.shape[:2], len(s))))
-    return np.einsum("g,xjkg->xjk", weights, apply(R, at.spin + s * slopes))
+    slopes, _ = velocity_slopes(stack, at, np.broadcast_to(way, (*way.shape[:2], len(s))))
+    there = apply(after, exp3(-0.5 * turns))
+    turning = np.einsum("g,xjkg->xjk", weights, apply(there, at.spin + s * slopes))
+    return arm, R, turning - apply(R, arm.spin)
 
 
 def too_short(problem: Problem, goals: JointGoals) -> float:
