@@ -23,15 +23,19 @@ class Shifted(Goal):
         [m]
     turn : ndarray, shape (3, 3)
         Rotation, inertial axes.
+    nearer : float
+        What is asked of the last tenth, as a share of the other goal's reaches.
     """
 
     goal: Goal
     offset: FloatArray
     turn: FloatArray
+    nearer: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("tolerance", "reach", "orientation_reach"):
-            object.__setattr__(self, name, getattr(self.goal, name))
+        object.__setattr__(self, "tolerance", self.goal.tolerance)
+        for name in ("reach", "orientation_reach"):
+            object.__setattr__(self, name, self.nearer * getattr(self.goal, name))
 
     @property
     def moves(self) -> bool:
