@@ -161,8 +161,11 @@ class Search:
 
     def _finish(self, motion: Candidates) -> None:
         """End on the fine spline; where the plan arrives but is not nearly free, on the finest one."""
+        self._finish_finer(self._finish_on(self._fine, motion))
+
+    def _finish_finer(self, found: Found) -> None:
+        """Go on on the finest spline with a plan that arrives but is not nearly free."""
         weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
-        found = self._finish_on(self._fine, motion)
         cheap = not self._coupled or cost_of(found.plan) <= self.options.cost_tolerance
         if cheap or not found.plan.reached or self._out_of_time():
             return
@@ -267,7 +270,9 @@ class Search:
             self._go_to(goal, STRAIGHT_STAGE.iterations)
             if self._arrived() or self._out_of_time():
                 break
-        if before < len(self.found):
+        if self._arrived():
+            self._finish_finer(self.best())
+        elif before < len(self.found):
             self._within_limits(before)
 
     def _go_to(self, goal: FloatArray, iterations: int) -> None:
