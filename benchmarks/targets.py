@@ -47,7 +47,8 @@ def reachable_targets(
     low = np.where(np.isfinite(limits.lower), limits.lower, -math.pi)
     high = np.where(np.isfinite(limits.upper), limits.upper, math.pi)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    q0, tasks = sms.configuration(start), []
+    q0 = sms.configuration(start)
+    tasks: list[Task] = []
     while len(tasks) < count:
         joint_goal = middle + SHARE * half * rng.uniform(-1.0, 1.0, sms.n)
         move = joint_goal - start

@@ -45,8 +45,9 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
     if place.rotation is not None:
         turned = problem.sms.at(plan.q[-1]).end_effector_pose.rotation
         turn = place.rotation @ turned.T @ turn
-    if arrival_error(problem.goal, plan) <= problem.goal.tolerance:
-        nearer *= min(1.0, _SPARE / _late_share(problem.goal, plan))
+    late = _late_share(problem.goal, plan)
+    if late > 1.0 and arrival_error(problem.goal, plan) <= problem.goal.tolerance:
+        nearer *= _SPARE / late
     return Shifted(problem.goal, offset, turn, nearer)
 
 

@@ -138,6 +138,10 @@ def test_a_landing_that_is_far_from_the_goal_in_the_last_tenth_asks_for_less(
     again = corrected_goal(problem, goal, late)
     assert again is not None
     assert again.reach == pytest.approx((0.95 / 1.2) ** 2 * plan.reach)
+    # A broken limit alone asks for no more there.
+    broken = corrected_goal(problem, problem.goal, dataclasses.replace(plan, clear=False))
+    assert broken is not None
+    assert broken.reach == plan.reach
     # One that misses the end is first brought there.
     error[-1] = 5e-3
     missed = corrected_goal(problem, problem.goal, dataclasses.replace(plan, position_error=error))
