@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeAlias
 
 import numpy as np
+from clearances import Meshes
 from targets import CLEARANCE, Task, reachable_targets
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.clearance_stack import chosen_mode
 from ffsms_pin.opt.limits.points import Points
 
 DT = 0.01  # [s]
+
+# Whether the clearance is kept at joint positions (n,).
+Apart: TypeAlias = Callable[[FloatArray], bool]
 
 
 def paper_tasks(sms: ffsms.SpaceManipulator, count: int, seed: int) -> list[Task]:
@@ -37,7 +43,19 @@ def smoothness(rates: FloatArray, dt: float) -> dict[str, float]:
     return {"sign_changes": changes, "squared_acceleration": float(np.sum(np.diff(rates, axis=0) ** 2) / dt)}
 
 
-def limits_kept(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, points: Points) -> bool:
+def apart_by(sms: ffsms.SpaceManipulator) -> Apart:
+    """What `opt.plan` keeps apart by default, by a route of its own: meshes by coal, or the paper's points.
+
+    The planner looks at convex parts, which are a little larger than the meshes.
+    """
+    if chosen_mode(sms) == "points":
+        points = Points(sms)
+        return lambda joints: bool(points.values(sms.configuration(joints)).min() >= CLEARANCE)
+    meshes = Meshes(sms)
+    return lambda joints: not meshes.collide(joints, near=True)
+
+
+def limits_kept(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, apart: Apart) -> bool:
     """Every limit and clearance, at the nodes and between them, worked out apart from the planner."""
     limits = sms.limits
     if (np.abs(plan.joint_rates) > limits.velocity + 1e-9).any():
@@ -48,17 +66,14 @@ def limits_kept(sms: ffsms.SpaceManipulator, plan: opt.Trajectory, points: Point
     places = plan.joint_positions[:-1] + h * (plan.joint_rates[:-1] + 0.5 * h * plan.joint_accelerations)
     if limits.violation(places.reshape(-1, sms.n)).max() > 1e-9:
         return False
-    return all(
-        points.values(sms.configuration(row)).min() >= CLEARANCE
-        for row in places[::2, ::5].reshape(-1, sms.n)
-    )
+    return all(apart(row) for row in places[::2, ::5].reshape(-1, sms.n))
 
 
 def run_plans(
     sms: ffsms.SpaceManipulator, tasks: list[Task], kappa: float, poses: bool = False
 ) -> list[dict[str, Any]]:
     """One row a task; `poses`: with the attitude."""
-    points, rows = Points(sms), []
+    apart, rows = apart_by(sms), []
     opt.plan(sms, tasks[0].q0, tasks[0].target, tasks[0].duration, DT, kappa)  # first use fills caches
     for task in tasks:
         begin = time.perf_counter()
@@ -66,7 +81,7 @@ def run_plans(
         seconds = time.perf_counter() - begin
         rows.append(
             {
-                "reached": plan.reached and limits_kept(sms, plan, points),
+                "reached": plan.reached and limits_kept(sms, plan, apart),
                 "cost": plan.cost_integral,
                 "seconds": seconds,
                 "end_error": float(plan.position_error[-1]),

@@ -1,8 +1,10 @@
 """Targets that are reachable by construction.
 
-A joint goal is drawn from 90 % of the joint box. Where the straight joint-space move to it keeps const4 to
-const7, the target is the end effector's place (or pose) at its end, the base reacting, and the duration is
-1.5 times what the slowest joint needs.
+A joint goal is drawn from 90 % of the joint box. Where the straight joint-space move to it keeps the
+clearances that `opt.plan` keeps by default, the target is the end effector's place (or pose) at its end, the
+base reacting, and the duration is 1.5 times what the slowest joint needs. So the straight move would do.
+Clearances are those of `opt.Clearance` as it judges finished motions: between the bodies' collision shapes,
+and between the paper's points (const4 to const7) for planar arms and where bodies have no shapes.
 """
 
 from __future__ import annotations
@@ -13,9 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import ffsms_pin as ffsms
+from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.opt.problem import ARRIVAL_SHARE
 from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.system.batch.arm import ArmStack
 
 CLEARANCE = 0.01  # [m]
 SHARE = 0.9  # of the joint box
@@ -37,19 +42,22 @@ def reachable_targets(
     sms: ffsms.SpaceManipulator, start: FloatArray, count: int, seed: int, dt: float
 ) -> list[Task]:
     """`count` tasks from joint positions `start` (n,); durations are whole numbers of steps `dt`."""
-    rng, limits, points = np.random.default_rng(seed), sms.limits, Points(sms)
+    rng, limits, stack = np.random.default_rng(seed), sms.limits, ArmStack(sms)
+    clearance = opt.Clearance(CLEARANCE).for_robot(sms)
     low = np.where(np.isfinite(limits.lower), limits.lower, -math.pi)
     high = np.where(np.isfinite(limits.upper), limits.upper, math.pi)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    q0, tasks = sms.configuration(start), []
+    q0 = sms.configuration(start)
+    tasks: list[Task] = []
     while len(tasks) < count:
         joint_goal = middle + SHARE * half * rng.uniform(-1.0, 1.0, sms.n)
         move = joint_goal - start
-        rates = np.tile(move, (STEPS, 1))
         # One second at constant rates: the base's motion depends on the path alone, not on its timing.
-        q, _ = roll_out(sms, q0, move, np.zeros_like(rates), 1.0 / STEPS)
-        if min(float(points.values(row).min()) for row in q) < CLEARANCE:
+        rates, dt_move = np.tile(move, (STEPS + 1, 1)), 1.0 / STEPS
+        motion = rolled_out(sms, stack, q0, rates, dt_move, None, ARRIVAL_SHARE)
+        if clearance.violation(motion).amount > 0.0:
             continue
+        q, _ = roll_out(sms, q0, move, np.zeros((STEPS, sms.n)), dt_move)
         least = np.max(np.abs(move) / limits.velocity + limits.velocity / limits.acceleration)
         duration = dt * math.ceil(SLACK * float(least) / dt - 1e-9)
         pose = sms.at(q[-1]).end_effector_pose

@@ -24,10 +24,18 @@ class Shifted(OfAnother):
         [m]
     turn : ndarray, shape (3, 3)
         Rotation, inertial axes.
+    nearer : float
+        What is asked of the last tenth, as a share of the other goal's reaches.
     """
 
     offset: FloatArray
     turn: FloatArray
+    nearer: float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("reach", "orientation_reach"):
+            object.__setattr__(self, name, self.nearer * getattr(self.goal, name))
 
     def place(self, t: float) -> Place:
         """The other's place, shifted and turned."""

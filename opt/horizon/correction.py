@@ -2,8 +2,9 @@
 
 The descent sees the motion at the instants of a quadrature; the finished one is rolled out at its nodes.
 Where the two differ, by a millimetre at a long arm's end or by a corner of the base between two instants, the
-descent is given another goal: beside the true one by as much as the finished motion missed it; and limits
-with more in hand where that motion broke one.
+descent is given another goal: beside the true one by as much as the finished motion missed it, and with less
+reach where that motion ends at the goal but is too far from it in the last tenth; and limits with more in
+hand where it broke one.
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Goal, Shifted
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = ["arrival_error", "corrected_goal"]
+
+_SPARE = 0.95  # of the reaches: what a corrected motion shall use of them in the last tenth
 
 
 def arrival_error(goal: Goal, plan: Trajectory) -> float:
@@ -34,11 +37,22 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
         return None
     offset: FloatArray = np.zeros(3)
     turn: FloatArray = np.eye(3)
+    nearer = 1.0
     if isinstance(goal, Shifted):
-        offset, turn = goal.offset, goal.turn
+        offset, turn, nearer = goal.offset, goal.turn, goal.nearer
     place = problem.goal.place(problem.duration)
     offset = offset + place.position - plan.end_effector[-1]
     if place.rotation is not None:
         turned = problem.sms.at(plan.q[-1]).end_effector_pose.rotation
         turn = place.rotation @ turned.T @ turn
-    return Shifted(problem.goal, offset, turn)
+    late = _late_share(problem.goal, plan)
+    if late > 1.0 and arrival_error(problem.goal, plan) <= problem.goal.tolerance:
+        nearer *= _SPARE / late
+    return Shifted(problem.goal, offset, turn, nearer)
+
+
+def _late_share(goal: Goal, plan: Trajectory) -> float:
+    """The largest error in the last tenth, as a share of the goal's reaches."""
+    late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
+    errors = (plan.position_error, goal.reach), (plan.orientation_error, goal.orientation_reach)
+    return max(float(error[late].max()) / reach for error, reach in errors)

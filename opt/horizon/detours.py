@@ -1,4 +1,4 @@
-"""Starts that get around obstacles: straight moves whose middle is pushed aside.
+"""Straight moves that something stands in the way of: pushed aside, or tried last.
 
 A descent pushes a colliding motion out of an obstacle on the side that it is on. A move that is bowed in
 another direction of the joint space lies on another side.
@@ -7,19 +7,24 @@ another direction of the joint space lies on another side.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import EXACT
+from ffsms_pin.opt.horizon.approaches import moves_to
 from ffsms_pin.opt.horizon.descent import Model
+from ffsms_pin.opt.horizon.merit import linearise
 from ffsms_pin.opt.horizon.motions import motions_of, targets
-from ffsms_pin.opt.horizon.starts import halton
+from ffsms_pin.opt.horizon.stages import STRAIGHT_STAGE
+from ffsms_pin.opt.horizon.starts import halton, straight_time
 from ffsms_pin.opt.limits import Clearance
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
-__all__ = ["among_obstacles", "obstructed", "pushed_aside"]
+__all__ = ["among_obstacles", "best_first", "keep_limits", "obstructed", "pushed_aside"]
 
 _ASIDE = 0.8  # [rad or m] how far the joints are pushed, all together
+_STILL = 1e-6  # [rad or m] a joint that goes less far does not move
 _COUNT = 4  # moves that are pushed aside a group of starts, and directions tried for each
 
 
@@ -63,6 +68,37 @@ def pushed_aside(model: Model, moves: FloatArray, drawn: int) -> FloatArray:
     lack = _lack(model, tried).reshape(len(blocked), len(both))
     best = np.arange(len(blocked)) * len(both) + lack.argmin(axis=1)
     return np.asarray(tried[best])
+
+
+def best_first(model: Model, goals: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Joint goals (K, n) in the order in which straight moves to them are worth trying.
+
+    Those first that keep the limits and that there is time for; then the quickest.
+
+    Returns
+    -------
+    goals : ndarray, shape (K, n)
+    good : ndarray, shape (K,)
+        Which come first.
+    """
+    times = np.array([straight_time(model.problem, goal) for goal in goals])
+    good = keep_limits(model, goals) & (times <= ARRIVAL_SHARE * model.problem.duration)
+    order = np.lexsort((times, ~good))
+    return goals[order], good[order]
+
+
+def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
+    """Which straight moves to joint goals (K, n) keep the limits, were the joints quick enough."""
+    if not len(goals):
+        return np.zeros(0, dtype=bool)
+    problem, spline = model.problem, model.spline
+    p = moves_to(problem, spline, goals)
+    # A joint that there is too little time for stops short of its goal.
+    way = goals - problem.joints0
+    done = spline.position_points.of(p, problem.joint_rates)[:, -1]
+    p *= np.divide(way, done, out=np.ones_like(way), where=np.abs(done) > _STILL)[:, None]
+    at = linearise(problem, model.goal, spline, p, STRAIGHT_STAGE.weights, -np.inf)
+    return np.asarray(at.limit_share <= 1.0)
 
 
 def _lack(model: Model, p: FloatArray) -> FloatArray:

@@ -10,8 +10,12 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.horizon.blocked import blocking
+from ffsms_pin.opt.horizon.descent import Model
+from ffsms_pin.opt.horizon.detours import keep_limits
 from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
-from ffsms_pin.opt.horizon.starts import JointGoals, joint_range, spread_postures, straight_time, too_short
+from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.shooting import JointGoals, too_short
+from ffsms_pin.opt.horizon.starts import joint_range, spread_postures, straight_time
 from ffsms_pin.opt.limits import Clearance, Corridor
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -155,10 +159,12 @@ def _sufficient(
     """The least duration [s] found for which the goal is met, by bisection; 0: none found.
 
     Without momentum a path can be gone in any time that the rates and accelerations of the joints, and the
-    wheels, allow. So where none of these binds, more time does not help.
+    wheels, allow. So where none of these binds, and no straight move wants time, more time does not help.
     """
-    if problem.goal.moves or not (more_time_helps or problem.momentum is not None):
+    if problem.goal.moves:
         return 0.0  # another deadline is another goal, for one that moves
+    if not (more_time_helps or problem.momentum is not None or _wants_time(problem, goals)):
+        return 0.0
     near = goals.distance <= 0.05 * problem.stack.length
     straight = [straight_time(problem, joints) for joints in goals.joints[near]]
     shorter = max(problem.duration, too_short(problem, goals))
@@ -176,3 +182,11 @@ def _sufficient(
         else:
             shorter = between
     return longer
+
+
+def _wants_time(problem: Problem, goals: JointGoals) -> bool:
+    """Whether there is too little time for straight moves that end at the goal and keep the limits."""
+    options = SearchOptions()
+    there = goals.joints[goals.distance <= options.arrived_radius * problem.stack.length]
+    kept = there[keep_limits(Model.make(problem, options.fine), there)]
+    return any(straight_time(problem, joints) > ARRIVAL_SHARE * problem.duration for joints in kept)

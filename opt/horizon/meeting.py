@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.starts import JointGoals
+from ffsms_pin.opt.horizon.shooting import JointGoals
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system.batch.stacks import apply
 

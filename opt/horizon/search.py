@@ -14,12 +14,13 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.approaches import moves_to
 from ffsms_pin.opt.horizon.correction import corrected_goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
-from ffsms_pin.opt.horizon.detours import among_obstacles, obstructed, pushed_aside
+from ffsms_pin.opt.horizon.detours import among_obstacles, best_first, obstructed, pushed_aside
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.groups import QUICK, START_GROUPS, StartGroup
 from ffsms_pin.opt.horizon.judge import Found, Judge, cost_of
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts
 from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals, too_short
 from ffsms_pin.opt.horizon.spline import embedded
 from ffsms_pin.opt.horizon.stages import (
     EARLY_STAGES,
@@ -30,13 +31,7 @@ from ffsms_pin.opt.horizon.stages import (
     run,
     tighten,
 )
-from ffsms_pin.opt.horizon.starts import (
-    JointGoals,
-    joint_goals,
-    spread_postures,
-    straight_time,
-    too_short,
-)
+from ffsms_pin.opt.horizon.starts import spread_postures
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -122,8 +117,7 @@ class Search:
         far = spread_postures(problem, self._drawn, group.far)
         joints = np.vstack([problem.joints0, near, far] if not self._drawn else [near, far])
         self._drawn += max(group.near, group.far)
-        goals = joint_goals(problem, joints)
-        self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
+        goals = self._shoot(joints)
         length, half = problem.stack.length, (len(goals.distance) - 1) // 2
         reach = max(self.options.goal_radius * length, float(np.sort(goals.distance)[half]))
         p = moves_to(problem, coarse.spline, goals.joints[goals.distance <= reach])
@@ -135,6 +129,12 @@ class Search:
         early = Candidates.start(coarse, p, first.weights, first.damping or 0.3)
         early = run(coarse, early, EARLY_STAGES, first.weights)
         self._pool = early if self._pool is None else self._pool.join(early)
+
+    def _shoot(self, joints: FloatArray) -> JointGoals:
+        """Joint goals found from postures (K, n); those known grow by them."""
+        goals = joint_goals(self.problem, joints)
+        self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
+        return goals
 
     def _there(self) -> NDArray[np.bool_]:
         """Which of the joint goals have straight moves that end at the goal."""
@@ -161,8 +161,11 @@ class Search:
 
     def _finish(self, motion: Candidates) -> None:
         """End on the fine spline; where the plan arrives but is not nearly free, on the finest one."""
+        self._finish_finer(self._finish_on(self._fine, motion))
+
+    def _finish_finer(self, found: Found) -> None:
+        """Go on on the finest spline with a plan that arrives but is not nearly free."""
         weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
-        found = self._finish_on(self._fine, motion)
         cheap = not self._coupled or cost_of(found.plan) <= self.options.cost_tolerance
         if cheap or not found.plan.reached or self._out_of_time():
             return
@@ -259,17 +262,23 @@ class Search:
         return plan.joint_travel > self.options.long_way * float(ways.min(initial=np.inf))
 
     def _go_straight(self) -> None:
-        """Where every cheap way round fails: the quickest straight moves that end at the goal."""
-        problem = self.problem
-        there = self.goals.joints[self._there()]
+        """Where every cheap way round fails: straight moves that end at the goal.
+
+        First those that keep the limits, then the quickest. Where none does, more joint goals are looked for.
+        """
         before = len(self.found)
-        for goal in sorted(there, key=lambda goal: straight_time(problem, goal))[
-            : self.options.straight_moves
-        ]:
+        goals, good = best_first(self._fine, self.goals.joints[self._there()])
+        if not good.any():
+            self._shoot(spread_postures(self.problem, self._drawn, self.options.more_goals))
+            self._drawn += self.options.more_goals
+            goals, _ = best_first(self._fine, self.goals.joints[self._there()])
+        for goal in goals[: self.options.straight_moves]:
             self._go_to(goal, STRAIGHT_STAGE.iterations)
             if self._arrived() or self._out_of_time():
                 break
-        if before < len(self.found):
+        if self._arrived():
+            self._finish_finer(self.best())
+        elif before < len(self.found):
             self._within_limits(before)
 
     def _go_to(self, goal: FloatArray, iterations: int) -> None:

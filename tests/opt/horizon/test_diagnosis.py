@@ -12,7 +12,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.correction import arrival_error, corrected_goal
 from ffsms_pin.opt.horizon.diagnosis import explain, reach_range, start_in_collision, within_workspace
-from ffsms_pin.opt.horizon.starts import JointGoals
+from ffsms_pin.opt.horizon.shooting import JointGoals
 
 
 def test_reach_range_of_the_planar_arm(planar: ffsms.SpaceManipulator) -> None:
@@ -75,6 +75,20 @@ def test_the_shortest_duration_is_found_by_trying(planar: ffsms.SpaceManipulator
         assert f"{plan.shortest_duration:.2f} s would do" in plan.note
 
 
+# At 0.4 rad/s: one that takes 7.3 s, one that there is time for, one that comes too near to itself.
+@pytest.mark.parametrize(
+    ("way", "asked"), [([0.0, -2.6, 0.0], True), ([0.0, 0.0, 1.0], False), ([0.0, 2.1, 2.8], False)]
+)
+def test_straight_moves_that_want_time_ask_for_more(
+    planar: ffsms.SpaceManipulator, way: list[float], asked: bool
+) -> None:
+    problem = planar_problem(planar)
+    failed = told(problem, np.zeros((problem.steps + 1, 3)))
+    goals = JointGoals(problem.joints0[None] + way, np.zeros(1))
+    plan = explain(problem, failed, goals, [], lambda other: other.duration > 8.0)
+    assert (plan.shortest_duration > 0.0) == asked
+
+
 def test_a_moving_goal_has_no_other_deadline(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, goal=lambda t: [0.7, 0.5 - 0.01 * t, 0.0])
     failed = told(problem, np.zeros((problem.steps + 1, 3)))
@@ -106,6 +120,33 @@ def test_a_landing_aims_by_as_much_as_the_plan_missed(planar: ffsms.SpaceManipul
     assert arrival_error(moved.goal, missed) == pytest.approx(np.linalg.norm(wanted - plan.end_effector[-1]))
     # What is asked of the motion otherwise stays.
     assert (goal.tolerance, goal.reach) == (moved.goal.tolerance, moved.goal.reach)
+
+
+def test_a_landing_that_is_far_from_the_goal_in_the_last_tenth_asks_for_less(
+    planar: ffsms.SpaceManipulator,
+) -> None:
+    problem = planar_problem(planar, goal=[0.75, 0.5, 0.0])
+    plan = opt.solve(problem)
+    error = plan.position_error.copy()
+    error[-20] = 1.2 * plan.reach
+    late = dataclasses.replace(plan, position_error=error)
+    assert not late.reached
+    goal = corrected_goal(problem, problem.goal, late)
+    assert goal is not None
+    assert goal.reach == pytest.approx(0.95 / 1.2 * plan.reach)
+    assert goal.tolerance == problem.goal.tolerance
+    again = corrected_goal(problem, goal, late)
+    assert again is not None
+    assert again.reach == pytest.approx((0.95 / 1.2) ** 2 * plan.reach)
+    # A broken limit alone asks for no more there.
+    broken = corrected_goal(problem, problem.goal, dataclasses.replace(plan, clear=False))
+    assert broken is not None
+    assert broken.reach == plan.reach
+    # One that misses the end is first brought there.
+    error[-1] = 5e-3
+    missed = corrected_goal(problem, problem.goal, dataclasses.replace(plan, position_error=error))
+    assert missed is not None
+    assert missed.reach == plan.reach
 
 
 def test_a_landing_turns_back_by_as_much_as_the_plan_is_turned(planar: ffsms.SpaceManipulator) -> None:

@@ -11,9 +11,9 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.marches import cone_marches, free_marches, landed, march_starts
 from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.shooting import joint_goals
 from ffsms_pin.opt.horizon.starts import (
     halton,
-    joint_goals,
     joint_range,
     spread_postures,
     straight_moves,

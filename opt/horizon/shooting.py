@@ -1,0 +1,211 @@
+"""Joint goals by shooting: where straight joint-space moves end with the base reacting, and what moves it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.motions import apply_rates
+from ffsms_pin.opt.batch.robot_frame import RobotFrame
+from ffsms_pin.opt.batch.slopes import velocity_slopes
+from ffsms_pin.opt.horizon.starts import joint_range, straight_time
+from ffsms_pin.opt.limits import BaseLimits
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
+
+__all__ = ["GoalFromStart", "JointGoals", "joint_goals", "straight_ends", "too_short"]
+
+# [rad] Where straight moves turn the base by more, the median over them, Newton's method needs exact slopes.
+_MUCH = 0.5
+_STEP = 0.5  # [rad or m] largest Newton step of a joint
+_DAMPING = 1e-3  # of the Newton step, for near-singular goals, in squares of the arm's length
+# [arm lengths] From here on the damping decreases; a move that ends nearer than the other one ends there.
+_FAR, _THERE = 0.1, 1e-3
+_NEAR = 0.05  # [arm lengths] moves that end so near end nearly at the target
+_ENOUGH = 5  # Newton steps, where most moves end there after them
+_QUICKER = 1.5  # times as quick as the quickest straight move known: no plan has been found to be
+
+
+def _gauss(points: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss points and weights of the interval from 0 to 1."""
+    x, w = np.polynomial.legendre.leggauss(points)
+    return 0.5 * (x + 1.0), 0.5 * w
+
+
+# Along a straight move. With the few its base rotation is known to 1e-4 rad where the base turns little.
+_FEW, _MANY = _gauss(4), _gauss(12)
+
+
+class JointGoals(NamedTuple):
+    """Joint goals (K, n) of straight moves, and how far from the target these end (K,) [m].
+
+    Where an attitude is wanted, a radian counts like a metre; what other frames miss counts too.
+    """
+
+    joints: FloatArray
+    distance: FloatArray
+
+
+class GoalFromStart(NamedTuple):
+    """A place for a motion without momentum, from the centre of mass, base axes of the start.
+
+    Attributes
+    ----------
+    position : ndarray, shape (3,)
+        [m]
+    rotation : ndarray, shape (3, 3), or None
+    frame : RobotFrame or None
+        Whose place it is; None: the end effector's.
+    """
+
+    position: FloatArray
+    rotation: FloatArray | None
+    frame: RobotFrame | None = None
+
+    @classmethod
+    def all_of(cls, problem: Problem) -> list[GoalFromStart]:
+        """The problem's goal, and the ends that its limits ask for.
+
+        With momentum, turned back by about as much as the momentum turns the base.
+        """
+        place, turn = problem.goal.place(problem.duration), problem.rotation0
+        if problem.momentum is not None:
+            turn = turn @ exp3(
+                problem.duration * (problem.arm0.inverse[..., 0] @ (turn.T @ problem.momentum[3:]))
+            )
+        origin = problem.com0 + problem.duration * problem.drift
+        ends = [end for limit in problem.limits for end in limit.ends()]
+        wanted: list[tuple[FloatArray, FloatArray | None, RobotFrame | None]]
+        wanted = [(place.position, place.rotation, None)]
+        wanted += [(end.position, end.rotation, end.frame) for end in ends]
+        return [
+            cls(turn.T @ (position - origin), None if rotation is None else turn.T @ rotation, frame)
+            for position, rotation, frame in wanted
+        ]
+
+    def missed(
+        self, stack: ArmStack, arm: ArmValues, R: FloatArray, beyond: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """What K motions miss at their end (3 or 6, K), and how fast joints make it up (3 or 6, n, K).
+
+        Parameters
+        ----------
+        stack : ArmStack
+        arm : ArmValues
+            At the end.
+        R : ndarray, shape (3, 3, K)
+            How the base is turned by then.
+        beyond : ndarray, shape (3, n, K), optional
+            What J* leaves out of how goals turn the base (see `straight_ends`).
+        """
+        if self.frame is None:
+            rho, rotation = arm.rho, arm.tip_rotation
+            linear, angular = arm.jstar, arm.spin + arm.axes * stack.moves_tip[:, None]
+        else:
+            seen = self.frame.of_arm(arm)
+            rho, rotation = seen.position - arm.com, seen.rotation
+            linear = arm.root + cross(arm.spin, seen.position[:, None]) + seen.linear
+            angular = arm.spin + seen.angular
+        lever = apply(R, rho)
+        error, columns = self.position[:, None] - lever, apply(R, linear)
+        if beyond is not None:
+            columns = columns + cross(beyond, lever[:, None])
+        if self.rotation is not None:
+            turned = log3(np.einsum("xy,zyk->xzk", self.rotation, apply(R, rotation)))
+            error = np.concatenate([error, turned])
+            turning = apply(R, angular)
+            columns = np.concatenate([columns, turning if beyond is None else turning + beyond])
+        return error, columns
+
+
+def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:
+    """Joint goals whose straight moves end near the goal: Newton's method through J*.
+
+    J* says how the end moves on a base that has turned already. Where the base turns much, `straight_ends`
+    adds what a changed goal turns it.
+
+    Parameters
+    ----------
+    problem : Problem
+    joints : ndarray, shape (K, n)
+        Joint positions to start from.
+    iterations : int
+        At most; fewer where half of the moves end at the goal before.
+    """
+    arm, wanted, start = problem.stack, GoalFromStart.all_of(problem), problem.joints0
+    low, high = joint_range(problem)
+    inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
+    goals = np.where(problem.free, joints, start)
+    # Of the moves that arrive, rather those that leave the base as it was.
+    steady = any(isinstance(one, BaseLimits) and one.holds_attitude for one in problem.limits)
+    exact = False
+    for k in range(iterations):
+        end, R, beyond = straight_ends(problem, goals, exact)
+        exact = exact or (k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > _MUCH)
+        missed = [one.missed(arm, end, R, beyond) for one in wanted]
+        error = np.concatenate([one for one, _ in missed])
+        columns = np.concatenate([one for _, one in missed])
+        distance = np.sqrt(dot(error, error))
+        if steady:
+            error = np.concatenate([error, -log3(R)])
+            turning = apply(R, end.spin)
+            columns = np.concatenate([columns, turning if beyond is None else turning + beyond])
+        if k == iterations - 1 or (k >= _ENOUGH and np.median(distance) < _THERE * arm.length):
+            break
+        J = columns.transpose(2, 0, 1) * problem.free
+        Jt = np.swapaxes(J, 1, 2)
+        # Less damping the nearer: it converges fast, and an end that is nearly singular is met too.
+        near = np.clip(np.sqrt(dot(error, error)) / (_FAR * arm.length), 1e-4, 1.0)
+        damping = _DAMPING * (arm.length * near) ** 2
+        damped = J @ Jt + damping[:, None, None] * np.eye(len(error))
+        step = (Jt @ np.linalg.solve(damped, error.T[..., None]))[..., 0]
+        step *= np.minimum(1.0, _STEP / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
+        goals = np.clip(goals + step, low + inset, high - inset)
+    return JointGoals(goals, distance)
+
+
+def straight_ends(
+    problem: Problem, goals: FloatArray, exact: bool = False
+) -> tuple[ArmValues, FloatArray, FloatArray | None]:
+    """Where straight moves to joint goals (K, n) end, without momentum.
+
+    Returns
+    -------
+    arm : ArmValues
+        At the goals.
+    R : ndarray, shape (3, 3, K)
+        How the base is turned by then.
+    beyond : ndarray, shape (3, n, K), or None
+        With `exact`: how much more a change of a joint's goal turns the base than the joint's rate there
+        would, axes of the start. The turn is the integral of R omega over the move, omega = spin @ way:
+        another goal changes the way, and where it leads. Where the base turns little that is little.
+    """
+    stack, start = problem.stack, problem.joints0
+    s, weights = _MANY if exact else _FEW
+    way = (goals - start).T[..., None]
+    values = stack.evaluate(start[:, None, None] + way * np.append(s, 1.0))
+    turns = weights * apply_rates(values.spin[..., :-1], way)
+    after = products(exp3(turns))
+    R, arm = after[..., -1], ArmValues(*(value[..., -1] for value in values.arrays()))
+    if not exact:
+        return arm, R, None
+    at = ArmValues(*(value[..., :-1] for value in values.arrays()))
+    slopes, _ = velocity_slopes(stack, at, np.broadcast_to(way, (*way.shape[:2], len(s))))
+    there = apply(after, exp3(-0.5 * turns))
+    turning = np.einsum("g,xjkg->xjk", weights, apply(there, at.spin + s * slopes))
+    return arm, R, turning - apply(R, arm.spin)
+
+
+def too_short(problem: Problem, goals: JointGoals) -> float:
+    """A duration [s] in which no motion to these joint goals is worth a search; 0 where none is known.
+
+    Of goals whose straight moves end near the target, the joints need `straight_time` for the quickest.
+    """
+    still = problem.momentum is None and not problem.joint_rates.any() and not problem.goal.moves
+    near = goals.distance <= _NEAR * problem.stack.length
+    if not still or not near.any():
+        return 0.0
+    return min(straight_time(problem, joints) for joints in goals.joints[near]) / _QUICKER
