@@ -51,13 +51,8 @@ def gains_of(law: str) -> tuple[str, ...]:
 
 
 _GAINS: Mapping[str, Parser] = {
-    "K_s": gain,
-    "K_p": gain,
-    "K_d": gain,
-    "Gamma": gain,
-    "boundary": per_joint(positive),
-    "k_1": per_joint(positive),
-    "k_2": per_joint(positive),
+    **dict.fromkeys(("K_s", "K_p", "K_d", "Gamma"), gain),
+    **dict.fromkeys(("boundary", "k_1", "k_2"), per_joint(positive)),
 }
 
 _SIZE = or_infinite(positive)

@@ -101,12 +101,10 @@ class SpaceManipulator(Mechanism):
             raise InvalidValue("limits", limits, f"must be JointLimits of {self.n} joints")
         self.limits = limits
         self.base_size = _box(base_size)
-        if base_box_placement is None:
-            base_box_placement = pin.SE3(np.eye(3), self.base_com)
-        else:
-            pose("base_box_placement", base_box_placement)
+        box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement
+        pose("base_box_placement", box)
         instance("description", description, ShapeSource, optional=True)
-        self.base_box_placement = base_box_placement.copy()
+        self.base_box_placement = box.copy()
         self.description = description
         instance("wheels", wheels, ReactionWheels, optional=True)
         instance("thrusters", thrusters, Thrusters, optional=True)
@@ -205,11 +203,8 @@ class SpaceManipulator(Mechanism):
         array = vector(name, q, self.nq)
         norm = math.hypot(*array[3:7].tolist())
         if abs(norm - 1.0) > 1e-6:
-            raise InvalidValue(
-                f"{name}[3:7], the base quaternion (x, y, z, w),",
-                array[3:7],
-                f"must have length 1 but has {norm:.6g}",
-            )
+            name += "[3:7], the base quaternion (x, y, z, w),"
+            raise InvalidValue(name, array[3:7], f"must have length 1 but has {norm:.6g}")
         if not self.layout.plain:
             self.layout.check_circles(name, array)
         return array

@@ -257,19 +257,8 @@ class Stepper:
     ) -> _Build:
         reference = REFERENCES[self.reference]
         time = 0.0 if self.deadline is None else max(0.0, self.deadline - time_left)
-        step = step_state(
-            self.sms,
-            q,
-            rates,
-            self.dt,
-            time_left,
-            self.momentum,
-            self.base_start,
-            self._data,
-            time,
-            self.mode,
-            self.wheel_total,
-        )
+        given = self.momentum, self.base_start, self._data, time, self.mode, self.wheel_total
+        step = step_state(self.sms, q, rates, self.dt, time_left, *given)
         cosine_wanted = ideal_cosine(step.entropy, self.kappa) if reference.on_cone else 1.0
         wanted = wanted_motion(step, target, cosine_wanted, self.side)
         if prefer is not None:

@@ -1,4 +1,4 @@
-"""Clearances between bodies: parts against shapes, gradients, screening, and plans that do not penetrate."""
+"""Clearances between bodies: parts against shapes, gradients, screening, rows of steps, and what is shared."""
 
 from __future__ import annotations
 
@@ -8,62 +8,19 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from meshes import ARMS, Meshes, places
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.limits.between import along
 from ffsms_pin.opt.limits.body_model import BodyModel
 from ffsms_pin.opt.limits.body_stack import BodyStack, body_pairs
 from ffsms_pin.opt.limits.clearance_stack import chosen_mode
-from ffsms_pin.opt.limits.part_pairs import Poses
-from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.batch.arm import ArmStack
-
-ARMS = ["satellite_panda", "satellite_ur10"]
 
 
 @pytest.fixture(scope="module", params=ARMS)
 def robot(request: pytest.FixtureRequest) -> ffsms.SpaceManipulator:
     return ffsms.load(request.param)
-
-
-def places(sms: ffsms.SpaceManipulator, count: int, seed: int) -> FloatArray:
-    """Joint positions (n, count) within the limits."""
-    rng, limits = np.random.default_rng(seed), sms.limits
-    low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
-    drawn: FloatArray = rng.uniform(low, high, (count, sms.n)).T
-    return drawn
-
-
-class Meshes:
-    """Distances of the meshes by Pinocchio and coal alone, apart from the planner's own code."""
-
-    def __init__(self, sms: ffsms.SpaceManipulator) -> None:
-        self.sms, self.data = sms, sms.model.createData()
-        self.geometry = sms.geometry("collision").copy()
-        self.geometry.removeAllCollisionPairs()
-        self.of: dict[str, list[int]] = {}
-        shapes, parents = self.geometry.geometryObjects, sms.model.parents
-        for i, one in enumerate(shapes):
-            for j, other in enumerate(shapes):
-                a, b = int(one.parentJoint), int(other.parentJoint)
-                if a < b and int(parents[b]) != a:
-                    body = sms.layout.body_name
-                    name = f"{body(sms.model, a)} - {body(sms.model, b)}"
-                    self.of.setdefault(name, []).append(len(self.geometry.collisionPairs))
-                    self.geometry.addCollisionPair(pin.CollisionPair(i, j))
-        self.placed = self.geometry.createData()
-
-    def distances(self, q: FloatArray, names: list[str]) -> FloatArray:
-        pin.updateGeometryPlacements(self.sms.model, self.data, self.geometry, self.placed, q)
-        pin.computeDistances(self.geometry, self.placed)
-        found = [result.min_distance for result in self.placed.distanceResults]
-        return np.array([min(found[k] for k in self.of[name]) for name in names])
-
-    def collide(self, q: FloatArray) -> bool:
-        return bool(pin.computeCollisions(self.sms.model, self.data, self.geometry, self.placed, q, True))
 
 
 def test_parts_are_never_further_apart_than_shapes(robot: ffsms.SpaceManipulator) -> None:
@@ -161,16 +118,6 @@ def test_gradients(robot: ffsms.SpaceManipulator) -> None:
     assert np.median(wrong) < 1e-5
 
 
-def test_no_distance_changes_faster_than_its_bound(robot: ffsms.SpaceManipulator) -> None:
-    stack, arm = BodyStack(robot, "hulls", 0.01), ArmStack(robot)
-    rng, q = np.random.default_rng(4), places(robot, 60, 4)
-    change = rng.uniform(-0.2, 0.2, q.shape)
-    before, after = (stack.values(place, arm.evaluate(place)) for place in (q, q + change))
-    bound = stack.reaches @ np.abs(change)
-    assert (np.abs(after - before) <= bound + 1e-6).all()
-    assert (stack.reaches[stack.reaches > 0.0] < 3.0).all()
-
-
 def test_rows_leave_out_only_what_cannot_bind(robot: ffsms.SpaceManipulator) -> None:
     model = BodyModel(BodyStack(robot, "hulls", 0.01))
     q, fastest = robot.configuration(places(robot, 1, 5)[:, 0]), np.full(robot.n, 0.2)
@@ -216,59 +163,6 @@ def test_what_is_near_by_construction_is_left_out(robot: ffsms.SpaceManipulator)
     assert len(wide.left_out) < len(opt.Clearance(0.01, "hulls").for_robot(robot).left_out) + 21
 
 
-@pytest.mark.parametrize("name", ARMS)
-def test_between_two_instants(name: str) -> None:
-    """A pass between two instants that both are clear is seen."""
-    sms = ffsms.load(name)
-    limit = opt.Clearance(0.01, "hulls")
-    rng = np.random.default_rng(6)
-    stack, arm, meshes = BodyStack(sms, "hulls", 0.01), ArmStack(sms), Meshes(sms)
-    for _ in range(2000):
-        ends = places(sms, 2, int(rng.integers(1 << 30)))
-        path = ends[:, :1] + np.linspace(0.0, 1.0, 41) * (ends[:, 1:] - ends[:, :1])
-        watched = path[:, [0, 20, 40]]
-        if stack.values(watched, arm.evaluate(watched), 0.02).min() > 0.012:
-            least = stack.values(path, arm.evaluate(path), 0.02).min()
-            if least < -0.01:
-                break
-    assert least < -0.01
-    rates = np.tile((ends[:, 1] - ends[:, 0]) / 1.0, (2, 1))
-    problem = opt.Problem(
-        sms, sms.configuration(ends[:, 0]), np.ones(3), duration=1.0, dt=1.0, limits=[limit]
-    )
-    plan = measure(problem, rates)
-    assert not plan.clear
-    assert "clearance" in plan.broken
-    assert not any(meshes.collide(sms.configuration(path[:, k])) for k in (0, 20, 40))
-
-
-@pytest.mark.parametrize(("name", "turn"), [("satellite_panda", 1.0), ("satellite_ur10", 1.0)])
-def test_plans_do_not_penetrate(name: str, turn: float) -> None:
-    """Exact meshes at nodes and middles, of plans to places that the arm can be at."""
-    sms, rng = ffsms.load(name), np.random.default_rng(7)
-    stack, arm, meshes = BodyStack(sms, "hulls", 0.01), ArmStack(sms), Meshes(sms)
-    drawn = places(sms, 200, 8)
-    start = drawn[:, stack.values(drawn, arm.evaluate(drawn), 0.05).min(axis=0) >= 0.015][:, 0]
-    clear = 0
-    for _ in range(100):
-        goal = (start + rng.uniform(-turn, turn, sms.n))[:, None]
-        inside = (goal[:, 0] > sms.limits.lower).all() and (goal[:, 0] < sms.limits.upper).all()
-        if not inside or stack.values(goal, arm.evaluate(goal), 0.05).min() < 0.015:
-            continue
-        q0 = sms.configuration(start)
-        target = sms.at(sms.configuration(goal[:, 0])).end_effector_pose.translation
-        plan = opt.plan(sms, q0, target, 12.0, 0.02)
-        assert plan.clear, plan.note
-        clear += 1
-        h = 0.5 * plan.dt
-        between = plan.joint_positions[:-1] + h * (plan.joint_rates[:-1] + 0.5 * h * plan.joint_accelerations)
-        for row in np.concatenate([plan.joint_positions[::3], between[::3]]):
-            assert not meshes.collide(sms.configuration(row))
-        if clear == 2:
-            return
-    raise AssertionError("no goals were found")
-
-
 def test_robots_of_other_masses_share_what_was_made_of_the_shapes(robot: ffsms.SpaceManipulator) -> None:
     geometry, limit = robot.geometry("collision"), opt.Clearance().for_robot(robot)
     bodies = list(robot.model.inertias)[1:]
@@ -290,26 +184,3 @@ def test_robots_of_other_masses_share_what_was_made_of_the_shapes(robot: ffsms.S
     np.testing.assert_array_equal(
         kept.values(joints, arm), BodyStack(heavier, "hulls", 0.01).values(joints, arm)
     )
-
-
-def test_little_is_measured_along_a_motion_and_nothing_is_lost(robot: ffsms.SpaceManipulator) -> None:
-    """Distances at some instants and how fast they can change tell where the others are measured."""
-    start, end = places(robot, 2, 7).T
-    share = np.linspace(0.0, 1.0, 200)
-    q = start[:, None] + share * (end - start)[:, None]
-    stack = BodyStack(robot, "hulls", 0.01)
-    change = np.tile(stack.reaches @ np.abs(end - start)[:, None] / 199.0, (1, 199))
-    poses, asked = Poses.make(*ArmStack(robot).poses(q)), 0
-
-    def measure(pair: Indices, k: Indices, near: FloatArray) -> FloatArray:
-        nonlocal asked
-        asked += len(k)
-        return stack.distances_at(poses, (pair, k), near)
-
-    near = 0.03
-    found, exact = along(change, near, measure), stack.pairs.values(poses, np.inf)
-    below = exact < near
-    assert 0 < below.sum() < asked < 0.5 * exact.size
-    np.testing.assert_allclose(found[below], exact[below], atol=1e-9)
-    assert (found[~below] >= near - 1e-9).all()
-    assert (found <= exact + 1e-9).all()

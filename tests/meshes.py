@@ -1,0 +1,50 @@
+"""Joint positions of arms on satellites, and distances of their meshes by Pinocchio and coal alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+import ffsms_pin as ffsms
+from ffsms_pin.checks import FloatArray
+
+__all__ = ["ARMS", "Meshes", "places"]
+
+ARMS = ["satellite_panda", "satellite_ur10"]
+
+
+def places(sms: ffsms.SpaceManipulator, count: int, seed: int) -> FloatArray:
+    """Joint positions (n, count) within the limits."""
+    rng, limits = np.random.default_rng(seed), sms.limits
+    low, high = np.maximum(limits.lower, -np.pi), np.minimum(limits.upper, np.pi)
+    drawn: FloatArray = rng.uniform(low, high, (count, sms.n)).T
+    return drawn
+
+
+class Meshes:
+    """Distances of the meshes by Pinocchio and coal alone, apart from the planner's own code."""
+
+    def __init__(self, sms: ffsms.SpaceManipulator) -> None:
+        self.sms, self.data = sms, sms.model.createData()
+        self.geometry = sms.geometry("collision").copy()
+        self.geometry.removeAllCollisionPairs()
+        self.of: dict[str, list[int]] = {}
+        shapes, parents = self.geometry.geometryObjects, sms.model.parents
+        for i, one in enumerate(shapes):
+            for j, other in enumerate(shapes):
+                a, b = int(one.parentJoint), int(other.parentJoint)
+                if a < b and int(parents[b]) != a:
+                    body = sms.layout.body_name
+                    name = f"{body(sms.model, a)} - {body(sms.model, b)}"
+                    self.of.setdefault(name, []).append(len(self.geometry.collisionPairs))
+                    self.geometry.addCollisionPair(pin.CollisionPair(i, j))
+        self.placed = self.geometry.createData()
+
+    def distances(self, q: FloatArray, names: list[str]) -> FloatArray:
+        pin.updateGeometryPlacements(self.sms.model, self.data, self.geometry, self.placed, q)
+        pin.computeDistances(self.geometry, self.placed)
+        found = [result.min_distance for result in self.placed.distanceResults]
+        return np.array([min(found[k] for k in self.of[name]) for name in names])
+
+    def collide(self, q: FloatArray) -> bool:
+        return bool(pin.computeCollisions(self.sms.model, self.data, self.geometry, self.placed, q, True))

@@ -1,0 +1,108 @@
+"""Clearances along whole motions: at few instants, between two of them, and on exact meshes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from meshes import ARMS, Meshes, places
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.residual import Indices
+from ffsms_pin.opt.limits.between import along
+from ffsms_pin.opt.limits.body_stack import BodyStack
+from ffsms_pin.opt.limits.part_pairs import Poses
+from ffsms_pin.opt.trajectory import measure
+from ffsms_pin.system.batch.arm import ArmStack
+
+
+@pytest.fixture(scope="module", params=ARMS)
+def robot(request: pytest.FixtureRequest) -> ffsms.SpaceManipulator:
+    return ffsms.load(request.param)
+
+
+def test_no_distance_changes_faster_than_its_bound(robot: ffsms.SpaceManipulator) -> None:
+    stack, arm = BodyStack(robot, "hulls", 0.01), ArmStack(robot)
+    rng, q = np.random.default_rng(4), places(robot, 60, 4)
+    change = rng.uniform(-0.2, 0.2, q.shape)
+    before, after = (stack.values(place, arm.evaluate(place)) for place in (q, q + change))
+    bound = stack.reaches @ np.abs(change)
+    assert (np.abs(after - before) <= bound + 1e-6).all()
+    assert (stack.reaches[stack.reaches > 0.0] < 3.0).all()
+
+
+def test_little_is_measured_along_a_motion_and_nothing_is_lost(robot: ffsms.SpaceManipulator) -> None:
+    """Distances at some instants and how fast they can change tell where the others are measured."""
+    start, end = places(robot, 2, 7).T
+    share = np.linspace(0.0, 1.0, 200)
+    q = start[:, None] + share * (end - start)[:, None]
+    stack = BodyStack(robot, "hulls", 0.01)
+    change = np.tile(stack.reaches @ np.abs(end - start)[:, None] / 199.0, (1, 199))
+    poses, asked = Poses.make(*ArmStack(robot).poses(q)), 0
+
+    def measure(pair: Indices, k: Indices, near: FloatArray) -> FloatArray:
+        nonlocal asked
+        asked += len(k)
+        return stack.distances_at(poses, (pair, k), near)
+
+    near = 0.03
+    found, exact = along(change, near, measure), stack.pairs.values(poses, np.inf)
+    below = exact < near
+    assert 0 < below.sum() < asked < 0.5 * exact.size
+    np.testing.assert_allclose(found[below], exact[below], atol=1e-9)
+    assert (found[~below] >= near - 1e-9).all()
+    assert (found <= exact + 1e-9).all()
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_between_two_instants(name: str) -> None:
+    """A pass between two instants that both are clear is seen."""
+    sms = ffsms.load(name)
+    limit = opt.Clearance(0.01, "hulls")
+    rng = np.random.default_rng(6)
+    stack, arm, meshes = BodyStack(sms, "hulls", 0.01), ArmStack(sms), Meshes(sms)
+    for _ in range(2000):
+        ends = places(sms, 2, int(rng.integers(1 << 30)))
+        path = ends[:, :1] + np.linspace(0.0, 1.0, 41) * (ends[:, 1:] - ends[:, :1])
+        watched = path[:, [0, 20, 40]]
+        if stack.values(watched, arm.evaluate(watched), 0.02).min() > 0.012:
+            least = stack.values(path, arm.evaluate(path), 0.02).min()
+            if least < -0.01:
+                break
+    assert least < -0.01
+    rates = np.tile((ends[:, 1] - ends[:, 0]) / 1.0, (2, 1))
+    problem = opt.Problem(
+        sms, sms.configuration(ends[:, 0]), np.ones(3), duration=1.0, dt=1.0, limits=[limit]
+    )
+    plan = measure(problem, rates)
+    assert not plan.clear
+    assert "clearance" in plan.broken
+    assert not any(meshes.collide(sms.configuration(path[:, k])) for k in (0, 20, 40))
+
+
+@pytest.mark.parametrize(("name", "turn"), [("satellite_panda", 1.0), ("satellite_ur10", 1.0)])
+def test_plans_do_not_penetrate(name: str, turn: float) -> None:
+    """Exact meshes at nodes and middles, of plans to places that the arm can be at."""
+    sms, rng = ffsms.load(name), np.random.default_rng(7)
+    stack, arm, meshes = BodyStack(sms, "hulls", 0.01), ArmStack(sms), Meshes(sms)
+    drawn = places(sms, 200, 8)
+    start = drawn[:, stack.values(drawn, arm.evaluate(drawn), 0.05).min(axis=0) >= 0.015][:, 0]
+    clear = 0
+    for _ in range(100):
+        goal = (start + rng.uniform(-turn, turn, sms.n))[:, None]
+        inside = (goal[:, 0] > sms.limits.lower).all() and (goal[:, 0] < sms.limits.upper).all()
+        if not inside or stack.values(goal, arm.evaluate(goal), 0.05).min() < 0.015:
+            continue
+        q0 = sms.configuration(start)
+        target = sms.at(sms.configuration(goal[:, 0])).end_effector_pose.translation
+        plan = opt.plan(sms, q0, target, 12.0, 0.02)
+        assert plan.clear, plan.note
+        clear += 1
+        h = 0.5 * plan.dt
+        between = plan.joint_positions[:-1] + h * (plan.joint_rates[:-1] + 0.5 * h * plan.joint_accelerations)
+        for row in np.concatenate([plan.joint_positions[::3], between[::3]]):
+            assert not meshes.collide(sms.configuration(row))
+        if clear == 2:
+            return
+    raise AssertionError("no goals were found")
