@@ -1,4 +1,4 @@
-"""Clearances between bodies: parts against shapes, gradients, screening, rows of steps, and what is shared."""
+"""Clearances between bodies: parts against shapes, gradients, screening, and what robots share."""
 
 from __future__ import annotations
 
