@@ -92,7 +92,8 @@ class Search:
                 break
             if turn and not self._arrived() and not self._there().any():
                 break  # neither motions of any shape nor straight moves end at the goal
-        if groups != QUICK and math.log(2.0) / self.problem.kappa < self.options.widest_cone:
+        narrow = math.log(2.0) / self.problem.kappa < self.options.widest_cone
+        if groups != QUICK and narrow and not self._out_of_time():
             self._march()
         if not self._arrived() and not self._out_of_time():
             self._go_straight()
