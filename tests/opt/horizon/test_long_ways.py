@@ -12,7 +12,7 @@ def test_a_march_is_taken_where_the_cheapest_motion_is_a_detour() -> None:
     """A target 17 cm away: both motions cost next to nothing, but one turns the joints seven times as far."""
     sms = ffsms.load("satellite_panda")
     q0 = sms.configuration([0.56, -0.59, -1.38, -2.22, 1.35, 1.79, 1.29])
-    target = sms.at(q0).end_effector_pose.translation + [0.13, 0.02, 0.1]
+    target = sms.at(q0).end_effector_pose.translation + np.array([0.13, 0.02, 0.1])
     problem = opt.Problem(sms, q0, target, 12.0, 0.02)
     straight = opt.plan(sms, q0, target, 12.0, 0.02, method="resolved-rate").joint_travel
     without = opt.solve(problem, opt.SearchOptions(long_way=np.inf))
