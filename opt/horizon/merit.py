@@ -75,8 +75,8 @@ class Linearisation:
         Of the goal at the deadline, the largest of its parts, as a share of its tolerance.
     late_share : ndarray, shape (S,)
         Likewise in the last tenth, as a share of its reach.
-    limit_share : ndarray, shape (S,)
-        The largest residual of a limit, as a share of the limit's margin.
+    limit_share, blocked_share : ndarray, shape (S,)
+        The largest residual of a limit, as a share of the limit's margin; of all, and of those that block.
     """
 
     merit: FloatArray
@@ -87,6 +87,7 @@ class Linearisation:
     end_share: FloatArray
     late_share: FloatArray
     limit_share: FloatArray
+    blocked_share: FloatArray
 
     def take(self, index: Any) -> Linearisation:
         """The motions at an index."""
@@ -183,14 +184,18 @@ def _measured(
         for one in ones:
             merit += share * end * one.squares(over_time, count)
             residuals.append(Weighted.of(one, share * end, over_time))
-    lack = np.zeros(count)
+    lack, blocked = np.zeros(count), np.zeros(count)
     for limit in problem.limits:
         for residual in limit.residual(motions):
             merit += weights.limits * residual.squares(motions.limit_weights, count)
-            np.maximum.at(lack, *_largest(residual, limit.margin))
+            largest = _largest(residual, limit.margin)
+            np.maximum.at(lack, *largest)
+            if limit.blocks:
+                np.maximum.at(blocked, *largest)
             residuals.append(Weighted.of(residual, weights.limits, motions.limit_weights))
     empty = np.empty(0)
-    result = Linearisation(merit, objective, cost, empty, empty, at_goal.end_share, at_goal.late_share, lack)
+    arrived = at_goal.end_share, at_goal.late_share
+    result = Linearisation(merit, objective, cost, empty, empty, *arrived, lack, blocked)
     return result, residuals
 
 

@@ -30,7 +30,7 @@ __all__ = [
 _APART = 0.05
 # Weight of the true objective beside the smoothed merit when motions are compared: the smoothing hides cost.
 _HONEST = 0.3
-# Weight, in that, of the square of the largest lack of a limit, in margins beyond the first. A short way
+# Weight, in that, of the square of the largest lack of a clearance, in margins beyond the first. A short way
 # through a body weighs little over time, and a descent does not find out of it: it pushes to both sides.
 _THROUGH = 1.0
 _TIGHTENINGS = 5
@@ -81,7 +81,7 @@ def distinct_best(model: Model, motions: Candidates, keep: int) -> Candidates:
     """The `keep` best motions; of those that came together only the best."""
     chosen: list[int] = []
     places = model.spline.travel.free @ motions.p
-    beyond = np.maximum(motions.at.limit_share - 1.0, 0.0)
+    beyond = np.maximum(motions.at.blocked_share - 1.0, 0.0)
     worth = motions.at.merit + _HONEST * motions.at.objective + _THROUGH * beyond**2
     for i in np.argsort(worth, kind="stable"):
         if all(np.max(np.abs(places[i] - places[j])) > _APART for j in chosen):

@@ -67,6 +67,7 @@ class Clearance(Limit):
     obstacles: Sequence[Obstacle] = ()
     payload: tuple[Any, Any] | None = None
     name = "clearance"
+    blocks = True
     _stack: ClearanceStack | None = field(default=None, repr=False)
     _model: Any = field(default=None, repr=False)
     _around: ObstacleStack | None = field(default=None, repr=False)

@@ -145,11 +145,15 @@ class Limit(ABC):
         that keeps the limit.
     of_goal : bool
         Whether a problem has the limit from its goal (`Goal.limits`); with another goal it goes.
+    blocks : bool
+        Whether something stands in the way where it is broken, such as a body: a descent rarely finds a way
+        out of it, so the search follows such motions after others.
     """
 
     name: str
     margin: float = 0.0
     of_goal: bool = False
+    blocks: bool = False
 
     def for_robot(self, sms: SpaceManipulator) -> Limit:
         """The limit, prepared for a robot; called once by each solver. Default: itself."""
