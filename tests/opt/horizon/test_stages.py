@@ -18,13 +18,16 @@ def test_a_motion_through_a_body_goes_on_after_the_others(planar: ffsms.SpaceMan
     motions = Candidates.start(model, straight_moves(problem, model.spline, goals), EARLY_STAGES[0].weights)
     motions.at.merit[:] = [1.0, 1.1, 1.2, 1.3]
     motions.at.objective[:] = 0.0
-    motions.at.limit_share[:] = 0.0
+    motions.at.limit_share[:] = motions.at.blocked_share[:] = 0.0
 
     def order(keep: int) -> list[float]:
         return [float(one) for one in distinct_best(model, motions, keep).at.merit]
 
     # The second and the third have come together.
     assert order(4) == [1.0, 1.1, 1.3]
+    # A waypoint that is not passed yet, say, does not matter.
     motions.at.limit_share[:] = [2.5, 0.9, 0.0, 1.2]
+    assert order(4) == [1.0, 1.1, 1.3]
+    motions.at.blocked_share[:] = [2.5, 0.9, 0.0, 1.2]
     assert order(3) == [1.1, 1.3, 1.0]
     assert order(1) == [1.1]
