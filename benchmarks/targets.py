@@ -57,6 +57,7 @@ def reachable_targets(
         motion = rolled_out(sms, stack, q0, rates, dt_move, None, ARRIVAL_SHARE)
         if clearance.violation(motion).amount > 0.0:
             continue
+        # By the plain roll-out again, which earlier targets were made by: those of a seed stay the same bits.
         q, _ = roll_out(sms, q0, move, np.zeros((STEPS, sms.n)), dt_move)
         least = np.max(np.abs(move) / limits.velocity + limits.velocity / limits.acceleration)
         duration = dt * math.ceil(SLACK * float(least) / dt - 1e-9)
