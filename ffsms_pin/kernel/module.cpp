@@ -1,9 +1,10 @@
-// What Python sees of the kernel: shapes are checked here, the headers do the work.
-#include <nanobind/nanobind.h>
-
-namespace nb = nanobind;
+// What Python sees of the kernel: shapes are checked in the bindings, the headers do the work.
+#include "bindings.hpp"
 
 NB_MODULE(_kernel, m) {
-  m.doc() = "The compiled kernel; ffsms_pin.kernel is its face.";
-  m.def("most_joints", [] { return 32; }, "The largest number of joints that the kernel takes.");
+  m.doc() = "The compiled kernel: components first, the stack of configurations last.";
+  ffsms::bind_tree(m);
+  ffsms::bind_arm(m);
+  ffsms::bind_slopes(m);
+  ffsms::bind_spectra(m);
 }
