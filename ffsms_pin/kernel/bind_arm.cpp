@@ -87,6 +87,19 @@ void coupled(const Tree& tree, const In& positions, const Out& out) {
   });
 }
 
+// J_m (6, n), on a fixed base: 6 n rows.
+void fixed_base(const Tree& tree, const In& positions, const Out& out) {
+  expect_rows(out, 6 * tree.n, positions.shape(1));
+  along(tree, positions, [&](Size k, const Pack* q, Arm<Pack>& arm) {
+    evaluate(tree, q, arm);
+    Writer write(out, k);
+    write.put(arm.tip_velocity, tree.n);
+    for (int x = 0; x < 3; ++x) {
+      for (int j = 0; j < tree.n; ++j) write.put(tree.joints[j].moves_tip ? arm.axis[j][x] : same<Pack>(0.0));
+    }
+  });
+}
+
 // H_q: n n rows.
 void inertias(const Tree& tree, const In& positions, const Out& out) {
   expect_rows(out, tree.n * tree.n, positions.shape(1));
@@ -108,6 +121,7 @@ void bind_arm(nb::module_& m) {
   m.def("arm_values", &arm_values, nb::arg("tree"), nb::arg("positions"), nb::arg("out"), quiet);
   m.def("poses", &poses, nb::arg("tree"), nb::arg("positions"), nb::arg("out"), quiet);
   m.def("coupled", &coupled, nb::arg("tree"), nb::arg("positions"), nb::arg("out"), quiet);
+  m.def("manipulator_jacobian", &fixed_base, nb::arg("tree"), nb::arg("positions"), nb::arg("out"), quiet);
   m.def("reduced_inertia", &inertias, nb::arg("tree"), nb::arg("positions"), nb::arg("out"), quiet);
 }
 
