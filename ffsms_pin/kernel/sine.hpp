@@ -20,11 +20,6 @@ FFSMS_INLINE T rounded(const T& x) {
 // To an ulp or so. Reduction and polynomials are those of fdlibm (Sun Microsystems, 1993).
 template <class T>
 FFSMS_INLINE void sine_cosine(const T& x, T& sine, T& cosine) {
-  if (any(magnitude(x) > kFar)) {
-    sine = each(std::sin, x);
-    cosine = each(std::cos, x);
-    return;
-  }
   const T quarters = rounded(x * 6.36619772367581382433e-01);
   const T r = ((x - quarters * 1.57079632673412561417e+00) - quarters * 6.07710050630396597660e-11) -
               quarters * 2.02226624879595063154e-21;
@@ -50,6 +45,10 @@ FFSMS_INLINE void sine_cosine(const T& x, T& sine, T& cosine) {
   const T cosine_sign = select(turn > 0.5, minus, select(turn < -1.5, minus, plus));
   sine = sine_sign * select(swapped, near_cosine, near_sine);
   cosine = cosine_sign * select(swapped, near_sine, near_cosine);
+  const auto far = magnitude(x) > kFar;
+  if (!any(far)) return;
+  sine = select(far, each(std::sin, x), sine);
+  cosine = select(far, each(std::cos, x), cosine);
 }
 
 }  // namespace ffsms
