@@ -34,6 +34,7 @@ style: $(READY)  ## what of it takes a second
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
+	$(BIN)/python .ci/house.py
 
 docs: $(READY)  ## build the site into docs/_build, every lesson run, warnings as errors
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build
