@@ -22,7 +22,7 @@ from ffsms_pin.opt.horizon.starts import joint_range
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.direction import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.march import sides_across, start_sides
-from ffsms_pin.opt.step.of_problem import problem_stepper
+from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, dot, exp3, log3
@@ -54,7 +54,7 @@ def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
     linear.
     """
     place, sms, dt, steps = problem.goal.place(problem.duration), problem.sms, problem.dt, problem.steps
-    stepper = problem_stepper(problem)
+    stepper = Stepper.of(problem)
     mode = problem.mode
     for side in start_sides(sms, problem.q0, place.position, mode):
         stepper.reset(side)

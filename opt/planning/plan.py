@@ -18,8 +18,8 @@ from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, L
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import Progress, Steps, march, start_sides
-from ffsms_pin.opt.step.of_problem import problem_stepper
 from ffsms_pin.opt.step.programme import StepWeights
+from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
@@ -255,7 +255,7 @@ def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajec
         return _march(problem, paper, progress)
     step = method == "step"
     weights, terms = (None, problem.terms) if step else (REFERENCE_WEIGHTS, ())
-    stepper = problem_stepper(problem, method, weights, limits=limits, terms=terms)
+    stepper = Stepper.of(problem, method, weights, limits=limits, terms=terms)
     sides = start_sides(sms, problem.q0, place.position, problem.mode) if step else [np.zeros(3)]
     plans = []
     for i, side in enumerate(sides):
