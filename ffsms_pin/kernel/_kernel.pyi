@@ -1,6 +1,7 @@
 """Types of the compiled kernel; arrays are dense and of float64."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from ffsms_pin.checks import FloatArray
 
@@ -58,3 +59,14 @@ def refined(
     tolerance: float,
     kept: float,
 ) -> tuple[FloatArray, FloatArray] | None: ...
+
+# sums.hpp
+def sums(
+    spline: tuple[Any, ...],
+    motions: tuple[Any, ...],
+    residuals: Sequence[Any],
+    joints: Sequence[Any],
+    chosen: Any,
+    gradient: FloatArray,
+    hessian: FloatArray,
+) -> None: ...

@@ -4,9 +4,9 @@
 #include "arrays.hpp"
 #include "step.hpp"
 
-namespace ffsms {
-
 namespace {
+
+using namespace ffsms;
 
 step::Schedule schedule_of(const Vector& s) { return {s(0), s(1), s(2), s(3)}; }
 
@@ -204,5 +204,3 @@ void bind_step(nb::module_& m) {
   m.def("stacked_rows", &stacked_rows);
   m.def("refined", &refined);
 }
-
-}  // namespace ffsms

@@ -3,12 +3,12 @@
 
 namespace nb = nanobind;
 
-namespace ffsms {
 void bind_step(nb::module_& m);
-}
+void bind_sums(nb::module_& m);
 
 NB_MODULE(_kernel, m) {
   m.doc() = "The compiled kernel; ffsms_pin.kernel is its face.";
   m.def("most_joints", [] { return 32; }, "The largest number of joints that the kernel takes.");
-  ffsms::bind_step(m);
+  bind_step(m);
+  bind_sums(m);
 }
