@@ -16,7 +16,7 @@ from ffsms_pin.checks import FloatArray, frozen, one_of, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.goals import as_goal
-from ffsms_pin.opt.limits import Clearance, JointLimits, Limit, WheelLimits
+from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits, Limit, WheelLimits
 from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
@@ -165,9 +165,20 @@ class Problem:
         return round(self.duration / self.dt)
 
     @property
+    def step_limits(self) -> tuple[Limit, ...]:
+        """The limits of single steps: the paper's step has the box on alpha always."""
+        named = any(limit.name == AlphaBox.name for limit in self.limits)
+        return tuple(self.limits) if named else (*self.limits, AlphaBox())
+
+    @property
     def kappa(self) -> float:
-        """Sharpness of the paper's C~, by which motions are measured: the coupling term's, else 10."""
-        return next((term.kappa for term in self.terms if isinstance(term, Coupling)), 10.0)
+        """Sharpness of the paper's C~, by which motions are measured: that of a term that has it, else 10."""
+        return next((term.kappa for term in self.terms if term.kappa is not None), Coupling.kappa)
+
+    @cached_property
+    def cost_terms(self) -> tuple[Term, ...]:
+        """The terms by which motions are called cheap (`Term.measures_cost`)."""
+        return tuple(term for term in self.terms if term.measures_cost)
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:

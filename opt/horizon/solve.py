@@ -10,9 +10,9 @@ import numpy as np
 from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.opt.horizon.blocked import check_obstacles
 from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision
-from ffsms_pin.opt.horizon.groups import QUICK
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.horizon.wheel_needs import quick_search, with_wheel_needs
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
@@ -63,7 +63,7 @@ def solve(
     if refused is not None:
         return refused
     search = Search(problem, options, progress)
-    plan = search.run()
+    plan = search.run(STRATEGIES)
     if not plan.reached:
         plan = with_wheel_needs(problem, plan, quick_search(options))
         plan = explain(problem, plan, search.goals, search.binding(), lambda other: _reached(other, options))

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ffsms_pin.opt.horizon.groups import QUICK
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.strategies import QUICK
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 

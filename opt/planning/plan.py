@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,13 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Also, Via, as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.horizon.blocked import check_obstacles
+from ffsms_pin.opt.horizon.marches import marched, reference_stepper
 from ffsms_pin.opt.horizon.wheel_needs import with_wheel_needs
-from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, Obstacle
+from ffsms_pin.opt.limits import BaseLimits, Clearance, JointLimits, Limit, Obstacle
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.march import Progress, Steps, march, start_sides
+from ffsms_pin.opt.step.march import Progress, start_sides
 from ffsms_pin.opt.step.of_problem import problem_stepper
-from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
@@ -31,10 +31,6 @@ METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "mi
 
 # [m, rad] Nearer than this to its target, an arm is there and stays.
 ALREADY_THERE = 1e-6
-
-# The references are about what they spare: ten times the step's own price of redundant motion, and still too
-# little to keep an arm from leaving a singular start.
-REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 
 def plan(
@@ -221,10 +217,10 @@ def plan_problem(
     if method == "horizon":
         return solve(problem, options, progress)
     check_obstacles(problem)
-    marched = _marched(problem, method, progress)
-    if marched.reached:
-        return marched
-    return with_wheel_needs(problem, marched, lambda other: _marched(other, method, None))
+    plan = _marched(problem, method, progress)
+    if plan.reached:
+        return plan
+    return with_wheel_needs(problem, plan, lambda other: _marched(other, method, None))
 
 
 def _stand_still(problem: Problem) -> Trajectory | None:
@@ -246,36 +242,21 @@ def _stand_still(problem: Problem) -> Trajectory | None:
 
 def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajectory:
     """The motion of single steps; for "step" the best of the marches on the different sides of the cone."""
-    sms, place = problem.sms, problem.goal.place(problem.duration)
-    limits = problem.limits
-    if not any(isinstance(limit, AlphaBox) for limit in limits):
-        limits = (*limits, AlphaBox())
     if method == "paper":
-        paper = NonlinearStepper(sms, problem.dt, problem.kappa, limits, problem.mode, problem.wheel_total)
-        return _march(problem, paper, progress)
-    step = method == "step"
-    weights, terms = (None, problem.terms) if step else (REFERENCE_WEIGHTS, ())
-    stepper = problem_stepper(problem, method, weights, limits=limits, terms=terms)
-    sides = start_sides(sms, problem.q0, place.position, problem.mode) if step else [np.zeros(3)]
+        kappa, limits, total = problem.kappa, problem.step_limits, problem.wheel_total
+        paper = NonlinearStepper(problem.sms, problem.dt, kappa, limits, problem.mode, total)
+        return marched(problem, paper, progress)
+    if method != "step":
+        return marched(problem, reference_stepper(problem, method), progress)
+    stepper = problem_stepper(problem, limits=problem.step_limits)
+    target = problem.goal.place(problem.duration).position
+    sides = start_sides(problem.sms, problem.q0, target, problem.mode)
     plans = []
     for i, side in enumerate(sides):
         stepper.reset(side)
-        plans.append(_march(problem, stepper, None if progress is None else _part(progress, i, len(sides))))
+        share = None if progress is None else _part(progress, i, len(sides))
+        plans.append(marched(problem, stepper, share))
     return min(plans, key=_rank)
-
-
-def _march(problem: Problem, stepper: Steps, progress: Callable[[float], None] | None) -> Trajectory:
-    place = problem.goal.place(problem.duration)
-    rates, note = march(
-        stepper,
-        problem.q0,
-        problem.joint_rates,
-        place.position,
-        problem.duration,
-        place.rotation,
-        progress,
-    )
-    return measure(problem, rates, note)
 
 
 def _rank(plan: Trajectory) -> tuple[bool, float]:

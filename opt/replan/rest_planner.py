@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.diagnosis import start_in_collision, within_workspace
-from ffsms_pin.opt.horizon.groups import QUICK, START_GROUPS
 from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.approach import Approach, Narrower
 from ffsms_pin.opt.replan.joint_plan import JointPlan
@@ -144,4 +144,4 @@ def _searched(problem: Problem) -> Trajectory:
     stays = start_in_collision(problem)
     if stays is not None:
         return stays
-    return Search(problem).run(START_GROUPS if within_workspace(problem) else QUICK)
+    return Search(problem).run(STRATEGIES if within_workspace(problem) else QUICK)
