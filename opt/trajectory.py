@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.opt.batch.nodes import angles_from_start, path_ratio, sampled
-from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
+from ffsms_pin.opt.batch.rollout import configurations, velocities
 from ffsms_pin.opt.batch.thrusters import propellant
 from ffsms_pin.opt.batch.wheels import nodal_momentum, wheel_energy
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
@@ -217,14 +217,9 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
 
     The rates are linear between nodes; the base follows the momentum equation.
     """
-    sms, stack, goal, kappa = problem.sms, problem.stack, problem.goal, problem.kappa
-    q0, momentum = problem.q0, problem.momentum
-    motion = rolled_out(sms, stack, q0, rates, problem.dt, momentum, ARRIVAL_SHARE)
-    place, target = goal.place(problem.duration), goal.positions(motion.times)
-    motion = replace(motion, target=target, mean_speed=problem.mean_speed)
-    wheels, total = problem.wheels, problem.wheel_total
-    motion = replace(motion, wheels=wheels, wheel_total=total, thrusters=problem.thrusters)
-    nodes = slice(None, None, 2)
+    sms, goal, kappa, q0 = problem.sms, problem.goal, problem.kappa, problem.q0
+    momentum, motion, nodes = problem.momentum, problem.motion(rates), slice(None, None, 2)
+    place, target = goal.place(problem.duration), motion.target
     way, steps = motion.to_target[:, 0, nodes], motion.paired
     turned = np.zeros(len(motion.times))
     wanted = np.full((3, 3), np.nan)

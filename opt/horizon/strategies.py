@@ -241,7 +241,7 @@ QUICK = (
     Strategy("descent", partial(descend_from_starts, keep=(1, 1, 1), repeats=2)),
     Strategy("finest spline", finest_spline),
     Strategy("within limits", within_limits),
-    Strategy("straight moves", partial(straight_moves_that_end_there, most=6)),
+    Strategy("straight moves", partial(straight_moves_that_end_there, most=2)),
     Strategy("finest spline", finest_spline),
     Strategy("within limits", within_limits),
 )

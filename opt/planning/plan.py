@@ -8,19 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import number, one_of
+from ffsms_pin.checks import one_of
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Also, Via, as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
-from ffsms_pin.opt.horizon.blocked import check_obstacles
+from ffsms_pin.opt.horizon.diagnosis import refused, with_limits_said
 from ffsms_pin.opt.horizon.marches import marched, reference_stepper
-from ffsms_pin.opt.horizon.wheel_needs import with_wheel_needs
-from ffsms_pin.opt.limits import BaseLimits, Clearance, JointLimits, Limit, Obstacle
+from ffsms_pin.opt.limits import BaseLimits, Limit, Obstacle
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import Problem, default_limits, default_terms
 from ffsms_pin.opt.step.march import Progress, start_sides
 from ffsms_pin.opt.step.of_problem import problem_stepper
-from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
@@ -134,18 +132,9 @@ def plan(
         A wrong shape, a number out of range, or a start outside the joint limits.
     """
     one_of("method", method, METHODS)
-    if base_limits is not None and not isinstance(base_limits, BaseLimits):
-        raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")
     goal = as_goal(target)
-    terms: list[Term] = [Smooth(), Effort() if effort is None else Effort(effort)]
-    if goal.coupled:
-        terms.insert(0, Coupling(kappa))
-    if number("base", base) != 0.0:
-        terms.append(BaseTurn(base))
-    limits: list[Limit] = [JointLimits(), Clearance(clearance, collision, obstacles=obstacles)]
-    if base_limits is not None:
-        limits.append(base_limits)
-    limits += _places(also, via)
+    terms = default_terms(kappa, effort, base, goal.coupled)
+    limits = (*default_limits(clearance, collision, obstacles, base_limits), *_places(also, via))
     problem = Problem(
         sms,
         q0,
@@ -201,13 +190,10 @@ def plan_problem(
         The method does not know something that the problem has.
     """
     one_of("method", method, METHODS)
-    based = any(isinstance(limit, BaseLimits) for limit in problem.limits)
-    if method == "paper" and (based or problem.momentum is not None):
-        raise InvalidValue("method", method, "knows no base limits and no momentum; take another one")
-    if method == "paper" and any(isinstance(limit, (Also, Via)) for limit in problem.limits):
-        raise InvalidValue("method", method, "knows no waypoints and one goal only; take another one")
-    around = [one for limit in problem.limits if isinstance(limit, Clearance) for one in limit.obstacles]
-    if method == "paper" and any(one.moves for one in around):
+    if method == "paper" and not (problem.momentum is None and all(one.of_paper for one in problem.limits)):
+        what = "base limits, no momentum, no waypoints and one goal only"
+        raise InvalidValue("method", method, f"knows no {what}; take another one")
+    if method == "paper" and any(one.moves for limit in problem.limits for one in limit.obstacles):
         raise InvalidValue("method", method, "knows no obstacles that move; take another one")
     if method != "horizon" and (problem.goal.moves or problem.locked):
         raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
@@ -216,11 +202,11 @@ def plan_problem(
         return still
     if method == "horizon":
         return solve(problem, options, progress)
-    check_obstacles(problem)
+    refused(problem)  # an overlap with an obstacle raises; from a start that is too near a march may get away
     plan = _marched(problem, method, progress)
     if plan.reached:
         return plan
-    return with_wheel_needs(problem, plan, lambda other: _marched(other, method, None))
+    return with_limits_said(problem, plan, lambda other: _marched(other, method, None))
 
 
 def _stand_still(problem: Problem) -> Trajectory | None:
