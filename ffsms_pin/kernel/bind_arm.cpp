@@ -117,11 +117,13 @@ void inertias(const Tree& tree, const In& positions, const Out& out) {
 
 void bind_arm(nb::module_& m) {
   const auto quiet = nb::call_guard<nb::gil_scoped_release>();
-  m.def("arm_values", &arm_values, nb::arg("tree"), nb::arg("positions"), nb::arg("out"), quiet);
-  m.def("poses", &poses, nb::arg("tree"), nb::arg("positions"), nb::arg("out"), quiet);
-  m.def("coupled", &coupled, nb::arg("tree"), nb::arg("positions"), nb::arg("out"), quiet);
-  m.def("manipulator_jacobian", &fixed_base, nb::arg("tree"), nb::arg("positions"), nb::arg("out"), quiet);
-  m.def("reduced_inertia", &inertias, nb::arg("tree"), nb::arg("positions"), nb::arg("out"), quiet);
+  m.def("arm_values", &arm_values, nb::arg("tree"), nb::arg("positions"), nb::arg("out").noconvert(), quiet);
+  m.def("poses", &poses, nb::arg("tree"), nb::arg("positions"), nb::arg("out").noconvert(), quiet);
+  m.def("coupled", &coupled, nb::arg("tree"), nb::arg("positions"), nb::arg("out").noconvert(), quiet);
+  m.def("manipulator_jacobian", &fixed_base, nb::arg("tree"), nb::arg("positions"),
+        nb::arg("out").noconvert(), quiet);
+  m.def("reduced_inertia", &inertias, nb::arg("tree"), nb::arg("positions"), nb::arg("out").noconvert(),
+        quiet);
 }
 
 }  // namespace ffsms

@@ -78,7 +78,8 @@ void couplings(const Tree& tree, const In& positions, const In& by_coupling, con
 void bind_slopes(nb::module_& m) {
   const auto quiet = nb::call_guard<nb::gil_scoped_release>();
   const auto bind = [&](const char* name, auto function, const char* given) {
-    m.def(name, function, nb::arg("tree"), nb::arg("positions"), nb::arg(given), nb::arg("out"), quiet);
+    m.def(name, function, nb::arg("tree"), nb::arg("positions"), nb::arg(given), nb::arg("out").noconvert(),
+          quiet);
   };
   bind("velocity_slopes", &velocities, "rates");
   bind("turning_slopes", &turnings, "rates");

@@ -55,10 +55,10 @@ void spectra(int rows, int columns, const In& matrices, const Out& sigma) {
 
 void bind_spectra(nb::module_& m) {
   const auto quiet = nb::call_guard<nb::gil_scoped_release>();
-  m.def("entropies", &entropies, nb::arg("rows"), nb::arg("n"), nb::arg("coupling"), nb::arg("value"),
-        nb::arg("gradient"), quiet);
+  m.def("entropies", &entropies, nb::arg("rows"), nb::arg("n"), nb::arg("coupling"),
+        nb::arg("value").noconvert(), nb::arg("gradient").noconvert(), quiet);
   m.def("singular_values", &spectra, nb::arg("rows"), nb::arg("columns"), nb::arg("matrices"),
-        nb::arg("sigma"), quiet);
+        nb::arg("sigma").noconvert(), quiet);
 }
 
 }  // namespace ffsms
