@@ -16,6 +16,8 @@ from ffsms_pin.opt.limits import (
     Violation,
     WheelLimits,
 )
+from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.planning.many import plan_each, plan_many
 from ffsms_pin.opt.planning.plan import METHODS, plan
 from ffsms_pin.opt.planning.shortest import shortest
@@ -48,7 +50,10 @@ __all__ = [
     "Corridor",
     "Coupling",
     "Effort",
+    "Feature",
+    "Features",
     "Goal",
+    "Inequality",
     "JointLimits",
     "JointResidual",
     "Limit",
