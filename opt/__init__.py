@@ -17,6 +17,7 @@ from ffsms_pin.opt.limits import (
     WheelLimits,
 )
 from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.parts.check import check
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.planning.many import plan_each, plan_many
 from ffsms_pin.opt.planning.plan import METHODS, plan
@@ -81,6 +82,7 @@ __all__ = [
     "WheelEnergy",
     "WheelLimits",
     "WheelMomentum",
+    "check",
     "ideal_cosine",
     "plan",
     "plan_each",
