@@ -16,7 +16,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.residual import Indices, JointResidual, Residual, Residuals
 from ffsms_pin.opt.motion.derivatives import DERIVATIVES, FLAT
 
-__all__ = ["Feature", "lost_slopes"]
+__all__ = ["Feature", "lost_slopes", "root_of_size"]
 
 # Components of these each depend on their own joint alone, so their slopes need no axis of their own.
 _OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
@@ -34,7 +34,7 @@ class Feature(NDArrayOperatorsMixin):
     """A number, or a vector, at every instant of every motion, with its slopes by whatever moves it.
 
     Numbers, vectors (3,) and numpy's functions of single numbers (`np.sqrt`, `np.maximum`, ...) may be used
-    with it as with an array. `.value` is the plain array.
+    with it as with an array, and matrices (r, c) with a vector: `A @ feature`. `.value` is the plain array.
 
     Parameters
     ----------
@@ -80,6 +80,8 @@ class Feature(NDArrayOperatorsMixin):
         return np.array(self.value, dtype=dtype, copy=copy)
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        if ufunc is np.matmul and not isinstance(inputs[0], Feature):
+            return self._mapped(np.asarray(inputs[0]))
         rules = DERIVATIVES.get(ufunc)
         if rules is None or method != "__call__" or options:
             flat = ufunc in FLAT
@@ -135,6 +137,11 @@ class Feature(NDArrayOperatorsMixin):
             found[name] = found[name] + full if name in found else full
         return Feature(self.value.sum(axis=0), found, self.where)
 
+    def _mapped(self, matrix: FloatArray) -> Feature:
+        """A matrix (r, c) times a vector of c components."""
+        slopes = {name: np.einsum("rc,c...->r...", matrix, self._full(x)) for name, x in self._by().items()}
+        return Feature(np.einsum("rc,csk->rsk", matrix, self.value), slopes, self.where)
+
     def dot(self, other: Any) -> Feature:
         """Scalar product with a vector (3,), or with another feature."""
         product: Feature = self * other
@@ -172,6 +179,16 @@ class Feature(NDArrayOperatorsMixin):
             motion, instants = where
         slopes = {name: x.reshape(*x.shape[:-2], -1) for name, x in slopes.items()}
         return Residual(value.reshape(-1), instants, motion, over_time, **slopes)
+
+
+def root_of_size(x: Feature, rounding: float) -> Feature:
+    """What squares to the size of x, smooth at zero: r^2 = sqrt(x^2 + e^2) - e, at most e less than |x|.
+
+    Least squares take squares, and the integral of |x| has a kink at zero. With s = sqrt(x^2 + e^2) it is
+    (s - e)(s + e) = x^2, so r = x / sqrt(s + e).
+    """
+    result: Feature = x / np.sqrt(np.hypot(x, rounding) + rounding)
+    return result
 
 
 def _components(x: Any) -> FloatArray:

@@ -13,7 +13,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.batch.robot_frame import RobotFrame
-from ffsms_pin.opt.batch.wheels import momentum_slopes_by_joints, wheel_momentum, wheel_shares
+from ffsms_pin.opt.motion.actuated import wheel_momenta, wheel_torques, wrench
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import EYE, Frame, carried
 from ffsms_pin.system.batch.arm import ArmValues
@@ -44,7 +44,12 @@ class Features:
     entropy : Feature, shape (S, K)
         H_norm.
     wheels : Feature, shape (w, S, K)
-        Momenta of the wheels that hold the attitude [N m s]; none where no wheels do.
+        Momenta of the wheels that hold the attitude [N m s]; w = 0 where no wheels do.
+    wheel_torques : Feature, shape (w, S, K)
+        Torques of their motors, friction made good [N m].
+    wrench : Feature, shape (6, S, K)
+        Force and moment about the base's centre of mass that hold the base, base axes [N, N m]; of a mode
+        that holds something.
     time : Feature, shape (S, K)
         From the start [s].
     goal : Feature, shape (3, S, K)
@@ -150,16 +155,17 @@ class Features:
     @cached_property
     def wheels(self) -> Feature:
         """Momenta of the wheels that hold the attitude [N m s]."""
-        m = self.motions
+        return wheel_momenta(self)
 
-        def slopes() -> dict[str, FloatArray]:
-            if m.wheels is None:
-                return {}
-            shares = wheel_shares(m.wheels)
-            by = (-np.einsum("wx,xj...->wj...", shares, one) for one in momentum_slopes_by_joints(m))
-            return dict(zip(("by_joints", "by_rates"), by, strict=True))
+    @cached_property
+    def wheel_torques(self) -> Feature:
+        """Torques of their motors [N m]."""
+        return wheel_torques(self)
 
-        return self.feature(wheel_momentum(m), slopes)
+    @cached_property
+    def wrench(self) -> Feature:
+        """Force and moment that hold the base [N, N m]."""
+        return wrench(self)
 
     @property
     def time(self) -> Feature:
@@ -171,6 +177,11 @@ class Features:
         """Where the goal's position is [m]."""
         target = self.motions.target[:, None]
         return Feature(np.broadcast_to(target, (3, *self.motions.rates.shape[1:])), None, self.where)
+
+    def weighted(self) -> Features:
+        """The same at the instants that have a weight in an integral over the motion."""
+        m = self.motions
+        return self.at(*np.nonzero(np.broadcast_to(m.weights > 0.0, m.rates.shape[1:])))
 
     def at(self, motion: Indices, instants: Indices) -> Features:
         """The same at V instants of motions, as one motion of V instants: where something costs much."""
