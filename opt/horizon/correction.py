@@ -13,6 +13,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Goal, Shifted
+from ffsms_pin.opt.goals.contact import end_errors
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
@@ -23,17 +24,13 @@ _SPARE = 0.95  # of the reaches: what a corrected motion shall use of them in th
 
 def arrival_error(goal: Goal, plan: Trajectory) -> float:
     """The largest error at the deadline [m, rad], and of velocities that the goal asks for [m/s, rad/s]."""
-    place = goal.place(plan.duration)
-    errors = [float(plan.position_error[-1]), float(plan.orientation_error[-1])]
-    for wanted, miss in zip((place.velocity, place.spin), np.split(plan.contact_velocity, 2), strict=True):
-        if wanted is not None:
-            errors.append(float(np.linalg.norm(miss)))
-    return max(errors)
+    last = float(plan.position_error[-1]), float(plan.orientation_error[-1])
+    return float(end_errors(goal, *last, plan.contact_velocity, plan.duration).max())
 
 
 def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
     """The next goal, after a landing at `goal` gave this plan; None where the plan arrives."""
-    if plan.reached and arrival_error(problem.goal, plan) <= problem.goal.tolerance:
+    if plan.reached and plan.within_tolerance:
         return None
     offset: FloatArray = np.zeros(3)
     turn: FloatArray = np.eye(3)
@@ -46,7 +43,7 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
         turned = problem.sms.at(plan.q[-1]).end_effector_pose.rotation
         turn = place.rotation @ turned.T @ turn
     late = _late_share(problem.goal, plan)
-    if late > 1.0 and arrival_error(problem.goal, plan) <= problem.goal.tolerance:
+    if late > 1.0 and plan.within_tolerance:
         nearer *= _SPARE / late
     return Shifted(problem.goal, offset, turn, nearer)
 

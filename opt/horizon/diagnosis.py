@@ -60,6 +60,8 @@ def explain(
 ) -> Trajectory:
     """The failed plan with a note: how near it came, what stands in the way, and a duration that would do.
 
+    Failed is what is not `reached`, or not `within_tolerance`.
+
     Parameters
     ----------
     problem : Problem
@@ -81,6 +83,7 @@ def explain(
         words[0] += f", turned {plan.orientation_error[-1]:.4f} rad from the wanted attitude"
     if plan.note:
         words.append(plan.note)
+    said = len(words)
     distance, least, most = distances(problem)
     tolerance = problem.goal.tolerance
     if not least - tolerance <= distance <= most + tolerance:
@@ -102,6 +105,16 @@ def explain(
     if binding:
         names = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
         words.append(f"binding: {', '.join(names)}")
+    if plan.reached:  # but not within the goal's tolerance: whether more time would do is not asked
+        nearest = float(goals.distance.min(initial=np.inf))
+        if tolerance < nearest < np.inf:
+            words.append(
+                f"binding: the workspace, as far as found: no straight move of the joints ends nearer than "
+                f"{1e3 * nearest:.3g} mm, a radian counting as a metre"
+            )
+        if len(words) == said:
+            words.append("nothing binds; no motion found that ends nearer")
+        return replace(plan, note="; ".join(words))
     if problem.goal.exact:
         shortest = 0.0 if fast else later_deadline(problem, least, most, attempt)
     else:

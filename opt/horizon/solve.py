@@ -15,7 +15,7 @@ from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.wheel_needs import quick_search, with_wheel_needs
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.threads import one_blas_thread
 
 __all__ = ["solve"]
@@ -48,7 +48,7 @@ def solve(
     -------
     Trajectory
         `reached` says whether the goal was met; `note` what stood in the way; `shares` what each term came
-        to; `binding` when each limit binds.
+        to; `binding` when each limit binds. A numerical failure inside is a plan with a note, too.
 
     Raises
     ------
@@ -62,11 +62,18 @@ def solve(
     refused = start_in_collision(problem)
     if refused is not None:
         return refused
-    search = Search(problem, options, progress)
-    plan = search.run()
-    if not plan.reached:
-        plan = with_wheel_needs(problem, plan, quick_search(options))
-        plan = explain(problem, plan, search.goals, search.binding(), lambda other: _reached(other, options))
+    search = None
+    try:
+        search = Search(problem, options, progress)
+        plan = search.run()
+        if not _finite(plan):
+            raise FloatingPointError("the motion found is not a number")
+        if not plan.reached:
+            plan = with_wheel_needs(problem, plan, quick_search(options))
+        if not (plan.reached and plan.within_tolerance):
+            plan = explain(problem, plan, search.goals, search.binding(), lambda one: _reached(one, options))
+    except (np.linalg.LinAlgError, ArithmeticError) as error:
+        plan = _before_failure(problem, search, error)
     notes = [note for note in (plan.note, _momentum_note(problem)) if note]
     return replace(plan, note="; ".join(notes))
 
@@ -85,6 +92,23 @@ def _momentum_note(problem: Problem) -> str:
         f"the momentum before the capture is {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the one "
         "that leaves both at rest: so much is left after it"
     )
+
+
+def _before_failure(problem: Problem, search: Search | None, error: Exception) -> Trajectory:
+    """The best motion found before the numbers failed; without any, the arm stays where it is."""
+    words = "the arm stays where it is"
+    found = [] if search is None else [one for one in search.found if _finite(one.plan)]
+    if search is not None and found:
+        search.found = found
+        plan, words = search.best().plan, "this is the best motion found before"
+    else:
+        plan = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
+    note = f"the search ended in a numerical failure ({error}): {words}"
+    return replace(plan, note="; ".join(filter(None, [note, plan.note])))
+
+
+def _finite(plan: Trajectory) -> bool:
+    return bool(np.isfinite(plan.q).all() and np.isfinite(plan.position_error).all())
 
 
 def _reached(problem: Problem, options: SearchOptions | None) -> bool:
