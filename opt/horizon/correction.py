@@ -30,7 +30,7 @@ def arrival_error(goal: Goal, plan: Trajectory) -> float:
 
 def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
     """The next goal, after a landing at `goal` gave this plan; None where the plan arrives."""
-    if plan.reached and plan.within_tolerance:
+    if plan.reached and arrival_error(problem.goal, plan) <= problem.goal.tolerance:
         return None
     offset: FloatArray = np.zeros(3)
     turn: FloatArray = np.eye(3)
@@ -43,7 +43,7 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
         turned = problem.sms.at(plan.q[-1]).end_effector_pose.rotation
         turn = place.rotation @ turned.T @ turn
     late = _late_share(problem.goal, plan)
-    if late > 1.0 and plan.within_tolerance:
+    if late > 1.0 and arrival_error(problem.goal, plan) <= problem.goal.tolerance:
         nearer *= _SPARE / late
     return Shifted(problem.goal, offset, turn, nearer)
 

@@ -74,13 +74,15 @@ def explain(
     attempt : callable
         Whether a problem, of another duration, can be solved.
     """
-    x, y, z = plan.end_effector[-1]
-    words = [
-        f"ends {plan.position_error[-1]:.4f} m from the target, at ({x:.4f}, {y:.4f}, {z:.4f}), "
-        "the nearest position found"
-    ]
-    if plan.orientation_error[-1] > 0.0:
-        words[0] += f", turned {plan.orientation_error[-1]:.4f} rad from the wanted attitude"
+    words = []
+    if not plan.reached:
+        x, y, z = plan.end_effector[-1]
+        words = [
+            f"ends {plan.position_error[-1]:.4f} m from the target, at ({x:.4f}, {y:.4f}, {z:.4f}), "
+            "the nearest position found"
+        ]
+        if plan.orientation_error[-1] > 0.0:
+            words[0] += f", turned {plan.orientation_error[-1]:.4f} rad from the wanted attitude"
     if plan.note:
         words.append(plan.note)
     said = len(words)
@@ -106,14 +108,8 @@ def explain(
         names = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
         words.append(f"binding: {', '.join(names)}")
     if plan.reached:  # but not within the goal's tolerance: whether more time would do is not asked
-        nearest = float(goals.distance.min(initial=np.inf))
-        if tolerance < nearest < np.inf:
-            words.append(
-                f"binding: the workspace, as far as found: no straight move of the joints ends nearer than "
-                f"{1e3 * nearest:.3g} mm, a radian counting as a metre"
-            )
         if len(words) == said:
-            words.append("nothing binds; no motion found that ends nearer")
+            words.append("no limit binds; no motion was found that ends nearer")
         return replace(plan, note="; ".join(words))
     if problem.goal.exact:
         shortest = 0.0 if fast else later_deadline(problem, least, most, attempt)
