@@ -10,7 +10,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.coupling.stacked import entropies
 from ffsms_pin.opt.batch.entropy import singular
-from ffsms_pin.opt.batch.motions import apply_rates
+from ffsms_pin.opt.batch.motions import Motions, apply_rates
 from ffsms_pin.opt.batch.nodes import angles_from_start, path_ratio, sampled
 from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
 from ffsms_pin.opt.batch.thrusters import propellant
@@ -92,6 +92,9 @@ class Trajectory:
         Predicted integral of the sum of |motor torque x wheel speed| [J]: nothing is won back in braking.
     propellant : float
         Predicted, where thrusters hold attitude or place [kg].
+    torque_share : ndarray, shape (N + 1, n)
+        Joint torques that the motion needs at the nodes, as shares of the joints' limits, the larger of both
+        sides of each node; zero where a joint has no such limit.
     mode : str
         What of the base is held, as in `opt.Problem`.
     """
@@ -127,10 +130,12 @@ class Trajectory:
     wheel_energy: float = 0.0
     propellant: float = 0.0
     mode: str = "floating"
+    torque_share: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        if not len(self.wheel_momentum):
-            object.__setattr__(self, "wheel_momentum", np.zeros((len(self.t), 0)))
+        for name, columns in (("wheel_momentum", 0), ("torque_share", self.alpha.shape[-1])):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros((len(self.t), columns)))
         for one in fields(self):
             value = getattr(self, one.name)
             if isinstance(value, np.ndarray):
@@ -298,4 +303,12 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         wheel_energy=wheel_energy(motion),
         propellant=propellant(motion),
         mode=problem.mode,
+        torque_share=_torque_shares(motion, sms.limits.torque),
     )
+
+
+def _torque_shares(motion: Motions, most: FloatArray) -> FloatArray:
+    """Shares (N + 1, n) of the largest torques (n,) at the nodes; zero where these are infinite."""
+    if not np.isfinite(most).any():
+        return np.zeros((len(motion.times) // 2 + 1, len(most)))
+    return np.asarray((motion.torque_sizes[:, 0, ::2] / most[:, None]).T)

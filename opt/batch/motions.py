@@ -12,6 +12,7 @@ from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.entropy import entropy_and_gradient
 from ffsms_pin.opt.batch.residual import Indices
+from ffsms_pin.opt.batch.torques import joint_torques, pushing_torques
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross
 
@@ -176,6 +177,21 @@ class Motions:
     def entropy_slope(self) -> FloatArray:
         """Slopes (6, n, S, K) of H_norm by `ArmValues.coupling`."""
         return self._entropy[1]
+
+    @cached_property
+    def torques(self) -> FloatArray:
+        """Joint torques (n, S, K) that the motions need, the base reacting [N m, or N]."""
+        return joint_torques(self.stack, self.arm, self.rates, self.accelerations, self.own_spin)
+
+    @cached_property
+    def torque_sizes(self) -> FloatArray:
+        """Sizes (n, S, K) of the torques of finished motions, whose accelerations jump at the nodes.
+
+        At each instant the larger one of those with the accelerations before it and after it.
+        """
+        jumps = np.diff(self.accelerations, axis=-1, prepend=self.accelerations[..., :1])
+        before = self.torques - pushing_torques(self.stack, self.arm, jumps)
+        return np.maximum(np.abs(self.torques), np.abs(before))
 
     def take(self, index: Any) -> Motions:
         """The motions at an index."""

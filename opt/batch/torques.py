@@ -29,7 +29,7 @@ _STEP = 1e-6  # [rad] of the differences by the joint positions
 
 
 class TorqueSlopes(NamedTuple):
-    """Slopes of `joint_torques` by joint positions, rates and accelerations, each (n, n, V), torques first."""
+    """Slopes of `joint_torques` by joint positions, rates and accelerations, (n, n, V): torques first."""
 
     by_joints: FloatArray
     by_rates: FloatArray
@@ -79,7 +79,7 @@ def bias_torques(stack: ArmStack, arm: ArmValues, rates: FloatArray, own_spin: F
     # The bodies' own first moments and inertias, from those of all that the joints carry.
     alone = np.linalg.inv(stack.carries)
     first = _summed(alone, arm.moments)
-    second = _summed(alone, arm.inertias.reshape(9, *rates.shape)).reshape(arm.inertias.shape)
+    second = _summed(alone, arm.inertias.reshape(9, *arm.inertias.shape[2:])).reshape(arm.inertias.shape)
     mass = stack.masses.reshape(-1, *shape)
     linear = mass * v + cross(w, first)
     angular = cross(first, v) + apply(second, w)

@@ -42,6 +42,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "contact_velocity": (6,),
     "momentum": (6,),
     "wheel_momentum": ("N+1", "w"),
+    "torque_share": ("N+1", "n"),
     **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
     **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
     **dict.fromkeys(("position_error", "orientation_error"), ("N+1",)),
@@ -68,7 +69,7 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         "met": np.array(True),
         "within_tolerance": unknown,
         "mode": np.array("floating"),
-        "wheel_momentum": none,
+        **dict.fromkeys(("wheel_momentum", "torque_share"), none),
         **dict.fromkeys(("wheel_energy", "propellant"), np.zeros(())),
         **{name: np.array("{}") for name in _TEXTS},
     }
@@ -78,8 +79,9 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     def check(heads: Mapping[str, Any]) -> None:
         nonlocal known
         known = heads["within_tolerance"] is not unknown
-        if heads["wheel_momentum"] is none:
-            heads = {**heads, "wheel_momentum": np.zeros((*heads["t"].shape[:1], 0))}
+        for name, columns in (("wheel_momentum", 0), ("torque_share", heads["alpha"].shape[-1:])):
+            if heads[name] is none:
+                heads = {**heads, name: np.zeros((*heads["t"].shape[:1], *np.atleast_1d(columns)))}
         check_shapes(path, heads, _SHAPES, kinds)
 
     arrays = load_arrays(path, _FORMAT, list(_SHAPES), before, check)
