@@ -16,7 +16,7 @@ from ffsms_pin.checks import FloatArray, frozen, one_of, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.goals import as_goal
-from ffsms_pin.opt.limits import Clearance, JointLimits, Limit, WheelLimits
+from ffsms_pin.opt.limits import Clearance, JointLimits, Limit, TorqueLimits, WheelLimits
 from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
@@ -51,9 +51,9 @@ class Problem:
         What the motion should be like. Default: the paper's cost with kappa 10, small accelerations, little
         travel. Without the paper's cost where the goal sets the way (`Goal.coupled`).
     limits : sequence of Limit, optional
-        What must hold. Default: the joints' limits, and a clearance of 0.01 m. Limits that belong to the
-        goal, such as the corridor of `opt.Meet`, come to these by themselves, and
-        so do `WheelLimits` where wheels hold the attitude.
+        What must hold. Default: the joints' limits, those of their torques, and a clearance of 0.01 m. Limits
+        that belong to the goal, such as the corridor of `opt.Meet`, come to these by themselves, and so do
+        `WheelLimits` where wheels hold the attitude.
     joint_rates : array_like, shape (n,), optional
         At the start [rad/s]; default: at rest.
     momentum : array_like, shape (6,), optional
@@ -102,7 +102,7 @@ class Problem:
         terms = self.terms
         if terms is None:
             terms = (Coupling(), Smooth(), Effort()) if goal.coupled else (Smooth(), Effort())
-        limits = (JointLimits(), Clearance()) if self.limits is None else self.limits
+        limits = (JointLimits(), TorqueLimits(), Clearance()) if self.limits is None else self.limits
         check_parts("terms", terms, Term)
         check_parts("limits", limits, Limit)
         limits = (*(limit for limit in limits if not limit.of_goal), *goal.limits(duration))

@@ -14,7 +14,7 @@ from ffsms_pin.opt.goals import Also, Via, as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.horizon.blocked import check_obstacles
 from ffsms_pin.opt.horizon.wheel_needs import with_wheel_needs
-from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, Obstacle
+from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, Obstacle, TorqueLimits
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import Progress, Steps, march, start_sides
@@ -146,7 +146,8 @@ def plan(
         terms.insert(0, Coupling(kappa))
     if number("base", base) != 0.0:
         terms.append(BaseTurn(base))
-    limits: list[Limit] = [JointLimits(), Clearance(clearance, collision, obstacles=obstacles)]
+    clear = Clearance(clearance, collision, obstacles=obstacles)
+    limits: list[Limit] = [JointLimits(), TorqueLimits(), clear]
     if base_limits is not None:
         limits.append(base_limits)
     limits += _places(also, via)

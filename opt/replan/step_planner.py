@@ -10,7 +10,15 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, WheelLimits
+from ffsms_pin.opt.limits import (
+    AlphaBox,
+    BaseLimits,
+    Clearance,
+    JointLimits,
+    Limit,
+    TorqueLimits,
+    WheelLimits,
+)
 from ffsms_pin.opt.problem import Problem, check_parts
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
@@ -83,7 +91,8 @@ class StepPlanner:
         if base_limits is not None and not isinstance(base_limits, BaseLimits):
             raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")
         if limits is None:
-            kept: list[Limit] = [JointLimits(), Clearance(clearance, collision), AlphaBox()]
+            clear = Clearance(clearance, collision)
+            kept: list[Limit] = [JointLimits(), TorqueLimits(), clear, AlphaBox()]
             if base_limits is not None:
                 kept.append(base_limits)
             if mode == "rotation-floating":
