@@ -11,8 +11,9 @@ import numpy as np
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.entropy import entropy_and_gradient
+from ffsms_pin.opt.batch.paired import Paired, paired
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.torques import joint_torques, pushing_torques
+from ffsms_pin.opt.batch.torques import joint_torques
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross
 
@@ -181,7 +182,7 @@ class Motions:
     @cached_property
     def torques(self) -> FloatArray:
         """Joint torques (n, S, K) that the motions need, the base reacting [N m, or N]."""
-        return joint_torques(self.stack, self.arm, self.rates, self.accelerations, self.own_spin)
+        return self._torques(self.accelerations)
 
     @cached_property
     def torque_sizes(self) -> FloatArray:
@@ -189,9 +190,16 @@ class Motions:
 
         At each instant the larger one of those with the accelerations before it and after it.
         """
-        jumps = np.diff(self.accelerations, axis=-1, prepend=self.accelerations[..., :1])
-        before = self.torques - pushing_torques(self.stack, self.arm, jumps)
-        return np.maximum(np.abs(self.torques), np.abs(before))
+        before = np.concatenate([self.accelerations[..., :1], self.accelerations[..., :-1]], axis=-1)
+        return np.maximum(np.abs(self.torques), np.abs(self._torques(before)))
+
+    def _torques(self, accelerations: FloatArray) -> FloatArray:
+        return joint_torques(self.stack, self.joints, self.rates, accelerations, self.own_spin)
+
+    @cached_property
+    def paired(self) -> Paired:
+        """The steps of one finished motion, as the paper pairs places with rates."""
+        return paired(self)
 
     def take(self, index: Any) -> Motions:
         """The motions at an index."""

@@ -8,12 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ffsms_pin.checks import instance, optional_callable
-from ffsms_pin.opt.horizon.blocked import check_obstacles
-from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision
-from ffsms_pin.opt.horizon.groups import QUICK
+from ffsms_pin.opt.horizon.diagnosis import explain, refused, with_limits_said, within_workspace
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import Search
-from ffsms_pin.opt.horizon.wheel_needs import quick_search, with_wheel_needs
+from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.threads import one_blas_thread
@@ -58,20 +56,23 @@ def solve(
     instance("problem", problem, Problem)
     instance("options", options, SearchOptions, optional=True)
     optional_callable("progress", progress)
-    check_obstacles(problem)
-    refused = start_in_collision(problem)
-    if refused is not None:
-        return refused
+    stays = refused(problem)
+    if stays is not None:
+        return stays
+
+    def again(other: Problem) -> Trajectory:
+        return Search(other, options).run(QUICK)
+
     search = None
     try:
         search = Search(problem, options, progress)
-        plan = search.run()
+        plan = search.run(STRATEGIES)
         if not _finite(plan):
             raise FloatingPointError("the motion found is not a number")
-        if not plan.reached:
-            plan = with_wheel_needs(problem, plan, quick_search(options))
+        if not plan.reached and within_workspace(problem):
+            plan = with_limits_said(problem, plan, again)
         if not (plan.reached and plan.within_tolerance):
-            plan = explain(problem, plan, search.goals, search.binding(), lambda one: _reached(one, options))
+            plan = explain(problem, plan, search.goals, search.binding(), lambda one: again(one).reached)
     except (np.linalg.LinAlgError, ArithmeticError) as error:
         plan = _before_failure(problem, search, error)
     notes = [note for note in (plan.note, _momentum_note(problem)) if note]
@@ -109,8 +110,3 @@ def _before_failure(problem: Problem, search: Search | None, error: Exception) -
 
 def _finite(plan: Trajectory) -> bool:
     return bool(np.isfinite(plan.q).all() and np.isfinite(plan.position_error).all())
-
-
-def _reached(problem: Problem, options: SearchOptions | None) -> bool:
-    quick = replace(options or SearchOptions(), straight_moves=2)
-    return Search(problem, quick).run(QUICK).reached

@@ -39,6 +39,7 @@ class TorqueLimits(Limit):
     """
 
     name = "torques"
+    eased_by_time = True
     margin = _SCALE * _SHARE
     _most: FloatArray = field(default_factory=lambda: np.empty(0), repr=False, compare=False)
     _joint_names: tuple[str, ...] = field(default=(), repr=False)
