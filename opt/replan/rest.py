@@ -14,7 +14,7 @@ from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.goals import Goal, Place
 from ffsms_pin.opt.goals.of_another import OfAnother
-from ffsms_pin.opt.limits import JointLimits, Limit, Rows, Violation, WheelLimits
+from ffsms_pin.opt.limits import JointLimits, Limit, Rows, TorqueLimits, Violation, WheelLimits
 from ffsms_pin.opt.limits.limit import ControlMaps, ControlRows, End
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.features import Features
@@ -25,7 +25,7 @@ from ffsms_pin.system.batch.arm import ArmStack
 
 __all__ = ["CountedFrom", "Later", "rest_of"]
 
-_ELSEWHERE = (JointLimits, WheelLimits)  # limits that do not count from the base's start
+_ELSEWHERE = (JointLimits, TorqueLimits, WheelLimits)  # limits that do not count from the base's start
 
 
 @dataclass(frozen=True, eq=False)
