@@ -19,6 +19,7 @@ from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.nudged import STEP, movers, nudged
+from ffsms_pin.opt.parts.all_of import AllOf
 from ffsms_pin.opt.parts.check_rows import check_rows
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.parts.reading import formulas
@@ -64,6 +65,8 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
         raise InvalidValue("part", part, "must be an opt.Term or an opt.Limit")
     if isinstance(part, Limit):
         part = part.for_robot(problem.sms)
+    if isinstance(part, AllOf):
+        return max((check(one, problem, tolerance, seed) for one in part.parts), default=0.0)
     method = "room" if isinstance(part, Inequality) else "residual"
     rng, largest, seen = np.random.default_rng(seed), 0.0, False
     for speed in _SPEEDS:
