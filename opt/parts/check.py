@@ -18,7 +18,7 @@ from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
-from ffsms_pin.opt.motion.nudged import STEP, movers, nudged
+from ffsms_pin.opt.motion.nudged import difference, movers
 from ffsms_pin.opt.parts.all_of import AllOf
 from ffsms_pin.opt.parts.check_rows import check_rows
 from ffsms_pin.opt.parts.inequality import Inequality
@@ -145,8 +145,7 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
         slopes["by_joints"] = slopes.get("by_joints", 0.0) + (by if components else by[0])
     worst, differences = [], []
     for name, j in movers(motions):
-        ahead, behind = (_dense(part, method, nudged(motions, name, j, by))[i].value for by in (STEP, -STEP))
-        wanted = (ahead - behind) / (2.0 * STEP)
+        wanted = difference(lambda at: _dense(part, method, at)[i].value, motions, name, j)
         given: Any = slopes.get(name, 0.0)
         if name in slopes and name != "by_entropy":
             given = given[(slice(None),) * components + (j,)]
