@@ -22,7 +22,6 @@ from ffsms_pin.opt.horizon.starts import joint_range
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.direction import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across, start_sides
-from ffsms_pin.opt.step.of_problem import problem_stepper
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -69,7 +68,7 @@ def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
     linear.
     """
     place, sms, dt, steps = problem.goal.place(problem.duration), problem.sms, problem.dt, problem.steps
-    stepper = problem_stepper(problem)
+    stepper = Stepper.of(problem)
     mode = problem.mode
     for side in start_sides(sms, problem.q0, place.position, mode):
         stepper.reset(side)
@@ -101,7 +100,7 @@ def straight_march(problem: Problem) -> Trajectory:
 
 def reference_stepper(problem: Problem, method: str) -> Stepper:
     """The stepper of one of the classical references."""
-    return problem_stepper(problem, method, REFERENCE_WEIGHTS, limits=problem.step_limits, terms=())
+    return Stepper.of(problem, method, REFERENCE_WEIGHTS, limits=problem.step_limits, terms=())
 
 
 def marched(problem: Problem, stepper: Steps, progress: Progress | None = None) -> Trajectory:

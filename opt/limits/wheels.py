@@ -112,7 +112,8 @@ class WheelLimits(Limit):
         for values, most, unit in ((momentum, wheels.momentum, "N m s"), (torque, wheels.torque, "N m")):
             used = values / most[:, None]
             binds |= (used > 1.0 - _BINDING).any(axis=0)
-            i, k = np.unravel_index(int(np.argmax(used)), used.shape)
+            # Wheels that do the same by symmetry differ by rounding: the first of them is named.
+            i, k = np.unravel_index(int(np.argmax(used.round(9))), used.shape)
             if used[i, k] > 1.0:
                 worst = max(worst, float(used[i, k]) - 1.0)
                 notes.append(

@@ -18,7 +18,7 @@ from ffsms_pin.opt.limits import BaseLimits, Limit, Obstacle
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms
 from ffsms_pin.opt.step.march import Progress, start_sides
-from ffsms_pin.opt.step.of_problem import problem_stepper
+from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
@@ -234,7 +234,7 @@ def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajec
         return marched(problem, paper, progress)
     if method != "step":
         return marched(problem, reference_stepper(problem, method), progress)
-    stepper = problem_stepper(problem, limits=problem.step_limits)
+    stepper = Stepper.of(problem, limits=problem.step_limits)
     target = problem.goal.place(problem.duration).position
     sides = start_sides(problem.sms, problem.q0, target, problem.mode)
     plans = []

@@ -1,0 +1,12 @@
+// What Python sees of the kernel: shapes are checked in the bindings, the headers do the work.
+#include "bindings.hpp"
+
+NB_MODULE(_kernel, m) {
+  m.doc() = "The compiled kernel; ffsms_pin.kernel is its face.";
+  ffsms::bind_tree(m);
+  ffsms::bind_arm(m);
+  ffsms::bind_slopes(m);
+  ffsms::bind_spectra(m);
+  ffsms::bind_step(m);
+  ffsms::bind_sums(m);
+}
