@@ -11,7 +11,7 @@ import argparse
 import json
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ SETS = (("planar_3r", False), ("satellite_panda", True))
 KINDS = ("easy", "near", "hard", "obstructed", "short", "momentum")
 # Strategies that nothing can be found without.
 NEEDED = ("first starts", "descent")
+NAMES = tuple(name for name in dict.fromkeys(one.name for one in STRATEGIES) if name not in NEEDED)
 DT = 0.02  # [s]
 SHARE = 0.9  # of the joint box that goals are drawn from; of hard ones the start, too
 SLACK = 1.5  # durations, over what the joints need; short ones: drawn from the range
@@ -136,12 +137,17 @@ def _stands_between(around: opt.Limit, move: Motions) -> bool:
 
 
 @one_blas_thread()
-def run(counts: tuple[int, int], seed: int, models: list[str] | None = None) -> list[dict[str, Any]]:
+def run(
+    counts: tuple[int, int],
+    seed: int,
+    models: Sequence[str] = tuple(name for name, _ in SETS),
+    kinds: Sequence[str] = KINDS,
+    names: Sequence[str] = NAMES,
+) -> list[dict[str, Any]]:
     """Rows of all plans: `counts` targets of each kind for the planar arm and for seven joints."""
-    names = [name for name in dict.fromkeys(one.name for one in STRATEGIES) if name not in NEEDED]
     rows = []
     for (model, poses), count in zip(SETS, counts, strict=True):
-        for kind in KINDS if not models or model in models else ():
+        for kind in kinds if model in models else ():
             for i, problem in enumerate(problems(model, poses, kind, count, seed)):
                 for name in ("", *names):
                     options = opt.SearchOptions(without=(name,) if name else ())
@@ -182,7 +188,7 @@ def _numbers(rows: list[dict[str, Any]], base: dict[Any, dict[str, Any]]) -> lis
     reached = []
     for kind in KINDS:
         own = [row["reached"] for row in rows if row["kind"] == kind]
-        reached.append(f"{sum(own)} of {len(own)}")
+        reached.append(f"{sum(own)} of {len(own)}" if own else "")
     pairs = [(row, base[row["kind"], row["target"]]) for row in rows]
     both = [(row, other) for row, other in pairs if row["reached"] and other["reached"]]
     cells = []
@@ -202,9 +208,12 @@ def main() -> None:
     p.add_argument("--counts", type=int, nargs=2, default=(12, 4), help="targets of each kind (12 and 4)")
     p.add_argument("--seed", type=int, default=1, help="of the targets (default: 1)")
     p.add_argument("--models", nargs="+", choices=[name for name, _ in SETS], help="default: all")
+    p.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="of targets (default: all)")
+    p.add_argument("--without", nargs="+", choices=NAMES, default=NAMES, help="strategies (default: each)")
     p.add_argument("--out", help="a JSON file for the rows")
     arguments = p.parse_args()
-    rows = run(tuple(arguments.counts), arguments.seed, arguments.models)
+    models = arguments.models or [name for name, _ in SETS]
+    rows = run(tuple(arguments.counts), arguments.seed, models, arguments.kinds, arguments.without)
     print(report(rows))
     if arguments.out:
         Path(arguments.out).write_text(json.dumps(rows))
