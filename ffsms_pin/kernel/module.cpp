@@ -7,4 +7,5 @@ NB_MODULE(_kernel, m) {
   ffsms::bind_arm(m);
   ffsms::bind_slopes(m);
   ffsms::bind_spectra(m);
+  ffsms::bind_motions(m);
 }
