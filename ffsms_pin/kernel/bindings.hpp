@@ -10,5 +10,6 @@ void bind_arm(nanobind::module_& m);
 void bind_slopes(nanobind::module_& m);
 void bind_spectra(nanobind::module_& m);
 void bind_motions(nanobind::module_& m);
+void bind_step(nanobind::module_& m);
 
 }  // namespace ffsms

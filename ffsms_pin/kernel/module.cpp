@@ -2,10 +2,11 @@
 #include "bindings.hpp"
 
 NB_MODULE(_kernel, m) {
-  m.doc() = "The compiled kernel: components first, the stack of configurations last.";
+  m.doc() = "The compiled kernel; ffsms_pin.kernel is its face.";
   ffsms::bind_tree(m);
   ffsms::bind_arm(m);
   ffsms::bind_slopes(m);
   ffsms::bind_spectra(m);
   ffsms::bind_motions(m);
+  ffsms::bind_step(m);
 }

@@ -20,7 +20,6 @@ from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.sums import Weighted, sums
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.terms.term import time_scale
 
 __all__ = ["Linearisation", "Weights", "linearise"]
@@ -66,7 +65,7 @@ class Linearisation:
     objective : ndarray, shape (S,)
         The terms alone, not smoothed and not eased.
     cost : ndarray, shape (S,)
-        The paper's cost integral [s], by quadrature; zero without a `Coupling`.
+        What the terms that measure cost come to [s], by quadrature; zero without one.
     gradient : ndarray, shape (S, Mn)
         Half of the merit's; zero where it was not asked for.
     hessian : ndarray, shape (S, Mn, Mn)
@@ -143,12 +142,12 @@ def _measured(
         for residual in term.residual(motions):
             square = residual.squares(over_time, count)
             merit += ease * square
-            if not isinstance(term, Coupling):
+            if not term.measures_cost:
                 objective += square
             residuals.append(Weighted.of(residual, ease, over_time))
-        if isinstance(term, Coupling):
-            cost = term.cost(motions)
-            objective += term.weight * cost
+        if term.measures_cost:
+            own = term.cost(motions)
+            cost, objective = cost + own, objective + own
     at_goal = arrival(goal, motions)
     end = weights.end * time_scale(motions) / problem.stack.length**2
     for ones, share in ((at_goal.end, 1.0), (at_goal.tail, 0.1)):
