@@ -82,3 +82,21 @@ def sums(
     gradient: FloatArray,
     hessian: FloatArray,
 ) -> None: ...
+
+# cone_march.hpp
+def cone_marches(
+    tree: Any,
+    steps: int,
+    duration: float,
+    kappa: float,
+    mean_speed: float,
+    arrival_power: float,
+    least_approach: float,
+    damping: float,
+    joints: FloatArray,
+    places: FloatArray,
+    attitude: FloatArray,
+    rotation: FloatArray | None,
+    sides: FloatArray,
+    rates: FloatArray,
+) -> None: ...

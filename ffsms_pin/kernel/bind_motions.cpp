@@ -1,11 +1,14 @@
 // Whole motions: the base's attitude along them, and their sums. Shapes are checked here.
+#include <nanobind/stl/optional.h>
+
 #include <deque>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "arrays.hpp"
 #include "bindings.hpp"
-#include "rollout.hpp"
+#include "cone_march.hpp"
 #include "sums.hpp"
 
 namespace nb = nanobind;
@@ -217,6 +220,44 @@ void sums(const Tree& tree, const nb::tuple& maps, const nb::tuple& quadrature, 
   }
 }
 
+// Joint rates (S, steps n) of marches to the sides (S, 3). `joints` are positions, limits and greatest rates
+// (4, n); `places` the target, the centre of mass and its drift (3, 3).
+void cone_marches(const Tree& tree, int steps, double duration, double kappa, double mean_speed,
+                  double arrival_power, double least_approach, double damping, const In& joints,
+                  const In& places, const In& attitude, const std::optional<In>& rotation, const In& sides,
+                  const Out& rates) {
+  const Size n = static_cast<Size>(tree.n);
+  expect_rows(joints, 4, n);
+  expect_rows(places, 3, 3);
+  expect_rows(attitude, 3, 3);
+  if (rotation) expect_rows(*rotation, 3, 3);
+  expect(sides.shape(1) == 3, "sides have three components");
+  expect_rows(rates, static_cast<int>(sides.shape(0)), n * static_cast<Size>(steps));
+  const auto row = [](const In& of, int i) { return vector({of.data() + 3 * i, 1, 0, 0, 0}); };
+  const auto turn = [](const In& of) { return matrix({of.data(), 3, 1, 0, 0}); };
+  ConeMarch by = {};
+  by.duration = duration;
+  by.steps = steps;
+  by.kappa = kappa;
+  by.mean_speed = mean_speed;
+  by.arrival_power = arrival_power;
+  by.least_approach = least_approach;
+  by.damping = damping;
+  by.target = row(places, 0);
+  by.com = row(places, 1);
+  by.drift = row(places, 2);
+  by.attitude = turn(attitude);
+  by.posed = rotation.has_value();
+  if (rotation) by.rotation = turn(*rotation);
+  by.start = joints.data();
+  by.low = by.start + n;
+  by.high = by.low + n;
+  by.most = by.high + n;
+  for (Size s = 0; s < sides.shape(0); ++s) {
+    cone_march(tree, by, row(sides, static_cast<int>(s)), rates.data() + s * rates.shape(1));
+  }
+}
+
 }  // namespace
 
 void bind_motions(nb::module_& m) {
@@ -225,6 +266,10 @@ void bind_motions(nb::module_& m) {
   m.def("sums", &sums, nb::arg("tree"), nb::arg("maps"), nb::arg("quadrature"), nb::arg("motions"),
         nb::arg("residuals"), nb::arg("of_joints"), nb::arg("chosen"), nb::arg("gradient"),
         nb::arg("hessian"));
+  m.def("cone_marches", &cone_marches, nb::arg("tree"), nb::arg("steps"), nb::arg("duration"),
+        nb::arg("kappa"), nb::arg("mean_speed"), nb::arg("arrival_power"), nb::arg("least_approach"),
+        nb::arg("damping"), nb::arg("joints"), nb::arg("places"), nb::arg("attitude"),
+        nb::arg("rotation").none(), nb::arg("sides"), nb::arg("rates"));
 }
 
 }  // namespace ffsms
