@@ -9,6 +9,7 @@
 #include "arrays.hpp"
 #include "bindings.hpp"
 #include "cone_march.hpp"
+#include "quadrature.hpp"
 #include "sums.hpp"
 
 namespace nb = nanobind;
@@ -149,8 +150,8 @@ JointResidual joints_of(Given& given, const nb::tuple& from, const Shape& shape)
 }
 
 // Attitudes (3, 3, S, K) of the base, and what momentum adds to its angular velocity (3, S, K).
-void attitudes(const nb::tuple& quadrature, const nb::tuple& arm, const In& start, const nb::object& momentum,
-               const Out& attitude, const Out& own) {
+void spline_attitudes(const nb::tuple& quadrature, const nb::tuple& arm, const In& start,
+                      const nb::object& momentum, const Out& attitude, const Out& own) {
   Given given;
   const Quadrature by = quadrature_of(given, quadrature);
   const Array rates = nb::cast<Array>(arm[0]);
@@ -261,7 +262,7 @@ void cone_marches(const Tree& tree, int steps, double duration, double kappa, do
 }  // namespace
 
 void bind_motions(nb::module_& m) {
-  m.def("attitudes", &attitudes, nb::arg("quadrature"), nb::arg("arm"), nb::arg("start"),
+  m.def("spline_attitudes", &spline_attitudes, nb::arg("quadrature"), nb::arg("arm"), nb::arg("start"),
         nb::arg("momentum").none(), nb::arg("attitude"), nb::arg("own"));
   m.def("sums", &sums, nb::arg("tree"), nb::arg("maps"), nb::arg("quadrature"), nb::arg("motions"),
         nb::arg("residuals"), nb::arg("of_joints"), nb::arg("chosen"), nb::arg("gradient"),

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 
-#include "arm.hpp"
 #include "entropy.hpp"
 #include "rollout.hpp"
 
@@ -24,6 +23,31 @@ struct ConeMarch {
   Mat3<double> rotation;                    // how
   const double *start, *low, *high, *most;  // joint positions, their limits, and greatest rates (n)
 };
+
+// The rotation vector [rad] of a rotation, by its quaternion: sound up to half a turn. The largest column of
+// 4 q q^T, so that nothing is lost there (I. Y. Bar-Itzhack, 2000).
+inline Vec3<double> log3(const Mat3<double>& R) {
+  double K[4][4];
+  const double trace = R[0][0] + R[1][1] + R[2][2];
+  K[3][3] = 1.0 + trace;
+  for (int i = 0; i < 3; ++i) {
+    const int a = (i + 1) % 3, b = (i + 2) % 3;
+    K[i][i] = 1.0 + 2.0 * R[i][i] - trace;
+    K[i][a] = K[a][i] = R[i][a] + R[a][i];
+    K[i][3] = K[3][i] = R[b][a] - R[a][b];
+  }
+  int most = 0;
+  for (int i = 1; i < 4; ++i) {
+    if (K[i][i] > K[most][most]) most = i;
+  }
+  const double* q = K[most];
+  const double sign = q[3] < 0.0 ? -1.0 : 1.0;
+  const Vec3<double> v = {{sign * q[0], sign * q[1], sign * q[2]}};
+  const double size = std::sqrt(dot(v, v));
+  const double factor =
+      size < 1e-9 * std::fabs(q[3]) ? 2.0 / std::fabs(q[3]) : 2.0 * std::atan2(size, sign * q[3]) / size;
+  return factor * v;
+}
 
 // The cosine of no cost, log(exp(kappa (1 - H)) - 1) / kappa, within [-1, 1].
 inline double ideal_cosine(const Tree& tree, const Arm<double>& arm, double kappa) {

@@ -1,111 +1,79 @@
-// The attitude of a base along a motion, by quadrature of its angular velocity.
+// How the base turns under given joint motion: steps of order 4 on the rotations.
+//
+// References: A. Iserles, H. Munthe-Kaas, S. Norsett, A. Zanna, "Lie-group methods", Acta Numerica 9 (2000);
+// H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Applied Numerical Mathematics 29 (1999).
 #pragma once
 
-#include <cmath>
-
-#include "strided.hpp"
+#include "arm.hpp"
 
 namespace ffsms {
 
-// Integrals from the start of each interval to its points, and over it. The instants of a motion are all
-// points of all intervals, then the start of the interval `late`, then the end of the last one.
-struct Quadrature {
-  int intervals, gauss, late;
-  const double *to_points, *over;  // (intervals, gauss, gauss), (intervals, gauss)
-
-  int points() const { return intervals * gauss; }
-  int instants() const { return points() + 2; }
-};
-
-constexpr double kTiny = 1e-150;  // added to angles: sin(x) / x is then one at zero
-
 // The rotation of a rotation vector [rad].
-inline Mat3<double> exp3(const Vec3<double>& w) {
-  const double square = dot(w, w), angle = std::sqrt(square) + kTiny;
-  const double half = std::sin(0.5 * angle) / angle, first = std::sin(angle) / angle,
-               second = 2.0 * half * half;
-  Mat3<double> out = outer(w, second * w);
-  for (int i = 0; i < 3; ++i) {
-    const int j = (i + 1) % 3, k = (i + 2) % 3;
-    out[i][i] += 1.0 - second * square;
-    out[k][j] += first * w[i];
-    out[j][k] -= first * w[i];
-  }
+template <class T>
+Mat3<T> exp3(const Vec3<T>& w) {
+  const T square = dot(w, w), angle = root(square) + 1e-150;  // sin(x) / x is then one at zero
+  T sine, cosine, half, unused;
+  sine_cosine(angle, sine, cosine);
+  sine_cosine(0.5 * angle, half, unused);
+  half = half / angle;
+  const T twice = 2.0 * half * half;
+  const Vec3<T> s = (sine / angle) * w;
+  Mat3<T> out = outer(w, twice * w);
+  const T diagonal = 1.0 - twice * square;
+  out[0][0] += diagonal;
+  out[1][1] += diagonal;
+  out[2][2] += diagonal;
+  const Mat3<T> skew = {{{T{}, -s[2], s[1]}, {s[2], T{}, -s[0]}, {-s[1], s[0], T{}}}};
+  out += skew;
   return out;
 }
 
-// The rotation vector [rad] of a rotation, by its quaternion: sound up to half a turn. The largest column of
-// 4 q q^T, so that nothing is lost there (I. Y. Bar-Itzhack, 2000).
-inline Vec3<double> log3(const Mat3<double>& R) {
-  double K[4][4];
-  const double trace = R[0][0] + R[1][1] + R[2][2];
-  K[3][3] = 1.0 + trace;
-  for (int i = 0; i < 3; ++i) {
-    const int a = (i + 1) % 3, b = (i + 2) % 3;
-    K[i][i] = 1.0 + 2.0 * R[i][i] - trace;
-    K[i][a] = K[a][i] = R[i][a] + R[a][i];
-    K[i][3] = K[3][i] = R[b][a] - R[a][b];
-  }
-  int most = 0;
-  for (int i = 1; i < 4; ++i) {
-    if (K[i][i] > K[most][most]) most = i;
-  }
-  const double* q = K[most];
-  const double sign = q[3] < 0.0 ? -1.0 : 1.0;
-  const Vec3<double> v = {{sign * q[0], sign * q[1], sign * q[2]}};
-  const double size = std::sqrt(dot(v, v));
-  const double factor =
-      size < 1e-9 * std::fabs(q[3]) ? 2.0 / std::fabs(q[3]) : 2.0 * std::atan2(size, sign * q[3]) / size;
-  return factor * v;
+// The turn over a step dt of angular velocities in base axes at its start, middle and end: Simpson's rule and
+// one bracket.
+inline Mat3<double> turned_by(const Vec3<double>& first, const Vec3<double>& middle, const Vec3<double>& last,
+                              double dt) {
+  const Vec3<double> mean = first + 4.0 * middle + last;
+  return exp3((dt / 6.0) * mean + (dt * dt / 12.0) * cross(first, last));
 }
 
-// Attitudes at all instants from that at the start and angular velocities at the points, in base axes.
-inline void base_attitudes(const Quadrature& by, const Mat3<double>& start, const Vec3<double>* omega,
-                           Mat3<double>* attitude) {
-  const int g = by.gauss;
-  Mat3<double> at = start;
-  for (int i = 0; i < by.intervals; ++i) {
-    if (i == by.late) attitude[by.points()] = at;
-    const auto turn = [&](const double* weights) {
-      Vec3<double> w = zero3<double>();
-      for (int e = 0; e < g; ++e) w += weights[e] * omega[i * g + e];
-      return at * exp3(w);
-    };
-    for (int b = 0; b < g; ++b) attitude[i * g + b] = turn(by.to_points + (i * g + b) * g);
-    at = turn(by.over + i * g);
-  }
-  attitude[by.points() + 1] = at;
+// Over its first half: that of the parabola through the same three points.
+inline Mat3<double> turned_by_half(const Vec3<double>& first, const Vec3<double>& middle,
+                                   const Vec3<double>& last, double dt) {
+  const Vec3<double> mean = 5.0 * first + 8.0 * middle - last;
+  return exp3((dt / 24.0) * mean + (dt * dt / 48.0) * cross(first, middle));
 }
 
-// Picard's iteration for the attitude of a tumbling base: at most so many times, until it changes by less.
-constexpr int kPicard = 20;
-constexpr double kSettled = 1e-10;
+// What decides the angular velocity at one instant, in base axes: that of the joint rates, and what the
+// momentum adds.
+struct Spin {
+  Vec3<double> reaction;
+  Mat3<double> inverse;
+};
 
-// The same where angular momentum adds to the spin what the attitude makes of it. At all instants, base axes:
-// `inverse` of the inertia, `reaction` the spin without momentum, `own` what it adds; `spin` and `before` are
-// room to work in.
-inline void drifting_attitudes(const Quadrature& by, const Mat3<double>& start, const Vec3<double>* reaction,
-                               const Mat3<double>* inverse, const Vec3<double>& momentum,
-                               Mat3<double>* attitude, Vec3<double>* own, Vec3<double>* spin,
-                               Mat3<double>* before) {
-  const int count = by.instants();
-  base_attitudes(by, start, reaction, attitude);
-  for (int n = 0; n < kPicard; ++n) {
-    for (int k = 0; k < count; ++k) {
-      before[k] = attitude[k];
-      own[k] = inverse[k] * (transposed(attitude[k]) * momentum);
-      spin[k] = reaction[k] + own[k];
-    }
-    base_attitudes(by, start, spin, attitude);
-    double change = 0.0;
-    for (int k = 0; k < count; ++k) {
-      for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j)
-          change = std::fmax(change, std::fabs(attitude[k][i][j] - before[k][i][j]));
-      }
-    }
-    if (change < kSettled) break;
-  }
+inline Spin spin_at(const Tree& tree, const double* positions, const double* rates, Arm<double>& arm) {
+  evaluate(tree, positions, arm);
+  Spin out = {zero3<double>(), arm.inverse};
+  for (int j = 0; j < tree.n; ++j) out.reaction += rates[j] * arm.spin[j];
+  return out;
+}
+
+// With R(t) = R(0) exp(u), and the angular momentum in axes of R(0): the rate of u, which is the inverse of
+// the exponential's derivative, to order 4.
+inline Vec3<double> chart_rate(const Spin& spin, const Vec3<double>& u, const Vec3<double>& momentum) {
+  const Vec3<double> omega = spin.reaction + spin.inverse * (transposed(exp3(u)) * momentum);
+  const Vec3<double> bracket = cross(u, omega);
+  return omega + 0.5 * bracket + (1.0 / 12.0) * cross(u, bracket);
+}
+
+// The attitude a step later, of a system with angular momentum in inertial axes: one step of Runge and Kutta.
+inline Mat3<double> tumbled(const Mat3<double>& R, const Spin& start, const Spin& middle, const Spin& end,
+                            const Vec3<double>& momentum, double dt) {
+  const Vec3<double> h = transposed(R) * momentum;
+  const Vec3<double> k1 = chart_rate(start, zero3<double>(), h);
+  const Vec3<double> k2 = chart_rate(middle, 0.5 * dt * k1, h);
+  const Vec3<double> k3 = chart_rate(middle, 0.5 * dt * k2, h);
+  const Vec3<double> k4 = chart_rate(end, dt * k3, h);
+  return R * exp3((dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4));
 }
 
 }  // namespace ffsms

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "own_slopes.hpp"
-#include "rollout.hpp"
+#include "quadrature.hpp"
 
 namespace ffsms {
 

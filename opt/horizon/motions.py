@@ -44,7 +44,7 @@ def motions_of(
     arm = stack.evaluate(joints)
     R, own = np.empty((3, 3, *joints.shape[1:])), np.empty((3, *joints.shape[1:]))
     momentum, start = problem.momentum, problem.com0
-    kernel.attitudes(
+    kernel.spline_attitudes(
         spline.quadrature,
         (rates, arm.spin, arm.inverse),
         problem.rotation0,
@@ -67,8 +67,8 @@ def motions_of(
         com=start[:, None] + problem.drift[:, None] * spline.times,
         drift=problem.drift,
         own_spin=own,
-        base_start=problem.base0,
-        rotation_start=problem.rotation0,
+        base_start=problem.base_from[0],
+        rotation_start=problem.base_from[1],
         target=target,
         mean_speed=problem.mean_speed,
         smoothing=smoothing,
