@@ -37,8 +37,8 @@ def momentum_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: F
 def fixed_base_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: FloatArray) -> None: ...
 def coupling_slopes(tree: Tree, positions: FloatArray, by_coupling: FloatArray, out: FloatArray) -> None: ...
 
-# quadrature.hpp
-def spline_attitudes(start: FloatArray, omega: FloatArray, dt: float, out: FloatArray) -> None: ...
+# rollout.hpp
+def attitudes(start: FloatArray, omega: FloatArray, dt: float, out: FloatArray) -> None: ...
 def tumbling_attitudes(
     tree: Tree,
     start: FloatArray,
@@ -118,7 +118,7 @@ def spline_attitudes(
 
 # sums.hpp
 def sums(
-    tree: Any,
+    tree: Tree,
     maps: tuple[FloatArray, FloatArray, FloatArray],
     quadrature: tuple[FloatArray, FloatArray, int],
     motions: tuple[Any, ...],
@@ -131,7 +131,7 @@ def sums(
 
 # cone_march.hpp
 def cone_marches(
-    tree: Any,
+    tree: Tree,
     steps: int,
     duration: float,
     kappa: float,
