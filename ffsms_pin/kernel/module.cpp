@@ -8,7 +8,7 @@ NB_MODULE(_kernel, m) {
   ffsms::bind_slopes(m);
   ffsms::bind_rollout(m);
   ffsms::bind_spectra(m);
+  ffsms::bind_motions(m);
   ffsms::bind_torques(m);
   ffsms::bind_step(m);
-  ffsms::bind_sums(m);
 }
