@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.parts.reading import Formula, residuals_of
+from ffsms_pin.opt.motion.at_step import StepFeatures
+from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.parts.reading import Formula, formulas, residuals_of
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.batch.motions import Motions
@@ -41,6 +43,9 @@ class Term(ABC):
         Whether the term only decides between motions that cost the same in the other terms. Default: no.
     smooths : bool
         Whether the term weighs more at the beginning of a search, where it leads round poor minima.
+    step_weight : float
+        On the squared residual in single steps, where it decides what the arm does with motion to spare:
+        small beside the weight 1 of a step's direction. 0: only whole motions see the term.
     measures_cost : bool
         Whether motions are called cheap by this term alone, and by its `cost`: the residual may be smoothed
         while a search is on its way. A re-plan close to the deadline leaves such a term out.
@@ -50,6 +55,7 @@ class Term(ABC):
 
     name: str
     smooths: bool = False
+    step_weight: float = 0.0
     measures_cost: bool = False
     kappa: float | None = None
 
@@ -71,9 +77,20 @@ class Term(ABC):
         """Matrix W (n, n) and vector w (n,) that a step adds to its objective as u^T W u / 2 - w^T u.
 
         u are the joint rates at the step's end. They rank below the direction and the speed of the end
-        effector: they decide between motions that are equal in these. Default: nothing.
+        effector: they decide between motions that are equal in these. Default: with `step_weight`, rates that
+        take the residual to zero at 1 /s; nothing without.
         """
-        return None
+        if self.step_weight == 0.0:
+            return None
+        seen = StepFeatures(step)
+        W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
+        for one in formulas(self, "residual", seen):
+            if isinstance(one, Feature):
+                at = seen.change(one)
+                J = at.flow + at.jump
+                W += self.step_weight * J.T @ J
+                w += self.step_weight * J.T @ (at.jump @ step.rates - at.value - at.flow_drift)
+        return W, w
 
     def cost(self, motions: Motions) -> FloatArray:
         """What the term comes to (S,) without smoothing: the integral of its squared residuals."""
