@@ -37,6 +37,16 @@ def momentum_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: F
 def fixed_base_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: FloatArray) -> None: ...
 def coupling_slopes(tree: Tree, positions: FloatArray, by_coupling: FloatArray, out: FloatArray) -> None: ...
 
+# torques.hpp
+def joint_torques(
+    tree: Tree,
+    positions: FloatArray,
+    rates: FloatArray,
+    accelerations: FloatArray,
+    own_spin: FloatArray,
+    out: FloatArray,
+) -> None: ...
+
 # rollout.hpp
 def attitudes(start: FloatArray, omega: FloatArray, dt: float, out: FloatArray) -> None: ...
 def tumbling_attitudes(
