@@ -1,7 +1,7 @@
 """Where the search starts: straight joint-space moves that end at the target, and greedy marches.
 
 A descent finds the nearest minimum, so what decides is where it starts. A joint goal whose straight move ends
-at the target, the base reacting, gives a start that arrives; goals from all over the range give the ways round
+at the target, the base reacting, gives a start that arrives; goals from all over give the ways round
 that a single start would not see. A greedy march is free of cost wherever nothing stops it, and may
 arrive where no straight move does.
 """
