@@ -18,7 +18,16 @@ from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.goals import as_goal
-from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, Obstacle, WheelLimits
+from ffsms_pin.opt.limits import (
+    AlphaBox,
+    BaseLimits,
+    Clearance,
+    JointLimits,
+    Limit,
+    Obstacle,
+    TorqueLimits,
+    WheelLimits,
+)
 from ffsms_pin.opt.problem_checks import (
     check_joints,
     check_locked,
@@ -60,9 +69,9 @@ class Problem:
         What the motion should be like. Default: the paper's cost with kappa 10, small accelerations, little
         travel. Without the paper's cost where the goal sets the way (`Goal.coupled`).
     limits : sequence of Limit, optional
-        What must hold. Default: the joints' limits, and a clearance of 0.01 m. Limits that belong to the
-        goal, such as the corridor of `opt.Meet`, come to these by themselves, as `WheelLimits` do where
-        wheels hold the attitude.
+        What must hold. Default: the joints' limits, those of their torques, and a clearance of 0.01 m. Limits
+        that belong to the goal, such as the corridor of `opt.Meet`, come to these by themselves, as
+        `WheelLimits` do where wheels hold the attitude.
     joint_rates : array_like, shape (n,), optional
         At the start [rad/s]; default: at rest.
     momentum : array_like, shape (6,), optional
@@ -282,10 +291,10 @@ def default_limits(
     obstacles: Sequence[Obstacle] = (),
     base: BaseLimits | None = None,
 ) -> tuple[Limit, ...]:
-    """What must hold where nothing else is asked for: the joints' limits and a clearance."""
+    """What must hold where nothing else is asked for: limits of the joints and their torques, a clearance."""
     if base is not None and not isinstance(base, BaseLimits):
         raise InvalidValue("base_limits", base, "must be an opt.BaseLimits")
-    kept = (JointLimits(), Clearance(clearance, collision, obstacles=obstacles))
+    kept = (JointLimits(), TorqueLimits(), Clearance(clearance, collision, obstacles=obstacles))
     return kept if base is None else (*kept, base)
 
 
