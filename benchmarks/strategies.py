@@ -1,8 +1,10 @@
 """What each strategy of the search earns: one row for each taken out, against all of them.
 
-Targets are easy (with kappa 10 and 1), near, hard, obstructed, short and momentum-carrying; all but the obstructed and some of the
-hard ones can be reached by construction, by a straight joint-space move with the base reacting. `python
-benchmarks/strategies.py` makes the table; `make bench BENCH="--only strategies"` has it as a section.
+Targets are easy (with kappa 10 and 1), near, hard, obstructed, short and momentum-carrying. All but the
+obstructed and some of the hard and short ones can be reached by construction, by a straight joint-space move
+with the base reacting. `python benchmarks/strategies.py` makes the table, as does `make bench` with
+`BENCH="--only strategies"`.
+
 """
 
 from __future__ import annotations
