@@ -102,8 +102,8 @@ def reference_stepper(problem: Problem, method: str) -> Stepper:
 def marched(problem: Problem, stepper: Steps, progress: Progress | None = None) -> Trajectory:
     """The finished motion of single steps to the problem's goal."""
     place = problem.goal.place(problem.duration)
-    start, end = (problem.q0, problem.joint_rates), (place.position, problem.duration, place.rotation)
-    rates, note = march(stepper, *start, *end, progress)
+    q0, rates0, duration = problem.q0, problem.joint_rates, problem.duration
+    rates, note = march(stepper, q0, rates0, place.position, duration, place.rotation, progress)
     return measure(problem, rates, note)
 
 

@@ -8,7 +8,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.descent import Model
-from ffsms_pin.opt.horizon.detours import best_first
+from ffsms_pin.opt.horizon.obstructed import best_first
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import joint_goals, straight_ends
 from ffsms_pin.opt.horizon.starts import spread_postures, straight_time
