@@ -75,10 +75,12 @@ def test_rows_of_a_formula_are_those_by_hand(
     step = step_state(planar, q, rng.normal(size=3), 0.01, 3.0, momentum)
     by_hand, formula = Above(NORMAL, HEIGHT).rows(step), AboveFormula().rows(step)
     assert formula is not None
-    for one, other in zip(formula, by_hand, strict=True):
+    for one, other in zip(formula[:3], by_hand[:3], strict=True):
         np.testing.assert_allclose(one, other, atol=1e-12)
+    assert formula.give == by_hand.give
 
 
+ELBOWS = {3: "link_3", 7: "panda_link5"}
 FORMULAS: dict[str, Callable[[opt.Features], Any]] = {
     "frame": lambda m: m.frame(ELBOWS[m.stack.n]) - [0.1, 0.2, 0.3],
     "frame's axis": lambda m: m.frame(ELBOWS[m.stack.n]).axis([0.6, 0.0, 0.8]),
@@ -93,7 +95,6 @@ FORMULAS: dict[str, Callable[[opt.Features], Any]] = {
     "numpy": lambda m: np.maximum(m.tip[0], m.tip[1]) + np.arctan2(m.tip[1], m.tip[0]) - abs(m.tip[2] - 1),
     "goal": lambda m: (m.goal - m.tip).norm() / np.hypot(m.velocity[0], 0.1),
 }
-ELBOWS = {3: "link_3", 7: "panda_link5"}
 
 
 @pytest.mark.parametrize("robot", ["planar_3r", "satellite_panda"])
