@@ -1,4 +1,4 @@
-// Torques of the joints at stacks of configurations.
+// Torques of the joints at stacks of configurations; the arm is evaluated anew.
 #include "arrays.hpp"
 #include "bindings.hpp"
 #include "torques.hpp"
@@ -8,28 +8,28 @@ namespace nb = nanobind;
 namespace ffsms {
 namespace {
 
+template <class T>
+struct Work {
+  T positions[kMostJoints], rates[kMostJoints], accelerations[kMostJoints], torques[kMostJoints];
+  Vec3<T> own_spin;
+  Arm<T> arm;
+};
+
 void torques(const Tree& tree, const In& positions, const In& rates, const In& accelerations,
              const In& own_spin, const Out& out) {
   const Size count = positions.shape(1);
   for (const In* given : {&positions, &rates, &accelerations}) expect_rows(*given, tree.n, count);
   expect_rows(own_spin, 3, count);
   expect_rows(out, tree.n, count);
-  Arm<Pack> arm;
-  Pack q[kMostJoints], u[kMostJoints], a[kMostJoints], found[kMostJoints];
-  for (Size k = 0; k < count; k += kLanes) {
-    Reader place(positions, k), rate(rates, k), acceleration(accelerations, k), turn(own_spin, k);
-    for (int j = 0; j < tree.n; ++j) {
-      q[j] = place.next();
-      u[j] = rate.next();
-      a[j] = acceleration.next();
-    }
-    Vec3<Pack> own;
-    for (int x = 0; x < 3; ++x) own[x] = turn.next();
-    evaluate(tree, q, arm);
-    joint_torques(tree, arm, u, a, own, found);
-    Writer write(out, k);
-    for (int j = 0; j < tree.n; ++j) write.put(found[j]);
-  }
+  along<Work>(count, [&](auto& work, Size k) {
+    Reader(positions, k).next(work.positions, tree.n);
+    Reader(rates, k).next(work.rates, tree.n);
+    Reader(accelerations, k).next(work.accelerations, tree.n);
+    Reader(own_spin, k).next(work.own_spin.v, 3);
+    evaluate(tree, work.positions, work.arm);
+    joint_torques(tree, work.arm, work.rates, work.accelerations, work.own_spin, work.torques);
+    Writer(out, k).put(work.torques, tree.n);
+  });
 }
 
 }  // namespace

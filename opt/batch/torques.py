@@ -12,7 +12,6 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel, rows
 from ffsms_pin.system.batch.arm import ArmStack
-from ffsms_pin.system.batch.stacks import apply
 
 __all__ = ["TorqueSlopes", "joint_torques", "torque_slopes"]
 
@@ -53,7 +52,7 @@ def joint_torques(
 def torque_slopes(
     stack: ArmStack, joints: FloatArray, rates: FloatArray, accelerations: FloatArray, own_spin: FloatArray
 ) -> TorqueSlopes:
-    """Slopes at single configurations, columns (n, V) and (3, V); the base's attitude stays.
+    """Slopes at single configurations, columns (n, V) and (3, V); what momentum adds to the spin stays.
 
     Torques are quadratic in the rates and linear in the accelerations, so differences by these are exact; by
     the joint positions they are central.
@@ -64,13 +63,8 @@ def torque_slopes(
     both = np.concatenate([ahead, -ahead], axis=1)
     given = (joints, rates, accelerations, own_spin)
     q, u, a, own = (one[:, None] + np.zeros_like(both[:1]) for one in given)
-    near, drift = q + _STEP * both, own
-    if own_spin.any():  # the angular momentum in base axes is what stays
-        inverse = np.moveaxis(stack.evaluate(joints).inverse, -1, 0)
-        kept = np.linalg.solve(inverse, own_spin.T[..., None])[..., 0].T[:, None]
-        drift = apply(stack.evaluate(near).inverse, kept + np.zeros_like(own))
     still = np.zeros_like(q)
-    moved = joint_torques(stack, near, u, a, drift)
+    moved = joint_torques(stack, q + _STEP * both, u, a, own)
     faster = joint_torques(stack, q, u + both, still, own)
     pushed = joint_torques(stack, q[:, :n], still[:, :n], ahead, still[:3, :n])
     return TorqueSlopes(

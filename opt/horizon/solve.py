@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ffsms_pin.checks import instance, optional_callable
+from ffsms_pin.errors import PartError
 from ffsms_pin.opt.horizon.diagnosis import explain, refused, with_limits_said, within_workspace
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import Search
@@ -20,6 +21,7 @@ __all__ = ["solve"]
 
 # What counts as the momentum that a goal asks for: relative, and [kg m/s; kg m^2/s].
 _SAME, _ROUNDING = 1e-6, 1e-9
+_NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)  # failures of numbers, not of the program
 
 
 @one_blas_thread()
@@ -73,7 +75,9 @@ def solve(
             plan = with_limits_said(problem, plan, again)
         if not (plan.reached and plan.within_tolerance):
             plan = explain(problem, plan, search.goals, search.binding(), lambda one: again(one).reached)
-    except (np.linalg.LinAlgError, ArithmeticError) as error:
+    except (*_NUMERICAL, PartError) as error:
+        if isinstance(error, PartError) and not isinstance(error.__cause__, _NUMERICAL):
+            raise  # a mistake in a part
         plan = _before_failure(problem, search, error)
     notes = [note for note in (plan.note, _momentum_note(problem)) if note]
     return replace(plan, note="; ".join(notes))

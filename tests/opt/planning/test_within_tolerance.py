@@ -12,6 +12,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.errors import PartError
 from ffsms_pin.opt.trajectory import measure
 
 TARGET = [1.0, 0.15, 0.0]
@@ -158,7 +159,8 @@ def test_numbers_that_fail_inside_are_a_plan_with_a_note(
     # Never within this tolerance, so the search does not end with the first motion.
     goal = opt.Position([0.45, 0.75, 0.0], tolerance=1e-12)
     plan = opt.solve(opt.Problem(planar, start, goal, terms=terms))
-    assert f"numerical failure ({error})" in plan.note
+    assert "numerical failure" in plan.note
+    assert str(error) in plan.note
     still = not np.diff(plan.q, axis=0).any()
     assert still == (after == 0)
     assert plan.reached == (after == 1)
@@ -191,5 +193,5 @@ def test_a_failure_in_a_library_call_is_a_plan_with_a_note(
 
 def test_other_errors_of_a_part_are_not_hidden(planar: ffsms.SpaceManipulator, start: Any) -> None:
     terms = [Failing(0, TypeError("a mistake"))]
-    with pytest.raises(TypeError, match="a mistake"):
+    with pytest.raises(PartError, match="a mistake"):
         opt.solve(opt.Problem(planar, start, TARGET, terms=terms))
