@@ -82,7 +82,7 @@ class Inequality(Limit):
 
     def rows_at(self, seen: StepFeatures) -> Rows | None:
         """The same, of a step that is seen already."""
-        at, step = seen.change(self.rooms(seen)), seen.step
+        at, step = seen.change(self.rooms(seen)), seen.state
         asked = np.isfinite(at.value)
         if not asked.any():
             return None
