@@ -15,6 +15,7 @@ from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features, Lazy
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import skew
 
 __all__ = ["Change", "StepFeatures"]
 
@@ -60,7 +61,7 @@ class StepFeatures(Features):
             centre = com
         # The base's centre of mass, the base's turn and the end effector: a joint rate each, and the drift.
         root = np.column_stack([step.reaction, step.drift])
-        self._base = R @ (root[:3] + np.cross(root[3:], com, axisa=0, axisc=0))
+        self._base = R @ (root[:3] - skew(com) @ root[3:])
         self._base_turn = R @ root[3:]
         self._tip = np.column_stack([step.J_star, step.tip_drift])
         at = np.append(u, 1.0)

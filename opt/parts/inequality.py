@@ -130,11 +130,13 @@ class Inequality(Limit):
 
 def _stacked(rooms: list[Feature], m: Features) -> Feature:
     """Numbers and vectors one below the other, as one vector."""
+    if len(rooms) == 1:
+        (one,) = rooms
+        alone = {name: slope[None] for name, slope in one.slopes.items()}
+        return one if one.ndim == 3 else Feature(one.value[None], alone, one.where)
     rows: list[Feature] = []
     for one in rooms:
         rows.extend([one] if one.ndim == 2 else [one[i] for i in range(len(one))])
-    if len(rooms) == 1 and rooms[0].ndim == 3:
-        return rooms[0]
     names = list(dict.fromkeys(name for row in rows for name in row.slopes))
     shape = m.motions.rates.shape[1:]
     value = np.stack([row.value for row in rows]) if rows else np.zeros((0, *shape))
