@@ -17,6 +17,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, PartError
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.trajectory import measure
 
 AT, NORMAL, HEIGHT = (1.0, 1.2, 0.0), (-0.456, -0.890, 0.0), -0.885
 
@@ -191,6 +192,43 @@ def test_mistakes_name_the_part(
     if isinstance(found.value, PartError):
         assert str(found.value).startswith("Formula.residual ")
         assert (found.value.part, found.value.method) == ("Formula", "residual")
+
+
+class Wrong(opt.Limit):
+    """A limit that gives something of no use."""
+
+    name = "wrong"
+
+    def __init__(self, given: Any) -> None:
+        self.given = given
+
+    def residual(self, m: Any) -> list[opt.Residual]:
+        return []
+
+    def rows(self, step: Any) -> Any:
+        return self.given() if callable(self.given) else self.given
+
+    def violation(self, motion: opt.Motions) -> Any:
+        return self.rows(None)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        (3.0, "must return opt.Rows or None; got float"),
+        (opt.Rows(np.zeros((1, 2)), np.zeros(1), np.ones(1)), r"must give G \(k, 3\), .* got \(\(1, 2\)"),
+        (lambda: [1, 2][3], "failed with IndexError: list index out of range"),
+    ],
+)
+def test_mistakes_in_rows_name_the_limit(planar: ffsms.SpaceManipulator, given: Any, text: str) -> None:
+    planner = opt.StepPlanner(planar, limits=[Wrong(given)])
+    with pytest.raises(PartError, match=rf"Wrong\.rows {text}"):
+        planner.step(planar.configuration(np.zeros(3)), np.zeros(3), [0.7, 0.5, 0.0], 4.0)
+
+
+def test_mistakes_in_verdicts_name_the_limit(planar: ffsms.SpaceManipulator) -> None:
+    with pytest.raises(PartError, match=r"Wrong\.violation must return an opt\.Violation; got float"):
+        measure(problem_of(planar, limits=[Wrong(3.0)]), np.zeros((301, 3)))
 
 
 def test_slopes_by_hand_may_read_features_as_arrays(planar: ffsms.SpaceManipulator) -> None:
