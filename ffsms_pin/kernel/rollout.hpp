@@ -4,6 +4,8 @@
 // H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Applied Numerical Mathematics 29 (1999).
 #pragma once
 
+#include <cstddef>
+
 #include "arm.hpp"
 
 namespace ffsms {
