@@ -54,7 +54,7 @@ def test_attitude_at_the_end_by_small_steps(momentum: FloatArray | None, rng: np
     problem, spline, at = moved(FINE, momentum, rng)
     p = np.linalg.lstsq(spline.rates.free, at.rates[:, 0].T, rcond=None)[0]
     steps = 3000
-    times = (np.arange(steps) + 0.5) * problem.duration / steps
+    times = np.asarray((np.arange(steps) + 0.5) * problem.duration / steps, dtype=np.float64)
     rates = spline.rates_at(times).of(p, problem.joint_rates).T
     h = problem.duration / steps
     ends = np.cumsum(rates, axis=1) * h
