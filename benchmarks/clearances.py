@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from ffsms_pin.opt.limits.body_stack import BodyStack
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.models.arms import ARMS
-from ffsms_pin.opt.limits.body_stack import BodyStack
 from ffsms_pin.system.batch.arm import ArmStack
 
 ROBOTS = (*(f"satellite_{arm}" for arm in ARMS), "space_arm_7")

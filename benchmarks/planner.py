@@ -8,13 +8,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from clearances import Meshes
+from ffsms_pin.opt.limits.clearance_stack import chosen_mode
+from ffsms_pin.opt.limits.points import Points
 from targets import CLEARANCE, Task, reachable_targets
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.clearance_stack import chosen_mode
-from ffsms_pin.opt.limits.points import Points
 
 DT = 0.01  # [s]
 

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from ffsms_pin.opt.limits.clearance_rows import ClearanceModel, clearance_model, clearance_rows
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.base_rows import base_rows, settled
-from ffsms_pin.opt.limits.clearance_rows import ClearanceModel, clearance_model, clearance_rows
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from ffsms_pin.opt.limits.points import Points
 from numpy.typing import NDArray
 from scenario_files import QUICK, write
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
 from ffsms_pin.scenarios.extremes import least_clearances, position_range

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ffsms_pin.opt.limits.body_stack import BodyStack
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -12,7 +13,6 @@ from ffsms_pin.opt.horizon.detours import best_first
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import joint_goals, straight_ends
 from ffsms_pin.opt.horizon.starts import spread_postures, straight_time
-from ffsms_pin.opt.limits.body_stack import BodyStack
 from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.batch.stacks import apply, log3
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ffsms_pin.opt.limits.between import along
+from ffsms_pin.opt.limits.body_stack import BodyStack
+from ffsms_pin.opt.limits.part_pairs import Poses
 from meshes import ARMS, Meshes, places
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.limits.between import along
-from ffsms_pin.opt.limits.body_stack import BodyStack
-from ffsms_pin.opt.limits.part_pairs import Poses
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.batch.arm import ArmStack
 

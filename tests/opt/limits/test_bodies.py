@@ -8,13 +8,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from ffsms_pin.opt.limits.body_model import BodyModel
+from ffsms_pin.opt.limits.body_stack import BodyStack, body_pairs
+from ffsms_pin.opt.limits.clearance_stack import chosen_mode
 from meshes import ARMS, Meshes, places
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.body_model import BodyModel
-from ffsms_pin.opt.limits.body_stack import BodyStack, body_pairs
-from ffsms_pin.opt.limits.clearance_stack import chosen_mode
 from ffsms_pin.system.batch.arm import ArmStack
 
 

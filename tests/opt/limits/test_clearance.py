@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ffsms_pin.opt.limits.clearance_stack import clearance_stack
+from ffsms_pin.opt.limits.points import Points
 from horizon_parts import planar_problem
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.clearance_stack import clearance_stack
-from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.batch.arm import ArmStack
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from ffsms_pin.opt.limits.clearance_rows import clearance_model, clearance_rows
+from ffsms_pin.opt.limits.points import Points
 from motions import random_pose
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.clearance_rows import clearance_model, clearance_rows
-from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.step.state import step_state
 
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from ffsms_pin.opt.limits.points import Points
 from step_parts import TARGET, StepClearance, make_stepper, marched, missed, path
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.step.march import start_sides
 
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ffsms_pin.opt.limits.body_stack import BodyStack
+from ffsms_pin.opt.limits.points import Points
 from plain_steps import by_daqp, plain_programme
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits
-from ffsms_pin.opt.limits.body_stack import BodyStack
-from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmStack
