@@ -37,6 +37,7 @@ style: $(READY)  ## what of it takes a second
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
+	$(BIN)/python .ci/house.py
 	$(BIN)/clang-format --dry-run -Werror $(KERNEL)
 
 docs: $(READY)  ## build the site into docs/_build, every lesson run, warnings as errors
@@ -50,4 +51,4 @@ bench: $(READY)  ## measure speed, reach and cost on one core; make bench BENCH=
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python benchmarks/run.py $(BENCH)
 
 clean:
-	rm -rf $(VENV) build dist results docs/_build docs/jupyter_execute docs/lessons docs/paper-map.md docs/agreement.md .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis ffsms_pin/kernel/_kernel*
+	rm -rf $(VENV) build dist results docs/_build docs/jupyter_execute docs/lessons docs/paper-map.md docs/agreement.md .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis ffsms_pin/kernel/_kernel*.so

@@ -19,11 +19,13 @@ struct Candidate {
   double bound;
 };
 
+// A copy of values that Python owns.
 template <class T>
-nb::object given(std::vector<T>&& values, std::initializer_list<std::size_t> shape) {
-  auto* kept = new std::vector<T>(std::move(values));
-  nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
-  return nb::cast(nb::ndarray<nb::numpy, T>(kept->data(), shape, owner));
+nb::object given(const std::vector<T>& values, std::initializer_list<std::size_t> shape) {
+  T* data = new T[values.size()];
+  std::copy(values.begin(), values.end(), data);
+  const nb::capsule owner(data, [](void* memory) noexcept { delete[] static_cast<T*>(memory); });
+  return nb::cast(nb::ndarray<nb::numpy, T>(data, shape, owner));
 }
 
 nb::tuple near_parts(Array<double, 3, 3, -1, -1> rotations, Array<double, 3, -1, -1> origins,
@@ -69,10 +71,9 @@ nb::tuple near_parts(Array<double, 3, 3, -1, -1> rotations, Array<double, 3, -1,
     bounds[i] = found[i].bound;
   }
   const std::size_t count = found.size(), close = used.size();
-  return nb::make_tuple(given(std::move(least), {size}), given(std::move(entries), {count}),
-                        given(std::move(chosen), {count}), given(std::move(bounds), {count}),
-                        given(std::move(used), {close}), given(std::move(turns), {close, 3, 3}),
-                        given(std::move(ways), {close, 3}));
+  return nb::make_tuple(given(least, {size}), given(entries, {count}), given(chosen, {count}),
+                        given(bounds, {count}), given(used, {close}), given(turns, {close, 3, 3}),
+                        given(ways, {close, 3}));
 }
 
 }  // namespace

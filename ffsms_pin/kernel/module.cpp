@@ -4,9 +4,13 @@
 namespace nb = nanobind;
 
 void bind_clearance(nb::module_& m);
+void bind_step(nb::module_& m);
+void bind_sums(nb::module_& m);
 
 NB_MODULE(_kernel, m) {
   m.doc() = "The compiled kernel; ffsms_pin.kernel is its face.";
   bind_clearance(m);
   m.def("most_joints", [] { return 32; }, "The largest number of joints that the kernel takes.");
+  bind_step(m);
+  bind_sums(m);
 }

@@ -66,6 +66,7 @@ class Also(Limit):
     reserve: float = 0.0
     margin: float = 0.0
     name: str = ""
+    of_paper = False
     _tool: RobotFrame | None = None
     _arm: ArmStack | None = None
 

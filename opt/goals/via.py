@@ -82,6 +82,7 @@ class Via(Limit):
     reserve: float = 0.0
     began: float = 0.0
     margin: float = 0.0
+    of_paper = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.place, Place):

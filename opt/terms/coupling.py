@@ -37,6 +37,7 @@ class Coupling(Term):
     kappa: float = 10.0
     weight: float = 1.0
     name = "coupling"
+    measures_cost = True
 
     def __post_init__(self) -> None:
         positive("kappa", self.kappa)
@@ -79,12 +80,17 @@ class Coupling(Term):
         ]
 
     def cost(self, motions: Motions) -> FloatArray:
-        """The paper's cost integral (S,) [s], whatever the weight and the smoothing."""
+        """The paper's cost integral (S,) [s] times the weight, whatever the smoothing."""
         way, velocity = _way(motions), motions.velocity
         scale = np.sqrt((dot(way, way) + _TINY_WAY) * (dot(velocity, velocity) + _TINY_SPEED))
         c_soft = np.logaddexp(0.0, self.kappa * dot(way, velocity) / scale) / self.kappa
         result: FloatArray = (c_soft - (1.0 - motions.entropy)) ** 2 @ motions.weights
-        return result
+        return self.weight * result
+
+    def share(self, motion: Motions) -> float:
+        """The paper's own sum over the steps."""
+        step = float(motion.times[2] - motion.times[0])
+        return self.weight * float(motion.paired.cost(self.kappa).sum()) * step
 
 
 def _way(motions: Motions) -> FloatArray:

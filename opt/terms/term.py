@@ -40,10 +40,17 @@ class Term(ABC):
         Whether the term only decides between motions that cost the same in the other terms. Default: no.
     smooths : bool
         Whether the term weighs more at the beginning of a search, where it leads round poor minima.
+    measures_cost : bool
+        Whether motions are called cheap by this term alone, and by its `cost`: the residual may be smoothed
+        while a search is on its way. A re-plan close to the deadline leaves such a term out.
+    kappa : float or None
+        Sharpness of the paper's C~ where the term has one: what a motion reports is measured with it.
     """
 
     name: str
     smooths: bool = False
+    measures_cost: bool = False
+    kappa: float | None = None
 
     @property
     def tie_breaker(self) -> bool:
@@ -62,9 +69,13 @@ class Term(ABC):
         """
         return None
 
-    def share(self, motion: Motions) -> float:
-        """What the term comes to for one finished motion: the integral of its squared residuals."""
-        total = 0.0
-        for residual in self.residual(motion):
-            total += float(np.sum(residual.squares(motion.weights)))
+    def cost(self, motions: Motions) -> FloatArray:
+        """What the term comes to (S,) without smoothing: the integral of its squared residuals."""
+        total: FloatArray = np.zeros(motions.count)
+        for residual in self.residual(motions):
+            total += residual.squares(motions.weights, motions.count)
         return total
+
+    def share(self, motion: Motions) -> float:
+        """What it comes to for one finished motion, at its nodes and the middles between; default: `cost`."""
+        return float(self.cost(motion)[0])

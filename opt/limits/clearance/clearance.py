@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from ffsms_pin.checks import FloatArray, number, one_of, pose
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Residual, Residuals
+from ffsms_pin.opt.limits.clearance.at_start import check_obstacles
 from ffsms_pin.opt.limits.clearance.between import Least, least_of
 from ffsms_pin.opt.limits.clearance.bodies import chosen_mode, payload_part
 from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
@@ -19,11 +20,14 @@ from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, checked_obstacles,
 from ffsms_pin.opt.limits.clearance.points import PointStack
 from ffsms_pin.opt.limits.clearance.rows import clearance_rows
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
-from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
+from ffsms_pin.opt.limits.limit import Failed, Limit, Rows, Violation, stacked
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross
 from ffsms_pin.system.convex_parts import Part
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.problem import Problem
 
 __all__ = ["Clearance", "CollisionMode", "clearance_stack"]
 
@@ -132,6 +136,19 @@ class Clearance(Limit):
             return None
         depth, name = self._around.overlap(q)
         return (depth, name) if depth > 0.0 else None
+
+    def check_start(self, problem: Problem, begin: Motions) -> str:
+        """Whether bodies are too near to each other at the start, or a goal is inside an obstacle."""
+        check_obstacles(problem, self.contact(problem.q0), self.obstacles)
+        note = self.violation(begin).note
+        if not note:
+            return ""
+        return f"the start breaks the clearance: {note}; move the start, or ask for less"
+
+    def explain(self, failed: Failed) -> str:
+        """What comes nearest to what."""
+        distance, pair = self.least(failed.motion)
+        return f"blocked by {pair}, which come within {1e3 * distance:.1f} mm" if pair else ""
 
     def rows(self, step: StepState) -> Rows | None:
         """A clearance may shrink at most at a rate proportional to what is left of it."""
