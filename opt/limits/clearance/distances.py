@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
-from ffsms_pin.kernel._kernel import near_parts
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel._kernel import near_parts
 from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.clearance.poses import Poses
 from ffsms_pin.system.batch.arm import ArmStack

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.clearance.distances import Nearest
+from ffsms_pin.opt.limits.clearance.poses import Poses
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.step_state import StepState
@@ -30,42 +32,53 @@ def clearance_rows(stack: ClearanceStack, kept: float, step: StepState) -> Rows:
         What is to be kept [m].
     step : StepState
     """
-    limits, count, index = step.sms.limits, len(stack.names), stack.bodies[:, 1]
+    limits, count, moved = step.sms.limits, len(stack.names), None
     poses = stack.at(step.q, step.time)
-    # Of the root by the joints, and given by the momentum; of obstacles by themselves, as the base sees them.
-    base = np.column_stack([step.reaction, step.drift])[:, None]
-    own_ways, own_turns = _own_rates(stack, step)
     near: FloatArray = np.full(count, np.inf)
     if stack.reaches is not None:
-        # Beyond this distance rates up to the fastest are too slow for a row to bind.
         fastest = np.minimum(np.abs(step.rates) + limits.acceleration * step.dt, limits.velocity)
-        passing, far = cross(base[3:], poses.origins[:, index]), stack.sizes[:, 1]
-        speeds = np.linalg.norm(base[:3] + passing, axis=0) + far[:, None] * np.linalg.norm(base[3:], axis=0)
-        given = np.linalg.norm(own_ways, axis=0) + far * np.linalg.norm(own_turns, axis=(0, 1))
-        closing = stack.reaches @ fastest + stack.passes * (speeds @ np.append(fastest, 1.0) + given)
+        closing = stack.reaches @ fastest
+        if stack.passes.any():
+            moved = _Passing(stack, step, poses)
+            closing += moved.fastest(fastest)
+        # Beyond this distance rates up to the fastest are too slow for a row to bind.
         near = kept + MARGIN + closing / CLOSING_RATE
-    every, at = np.arange(count), np.zeros(count, dtype=np.intp)
-    found = stack.nearest(poses, (every, at), near)
-    G = np.where(found.distance < near, stack.gradients(poses, (every, at), found), 0.0).T
+    where = np.arange(count), np.zeros(count, dtype=np.intp)
+    found = stack.nearest(poses, where, near)
+    G = np.ascontiguousarray(stack.gradients(poses, where, found).T)
     least = CLOSING_RATE * (kept + MARGIN - found.distance)
-    if stack.passes.any():
-        # The obstacle's nearest point is left behind by the base, and moves by itself.
-        moves = -(base[:3] + cross(base[3:], found.here[..., None]))
-        local = apply(
-            poses.rotations[:, :, index, 0].transpose(1, 0, 2), found.there - poses.origins[:, index, 0]
-        )
-        moves[..., -1] += own_ways + apply(own_turns, local)
-        by = (found.distance < near) * stack.passes * np.einsum("xvj,xv->jv", moves, found.normal)
+    if moved is not None:
+        by = moved.slopes(found)
         G += by[:-1].T
         least -= by[-1]
     return Rows(G, least, np.full(count, UNBOUNDED), give=1.0)
 
 
-def _own_rates(stack: ClearanceStack, step: StepState) -> tuple[FloatArray, FloatArray]:
-    """How fast the second bodies of pairs move (3, m) and turn (3, 3, m) by themselves, base axes."""
-    index = stack.bodies[:, 1]
-    if not any(one.moves for one in stack.obstacles):
-        return np.zeros((3, len(index))), np.zeros((3, 3, len(index)))
-    ends = [stack.at(step.q, step.time + h) for h in (-_STEP, _STEP)]
-    turns, ways = ((b - a) / (2.0 * _STEP) for a, b in zip(ends[0][:2], ends[1][:2], strict=True))
-    return ways[:, index, 0], turns[:, :, index, 0]
+class _Passing:
+    """How the second bodies of pairs move as the base sees them, by the joints and what is given."""
+
+    def __init__(self, stack: ClearanceStack, step: StepState, poses: Poses) -> None:
+        index, self._passes, self._far = stack.bodies[:, 1], stack.passes, stack.sizes[:, 1]
+        # Twist of the base (6, 1, n + 1), a column for each joint and one that is given by the momentum.
+        self._base = np.column_stack([step.reaction, step.drift])[:, None]
+        self._turns, self._origins = poses.rotations[:, :, index, 0], poses.origins[:, index, 0]
+        self._way, self._turning = np.zeros_like(self._origins), np.zeros_like(self._turns)
+        if any(one.moves for one in stack.obstacles):
+            before, after = (stack.at(step.q, step.time + h) for h in (-_STEP, _STEP))
+            self._way = (after.origins - before.origins)[:, index, 0] / (2.0 * _STEP)
+            self._turning = (after.rotations - before.rotations)[:, :, index, 0] / (2.0 * _STEP)
+
+    def fastest(self, rates: FloatArray) -> FloatArray:
+        """Speeds (m,) that no point of the bodies exceeds at joint rates up to `rates` (n,) [m/s]."""
+        base, far = self._base, self._far
+        linear = np.linalg.norm(base[:3] + cross(base[3:], self._origins[..., None]), axis=0)
+        speeds = linear + far[:, None] * np.linalg.norm(base[3:], axis=0)
+        own = np.linalg.norm(self._way, axis=0) + far * np.linalg.norm(self._turning, axis=(0, 1))
+        return np.asarray(self._passes * (speeds @ np.append(rates, 1.0) + own))
+
+    def slopes(self, found: Nearest) -> FloatArray:
+        """How fast distances grow by that (n + 1, m): by a unit rate of each joint, and given."""
+        moves = -(self._base[:3] + cross(self._base[3:], found.here[..., None]))
+        local = apply(self._turns.transpose(1, 0, 2), found.there - self._origins)
+        moves[..., -1] += self._way + apply(self._turning, local)
+        return np.asarray(self._passes * np.einsum("xvj,xv->jv", moves, found.normal))
