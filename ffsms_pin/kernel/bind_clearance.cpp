@@ -4,10 +4,12 @@
 
 #include <vector>
 
+#include "bindings.hpp"
 #include "clearance.hpp"
 
 namespace nb = nanobind;
 
+namespace ffsms {
 namespace {
 
 template <class T, int... shape>
@@ -32,24 +34,24 @@ nb::tuple near_parts(Array<double, 3, 3, -1, -1> rotations, Array<double, 3, -1,
                      Array<Index, -1> columns, Array<Index, -1> at, Array<double, -1> near,
                      Array<double, -1, 17> bodies, Array<double, -1, 17> parts, Array<Index, -1, 2> ends,
                      Array<Index, -1> starts, Array<Index, -1, 2> pairs) {
-  const ffsms::Bodies seen{rotations.data(), origins.data(), static_cast<Index>(origins.shape(1)),
-                           static_cast<Index>(origins.shape(2))};
-  const auto* body = reinterpret_cast<const ffsms::Cover*>(bodies.data());
-  const auto* part = reinterpret_cast<const ffsms::Cover*>(parts.data());
+  const Bodies seen{rotations.data(), origins.data(), static_cast<Index>(origins.shape(1)),
+                    static_cast<Index>(origins.shape(2))};
+  const auto* body = reinterpret_cast<const Cover*>(bodies.data());
+  const auto* part = reinterpret_cast<const Cover*>(parts.data());
   const std::size_t size = columns.shape(0);
   std::vector<double> least(size), turns, ways;
   std::vector<Candidate> found;
   std::vector<Index> used;
   for (std::size_t v = 0; v < size; ++v) {
     const Index m = columns(v), k = at(v);
-    const ffsms::Cover &one = body[ends(m, 0)], &other = body[ends(m, 1)];
-    const ffsms::Relative relative(seen, seen.index(one), seen.index(other), k);
-    least[v] = ffsms::bound(one, other, relative, near(v));
+    const Cover &one = body[ends(m, 0)], &other = body[ends(m, 1)];
+    const Relative relative(seen, seen.index(one), seen.index(other), k);
+    least[v] = bound(one, other, relative, near(v));
     if (!(least[v] < near(v))) continue;
     const std::size_t before = found.size();
     double nearest = std::numeric_limits<double>::infinity();
     for (Index i = starts(m); i < starts(m + 1); ++i) {
-      const double low = ffsms::bound(part[pairs(i, 0)], part[pairs(i, 1)], relative, near(v));
+      const double low = bound(part[pairs(i, 0)], part[pairs(i, 1)], relative, near(v));
       nearest = std::min(nearest, low);
       if (low < near(v)) found.push_back({static_cast<Index>(v), i, low});
     }
@@ -88,3 +90,5 @@ void bind_clearance(nb::module_& m) {
       "first; and of the entries (U,) that have some the second body as the first sees it, turns (U, 3, 3) "
       "and ways (U, 3).");
 }
+
+}  // namespace ffsms

@@ -14,7 +14,7 @@ import coal
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.kernel._kernel import near_parts
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.clearance.poses import Poses
 from ffsms_pin.system.batch.arm import ArmStack
@@ -120,7 +120,7 @@ class PartPairs:
         no nearer either, and there are no points.
         """
         most = np.array(np.broadcast_to(near, where[0].shape), dtype=np.float64)
-        distance, entries, chosen, bounds, used, turns, ways = near_parts(
+        distance, entries, chosen, bounds, used, turns, ways = kernel.near_parts(
             poses.rotations, poses.origins, *where, most, *self._table
         )
         places = dict(zip(used.tolist(), map(coal.Transform3s, turns, ways), strict=True))
