@@ -6,7 +6,7 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
-from ffsms_pin.opt.limits.points import Points
+from clearances_at import Points
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import daqp
 import numpy as np
-from ffsms_pin.opt.limits.points import Points
+from clearances_at import Points
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray

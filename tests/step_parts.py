@@ -6,12 +6,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from ffsms_pin.opt.limits.clearance_rows import ClearanceModel, clearance_model, clearance_rows
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.base_rows import base_rows, settled
+from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
+from ffsms_pin.opt.limits.clearance.rows import clearance_rows
+from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
@@ -62,11 +64,11 @@ class StepClearance(StepLimit):
 
     def __init__(self, kept: float = 0.01, collision: str = "points") -> None:
         self._kept, self._collision = kept, collision
-        self._model: ClearanceModel | None = None
+        self._model: ClearanceStack | None = None
 
     def for_robot(self, sms: ffsms.SpaceManipulator) -> StepClearance:
         made = StepClearance(self._kept, self._collision)
-        made._model = clearance_model(sms, self._collision)
+        made._model = clearance_stack(sms, self._collision)
         return made
 
     def rows(self, step: StepState) -> Rows | None:

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from ffsms_pin.opt.limits.points import Points
+from clearances_at import Points
 from step_parts import StepClearance, StepJoints
 
 import ffsms_pin as ffsms

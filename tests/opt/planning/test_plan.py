@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from ffsms_pin.opt.limits.points import Points
+from clearances_at import Points
 from scipy.integrate import solve_ivp
 
 import ffsms_pin as ffsms

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from ffsms_pin.opt.limits.points import Points
+from clearances_at import Points
 from horizon_parts import check
 
 import ffsms_pin as ffsms

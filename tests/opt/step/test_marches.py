@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from ffsms_pin.opt.limits.points import Points
+from clearances_at import Points
 from step_parts import TARGET, StepClearance, make_stepper, marched, missed, path
 
 import ffsms_pin as ffsms

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ffsms_pin.opt.limits.points import Points
+from clearances_at import Points
 from plain_steps import plain_programme
 from step_parts import StepJoints, StepRows, make_stepper
 
