@@ -15,7 +15,6 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
 from ffsms_pin.opt.limits.clearance.points import PointStack
-from ffsms_pin.opt.limits.clearance.poses import Poses
 
 DT = 0.01  # [s]
 

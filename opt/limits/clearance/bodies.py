@@ -43,8 +43,8 @@ class Body(NamedTuple):
     whole: list[Part]
 
 
-def robot_bodies(sms: SpaceManipulator, mode: str) -> list[Body]:
-    """The robot's bodies with shapes; for "points" the paper's points with the lines between them.
+def robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Body]:
+    """The robot's bodies with shapes, and what they hold; for "points" the points with lines between them.
 
     These lines stand for the robot in the modes "auto" and "off", too, where the arm has no shapes.
 
@@ -62,6 +62,8 @@ def robot_bodies(sms: SpaceManipulator, mode: str) -> list[Body]:
                 raise
     shaped = mode in ("hulls", "shapes") or any(part.body != BASE for part in whole)
     parts, whole = (sms.convex_parts(), whole) if shaped else (_lines(sms),) * 2
+
+    parts, whole = parts + held, whole + held
 
     def of(every: list[Part], index: int) -> list[Part]:
         return [part for part in every if part.body == index]

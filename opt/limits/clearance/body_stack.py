@@ -72,29 +72,18 @@ class BodyStack(ClearanceStack):
         super().__init__(sms)
         self.mode, self._settings = mode, (sms, mode, clearance, payload, obstacles)
         self.obstacles = tuple(obstacles)
-        own, held = robot_bodies(sms, mode), [] if payload is None else [payload]
+        held = [] if payload is None else [payload]
+        own = robot_bodies(sms, mode, [] if obstacles else held)
         #: Whether shapes can tell more than their parts.
         self.refines = not all(part.convex for body in own for part in body.whole)
         if obstacles:
             own += [Body(PAYLOAD, part.body, [part], [part]) for part in held]
-            pairs = [
-                (body, obstacle)
-                for body in own
-                for obstacle, one in zip(obstacle_bodies(sms, obstacles), obstacles, strict=True)
-                if not (body.index == BASE and one.on_base)
-            ]
+            others = list(zip(obstacle_bodies(sms, obstacles), obstacles, strict=True))
+            # What is on the base and the base itself do not move past each other.
+            pairs = [(a, b) for a in own for b, one in others if not (a.index == BASE and one.on_base)]
         else:
-            with_held = {
-                one.index: one._replace(
-                    parts=one.parts + [part for part in held if part.body == one.index],
-                    whole=one.whole + [part for part in held if part.body == one.index],
-                )
-                for one in own
-            }
-            for part in held:
-                name = sms.layout.body_name(sms.model, part.body + 2)
-                with_held.setdefault(part.body, Body(name, part.body, [part], [part]))
-            pairs = [(with_held[a], with_held[b]) for a, b in body_pairs(sms, list(with_held))]
+            of = {body.index: body for body in own}
+            pairs = [(of[a], of[b]) for a, b in body_pairs(sms, list(of))]
             if not pairs:
                 raise InvalidValue(
                     "the collision shapes",

@@ -165,24 +165,10 @@ class PartPairs:
             How far joints that slide can be from zero [m].
         """
         arm, n = self.arm, self.arm.n
-        # Between the origins of joints along the tree.
         steps = np.linalg.norm(arm.offset, axis=1) + np.where(arm.revolute, 0.0, slides)
-
-        def chain(body: int) -> dict[int, float]:
-            """How far, stretched, the origins are that lead from a body to the base."""
-            ways, way = {}, 0.0
-            while body >= 0:
-                ways[body], way, body = way, way + float(steps[body]), arm.parents[body]
-            return {**ways, -1: way}
-
-        def way(body: int, joint: int) -> float:
-            here, there = chain(body if body < n else -1), chain(joint)
-            return min(here[k] + there[k] for k in here.keys() & there.keys())
-
-        reach = np.zeros((len(self.bodies), n))
-        for m, ends in enumerate(self.bodies.tolist()):
-            for j in np.flatnonzero(np.ptp(self.carried[ends], axis=0)).tolist():
-                links = zip(ends, self.sizes[m].tolist(), strict=True)
-                most = min(way(body, j) + size for body, size in links if body < n)
-                reach[m, j] = most if arm.revolute[j] else 1.0
-        return reach
+        # From bodies to joints along the tree, stretched: over the links that lead to one and not to the other.
+        chains = self.carried[self.bodies]
+        ways = np.abs(chains[:, :, None] - self.carried[None, None, :n]) @ steps
+        ways += np.where(self.bodies < n, self.sizes, np.inf)[..., None]
+        reach = np.where(arm.revolute, ways.min(axis=1), 1.0)
+        return np.where(chains[:, 0] != chains[:, 1], reach, 0.0)
