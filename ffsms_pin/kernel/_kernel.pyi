@@ -83,4 +83,7 @@ def near_parts(
     ends: Any,
     starts: Any,
     pairs: Any,
+    corners: FloatArray,
+    begins: Any,
+    directions: FloatArray,
 ) -> tuple[FloatArray, Any, Any, FloatArray, Any, FloatArray, FloatArray]: ...

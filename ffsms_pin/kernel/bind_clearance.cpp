@@ -33,7 +33,9 @@ nb::object given(const std::vector<T>& values, std::initializer_list<std::size_t
 nb::tuple near_parts(Array<double, 3, 3, -1, -1> rotations, Array<double, 3, -1, -1> origins,
                      Array<Index, -1> columns, Array<Index, -1> at, Array<double, -1> near,
                      Array<double, -1, 17> bodies, Array<double, -1, 17> parts, Array<Index, -1, 2> ends,
-                     Array<Index, -1> starts, Array<Index, -1, 2> pairs) {
+                     Array<Index, -1> starts, Array<Index, -1, 2> pairs, Array<double, -1, 3> corners,
+                     Array<Index, -1> begins,
+                     nb::ndarray<double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu> directions) {
   const Bodies seen{rotations.data(), origins.data(), static_cast<Index>(origins.shape(1)),
                     static_cast<Index>(origins.shape(2))};
   const auto* body = reinterpret_cast<const Cover*>(bodies.data());
@@ -50,8 +52,17 @@ nb::tuple near_parts(Array<double, 3, 3, -1, -1> rotations, Array<double, 3, -1,
     if (!(least[v] < near(v))) continue;
     const std::size_t before = found.size();
     double nearest = std::numeric_limits<double>::infinity();
+    const auto corners_of = [&](Index p) {
+      return Corners{corners.data() + 3 * begins(p), begins(p + 1) - begins(p)};
+    };
     for (Index i = starts(m); i < starts(m + 1); ++i) {
-      const double low = bound(part[pairs(i, 0)], part[pairs(i, 1)], relative, near(v));
+      const Index p = pairs(i, 0), q = pairs(i, 1);
+      double low = bound(part[p], part[q], relative, near(v));
+      if (low < near(v) && std::isfinite(near(v))) {
+        const Corners first = corners_of(p), second = corners_of(q);
+        if (first.count > 0 && second.count > 0)
+          low = std::max(low, gap(first, second, relative, near(v), &directions(i, 0)));
+      }
       nearest = std::min(nearest, low);
       if (low < near(v)) found.push_back({static_cast<Index>(v), i, low});
     }
@@ -84,7 +95,7 @@ void bind_clearance(nb::module_& m) {
   m.def(
       "near_parts", &near_parts, nb::arg("rotations"), nb::arg("origins"), nb::arg("columns"), nb::arg("at"),
       nb::arg("near"), nb::arg("bodies"), nb::arg("parts"), nb::arg("ends"), nb::arg("starts"),
-      nb::arg("pairs"),
+      nb::arg("pairs"), nb::arg("corners"), nb::arg("begins"), nb::arg("directions"),
       "Of V entries (pair of bodies, configuration): bounds (V,) from below on distances, `near` where parts "
       "may be nearer; these parts, as entries, pairs of parts and bounds (C,), the nearest of each entry "
       "first; and of the entries (U,) that have some the second body as the first sees it, turns (U, 3, 3) "

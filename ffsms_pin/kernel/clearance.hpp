@@ -79,4 +79,62 @@ inline double bound(const Cover& one, const Cover& other, const Relative& seen, 
   return least;
 }
 
+// The corners of a convex part, in its body's axes, three numbers each.
+struct Corners {
+  const double* begin;
+  std::int64_t count;
+
+  // The corner that is the furthest along a direction, and how far that is.
+  const double* furthest(const double* way, double& far) const {
+    const double* best = begin;
+    far = -std::numeric_limits<double>::infinity();
+    for (const double* x = begin; x != begin + 3 * count; x += 3) {
+      const double along = way[0] * x[0] + way[1] * x[1] + way[2] * x[2];
+      if (along > far) {
+        far = along;
+        best = x;
+      }
+    }
+    return best;
+  }
+};
+
+// Looks for a direction along which two parts are at least `near` apart: that of the time before first, then
+// towards the origin from what is found of the difference of the parts. Returns the gap, or less than `near`.
+inline double gap(const Corners& one, const Corners& other, const Relative& seen, double near,
+                  double* direction) {
+  constexpr int kTries = 12;
+  double v[3] = {}, way[3] = {direction[0], direction[1], direction[2]};
+  double found = -std::numeric_limits<double>::infinity();
+  for (int tried = 0; tried < kTries; ++tried) {
+    double back[3], w[3], here, there;
+    for (int i = 0; i < 3; ++i)
+      back[i] = -(seen.turn[i] * way[0] + seen.turn[3 + i] * way[1] + seen.turn[6 + i] * way[2]);
+    const double* a = one.furthest(way, here);
+    const double* b = other.furthest(back, there);
+    found = way[0] * seen.way[0] + way[1] * seen.way[1] + way[2] * seen.way[2] - there - here;
+    if (found >= near) {
+      std::copy(way, way + 3, direction);
+      return found;
+    }
+    double vv = 0.0, vd = 0.0, dd = 0.0;
+    for (int i = 0; i < 3; ++i) {
+      w[i] = seen.way[i] + seen.turn[3 * i] * b[0] + seen.turn[3 * i + 1] * b[1] +
+             seen.turn[3 * i + 2] * b[2] - a[i];
+      if (tried == 0) v[i] = w[i];
+      vd += v[i] * (v[i] - w[i]);
+      dd += (v[i] - w[i]) * (v[i] - w[i]);
+    }
+    // The point of the way from v to w that is the nearest to the origin.
+    const double share = dd > 0.0 ? std::min(std::max(vd / dd, 0.0), 1.0) : 0.0;
+    for (int i = 0; i < 3; ++i) {
+      v[i] += share * (w[i] - v[i]);
+      vv += v[i] * v[i];
+    }
+    if (vv < near * near) break;  // the parts are nearer than that
+    for (int i = 0; i < 3; ++i) way[i] = v[i] / std::sqrt(vv);
+  }
+  return found;
+}
+
 }  // namespace ffsms

@@ -1,12 +1,13 @@
 """Distances between the parts of bodies at many configurations at once.
 
-Balls around the bodies and their parts first, then a ball against the other's box: in numpy, for the whole
-stack. Of bodies that one or two joints move, what was measured near by is a bound too. coal measures only
-what these leave in question.
+Balls around the bodies and their parts first, then a ball against the other's box, then a direction along
+which the corners are apart: in the kernel, for the whole stack. coal measures only what these leave in
+question.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -70,6 +71,17 @@ def _covers(parts: Sequence[Part], body: int | None = None) -> FloatArray:
     return np.hstack([body, centre, radius, 0.5 * (high - low), np.eye(3).ravel()])
 
 
+def _corners(part: Part) -> FloatArray:
+    """Corners (k, 3) of a part in its body's axes; none of what has no corners."""
+    if isinstance(part.shape, coal.Box):
+        local = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * part.shape.halfSide
+    elif isinstance(part.shape, coal.ConvexBase):
+        local = np.array(part.shape.points())
+    else:
+        return np.zeros((0, 3))
+    return np.asarray(local @ part.place.getRotation().T + part.place.getTranslation())
+
+
 class PartPairs:
     """Pairs of bodies, each a list of pairs of parts.
 
@@ -108,6 +120,11 @@ class PartPairs:
         size = [far[covers[:, 0] == body].max() for body in used]
         self.sizes = np.array(size)[ends_of]
         self._table = body_covers, covers, ends_of, starts, np.array(flat, dtype=np.int64).reshape(-1, 2)
+        corners = [_corners(part) for part in parts]
+        begins = np.cumsum([0, *map(len, corners)], dtype=np.int64)
+        # Along which parts were apart last: where to look first.
+        apart = np.tile([1.0, 0.0, 0.0], (len(flat), 1))
+        self._apart = np.concatenate([*corners, np.zeros((0, 3))]), begins, apart
         others = max(0, max(used, default=-1) + 1 - arm.n)
         self.carried = np.vstack([arm.carries.T, np.zeros((others + 1, arm.n))])
 
@@ -121,7 +138,7 @@ class PartPairs:
         """
         most = np.array(np.broadcast_to(near, where[0].shape), dtype=np.float64)
         distance, entries, chosen, bounds, used, turns, ways = kernel.near_parts(
-            poses.rotations, poses.origins, *where, most, *self._table
+            poses.rotations, poses.origins, *where, most, *self._table, *self._apart
         )
         places = dict(zip(used.tolist(), map(coal.Transform3s, turns, ways), strict=True))
         best, points = dict(zip(used.tolist(), most[used].tolist(), strict=True)), {}
@@ -166,7 +183,7 @@ class PartPairs:
         """
         arm, n = self.arm, self.arm.n
         steps = np.linalg.norm(arm.offset, axis=1) + np.where(arm.revolute, 0.0, slides)
-        # From bodies to joints along the tree, stretched: over the links that lead to one and not to the other.
+        # From bodies to joints along the tree, stretched: over links that lead to one and not to the other.
         chains = self.carried[self.bodies]
         ways = np.abs(chains[:, :, None] - self.carried[None, None, :n]) @ steps
         ways += np.where(self.bodies < n, self.sizes, np.inf)[..., None]
