@@ -80,7 +80,7 @@ def least_of(stack: ClearanceStack, motion: Motions, clearance: float, binding: 
     def measure(pair: Indices, k: Indices, after: FloatArray) -> FloatArray:
         here, lost = stack.between(motion, k, after), bend[pair, k]
         found = stack.exact(here, (pair, np.arange(len(pair))), floor + float(lost.max(initial=0.0)))
-        return found - lost
+        return np.asarray(found - lost)
 
     between = least_between(times, values, change, floor, measure)
     return least if between is None else between._replace(near=close)

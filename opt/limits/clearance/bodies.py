@@ -31,14 +31,14 @@ class Body(NamedTuple):
     Attributes
     ----------
     name : str
-    index : int
+    carrier : int
         The joint that carries it, -1: the base; obstacles come after the joints.
     parts, whole : list of Part
         Convex parts, and the shapes as they are.
     """
 
     name: str
-    index: int
+    carrier: int
     parts: list[Part]
     whole: list[Part]
 

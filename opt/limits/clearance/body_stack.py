@@ -80,9 +80,9 @@ class BodyStack(ClearanceStack):
             own += [Body(PAYLOAD, part.body, [part], [part]) for part in held]
             others = list(zip(obstacle_bodies(sms, obstacles), obstacles, strict=True))
             # What is on the base and the base itself do not move past each other.
-            pairs = [(a, b) for a in own for b, one in others if not (a.index == BASE and one.on_base)]
+            pairs = [(a, b) for a in own for b, one in others if not (a.carrier == BASE and one.on_base)]
         else:
-            of = {body.index: body for body in own}
+            of = {body.carrier: body for body in own}
             pairs = [(of[a], of[b]) for a, b in body_pairs(sms, list(of))]
             if not pairs:
                 raise InvalidValue(
@@ -124,9 +124,7 @@ class BodyStack(ClearanceStack):
         # Only robots that differ in what moves no shape have the same ones, read once.
         return of.geometry("collision") is sms.geometry("collision")
 
-    def nearest(
-        self, poses: Poses, where: tuple[Indices, Indices], near: FloatArray | float = np.inf
-    ) -> Nearest:
+    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`."""
         margins = self._margins[where[0]]
         most = near + margins
@@ -138,7 +136,7 @@ class BodyStack(ClearanceStack):
                 values[..., low] = better
         return found._replace(distance=found.distance - margins)
 
-    def exact(self, poses: Poses, where: tuple[Indices, Indices], floor: float) -> FloatArray:
+    def exact(self, poses: Poses, where: tuple[Indices, ...], floor: float) -> FloatArray:
         """Distances (V,) at entries; those below `floor` by the shapes."""
         margins = self._margins[where[0]]
         found = self.pairs.nearest(poses, where).distance - margins
@@ -148,7 +146,7 @@ class BodyStack(ClearanceStack):
             exact = shapes - margins[low]
             # Shapes that overlap may be measured as touching.
             found[low] = np.where(shapes > 0.0, np.maximum(found[low], exact), np.minimum(found[low], exact))
-        return found
+        return np.asarray(found)
 
     def overlap(self, q: FloatArray) -> tuple[float, str]:
         """How deep the bodies of a pair overlap at most at q (nq,) and time zero [m], and which."""
@@ -178,12 +176,11 @@ class BodyStack(ClearanceStack):
         poses = self._postures()
         none = np.zeros(len(pairs), dtype=bool)
         parts, whole = (self._paired(pairs, flags) for flags in (none, ~none))
-        every = np.indices((len(pairs), poses.joints.shape[-1]))
-        values = parts.nearest(poses, tuple(every.reshape(2, -1)), clearance).distance.reshape(
-            every.shape[1:]
-        )
+        every: Any = np.indices((len(pairs), poses.joints.shape[-1]))
+        values = parts.nearest(poses, (every[0].ravel(), every[1].ravel()), clearance).distance
+        values = values.reshape(len(pairs), -1)
         overlap = values < 0.0
-        overlap[:, 2:] = False
+        overlap[:, 2:] = False  # these were drawn
         doubtful = (values < clearance).all(axis=1) | overlap.any(axis=1)
         exact = np.full(values.shape, np.inf)
         asked = every[:, doubtful].reshape(2, -1)

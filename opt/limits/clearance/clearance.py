@@ -170,7 +170,7 @@ class Clearance(Limit):
         (columns, at), found = stack.below(poses, kept)
         if not columns.size:
             return []
-        slopes = {"by_joints": stack.gradients(poses, (columns, at), found)}
+        slopes: dict[str, Any] = {"by_joints": stack.gradients(poses, (columns, at), found)}
         motion, instants = np.unravel_index(at, motions.joints.shape[1:])
         if stack.obstacles:
             # When the base moves, the nearest point of the body moves with it and that of the obstacle stays.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -119,18 +119,22 @@ class PartPairs:
         far = np.linalg.norm(covers[:, 1:4], axis=1) + covers[:, 4]
         size = [far[covers[:, 0] == body].max() for body in used]
         self.sizes = np.array(size)[ends_of]
-        self._table = body_covers, covers, ends_of, starts, np.array(flat, dtype=np.int64).reshape(-1, 2)
+        self._table: tuple[Any, ...] = (
+            body_covers,
+            covers,
+            ends_of,
+            starts,
+            np.array(flat, dtype=np.int64).reshape(-1, 2),
+        )
         corners = [_corners(part) for part in parts]
         begins = np.cumsum([0, *map(len, corners)], dtype=np.int64)
         # Along which parts were apart last: where to look first.
         apart = np.tile([1.0, 0.0, 0.0], (len(flat), 1))
-        self._apart = np.concatenate([*corners, np.zeros((0, 3))]), begins, apart
+        self._apart: tuple[Any, ...] = np.concatenate([*corners, np.zeros((0, 3))]), begins, apart
         others = max(0, max(used, default=-1) + 1 - arm.n)
         self.carried = np.vstack([arm.carries.T, np.zeros((others + 1, arm.n))])
 
-    def nearest(
-        self, poses: Poses, where: tuple[Indices, Indices], near: FloatArray | float = np.inf
-    ) -> Nearest:
+    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray | float = np.inf) -> Nearest:
         """Nearest points at V entries (pair of bodies, configuration).
 
         Where bodies are no nearer than `near`, one number or (V,), the distance is a bound from below that is

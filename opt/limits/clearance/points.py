@@ -86,9 +86,7 @@ class PointStack(ClearanceStack):
     def __reduce__(self) -> tuple[Any, ...]:
         return PointStack, (self.sms,)
 
-    def nearest(
-        self, poses: Poses, where: tuple[Indices, Indices], near: FloatArray | float = np.inf
-    ) -> Nearest:
+    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`: pairs of points, and how far points are outside the box."""
         (columns, at), pairs = where, len(self.first)
         points = self._points(poses)

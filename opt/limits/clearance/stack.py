@@ -60,7 +60,7 @@ class ClearanceStack(ABC):
     bodies: Indices
     carried: FloatArray
     largest: FloatArray
-    reaches: FloatArray | None = None
+    reaches: Any = None
     obstacles: tuple[Obstacle, ...] = ()
     passes: Any = np.zeros(0, dtype=bool)
     sizes: FloatArray
@@ -71,20 +71,18 @@ class ClearanceStack(ABC):
         self._tracks: dict[bytes, list[Track]] = {}
 
     @abstractmethod
-    def nearest(
-        self, poses: Poses, where: tuple[Indices, Indices], near: FloatArray | float = np.inf
-    ) -> Nearest:
+    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray | float = np.inf) -> Nearest:
         """Distances and nearest points at V entries (pair, configuration).
 
         Where a distance is not below `near`, one number or (V,), a bound from below that is not either will
         do.
         """
 
-    def exact(self, poses: Poses, where: tuple[Indices, Indices], floor: float) -> FloatArray:
+    def exact(self, poses: Poses, where: tuple[Indices, ...], floor: float) -> FloatArray:
         """Distances (V,) at entries; those below `floor` as exactly as can be."""
         return self.nearest(poses, where).distance
 
-    def below(self, poses: Poses, near: FloatArray) -> tuple[tuple[Indices, Indices], Nearest]:
+    def below(self, poses: Poses, near: FloatArray) -> tuple[tuple[Indices, ...], Nearest]:
         """Entries whose distance is below `near` (m,), and nearest points there."""
         columns, at = self.every(poses)
         found = self.nearest(poses, (columns, at), near[columns])
@@ -97,12 +95,12 @@ class ClearanceStack(ABC):
         found = self.nearest(poses, where, np.broadcast_to(near, len(self.names))[where[0]]).distance
         return found.reshape(-1, len(self.names)).T
 
-    def gradients(self, poses: Poses, where: tuple[Indices, Indices], found: Nearest) -> FloatArray:
+    def gradients(self, poses: Poses, where: tuple[Indices, ...], found: Nearest) -> FloatArray:
         """Gradients (n, V) by the joints of distances that were found at entries, base held still."""
         first, second = self.bodies[where[0]].T
         return by_joints(poses, where[1], found, self.carried[first], self.carried[second])
 
-    def every(self, poses: Poses) -> tuple[Indices, Indices]:
+    def every(self, poses: Poses) -> tuple[Indices, ...]:
         """All entries, configuration by configuration."""
         pairs, count = len(self.names), poses.joints.shape[-1]
         return np.tile(np.arange(pairs), count), np.repeat(np.arange(count), pairs)
