@@ -119,13 +119,8 @@ class PartPairs:
         far = np.linalg.norm(covers[:, 1:4], axis=1) + covers[:, 4]
         size = [far[covers[:, 0] == body].max() for body in used]
         self.sizes = np.array(size)[ends_of]
-        self._table: tuple[Any, ...] = (
-            body_covers,
-            covers,
-            ends_of,
-            starts,
-            np.array(flat, dtype=np.int64).reshape(-1, 2),
-        )
+        numbers = np.array(flat, dtype=np.int64).reshape(-1, 2)
+        self._table: tuple[Any, ...] = body_covers, covers, ends_of, starts, numbers
         corners = [_corners(part) for part in parts]
         begins = np.cumsum([0, *map(len, corners)], dtype=np.int64)
         # Along which parts were apart last: where to look first.
