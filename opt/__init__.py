@@ -13,9 +13,13 @@ from ffsms_pin.opt.limits import (
     Limit,
     Obstacle,
     Rows,
+    TorqueLimits,
     Violation,
     WheelLimits,
 )
+from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.parts.check import check
+from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.planning.many import plan_each, plan_many
 from ffsms_pin.opt.planning.plan import METHODS, plan
 from ffsms_pin.opt.planning.shortest import shortest
@@ -48,7 +52,10 @@ __all__ = [
     "Corridor",
     "Coupling",
     "Effort",
+    "Feature",
+    "Features",
     "Goal",
+    "Inequality",
     "JointLimits",
     "JointResidual",
     "Limit",
@@ -70,12 +77,14 @@ __all__ = [
     "StepProblem",
     "StepWeights",
     "Term",
+    "TorqueLimits",
     "Trajectory",
     "Via",
     "Violation",
     "WheelEnergy",
     "WheelLimits",
     "WheelMomentum",
+    "check",
     "ideal_cosine",
     "plan",
     "plan_each",

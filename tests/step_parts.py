@@ -10,7 +10,6 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
-from ffsms_pin.opt.limits.base_rows import base_rows, settled
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.limits.clearance.rows import clearance_rows
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
@@ -82,10 +81,12 @@ class StepBase(StepLimit):
         self._bounds = bounds
 
     def rows(self, step: StepState) -> Rows | None:
-        return base_rows(self._bounds, step)
+        rows: Rows | None = self._bounds.rows(step)
+        return rows
 
     def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
-        return settled(self._bounds, step, rates, braking)
+        settled: FloatArray = self._bounds.settle(step, rates, braking)
+        return settled
 
 
 class StepRows(StepLimit):

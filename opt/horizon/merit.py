@@ -19,6 +19,7 @@ from ffsms_pin.opt.horizon.arrival import arrival
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.sums import Weighted, sums
+from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms.term import time_scale
 
@@ -139,7 +140,7 @@ def _measured(
     merit, objective, cost = np.zeros(count), np.zeros(count), np.zeros(count)
     for term in problem.terms:
         ease = weights.tie_break if term.smooths else 1.0
-        for residual in term.residual(motions):
+        for residual in residuals_of(term, motions):
             square = residual.squares(over_time, count)
             merit += ease * square
             if not term.measures_cost:
@@ -156,7 +157,7 @@ def _measured(
             residuals.append(Weighted.of(one, share * end, over_time))
     lack, blocked = np.zeros(count), np.zeros(count)
     for limit in problem.limits:
-        for residual in limit.residual(motions):
+        for residual in residuals_of(limit, motions):
             merit += weights.limits * residual.squares(motions.limit_weights, count)
             largest = _largest(residual, limit.margin)
             np.maximum.at(lack, *largest)

@@ -103,7 +103,7 @@ def changes(stack: ClearanceStack, motion: Motions, poses: Poses) -> FloatArray:
         # The largest speed exceeds the mean one by half of what a velocity changes in between.
         bend = np.pad(bend, ((0, 0), (1, 1)))
         change[stack.passes] += (1.0 + _CHORD) * way + 0.5 * np.maximum(bend[:, 1:], bend[:, :-1])
-    return change
+    return np.asarray(change)
 
 
 def along(

@@ -137,7 +137,7 @@ class PartPairs:
         """
         most = np.array(np.broadcast_to(near, where[0].shape), dtype=np.float64)
         distance, entries, chosen, bounds, used, turns, ways = kernel.near_parts(
-            poses.rotations, poses.origins, *where, most, *self._table, *self._apart
+            poses.rotations, poses.origins, where[0], where[1], most, *self._table, *self._apart
         )
         places = dict(zip(used.tolist(), map(coal.Transform3s, turns, ways), strict=True))
         best, points = dict(zip(used.tolist(), most[used].tolist(), strict=True)), {}
