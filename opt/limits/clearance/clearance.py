@@ -22,6 +22,7 @@ from ffsms_pin.opt.limits.clearance.rows import clearance_rows
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.opt.limits.limit import Failed, Limit, Rows, Violation, stacked
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion import Features
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross
 from ffsms_pin.system.convex_parts import Part
@@ -154,9 +155,9 @@ class Clearance(Limit):
         """A clearance may shrink at most at a rate proportional to what is left of it."""
         return stacked([clearance_rows(stack, self.clearance, step) for stack in self._stacks])
 
-    def residual(self, motions: Motions) -> Residuals:
+    def residual(self, m: Features) -> Residuals:
         """What clearances lack of the asked one and the margin, in arm lengths."""
-        return [one for stack in self._stacks for one in self._lack(stack, motions)]
+        return [one for stack in self._stacks for one in self._lack(stack, m.motions)]
 
     def around_residual(self, motions: Motions) -> Residuals:
         """The part of the residual that is due to obstacles."""
