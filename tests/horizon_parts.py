@@ -6,12 +6,12 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
+from clearances_at import Points
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Problem, Trajectory
 from ffsms_pin.opt.horizon.spline import Grid, RateSpline, rate_spline
-from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.trajectory import measure
 
 __all__ = [

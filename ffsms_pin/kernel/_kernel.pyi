@@ -156,3 +156,20 @@ def cone_marches(
     sides: FloatArray,
     rates: FloatArray,
 ) -> None: ...
+
+# clearance.hpp
+def near_parts(
+    rotations: FloatArray,
+    origins: FloatArray,
+    columns: Any,
+    at: Any,
+    near: FloatArray,
+    bodies: FloatArray,
+    parts: FloatArray,
+    ends: Any,
+    starts: Any,
+    pairs: Any,
+    corners: FloatArray,
+    begins: Any,
+    directions: FloatArray,
+) -> tuple[FloatArray, Any, Any, FloatArray, Any, FloatArray, FloatArray]: ...

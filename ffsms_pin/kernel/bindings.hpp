@@ -7,6 +7,7 @@ namespace ffsms {
 
 void bind_tree(nanobind::module_& m);
 void bind_arm(nanobind::module_& m);
+void bind_clearance(nanobind::module_& m);
 void bind_slopes(nanobind::module_& m);
 void bind_rollout(nanobind::module_& m);
 void bind_spectra(nanobind::module_& m);
