@@ -109,16 +109,7 @@ def own_limit(limit: opt.Limit) -> opt.Limit:
     class Own(opt.Limit):
         def __init__(self, inner: opt.Limit) -> None:
             self.inner, self.name = inner, "my own"
-            asked = (
-                "margin",
-                "blocks",
-                "obstacles",
-                "holds_attitude",
-                "bounds_joints",
-                "eased_by_time",
-                "of_paper",
-            )
-            for name in asked:
+            for name in ASKED:
                 setattr(self, name, getattr(inner, name))
 
         def for_robot(self, sms: ffsms.SpaceManipulator) -> opt.Limit:
@@ -164,7 +155,7 @@ def own_term(term: opt.Term) -> opt.Term:
         name = "my own"
 
         measures_cost, kappa, smooths = term.measures_cost, term.kappa, term.smooths
-        tie_breaker = term.tie_breaker  # type: ignore[assignment]
+        tie_breaker = term.tie_breaker
 
         def residual(self, motions: Any) -> Any:
             return term.residual(motions)
