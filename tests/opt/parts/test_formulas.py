@@ -88,6 +88,7 @@ FORMULAS: dict[str, Callable[[opt.Features], Any]] = {
     "base's axis": lambda m: m.base.axis([0.6, 0.0, 0.8]).cross(m.tip),
     "turn": lambda m: m.frame(ELBOWS[m.stack.n]).turn_from(np.eye(3)),
     "turn of the end effector": lambda m: m.tip.turn_from(np.eye(3)).norm(),
+    "angle of a frame": lambda m: m.frame(ELBOWS[m.stack.n]).angle_from(np.eye(3)),
     "turn of the base": lambda m: m.base_turn,
     "speeds": lambda m: [m.velocity.norm() / (0.1 + m.spin.norm()), m.base_spin],
     "entropy": lambda m: np.log(m.entropy) * m.rates + np.exp(-m.time),
