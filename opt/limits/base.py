@@ -54,7 +54,7 @@ class _Most(Inequality):
             return self.most - (m.base - m.motions.base_start).norm()
         if self.name == "attitude_rate":
             return self.most - m.base_spin.norm()
-        return self._turn(m) - m.base_turn.norm()
+        return self._turn(m) - m.base.angle_from(m.motions.rotation_start)
 
     def _turn(self, m: Features) -> Any:
         """The turn that is allowed: one at the end counts there, and closes in as steps near the deadline."""

@@ -299,8 +299,8 @@ class Stepper:
         else:
             effort = None if reference.effort is None else reference.effort(step)
             spin = None if rotation is None else wanted_spin(step, rotation)
-            given = (asked(term, "step_objective", step) for term in self.terms)
-            shares = [share for share in given if share is not None]
+            objectives = (asked(term, "step_objective", step) for term in self.terms)
+            shares = [share for share in objectives if share is not None]
             goal = objective(step, wanted, self.weights, effort, spin, shares)
         rows = [rows for limit in self.limits if (rows := rows_of(limit, step)) is not None]
         return _Build(step, wanted, goal, stacked_rows(step.V, rows))

@@ -88,6 +88,7 @@ FORMULAS: dict[str, Callable[[opt.Features], Any]] = {
     "base's axis": lambda m: m.base.axis([0.6, 0.0, 0.8]).cross(m.tip),
     "turn": lambda m: m.frame(ELBOWS[m.stack.n]).turn_from(np.eye(3)),
     "turn of the end effector": lambda m: m.tip.turn_from(np.eye(3)).norm(),
+    "angle of a frame": lambda m: m.frame(ELBOWS[m.stack.n]).angle_from(np.eye(3)),
     "turn of the base": lambda m: m.base_turn,
     "speeds": lambda m: [m.velocity.norm() / (0.1 + m.spin.norm()), m.base_spin],
     "entropy": lambda m: np.log(m.entropy) * m.rates + np.exp(-m.time),
@@ -246,3 +247,26 @@ def test_slopes_by_hand_may_read_features_as_arrays(planar: ffsms.SpaceManipulat
     assert opt.check(Speed(), problem_of(planar)) < 1e-5
     for one in residuals_of(Speed(), finished(problem_of(planar), 0.1 * np.ones((9, 3)))):
         assert type(one.value) is np.ndarray
+
+
+def test_a_room_without_slopes_is_kept_in_steps_and_plans(planar: ffsms.SpaceManipulator) -> None:
+    class Plain(AboveFormula):
+        def room(self, m: opt.Features) -> Any:
+            return np.einsum("x,xsk->sk", NORMAL, m.end_effector) - HEIGHT
+
+    step = step_state(planar, planar.configuration([0.4, 0.7, -0.5]), np.array([0.1, 0.2, -0.1]), 0.01, 3.0)
+    with pytest.warns(FfsmsWarning, match="slow"):
+        plain = Plain().rows(step)
+    exact = AboveFormula().rows(step)
+    assert plain is not None
+    assert exact is not None
+    np.testing.assert_allclose(plain.G, exact.G, atol=1e-8)
+    np.testing.assert_allclose(plain.lower, exact.lower, atol=1e-8)
+    problem = problem_of(planar)
+    motion = finished(problem, 0.3 * np.ones((problem.steps + 1, 3)))
+    (one,), (other,) = residuals_of(Plain(), motion), residuals_of(AboveFormula(), motion)
+    assert isinstance(one, opt.Residual)
+    assert isinstance(other, opt.Residual)
+    np.testing.assert_allclose(one.value, other.value, atol=1e-12)
+    assert one.by_tip is not None
+    np.testing.assert_allclose(one.by_tip, other.by_tip, atol=1e-8)
