@@ -13,16 +13,17 @@ from numpy.typing import NDArray
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray, frozen, one_of, positive, vector
+from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
-from ffsms_pin.opt.goals import as_goal
+from ffsms_pin.opt.goals import Goal, Place, as_goal
 from ffsms_pin.opt.limits import Clearance, JointLimits, Limit, WheelLimits
 from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
-__all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem", "check_parts"]
+__all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem", "asked_momentum", "check_parts"]
 
 ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
 MOST_STEPS = 1_000_000  # some 400 MB for seven joints
@@ -113,7 +114,7 @@ class Problem:
             rates = vector("joint_rates", self.joint_rates, n, "rad/s")
         momentum = None if self.momentum is None else vector("momentum", self.momentum, 6)
         if momentum is None:
-            momentum = goal.momentum(_centre_of_mass(self.sms, q0))
+            momentum = asked_momentum(goal, _centre_of_mass(self.sms, q0))
         if momentum is not None and not momentum.any():
             momentum = None
         if isinstance(self.locked, str) or not isinstance(self.locked, Sequence):
@@ -144,12 +145,10 @@ class Problem:
         _check_start(self)
 
     def __repr__(self) -> str:
-        place = self.goal.place(self.duration)
-        where = "[" + ", ".join(f"{x:.4g}" for x in place.position) + "] m"
-        with_attitude = "" if place.rotation is None else " in an attitude"
         moving = ", moving," if self.goal.moves else ""
         return (
-            f"Problem({self.sms.model.name} to {where}{with_attitude}{moving} in {self.duration:.4g} s, "
+            f"Problem({self.sms.model.name} to {self.goal.place(self.duration).words()}{moving} in "
+            f"{self.duration:.4g} s, "
             f"{self.steps} steps; terms: {', '.join(term.name for term in self.terms) or 'none'}; "
             f"limits: {', '.join(limit.name for limit in self.limits) or 'none'})"
         )
@@ -229,6 +228,11 @@ class Problem:
         return np.asarray(self.com0 + self.rotation0 @ self.arm0.rho[:, 0])
 
     @cached_property
+    def place_now(self) -> Place:
+        """The goal's place at the deadline in inertial axes; one on the base as seen from the start."""
+        return self.goal.place(self.duration).at(self.q0[:3], self.rotation0)
+
+    @cached_property
     def drift(self) -> FloatArray:
         """Velocity of the system's centre of mass (3,) [m/s]."""
         return np.zeros(3) if self.momentum is None else self.momentum[:3] / self.stack.mass
@@ -236,8 +240,13 @@ class Problem:
     @cached_property
     def mean_speed(self) -> float:
         """Mean speed of a straight way to the target [m/s]: the scale of speeds."""
-        way = self.goal.place(self.duration).position - self.tip0
+        way = self.place_now.position - self.tip0
         return max(float(np.linalg.norm(way)), _LEAST_WAY) / self.duration
+
+
+def asked_momentum(goal: Goal, com: FloatArray) -> FloatArray | None:
+    """The total momentum (6,) that a goal asks for, the robot's centre of mass at com (3,); None: any."""
+    return None if goal.at_rest_with is None else rest_momentum(goal.at_rest_with, com)
 
 
 def _centre_of_mass(sms: SpaceManipulator, q: FloatArray) -> FloatArray:

@@ -6,12 +6,14 @@ import os
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.coupling.stacked import entropies
 from ffsms_pin.opt.batch.entropy import singular
 from ffsms_pin.opt.batch.motions import apply_rates
 from ffsms_pin.opt.batch.nodes import angles_from_start, path_ratio, sampled
+from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
 from ffsms_pin.opt.batch.thrusters import propellant
 from ffsms_pin.opt.batch.wheels import nodal_momentum, wheel_energy
@@ -20,7 +22,7 @@ from ffsms_pin.opt.goals.contact import contact_velocity, missed
 from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.terms import Coupling
-from ffsms_pin.system.batch.stacks import apply, cross, dot, log3
+from ffsms_pin.system.batch.stacks import apply, cross, dot
 
 __all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
 
@@ -224,8 +226,9 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     sms, stack, goal, kappa = problem.sms, problem.stack, problem.goal, problem.kappa
     q0, momentum = problem.q0, problem.momentum
     motion = rolled_out(sms, stack, q0, rates, problem.dt, momentum, ARRIVAL_SHARE)
-    place, target = goal.place(problem.duration), goal.positions(motion.times)
-    motion = replace(motion, target=target, mean_speed=problem.mean_speed)
+    places = goal.places(motion.times)
+    target = np.broadcast_to(places.position, (3, len(motion.times)))
+    motion = replace(motion, target=target, target_on=places.on, mean_speed=problem.mean_speed)
     wheels, total = problem.wheels, problem.wheel_total
     motion = replace(motion, wheels=wheels, wheel_total=total, thrusters=problem.thrusters)
     nodes = slice(None, None, 2)
@@ -240,15 +243,10 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     sigma, V = singular(arm.coupling[..., 0, :-1:2])
     H = entropies(sigma, sms.n)
     cost = (np.logaddexp(0.0, kappa * cosine) / kappa - (1.0 - H)) ** 2
-    turned = np.zeros(len(motion.times))
-    wanted = np.full((3, 3), np.nan)
-    rotations = goal.rotations(motion.times)
-    if rotations is not None:
-        wanted = rotations[..., -1]
-        rotations = np.broadcast_to(rotations, (3, 3, len(motion.times)))
-        error = log3(np.einsum("xyk,zyk->xzk", rotations, motion.attitude[:, :, 0]))
-        turned = np.sqrt(dot(error, error))
-    contact = contact_velocity(place, motion)
+    here = RobotFrame.tip(stack).poses(motion, places.on)
+    turned = places.missed(*(one[..., 0, :] for one in here)).angle
+    contact = contact_velocity(goal.place(problem.duration), motion)
+    q = configurations(sms, q0, motion)
     misses = missed(goal, float(np.linalg.norm(way[:, -1])), float(turned[-1]), contact)
     found = [(limit.name, limit.violation(motion)) for limit in problem.limits]
     notes = [note, misses, *(violation.note for _, violation in found)]
@@ -260,7 +258,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
             shares[term.name] = term.share(motion)
     return Trajectory(
         t=motion.times[nodes],
-        q=configurations(sms, q0, motion),
+        q=q,
         v=velocities(motion),
         joint_positions=motion.joints[:, 0, nodes].T,
         joint_accelerations=np.diff(rates, axis=0) / problem.dt,
@@ -270,8 +268,8 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         cost=cost,
         end_effector=motion.end_effector[:, 0, nodes].T,
         position_error=np.linalg.norm(way, axis=0),
-        target=target[:, -1],
-        target_rotation=wanted,
+        target=motion.target_points[:, 0, -1],
+        target_rotation=_target_rotation(problem, q[-1]),
         orientation_error=turned[nodes],
         kappa=kappa,
         reach=goal.reach,
@@ -289,3 +287,10 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         propellant=propellant(motion),
         mode=problem.mode,
     )
+
+
+def _target_rotation(problem: Problem, q: FloatArray) -> FloatArray:
+    """The attitude (3, 3) that is wanted at the end, in the configuration q (nq,); NaN where any will do."""
+    base = pin.XYZQUATToSE3(q[:7])
+    rotation = problem.goal.place(problem.duration).at(base.translation, base.rotation).rotation
+    return np.full((3, 3), np.nan) if rotation is None else rotation

@@ -5,16 +5,16 @@ from ffsms_pin.opt.goals.goal import (
     ORIENTATION_REACH,
     REACH,
     TOLERANCE,
+    Changed,
     Goal,
     Moving,
-    Place,
     Pose,
     Position,
     as_goal,
     rotation_matrix,
 )
 from ffsms_pin.opt.goals.meet import Meet
-from ffsms_pin.opt.goals.shifted import Shifted
+from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.opt.goals.via import Via
 
 __all__ = [
@@ -22,13 +22,13 @@ __all__ = [
     "REACH",
     "TOLERANCE",
     "Also",
+    "Changed",
     "Goal",
     "Meet",
     "Moving",
     "Place",
     "Pose",
     "Position",
-    "Shifted",
     "Via",
     "as_goal",
     "rotation_matrix",

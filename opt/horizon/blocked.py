@@ -19,7 +19,7 @@ def check_obstacles(problem: Problem) -> None:
     InvalidValue
         A body overlaps an obstacle at the start, or the target lies inside one at the deadline.
     """
-    target = problem.goal.place(problem.duration).position
+    place = problem.goal.place(problem.duration)
     for limit in problem.limits:
         if not isinstance(limit, Clearance):
             continue
@@ -33,13 +33,13 @@ def check_obstacles(problem: Problem) -> None:
                 "the start or the obstacle",
             )
         for obstacle in limit.obstacles:
-            if obstacle.on_base:
+            if obstacle.on_base or place.moves_with_base:
                 continue  # where the base will be is not known
-            depth = -obstacle.distance(target, problem.duration)
+            depth = -obstacle.distance(place.position, problem.duration)
             if depth > problem.goal.tolerance:
                 raise InvalidValue(
                     "target",
-                    target,
+                    place.position,
                     f"must lie outside obstacles: it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move "
                     "the target or the obstacle",
                 )

@@ -25,7 +25,7 @@ from ffsms_pin.opt.step.march import sides_across, start_sides
 from ffsms_pin.opt.step.of_problem import problem_stepper
 from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmValues
-from ffsms_pin.system.batch.stacks import apply, dot, exp3, log3
+from ffsms_pin.system.batch.stacks import apply, dot, exp3
 
 __all__ = ["cone_marches", "free_marches", "landed", "march_starts"]
 
@@ -100,11 +100,11 @@ def _between(nodes: FloatArray, rates: FloatArray) -> FloatArray:
 def cone_marches(problem: Problem, steps: int) -> FloatArray:
     """Joint rates (S, steps, n) in the middles of steps: a march for each side of the cone, one straight."""
     stack, dt, kappa = problem.stack, problem.duration / steps, problem.kappa
-    place = problem.goal.place(problem.duration)
+    wanted_place = problem.goal.place(problem.duration)
     low, high = joint_range(problem)
     most = np.where(problem.free, _SHARE * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)[:, None]
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
-    sides = sides_across(place.position - problem.tip0, J)
+    sides = sides_across(problem.place_now.position - problem.tip0, J)
     straight = np.append(np.zeros(len(sides), dtype=bool), True)
     lateral = np.array([*sides, np.ones(3)]).T  # of the straight one it does not matter
     count = len(straight)
@@ -114,7 +114,9 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
     for k in range(steps):
         arm = stack.evaluate(joints)
         com = problem.com0 + (k * dt) * problem.drift
-        way = place.position[:, None] - com[:, None] - apply(R, arm.rho)
+        place = wanted_place.at(com[:, None] - apply(R, arm.com), R)
+        missed = place.missed(com[:, None] + apply(R, arm.rho), apply(R, arm.tip_rotation))
+        way = missed.way
         distance = np.sqrt(dot(way, way)) + 1e-12
         d = way / distance
         cosine = np.where(straight, 1.0, _ideal_cosine(arm, kappa))
@@ -127,10 +129,9 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
             share * distance / np.maximum(cosine, LEAST_APPROACH), speed + _gain(problem, steps, distance)
         )
         J, wanted = apply(R, arm.jstar), speed * e - problem.drift[:, None]
-        if place.rotation is not None:
-            turn = log3(np.einsum("xy,zyk->xzk", place.rotation, apply(R, arm.tip_rotation)))
-            turning = apply(R, arm.spin + arm.axes * stack.moves_tip[:, None])
-            J, wanted = np.concatenate([J, turning]), np.concatenate([wanted, share * turn])
+        turning = apply(R, arm.spin + arm.axes * stack.moves_tip[:, None])
+        J = np.concatenate([J, np.einsum("rx...,xj...->rj...", missed.rows, turning)])
+        wanted = np.concatenate([wanted, share * missed.turn])
         u = _least_squares(J, wanted, _DAMPING * stack.length)
         u *= np.minimum(1.0, 1.0 / np.maximum(np.abs(u / np.maximum(most, 1e-12)).max(axis=0), 1e-12))
         u = np.clip(np.where(most > 0.0, u, 0.0), (low[:, None] - joints) / dt, (high[:, None] - joints) / dt)

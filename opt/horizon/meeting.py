@@ -73,6 +73,6 @@ def later_deadline(problem: Problem, least: float, most: float, attempt: Callabl
 def _within_reach(problem: Problem, least: float, most: float) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Times (K,) ahead, and whether the goal is within reach then."""
     t = np.linspace(0.0, max(_AHEAD * problem.duration, _LEAST_AHEAD), _TIMES)[1:]
-    way = problem.goal.positions(t) - problem.com0[:, None] - problem.drift[:, None] * t
+    way = problem.goal.places(t).position - problem.com0[:, None] - problem.drift[:, None] * t
     distance = np.linalg.norm(way, axis=0)
     return t, (distance >= least) & (distance <= most)

@@ -67,6 +67,7 @@ def motions_of(
         base_start=problem.base0,
         rotation_start=rotation0,
         target=target,
+        target_on=problem.goal.place(problem.duration).on,
         mean_speed=problem.mean_speed,
         smoothing=smoothing,
         lag=problem.dt,
@@ -77,8 +78,8 @@ def motions_of(
 
 
 def targets(goal: Goal, times: FloatArray) -> FloatArray:
-    """Where a goal's position is (3, K) at times (K,)."""
-    return goal.positions(times)
+    """Where a goal's position is (3, K) at times (K,), in the axes of its place."""
+    return np.broadcast_to(goal.places(times).position, (3, len(times)))
 
 
 def base_turns(spline: RateSpline, omega: FloatArray) -> FloatArray:

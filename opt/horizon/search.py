@@ -218,17 +218,12 @@ class Search:
         The paper's cost charges for standing still and for going straight, and nothing for length: for a
         target a millimetre away the cheapest motion can be a detour of centimetres.
         """
-        problem, place = self.problem, self.problem.goal.place(self.problem.duration)
+        problem = self.problem
         if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
             return False
         start = problem.sms.at(problem.q0).end_effector_pose
-        turned = 0.0
-        if place.rotation is not None:
-            turned = float(
-                np.arccos(np.clip(0.5 * (np.trace(place.rotation @ start.rotation.T) - 1.0), -1, 1))
-            )
-        far = float(np.linalg.norm(place.position - problem.tip0))
-        return bool(far <= problem.goal.reach) and turned <= problem.goal.orientation_reach
+        far, turned = problem.goal.place(problem.duration).error(start, problem.q0)
+        return far <= problem.goal.reach and turned <= problem.goal.orientation_reach
 
     def _go_near(self) -> bool:
         """The straight move to the nearest joint goal; whether it arrives."""
@@ -240,7 +235,7 @@ class Search:
         """The paper's own marches, where one may be cheaper than the plan, or ask less of the joints."""
         goal, floats = self.problem.goal, self.problem.mode == "floating"
         place = goal.place(self.problem.duration)
-        if goal.moves or self.problem.locked or place.velocity is not None or place.spin is not None:
+        if goal.moves or self.problem.locked or not (place.rests and place.plain):
             return  # a march knows no such goal
         best, tolerance = self.best(), self.options.cost_tolerance
         cost = cost_of(best.plan) if self._arrived() else np.inf

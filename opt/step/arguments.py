@@ -26,9 +26,12 @@ def checked_arguments(
         A wrong shape, a number that is not finite, or a target that moves.
     """
     time_left = number("time_left", time_left)
+    q = sms.checked_configuration("q", q)
     place = _place(target, time_left)
+    if not place.plain:
+        place = place.aim(sms.at(q).end_effector_pose, q)
     return (
-        sms.checked_configuration("q", q),
+        q,
         vector("joint_rates", joint_rates, sms.n, "rad/s"),
         place.position,
         time_left,
