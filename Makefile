@@ -6,7 +6,10 @@ READY = $(VENV)/.ready
 
 .PHONY: demo test trials lint style docs bench clean
 
-$(READY): pyproject.toml
+KERNEL = $(wildcard ffsms_pin/kernel/*.hpp ffsms_pin/kernel/*.cpp)
+
+# The compiled kernel comes into the checkout with it, and again when its sources change.
+$(READY): pyproject.toml CMakeLists.txt tools/backend.py $(KERNEL)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
@@ -27,13 +30,15 @@ test: $(READY) style  ## lint, types, and every test
 trials: $(READY)  ## damaged files, wrong arguments, kills: all of them (some 15 minutes); make trials TRIALS="--share 0.1"
 	PYTHONPATH=tests $(BIN)/python -m trials $(TRIALS)
 
-lint: style  ## ruff, import contracts, mypy
+lint: style  ## ruff, import contracts, clang-format, mypy
 	$(BIN)/mypy
 
 style: $(READY)  ## what of it takes a second
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
+	$(BIN)/python .ci/house.py
+	$(BIN)/clang-format --dry-run -Werror $(KERNEL)
 
 docs: $(READY)  ## build the site into docs/_build, every lesson run, warnings as errors
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build
@@ -46,4 +51,4 @@ bench: $(READY)  ## measure speed, reach and cost on one core; make bench BENCH=
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python benchmarks/run.py $(BENCH)
 
 clean:
-	rm -rf $(VENV) build dist results docs/_build docs/jupyter_execute docs/lessons docs/paper-map.md docs/agreement.md .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) build dist results docs/_build docs/jupyter_execute docs/lessons docs/paper-map.md docs/agreement.md .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis ffsms_pin/kernel/_kernel*.so

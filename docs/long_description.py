@@ -6,10 +6,9 @@ Without an address (`Source` of `[project.urls]`) pictures are left out, and wha
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-
-from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 _PICTURE = re.compile(r"!\[([^\]]*)\]\((?!https?:)([^)]+)\)")
 _LINK = re.compile(r"(?<!!)\[([^\]]*)\]\((?!https?:)([^)]+)\)")
@@ -32,11 +31,8 @@ def long_description(readme: str, source: str | None = None) -> str:
     return _LINK.sub(rf"[\1]({source}/blob/main/\2)", pictured)
 
 
-class CustomMetadataHook(MetadataHookInterface):  # type: ignore[misc]
-    """What hatchling calls for the field that pyproject.toml names as dynamic."""
-
-    def update(self, metadata: dict[str, Any]) -> None:
-        """Set the readme."""
-        text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
-        source = metadata.get("urls", {}).get("Source")
-        metadata["readme"] = {"content-type": "text/markdown", "text": long_description(text, source)}
+def dynamic_metadata(settings: Mapping[str, Any], project: Mapping[str, Any]) -> dict[str, Any]:
+    """What scikit-build-core calls for the field that pyproject.toml names as dynamic."""
+    text = Path("README.md").read_text(encoding="utf-8")
+    source = project.get("urls", {}).get("Source")
+    return {"readme": {"content-type": "text/markdown", "text": long_description(text, source)}}

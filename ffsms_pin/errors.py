@@ -21,6 +21,7 @@ __all__ = [
     "InvalidUrdf",
     "InvalidValue",
     "ModelNotFound",
+    "PartError",
     "ResultError",
     "SimulationDiverged",
     "SimulationStopped",
@@ -69,6 +70,21 @@ def meant(name: str | Path, known: Sequence[str]) -> str:
     """A question with the known name that is most like another, or nothing where none is."""
     near = get_close_matches(str(name), known, n=1)
     return f"did you mean '{near[0]}'?" if near else ""
+
+
+class PartError(FfsmsError, ValueError):
+    """A term or a limit gives something that cannot be used, or fails.
+
+    Attributes
+    ----------
+    part : str
+        Its class.
+    method : str
+    """
+
+    def __init__(self, part: object, method: str, problem: str) -> None:
+        self.part, self.method = type(part).__name__, method
+        super().__init__(f"{self.part}.{method} {problem}")
 
 
 class ModelNotFound(FfsmsError, FileNotFoundError):

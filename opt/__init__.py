@@ -16,6 +16,9 @@ from ffsms_pin.opt.limits import (
     Violation,
     WheelLimits,
 )
+from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.parts.check import check
+from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.planning.many import plan_each, plan_many
 from ffsms_pin.opt.planning.plan import METHODS, plan
 from ffsms_pin.opt.planning.shortest import shortest
@@ -48,7 +51,10 @@ __all__ = [
     "Corridor",
     "Coupling",
     "Effort",
+    "Feature",
+    "Features",
     "Goal",
+    "Inequality",
     "JointLimits",
     "JointResidual",
     "Limit",
@@ -76,6 +82,7 @@ __all__ = [
     "WheelEnergy",
     "WheelLimits",
     "WheelMomentum",
+    "check",
     "ideal_cosine",
     "plan",
     "plan_each",

@@ -12,18 +12,26 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import FloatArray, frozen, one_of, positive, vector
-from ffsms_pin.client import rest_momentum
+from ffsms_pin.checks import FloatArray, frozen, number, one_of, positive, vector
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
-from ffsms_pin.opt.goals import Goal, Place, as_goal
-from ffsms_pin.opt.limits import Clearance, JointLimits, Limit, WheelLimits
-from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
+from ffsms_pin.opt.goals import Place, as_goal
+from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, Obstacle, WheelLimits
+from ffsms_pin.opt.problem_checks import (
+    check_joints,
+    check_locked,
+    check_parts,
+    checked_momentum,
+    wheels_at_start,
+)
+from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
-__all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem", "asked_momentum", "check_parts"]
+__all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem", "default_limits", "default_terms", "step_limits"]
 
 ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
 MOST_STEPS = 1_000_000  # some 400 MB for seven joints
@@ -100,10 +108,8 @@ class Problem:
                 "duration", duration, f"must be at most {MOST_STEPS} steps of {dt:g} s; take a longer dt"
             )
         goal = as_goal(self.goal)
-        terms = self.terms
-        if terms is None:
-            terms = (Coupling(), Smooth(), Effort()) if goal.coupled else (Smooth(), Effort())
-        limits = (JointLimits(), Clearance()) if self.limits is None else self.limits
+        terms = default_terms(coupled=goal.coupled) if self.terms is None else self.terms
+        limits = default_limits() if self.limits is None else self.limits
         check_parts("terms", terms, Term)
         check_parts("limits", limits, Limit)
         limits = (*(limit for limit in limits if not limit.of_goal), *goal.limits(duration))
@@ -112,21 +118,11 @@ class Problem:
         rates = np.zeros(n)
         if self.joint_rates is not None:
             rates = vector("joint_rates", self.joint_rates, n, "rad/s")
-        momentum = None if self.momentum is None else vector("momentum", self.momentum, 6)
-        if momentum is None:
-            momentum = asked_momentum(goal, _centre_of_mass(self.sms, q0))
-        if momentum is not None and not momentum.any():
-            momentum = None
-        if isinstance(self.locked, str) or not isinstance(self.locked, Sequence):
-            raise InvalidValue("locked", self.locked, "must be a sequence of joint names")
-        for name in self.locked:
-            if name not in self.sms.joint_names:
-                raise InvalidValue("locked", name, f"must be a joint: {', '.join(self.sms.joint_names)}")
+        check_locked(self.sms, self.locked)
         mode = one_of("mode", self.mode, MODES)
-        _check_held(mode, momentum)
-        by_wheels = mode == "rotation-floating" and self.sms.wheels is not None
-        if by_wheels and not any(isinstance(limit, WheelLimits) for limit in limits):
-            limits = (*limits, WheelLimits())
+        momentum = checked_momentum(self.sms, q0, goal, self.momentum, mode)
+        if mode == "rotation-floating" and self.sms.wheels is not None:
+            limits = with_defaults(limits, WheelLimits())
         values = {
             "q0": q0,
             "goal": goal,
@@ -138,11 +134,12 @@ class Problem:
             "momentum": None if momentum is None else frozen(momentum),
             "locked": tuple(self.locked),
             "mode": mode,
-            "wheel_momentum": _wheels_at_start(self.sms, mode, self.wheel_momentum),
+            "wheel_momentum": wheels_at_start(self.sms, mode, self.wheel_momentum),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
-        _check_start(self)
+        if any(limit.bounds_joints for limit in self.limits):
+            check_joints(self.sms, self.q0)
 
     def __repr__(self) -> str:
         moving = ", moving," if self.goal.moves else ""
@@ -164,9 +161,19 @@ class Problem:
         return round(self.duration / self.dt)
 
     @property
+    def step_limits(self) -> tuple[Limit, ...]:
+        """The limits of single steps."""
+        return step_limits(self.limits)
+
+    @property
     def kappa(self) -> float:
-        """Sharpness of the paper's C~, by which motions are measured: the coupling term's, else 10."""
-        return next((term.kappa for term in self.terms if isinstance(term, Coupling)), 10.0)
+        """Sharpness of the paper's C~, by which motions are measured: that of a term that has it, else 10."""
+        return next((term.kappa for term in self.terms if term.kappa is not None), Coupling.kappa)
+
+    @cached_property
+    def cost_terms(self) -> tuple[Term, ...]:
+        """The terms by which motions are called cheap (`Term.measures_cost`)."""
+        return tuple(term for term in self.terms if term.measures_cost)
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
@@ -195,6 +202,21 @@ class Problem:
             return np.zeros(0)
         taken = wheel_shares(self.wheels) @ held_momentum(self.arm0)[..., 0] @ self.joint_rates
         return np.asarray(self.wheel_momentum + taken)
+
+    def motion(self, rates: FloatArray) -> Motions:
+        """The motion of joint rates (N + 1, n) at the nodes, and in the middles between."""
+        q0, dt = self.q0, self.dt
+        motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum, ARRIVAL_SHARE)
+        goal = self.goal.places(motion.times)
+        return replace(
+            motion,
+            target=np.broadcast_to(goal.position, (3, len(motion.times))),
+            target_on=goal.on,
+            mean_speed=self.mean_speed,
+            wheels=self.wheels,
+            wheel_total=self.wheel_total,
+            thrusters=self.thrusters,
+        )
 
     @cached_property
     def joints0(self) -> FloatArray:
@@ -244,64 +266,45 @@ class Problem:
         return max(float(np.linalg.norm(way)), _LEAST_WAY) / self.duration
 
 
-def asked_momentum(goal: Goal, com: FloatArray) -> FloatArray | None:
-    """The total momentum (6,) that a goal asks for, the robot's centre of mass at com (3,); None: any."""
-    return None if goal.at_rest_with is None else rest_momentum(goal.at_rest_with, com)
+def default_terms(
+    kappa: float = Coupling.kappa, effort: float | None = None, base: float = 0.0, coupled: bool = True
+) -> tuple[Term, ...]:
+    """What a motion should be like where nothing else is asked for.
+
+    Parameters
+    ----------
+    kappa : float
+        Sharpness of the paper's C~.
+    effort, base : float
+        Weights on joint travel and on the turning of the base.
+    coupled : bool
+        Whether the paper's cost is one of them (see `Goal.coupled`).
+    """
+    cost = (Coupling(kappa),) if coupled else ()
+    spared = (BaseTurn(base),) if number("base", base) != 0.0 else ()
+    return (*cost, Smooth(), Effort() if effort is None else Effort(effort), *spared)
 
 
-def _centre_of_mass(sms: SpaceManipulator, q: FloatArray) -> FloatArray:
-    """Of the whole robot (3,) [m], inertial axes."""
-    return np.array(pin.centerOfMass(sms.model, sms.model.createData(), q))
+def default_limits(
+    clearance: float = Clearance.clearance,
+    collision: str = Clearance.collision,
+    obstacles: Sequence[Obstacle] = (),
+    base: BaseLimits | None = None,
+) -> tuple[Limit, ...]:
+    """What must hold where nothing else is asked for: the joints' limits and a clearance."""
+    if base is not None and not isinstance(base, BaseLimits):
+        raise InvalidValue("base_limits", base, "must be an opt.BaseLimits")
+    kept = (JointLimits(), Clearance(clearance, collision, obstacles=obstacles))
+    return kept if base is None else (*kept, base)
 
 
-def check_parts(name: str, parts: Any, kind: type) -> None:
-    """Raise `InvalidValue` where parts are not a sequence of named parts of one kind."""
-    if not isinstance(parts, Sequence):
-        raise InvalidValue(name, parts, f"must be a sequence of opt.{kind.__name__}")
-    for part in parts:
-        if not isinstance(part, kind):
-            raise InvalidValue(name, part, f"must be a sequence of opt.{kind.__name__}")
-        if not isinstance(getattr(part, "name", None), str):
-            raise InvalidValue(name, part, "must have a `name` each, a text")
-    names = [part.name for part in parts]
-    for one in names:
-        if names.count(one) > 1:
-            raise InvalidValue(name, one, "must have one part of each name; give yours another `name`")
+def step_limits(limits: Sequence[Limit], mode: str = "floating") -> tuple[Limit, ...]:
+    """Limits of single steps: the paper has the box on alpha always; and wheels, where they hold the base."""
+    more = (AlphaBox(), WheelLimits()) if mode == "rotation-floating" else (AlphaBox(),)
+    return with_defaults(limits, *more)
 
 
-def _check_held(mode: str, momentum: FloatArray | None) -> None:
-    """Raise `InvalidValue` for momentum that the base would have to turn or move with where it is held."""
-    rows = MODES[mode]
-    if momentum is None or len(rows) == 6:
-        return
-    if momentum[3:].any() or 0 not in rows:
-        kept = "linear momentum only" if 0 in rows else "none"
-        raise InvalidValue("momentum", momentum, f"must be {kept} in mode '{mode}': the base is held")
-
-
-def _wheels_at_start(sms: SpaceManipulator, mode: str, given: Any) -> FloatArray:
-    """Momenta (w,) of the wheels that hold the attitude [N m s]; none where none do."""
-    wheels = sms.wheels if mode == "rotation-floating" else None
-    if given is None or np.size(given) == 0:
-        return frozen(np.zeros(0 if wheels is None else len(wheels)))
-    if wheels is None:
-        raise InvalidValue(
-            "wheel_momentum", given, "must be left out: in this mode no wheels hold the attitude"
-        )
-    return frozen(vector("wheel_momentum", given, len(wheels), "N m s"))
-
-
-def _check_start(problem: Problem) -> None:
-    """A start outside the joint limits is an error where the problem keeps them."""
-    sms = problem.sms
-    if not any(isinstance(limit, JointLimits) for limit in problem.limits):
-        return
-    positions = sms.layout.positions(problem.q0)
-    outside = sms.limits.violation(positions)
-    if outside.any():
-        i = int(np.argmax(outside))
-        raise InvalidValue(
-            f"q0: joint '{sms.joint_names[i]}'",
-            round(float(positions[i]), 6),
-            f"must start within [{sms.limits.lower[i]:.6g}, {sms.limits.upper[i]:.6g}] rad",
-        )
+def with_defaults(limits: Sequence[Limit], *more: Limit) -> tuple[Limit, ...]:
+    """Limits, and of some more those of which they have none by the name."""
+    names = [limit.name for limit in limits]
+    return (*limits, *(one for one in more if one.name not in names))

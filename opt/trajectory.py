@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, number
-from ffsms_pin.coupling.stacked import entropies
-from ffsms_pin.opt.batch.entropy import singular
-from ffsms_pin.opt.batch.motions import apply_rates
 from ffsms_pin.opt.batch.nodes import angles_from_start, path_ratio, sampled
 from ffsms_pin.opt.batch.robot_frame import RobotFrame
-from ffsms_pin.opt.batch.rollout import configurations, rolled_out, velocities
+from ffsms_pin.opt.batch.rollout import configurations, velocities
 from ffsms_pin.opt.batch.thrusters import propellant
 from ffsms_pin.opt.batch.wheels import nodal_momentum, wheel_energy
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.contact import contact_velocity, missed
 from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
-from ffsms_pin.opt.terms import Coupling
-from ffsms_pin.system.batch.stacks import apply, cross, dot
 
 __all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
 
@@ -223,49 +218,27 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
 
     The rates are linear between nodes; the base follows the momentum equation.
     """
-    sms, stack, goal, kappa = problem.sms, problem.stack, problem.goal, problem.kappa
-    q0, momentum = problem.q0, problem.momentum
-    motion = rolled_out(sms, stack, q0, rates, problem.dt, momentum, ARRIVAL_SHARE)
+    sms, goal, kappa, q0 = problem.sms, problem.goal, problem.kappa, problem.q0
+    momentum, motion, nodes = problem.momentum, problem.motion(rates), slice(None, None, 2)
+    way, steps = motion.to_target[:, 0, nodes], motion.paired
     places = goal.places(motion.times)
-    target = np.broadcast_to(places.position, (3, len(motion.times)))
-    motion = replace(motion, target=target, target_on=places.on, mean_speed=problem.mean_speed)
-    wheels, total = problem.wheels, problem.wheel_total
-    motion = replace(motion, wheels=wheels, wheel_total=total, thrusters=problem.thrusters)
-    nodes = slice(None, None, 2)
-    R, arm, way = motion.base_attitude[:, :, 0, nodes], motion.arm, motion.to_target[:, 0, nodes]
-
-    # The paper pairs q_k with the rates of the step's end.
-    velocity = apply_rates(arm.jstar[..., 0, :-1:2], rates[1:].T)
-    velocity += cross(motion.own_spin[:, 0, :-1:2], arm.rho[:, 0, :-1:2])
-    velocity = apply(R[..., :-1], velocity) + motion.drift[:, None]
-    both = np.linalg.norm(way[:, :-1], axis=0) * np.linalg.norm(velocity, axis=0)
-    cosine = np.clip(dot(way[:, :-1], velocity) / np.where(both > 0.0, both, 1.0), -1.0, 1.0)
-    sigma, V = singular(arm.coupling[..., 0, :-1:2])
-    H = entropies(sigma, sms.n)
-    cost = (np.logaddexp(0.0, kappa * cosine) / kappa - (1.0 - H)) ** 2
-    here = RobotFrame.tip(stack).poses(motion, places.on)
+    here = RobotFrame.tip(problem.stack).poses(motion, places.on)
     turned = places.missed(*(one[..., 0, :] for one in here)).angle
     contact = contact_velocity(goal.place(problem.duration), motion)
     q = configurations(sms, q0, motion)
     misses = missed(goal, float(np.linalg.norm(way[:, -1])), float(turned[-1]), contact)
     found = [(limit.name, limit.violation(motion)) for limit in problem.limits]
     notes = [note, misses, *(violation.note for _, violation in found)]
-    shares = {}
-    for term in problem.terms:
-        if isinstance(term, Coupling):  # the paper's own sum
-            shares[term.name] = term.weight * float(cost.sum()) * problem.dt
-        else:
-            shares[term.name] = term.share(motion)
     return Trajectory(
         t=motion.times[nodes],
         q=q,
         v=velocities(motion),
         joint_positions=motion.joints[:, 0, nodes].T,
         joint_accelerations=np.diff(rates, axis=0) / problem.dt,
-        alpha=(rates[1:, None] @ V)[:, 0],
-        cos_theta=cosine,
-        entropy=H,
-        cost=cost,
+        alpha=steps.alpha,
+        cos_theta=steps.cosine,
+        entropy=steps.entropy,
+        cost=steps.cost(kappa),
         end_effector=motion.end_effector[:, 0, nodes].T,
         position_error=np.linalg.norm(way, axis=0),
         target=motion.target_points[:, 0, -1],
@@ -277,7 +250,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         note="; ".join(filter(None, notes)),
         clear=all(violation.amount == 0.0 for _, violation in found),
         momentum=np.zeros(6) if momentum is None else momentum,
-        shares=shares,
+        shares={term.name: term.share(motion) for term in problem.terms},
         binding={name: violation.instants for name, violation in found if violation.instants.size},
         contact_velocity=contact,
         met=not misses,

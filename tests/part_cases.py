@@ -21,7 +21,7 @@ from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.batch.wheels import wheel_torque
 from ffsms_pin.opt.limits.base import BaseLimits
 from ffsms_pin.opt.step.march import march
-from ffsms_pin.opt.step.of_problem import problem_stepper
+from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure
 
 POINT = (0.3, 1.2, 0.2)
@@ -266,5 +266,5 @@ def size_of(residuals: Residuals) -> float:
 
 def rates_of_march(problem: opt.Problem) -> FloatArray:
     """Joint rates of single steps to the end, under the problem's limits alone."""
-    stepper = problem_stepper(problem, terms=())
+    stepper = Stepper.of(problem, terms=())
     return march(stepper, problem.q0, problem.joint_rates, GOAL, problem.duration).rates

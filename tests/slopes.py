@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,9 +11,9 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Problem
 from ffsms_pin.opt.batch.motions import EXACT, Motions, Smoothing
 from ffsms_pin.opt.batch.residual import JointResidual, Residual, Residuals
-from ffsms_pin.opt.horizon.jacobian import Jacobian
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.horizon.sums import Weighted, sums
 
 __all__ = ["by_differences", "by_slopes", "motions", "values_of"]
 
@@ -41,7 +42,6 @@ def values_of(residuals: Residuals, shape: tuple[int, int, int]) -> FloatArray:
 def by_slopes(problem: Problem, spline: RateSpline, p: FloatArray, residuals: Residuals) -> FloatArray:
     """Slopes (rows, n M) of `values_of`, joints first, by the chain rule."""
     at = motions(problem, spline, p)
-    jacobian = Jacobian(spline, at, np.array([0]))
     n, instants, size = problem.sms.n, len(spline.times), spline.size
     rows = []
     for residual in residuals:
@@ -58,14 +58,24 @@ def by_slopes(problem: Problem, spline: RateSpline, p: FloatArray, residuals: Re
                         made[j, :, j] += np.broadcast_to(slope, (n, 1, instants))[j, 0][:, None] * free
             rows.append(made.reshape(n * instants, -1))
         elif residual.motion is None:
-            rows.append(jacobian.rows(residual)[0].T)
+            rows.append(_rows(spline, at, residual))
         else:
             squared = np.zeros((instants, n * size))
             assert isinstance(residual, Residual)
             where = np.arange(instants)[residual.instants]
-            np.add.at(squared, where, (2.0 * residual.value * jacobian.rows(residual)).T)
+            np.add.at(squared, where, 2.0 * residual.value[:, None] * _rows(spline, at, residual))
             rows.append(squared)
     return np.vstack(rows) if rows else np.zeros((0, n * size))
+
+
+def _rows(spline: RateSpline, at: Motions, residual: Residual) -> FloatArray:
+    """Slopes (values, n M) of one motion's residual, joints first: gradients of its values, one by one."""
+    ones = replace(residual, value=np.ones_like(residual.value))
+    rows = []
+    for weight in np.eye(residual.value.shape[-1]):
+        gradient, _ = sums(spline, at, np.array([0]), [Weighted(ones, weight)])
+        rows.append(gradient.reshape(spline.size, -1).T.ravel())
+    return np.array(rows).reshape(len(rows), -1)
 
 
 def by_differences(

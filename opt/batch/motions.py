@@ -11,6 +11,7 @@ import numpy as np
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.entropy import entropy_and_gradient
+from ffsms_pin.opt.batch.paired import Paired, paired
 from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross
@@ -186,6 +187,11 @@ class Motions:
     def entropy_slope(self) -> FloatArray:
         """Slopes (6, n, S, K) of H_norm by `ArmValues.coupling`."""
         return self._entropy[1]
+
+    @cached_property
+    def paired(self) -> Paired:
+        """The steps of one finished motion, as the paper pairs places with rates."""
+        return paired(self)
 
     def take(self, index: Any) -> Motions:
         """The motions at an index."""

@@ -19,7 +19,6 @@ import pinocchio as pin
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions, apply_rates
-from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.batch.slopes import momentum_slopes
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmValues
@@ -125,12 +124,12 @@ def wheel_energy(motion: Motions) -> float:
     return float(power.sum()) * float(motion.times[2] - motion.times[0])
 
 
-def friction_slope(wheels: ReactionWheels, wheel: Indices, momentum: FloatArray) -> FloatArray:
-    """How the torque that friction takes grows with the momentum (V,) of these wheels (V,) [1/s]."""
-    inertia = wheels.inertia[wheel]
+def friction_slope(wheels: ReactionWheels, momentum: FloatArray) -> FloatArray:
+    """How the torque that friction takes grows with the momenta (w, S, K) of the wheels [1/s]."""
+    inertia, coulomb, viscous = (x[:, None, None] for x in (wheels.inertia, wheels.coulomb, wheels.friction))
     ratio = momentum / inertia / wheels.transition
-    dry = wheels.coulomb[wheel] / wheels.transition / np.cosh(np.minimum(np.abs(ratio), 300.0)) ** 2
-    return np.asarray((wheels.friction[wheel] + dry) / inertia)
+    dry = coulomb / wheels.transition / np.cosh(np.minimum(np.abs(ratio), 300.0)) ** 2
+    return np.asarray((viscous + dry) / inertia)
 
 
 class TorqueSlopes:

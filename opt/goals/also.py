@@ -61,6 +61,7 @@ class Also(Limit):
     reserve: float = 0.0
     margin: float = 0.0
     name: str = ""
+    of_paper = False
     _near: Near | None = None
 
     def __post_init__(self) -> None:

@@ -13,7 +13,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray, frozen, number, positive, vector
 from ffsms_pin.checks import times as checked_times
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals.place import Place, checked_axes, checked_axis
+from ffsms_pin.opt.goals.place import Place, checked_axes, checked_axis, stacked_places
 
 if TYPE_CHECKING:
     from ffsms_pin.client import Client, ClientEstimate
@@ -77,15 +77,7 @@ class Goal(ABC):
     def places(self, times: FloatArray) -> Place:
         """Places without velocities at times (K,) [s], stacked: K of them, or one where the goal stays."""
         instants = checked_times("times", times).tolist() if self.moves else [0.0]
-        found = [self.place(t) for t in instants]
-        turns = [one.rotation for one in found if one.rotation is not None]
-        return replace(
-            found[0],
-            position=np.stack([one.position for one in found], axis=-1),
-            rotation=np.stack(turns, axis=-1) if turns else None,
-            velocity=None,
-            spin=None,
-        )
+        return stacked_places([self.place(t) for t in instants])
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """Times [s] and places to come by before a deadline, in order, in motions to start a search from."""
@@ -211,13 +203,19 @@ class Moving(Goal):
     def place(self, t: float) -> Place:
         """Where the path is, and how fast."""
         t = number("t", t)
-        here = as_goal(self.path(t)).place(t)
-        ahead, behind = (as_goal(self.path(t + h)).place(t) for h in (self._STEP, -self._STEP))
+        here, ahead, behind = (self._where(t + h) for h in (0.0, self._STEP, -self._STEP))
         velocity = (ahead.position - behind.position) / (2.0 * self._STEP)
         spin = None
         if ahead.rotation is not None and behind.rotation is not None:
             spin = pin.log3(ahead.rotation @ behind.rotation.T) / (2.0 * self._STEP)
         return replace(here, velocity=velocity, spin=spin)
+
+    def places(self, times: FloatArray) -> Place:
+        """Where the path is at times (K,) [s]."""
+        return stacked_places([self._where(t) for t in checked_times("times", times).tolist()])
+
+    def _where(self, t: float) -> Place:
+        return as_goal(self.path(t)).place(t)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.robot_frame import BASE, INERTIAL
 from ffsms_pin.system.batch.stacks import apply, cross, dot, log3, skew
 
-__all__ = ["Missed", "Place", "excess", "shortened"]
+__all__ = ["Missed", "Place", "checked_axes", "checked_axis", "excess", "shortened", "stacked_places"]
 
 _TINY = 1e-12
 # [rad] Slopes of rotation vectors are taken at an angle between these: they have no limit at half a turn.
@@ -214,6 +214,18 @@ class Place:
         attitude = "" if self.rotation is None else " in an attitude"
         free = "" if self.free_axis is None else ", free to turn about an axis"
         return where + attitude + free + (", on the base" if self.moves_with_base else "")
+
+
+def stacked_places(places: list[Place]) -> Place:
+    """Places of one kind as a stack of them, without velocities."""
+    turns = [one.rotation for one in places if one.rotation is not None]
+    return replace(
+        places[0],
+        position=np.stack([one.position for one in places], axis=-1),
+        rotation=np.stack(turns, axis=-1) if turns else None,
+        velocity=None,
+        spin=None,
+    )
 
 
 def checked_axis(value: Any) -> FloatArray | None:

@@ -79,6 +79,7 @@ class Via(Limit):
     reserve: float = 0.0
     began: float = 0.0
     margin: float = 0.0
+    of_paper = False
     _near: Near | None = None
 
     def __post_init__(self) -> None:

@@ -30,13 +30,12 @@ _COUNT = 4  # moves that are pushed aside a group of starts, and directions trie
 
 def among_obstacles(problem: Problem) -> bool:
     """Whether there are obstacles."""
-    return any(isinstance(one, Clearance) and one.obstacles for one in problem.limits)
+    return any(limit.obstacles for limit in problem.limits)
 
 
 def obstructed(problem: Problem, plan: Trajectory) -> bool:
     """Whether there are obstacles, and a clearance binds."""
-    around = (one for one in problem.limits if isinstance(one, Clearance) and one.obstacles)
-    return any(limit.name in plan.binding for limit in around)
+    return any(limit.obstacles and limit.name in plan.binding for limit in problem.limits)
 
 
 def pushed_aside(model: Model, moves: FloatArray, drawn: int) -> FloatArray:

@@ -9,18 +9,17 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.rollout import rolled_out
-from ffsms_pin.opt.horizon.blocked import blocking
 from ffsms_pin.opt.horizon.descent import Model
 from ffsms_pin.opt.horizon.detours import keep_limits
 from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import JointGoals, too_short
 from ffsms_pin.opt.horizon.starts import joint_range, spread_postures, straight_time
-from ffsms_pin.opt.limits import Clearance, Corridor
+from ffsms_pin.opt.limits.limit import Failed
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = ["explain", "reach_range", "start_in_collision", "within_workspace"]
+__all__ = ["explain", "reach_range", "refused", "with_limits_said", "within_workspace"]
 
 # Joint positions from which the longest and the shortest reach are looked for, and steps of the ascent.
 _SAMPLES, _ASCENT = 64, 40
@@ -32,23 +31,33 @@ _MORE_THAN_STRAIGHT = (
 _LONGER, _DOUBLINGS = 1.25, 3  # than the failed duration; how often a duration that does not do is doubled
 
 
-def start_in_collision(problem: Problem) -> Trajectory | None:
-    """A plan that stays where it is, where the start breaks a clearance or stands beside a corridor."""
-    begin = rolled_out(
-        problem.sms, problem.stack, problem.q0, np.zeros((2, problem.sms.n)), problem.dt, None, ARRIVAL_SHARE
-    )
-    for corridor in (limit for limit in problem.limits if isinstance(limit, Corridor)):
-        if replace(corridor, deadline=problem.dt).violation(begin).amount > 0.0:
-            still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
-            note = f"the start is beside the corridor, within {corridor.length:g} m of the grasp"
-            return replace(still, clear=False, note=f"{note}; move the start, or take a shorter standoff")
-    clearances = [limit for limit in problem.limits if isinstance(limit, Clearance)]
-    notes = [found.note for limit in clearances if (found := limit.violation(begin)).amount > 0.0]
+def refused(problem: Problem) -> Trajectory | None:
+    """A plan that stays where it is, where a limit says that no motion keeps it from this start."""
+    still = np.zeros((problem.steps + 1, problem.sms.n))
+    q0, dt = problem.q0, problem.dt
+    begin = rolled_out(problem.sms, problem.stack, q0, still[:2], dt, None, ARRIVAL_SHARE)
+    notes = [note for limit in problem.limits if (note := limit.check_start(problem, begin))]
     if not notes:
         return None
-    still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
-    note = f"the start breaks the clearance: {'; '.join(notes)}; move the start, or ask for less"
-    return replace(still, note=note)
+    return replace(measure(problem, still), clear=False, note="; ".join(notes))
+
+
+def with_limits_said(
+    problem: Problem, plan: Trajectory, again: Callable[[Problem], Trajectory]
+) -> Trajectory:
+    """The failed plan; its note has what the limits that bind say of it.
+
+    Parameters
+    ----------
+    problem : Problem
+    plan : Trajectory
+        That has not reached.
+    again : callable
+        Plans another problem.
+    """
+    failed = Failed(problem, plan, problem.motion(plan.joint_rates), again)
+    said = [limit.explain(failed) for limit in problem.limits if limit.name in plan.binding]
+    return replace(plan, note="; ".join(filter(None, [plan.note, *said])))
 
 
 def explain(
@@ -94,9 +103,8 @@ def explain(
     fast = too_fast(problem, goals) if problem.goal.moves else ""
     if fast:
         words.append(fast)
-    if stands := blocking(problem, plan):
-        words.append(stands)
-    others = [name for name in plan.binding if name != "joints"]
+    binds = [limit for limit in problem.limits if limit.name in plan.binding]
+    others = [limit.name for limit in binds if not limit.bounds_joints]
     if others:
         words.append(f"binding: {', '.join(others)}")
     if binding:
@@ -106,7 +114,7 @@ def explain(
         shortest = 0.0 if fast else later_deadline(problem, least, most, attempt)
     else:
         slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
-        slow = slow or "wheels" in plan.broken or "wheels" in plan.binding
+        slow = slow or any(limit.eased_by_time for limit in binds)
         shortest = _sufficient(problem, goals, slow, attempt)
     if shortest > 0.0:
         words.append(f"a duration of {shortest:.2f} s would do")

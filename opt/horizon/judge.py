@@ -35,9 +35,9 @@ class Found(NamedTuple):
     model: Model
 
 
-def cost_of(plan: Trajectory) -> float:
-    """The paper's cost integral where it is a term, else the whole objective [s]."""
-    return plan.shares.get("coupling", sum(plan.shares.values()))
+def cost_of(problem: Problem, plan: Trajectory) -> float:
+    """What the terms that measure cost come to, where there are any; else the whole objective [s]."""
+    return sum(plan.shares[term.name] for term in problem.cost_terms or problem.terms)
 
 
 class Judge:
@@ -76,7 +76,9 @@ class Judge:
 
     def least_cost(self, found: Sequence[Found]) -> float:
         """The least cost of those that arrive [s]; infinite where none does."""
-        return min((cost_of(one.plan) for one in found if self.arrives(one.plan)), default=np.inf)
+        return min(
+            (cost_of(self._problem, one.plan) for one in found if self.arrives(one.plan)), default=np.inf
+        )
 
     def best(self, found: Sequence[Found]) -> Found:
         """Of those that arrive and cost about as little as any, the one of least effort.

@@ -21,13 +21,27 @@ from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.starts import joint_range
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.direction import ARRIVAL_POWER, LEAST_APPROACH
-from ffsms_pin.opt.step.march import sides_across, start_sides
-from ffsms_pin.opt.step.of_problem import problem_stepper
+from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across, start_sides
+from ffsms_pin.opt.step.programme import StepWeights
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, dot, exp3
 
-__all__ = ["cone_marches", "free_marches", "landed", "march_starts"]
+__all__ = [
+    "cone_marches",
+    "free_marches",
+    "landed",
+    "march_starts",
+    "marched",
+    "reference_stepper",
+    "straight_march",
+]
+
+# The references are about what they spare: ten times the step's own price of redundant motion, and still too
+# little to keep an arm from leaving a singular start.
+REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 _DAMPING = 0.003  # [arm lengths] of the least squares, near singular postures
 _SHARE = 0.8  # of the rate limits
@@ -54,7 +68,7 @@ def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
     linear.
     """
     place, sms, dt, steps = problem.goal.place(problem.duration), problem.sms, problem.dt, problem.steps
-    stepper = problem_stepper(problem)
+    stepper = Stepper.of(problem)
     mode = problem.mode
     for side in start_sides(sms, problem.q0, place.position, mode):
         stepper.reset(side)
@@ -77,6 +91,24 @@ def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
             rates.append(step.joint_rates)
         else:
             yield landed(problem, _between(np.array(nodes), np.array(rates)))
+
+
+def straight_march(problem: Problem) -> Trajectory:
+    """The motion of single steps straight to the target, under all limits: that of "resolved-rate"."""
+    return marched(problem, reference_stepper(problem, "resolved-rate"))
+
+
+def reference_stepper(problem: Problem, method: str) -> Stepper:
+    """The stepper of one of the classical references."""
+    return Stepper.of(problem, method, REFERENCE_WEIGHTS, limits=problem.step_limits, terms=())
+
+
+def marched(problem: Problem, stepper: Steps, progress: Progress | None = None) -> Trajectory:
+    """The finished motion of single steps to the problem's goal."""
+    place = problem.goal.place(problem.duration)
+    start, end = (problem.q0, problem.joint_rates), (place.position, problem.duration, place.rotation)
+    rates, note = march(stepper, *start, *end, progress)
+    return measure(problem, rates, note)
 
 
 def landed(problem: Problem, rates: FloatArray) -> FloatArray:

@@ -16,11 +16,11 @@ from ffsms_pin.opt.batch.motions import Motions, Smoothing
 from ffsms_pin.opt.batch.residual import Indices, JointResidual, Residual
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.arrival import arrival
-from ffsms_pin.opt.horizon.jacobian import Jacobian
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.horizon.sums import Weighted, sums
+from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.terms.term import time_scale
 
 __all__ = ["Linearisation", "Weights", "linearise"]
@@ -66,7 +66,7 @@ class Linearisation:
     objective : ndarray, shape (S,)
         The terms alone, not smoothed and not eased.
     cost : ndarray, shape (S,)
-        The paper's cost integral [s], by quadrature; zero without a `Coupling`.
+        What the terms that measure cost come to [s], by quadrature; zero without one.
     gradient : ndarray, shape (S, Mn)
         Half of the merit's; zero where it was not asked for.
     hessian : ndarray, shape (S, Mn, Mn)
@@ -126,38 +126,9 @@ def linearise(
     result.gradient = np.zeros((len(p), size))
     result.hessian = np.zeros((len(p), size, size))
     if good.size:
-        gradient, hessian = _summed(spline, motions, good, residuals)
+        gradient, hessian = sums(spline, motions, good, residuals)
         result.gradient[good], result.hessian[good] = gradient, hessian
     return result
-
-
-class Weighted(NamedTuple):
-    """A residual, and the weight of the square of each of its values.
-
-    Attributes
-    ----------
-    residual : Residual or JointResidual
-    weight : ndarray, shape (K,), or (V,) of a residual with entries
-    """
-
-    residual: Residual | JointResidual
-    weight: FloatArray
-
-    @classmethod
-    def of(cls, residual: Residual | JointResidual, factor: float, over_time: FloatArray) -> Weighted:
-        """A weight that is the same for all values, times the quadrature's where the square is integrated."""
-        if isinstance(residual, JointResidual):
-            return cls(residual, factor * over_time)
-        if residual.over_time:
-            return cls(residual, factor * over_time[residual.instants])
-        return cls(residual, np.full(residual.value.shape[-1], factor))
-
-    def take(self, index: Indices) -> Weighted:
-        """That of the motions at an ascending index."""
-        residual, weight = self.residual, self.weight
-        if isinstance(residual, Residual) and residual.motion is not None:
-            weight = weight[np.isin(residual.motion, index)]
-        return Weighted(residual.take(index), weight)
 
 
 def _measured(
@@ -169,15 +140,15 @@ def _measured(
     merit, objective, cost = np.zeros(count), np.zeros(count), np.zeros(count)
     for term in problem.terms:
         ease = weights.tie_break if term.smooths else 1.0
-        for residual in term.residual(motions):
+        for residual in residuals_of(term, motions):
             square = residual.squares(over_time, count)
             merit += ease * square
-            if not isinstance(term, Coupling):
+            if not term.measures_cost:
                 objective += square
             residuals.append(Weighted.of(residual, ease, over_time))
-        if isinstance(term, Coupling):
-            cost = term.cost(motions)
-            objective += term.weight * cost
+        if term.measures_cost:
+            own = term.cost(motions)
+            cost, objective = cost + own, objective + own
     at_goal = arrival(goal, motions)
     end = weights.end * time_scale(motions) / problem.stack.length**2
     for ones, share in ((at_goal.end, 1.0), (at_goal.tail, 0.1)):
@@ -186,7 +157,7 @@ def _measured(
             residuals.append(Weighted.of(one, share * end, over_time))
     lack, blocked = np.zeros(count), np.zeros(count)
     for limit in problem.limits:
-        for residual in limit.residual(motions):
+        for residual in residuals_of(limit, motions):
             merit += weights.limits * residual.squares(motions.limit_weights, count)
             largest = _largest(residual, limit.margin)
             np.maximum.at(lack, *largest)
@@ -209,80 +180,3 @@ def _largest(residual: Residual | JointResidual, margin: float) -> tuple[Indices
     else:
         value = value.max(axis=1)
     return np.arange(len(value)), value
-
-
-def _summed(
-    spline: RateSpline, motions: Motions, chosen: Indices, residuals: list[Weighted]
-) -> tuple[FloatArray, FloatArray]:
-    """Gradient (S, Mn) and Hessian (S, Mn, Mn) of half the sum of squares; control points first."""
-    n, size, count = motions.stack.n, spline.size, len(chosen)
-    if count < motions.count:
-        residuals = [one.take(chosen) for one in residuals]
-    jacobian = Jacobian(spline, motions, chosen)
-    gradient, hessian = np.zeros((count, n * size)), np.zeros((count, n * size, n * size))
-    for residual, weight in _merged(residuals):
-        if isinstance(residual, JointResidual):
-            _add_joints(spline, residual, weight, gradient, hessian)
-        elif residual.motion is None:
-            S = jacobian.rows(residual)
-            gradient += (S @ (weight * residual.value)[..., None])[..., 0]
-            hessian += (weight * S) @ np.swapaxes(S, 1, 2)
-        elif residual.value.size:
-            rows, value = jacobian.rows(residual), weight * residual.value
-            for s in np.unique(residual.motion):
-                its = residual.motion == s
-                own = rows[:, its]
-                gradient[s] += own @ value[its]
-                hessian[s] += (weight[its] * own) @ own.T
-    # So far the joints came first.
-    blocks = hessian.reshape(count, n, size, n, size).transpose(0, 2, 1, 4, 3)
-    points = gradient.reshape(count, n, size).transpose(0, 2, 1)
-    return points.reshape(count, -1), blocks.reshape(hessian.shape)
-
-
-def _merged(residuals: list[Weighted]) -> list[Weighted]:
-    """Fewer residuals: dense ones at chosen instants that depend on the same things become one."""
-    merged: list[Weighted] = []
-    alike: dict[tuple[str, ...], list[Weighted]] = {}
-    for one in residuals:
-        residual = one.residual
-        if (
-            isinstance(residual, JointResidual)
-            or residual.motion is not None
-            or isinstance(residual.instants, slice)
-        ):
-            merged.append(one)
-        else:
-            alike.setdefault(tuple(residual.slopes()), []).append(one)
-    for names, group in alike.items():
-        own = [one.residual for one in group if isinstance(one.residual, Residual)]
-        slopes: dict[str, Any] = {x: np.concatenate([one.slopes()[x] for one in own], axis=-1) for x in names}
-        value = np.concatenate([one.value for one in own], axis=-1)
-        instants = np.concatenate([np.asarray(one.instants) for one in own])
-        weight = np.concatenate([one.weight for one in group])
-        merged.append(Weighted(Residual(value, instants, over_time=False, **slopes), weight))
-    return merged
-
-
-def _add_joints(
-    spline: RateSpline,
-    residual: JointResidual,
-    weight: FloatArray,
-    gradient: FloatArray,
-    hessian: FloatArray,
-) -> None:
-    """What depends on one joint alone: blocks on the diagonal."""
-    n, count, size = residual.value.shape[0], len(gradient), spline.size
-    parts = (
-        (residual.by_position, spline.travel.free),
-        (residual.by_rate, spline.rates.free),
-        (residual.by_acceleration, spline.accelerations.free),
-    )
-    rows = [slope[..., None] * free for slope, free in parts if slope is not None]
-    S: FloatArray = sum(rows[1:], rows[0])  # (n or 1, S or 1, K, M)
-    weighted = weight[:, None] * S
-    squares = np.swapaxes(weighted, -1, -2) @ S
-    slopes = (residual.value[..., None, :] @ weighted)[..., 0, :]
-    gradient += np.swapaxes(slopes, 0, 1).reshape(count, -1)
-    blocks = np.einsum("sjmjk->jsmk", hessian.reshape(count, n, size, n, size))  # a view
-    blocks += squares

@@ -58,6 +58,8 @@ class SearchOptions:
         straight move: the cheapest motions found are sometimes detours, and a march rarely is one.
     march_steps : int
         Steps of the marches that are starts.
+    without : sequence of str
+        Names of strategies that are left out (`strategies.STRATEGIES`), to see what each earns.
     """
 
     time_limit: float | None = None
@@ -80,3 +82,4 @@ class SearchOptions:
     widest_cone: float = 0.2
     long_way: float = 3.0
     march_steps: int = 30
+    without: tuple[str, ...] = ()

@@ -12,7 +12,6 @@ from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.batch.slopes import velocity_slopes
 from ffsms_pin.opt.goals import Place
 from ffsms_pin.opt.horizon.starts import joint_range, straight_time
-from ffsms_pin.opt.limits import BaseLimits
 from ffsms_pin.opt.limits.limit import End
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system.batch.arm import ArmValues
@@ -129,7 +128,7 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
     inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
     goals = np.where(problem.free, joints, start)
     # Of the moves that arrive, rather those that leave the base as it was.
-    steady = any(isinstance(one, BaseLimits) and one.holds_attitude for one in problem.limits)
+    steady = any(limit.holds_attitude for limit in problem.limits)
     exact = False
     for k in range(iterations):
         end, R, beyond = straight_ends(problem, goals, exact)

@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from ffsms_pin.checks import instance, optional_callable
-from ffsms_pin.opt.horizon.blocked import check_obstacles
-from ffsms_pin.opt.horizon.diagnosis import explain, start_in_collision
-from ffsms_pin.opt.horizon.groups import QUICK
+from ffsms_pin.opt.horizon.diagnosis import explain, refused, with_limits_said, within_workspace
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import Search
-from ffsms_pin.opt.horizon.wheel_needs import quick_search, with_wheel_needs
-from ffsms_pin.opt.problem import Problem, asked_momentum
+from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem_checks import asked_momentum
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import one_blas_thread
 
@@ -58,15 +57,19 @@ def solve(
     instance("problem", problem, Problem)
     instance("options", options, SearchOptions, optional=True)
     optional_callable("progress", progress)
-    check_obstacles(problem)
-    refused = start_in_collision(problem)
-    if refused is not None:
-        return refused
+    stays = refused(problem)
+    if stays is not None:
+        return stays
     search = Search(problem, options, progress)
-    plan = search.run()
+    plan = search.run(STRATEGIES)
     if not plan.reached:
-        plan = with_wheel_needs(problem, plan, quick_search(options))
-        plan = explain(problem, plan, search.goals, search.binding(), lambda other: _reached(other, options))
+
+        def again(other: Problem) -> Trajectory:
+            return Search(other, options).run(QUICK)
+
+        if within_workspace(problem):
+            plan = with_limits_said(problem, plan, again)
+        plan = explain(problem, plan, search.goals, search.binding(), lambda other: again(other).reached)
     notes = [note for note in (plan.note, _momentum_note(problem)) if note]
     return replace(plan, note="; ".join(notes))
 
@@ -85,8 +88,3 @@ def _momentum_note(problem: Problem) -> str:
         f"the momentum before the capture is {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the one "
         "that leaves both at rest: so much is left after it"
     )
-
-
-def _reached(problem: Problem, options: SearchOptions | None) -> bool:
-    quick = replace(options or SearchOptions(), straight_moves=2)
-    return Search(problem, quick).run(QUICK).reached

@@ -58,6 +58,7 @@ class BaseLimits(Limit):
     translation: float = math.inf
     final_attitude: float = math.inf
     name = "base"
+    of_paper = False
     margin = _SCALE * _SHARE
 
     def __post_init__(self) -> None:
@@ -73,7 +74,7 @@ class BaseLimits(Limit):
         return all(getattr(self, field.name) == math.inf for field in fields(self))
 
     @property
-    def holds_attitude(self) -> bool:
+    def holds_attitude(self) -> bool:  # type: ignore[override]  # plain elsewhere
         """Whether the attitude is limited, on the way or at the end."""
         return min(self.attitude, self.final_attitude) < math.inf
 

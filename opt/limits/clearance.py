@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from ffsms_pin.opt.limits.body_model import BodyModel
 from ffsms_pin.opt.limits.body_stack import BodyStack
 from ffsms_pin.opt.limits.clearance_rows import clearance_rows
 from ffsms_pin.opt.limits.clearance_stack import ClearanceStack, chosen_mode, clearance_stack
-from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
+from ffsms_pin.opt.limits.limit import Failed, Limit, Rows, Violation, stacked
+from ffsms_pin.opt.limits.obstacles.at_start import check_obstacles
 from ffsms_pin.opt.limits.obstacles.bodies import payload_part
 from ffsms_pin.opt.limits.obstacles.judged import least_of_obstacles
 from ffsms_pin.opt.limits.obstacles.obstacle import Obstacle, checked_obstacles, convex_shape
@@ -25,6 +26,9 @@ from ffsms_pin.opt.limits.obstacles.rows import obstacle_rows
 from ffsms_pin.opt.limits.obstacles.stack import ObstacleStack
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.system import SpaceManipulator
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.problem import Problem
 
 __all__ = ["Clearance", "CollisionMode"]
 
@@ -136,6 +140,19 @@ class Clearance(Limit):
         distances = self._around.distances(q, 0.0)
         which = int(np.argmin(distances))
         return (-float(distances[which]), self._around.names()[which]) if distances[which] < 0.0 else None
+
+    def check_start(self, problem: Problem, begin: Motions) -> str:
+        """Whether bodies are too near to each other at the start, or a goal is inside an obstacle."""
+        check_obstacles(problem, self.contact(problem.q0), self.obstacles)
+        note = self.violation(begin).note
+        if not note:
+            return ""
+        return f"the start breaks the clearance: {note}; move the start, or ask for less"
+
+    def explain(self, failed: Failed) -> str:
+        """What comes nearest to what."""
+        distance, pair = self.least(failed.motion)
+        return f"blocked by {pair}, which come within {1e3 * distance:.1f} mm" if pair else ""
 
     def rows(self, step: StepState) -> Rows | None:
         """A clearance may shrink at most at a rate proportional to what is left of it."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from ffsms_pin.opt.batch.residual import Residual, Residuals
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.system.batch.stacks import dot
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.problem import Problem
 
 __all__ = ["Corridor"]
 
@@ -77,6 +80,15 @@ class Corridor(Limit):
     def tightened(self, by: float) -> Corridor:
         """With so much more [m] in hand at the cone and round the ball, in whole motions."""
         return replace(self, reserve=self.reserve + by)
+
+    def check_start(self, problem: Problem, begin: Motions) -> str:
+        """Whether the start is beside the corridor already."""
+        if replace(self, deadline=begin.duration).violation(begin).amount == 0.0:
+            return ""
+        return (
+            f"the start is beside the corridor, within {self.length:g} m of the grasp; "
+            "move the start, or take a shorter standoff"
+        )
 
     def rows(self, step: StepState) -> Rows | None:
         """Seen from the client, the end effector goes no deeper than its depth allows: a row of one plane."""

@@ -30,6 +30,7 @@ class JointLimits(Limit):
     """
 
     name = "joints"
+    bounds_joints = True
     _limits: Limits | None = field(default=None, repr=False)
     _joint_names: tuple[str, ...] = field(default=(), repr=False)
     _bounds: RateBounds | None = field(default=None, repr=False, compare=False)

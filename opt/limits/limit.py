@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -14,10 +15,23 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.batch.residual import Residuals
     from ffsms_pin.opt.batch.robot_frame import RobotFrame
     from ffsms_pin.opt.goals.place import Place
+    from ffsms_pin.opt.limits.obstacles.obstacle import Obstacle
     from ffsms_pin.opt.limits.step_state import StepState
+    from ffsms_pin.opt.problem import Problem
+    from ffsms_pin.opt.trajectory import Trajectory
     from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["UNBOUNDED", "ControlMaps", "ControlRows", "End", "Limit", "Rows", "Violation", "stacked"]
+__all__ = [
+    "UNBOUNDED",
+    "ControlMaps",
+    "ControlRows",
+    "End",
+    "Failed",
+    "Limit",
+    "Rows",
+    "Violation",
+    "stacked",
+]
 
 # What stands for "no bound" in a quadratic programme; finite, so that sums stay numbers.
 UNBOUNDED = 1e20
@@ -126,6 +140,25 @@ class End(NamedTuple):
     place: Place
 
 
+class Failed(NamedTuple):
+    """A plan that does not reach.
+
+    Attributes
+    ----------
+    problem : Problem
+    plan : Trajectory
+    motion : Motions
+        The plan at its nodes and the middles between.
+    again : callable
+        Plans another problem, in a short search.
+    """
+
+    problem: Problem
+    plan: Trajectory
+    motion: Motions
+    again: Callable[[Problem], Trajectory]
+
+
 class Limit(ABC):
     """What must hold during a motion.
 
@@ -145,12 +178,27 @@ class Limit(ABC):
     blocks : bool
         Whether something stands in the way where it is broken, such as a body: a descent rarely finds a way
         out of it, so the search follows such motions after others.
+    obstacles : sequence of Obstacle
+        What it keeps clear of. Where there are any, a search looks for ways round.
+    holds_attitude : bool
+        Whether it holds the base's attitude: a search then starts from motions that leave it as it was.
+    bounds_joints : bool
+        Whether it keeps the joints within the robot's limits: a start outside is an error then.
+    eased_by_time : bool
+        Whether a slower motion takes less of it: where it holds a plan back, a longer duration may do.
+    of_paper : bool
+        Whether `method="paper"` takes it: its rows never give way.
     """
 
     name: str
     margin: float = 0.0
     of_goal: bool = False
     blocks: bool = False
+    obstacles: Sequence[Obstacle] = ()
+    holds_attitude: bool = False
+    bounds_joints: bool = False
+    eased_by_time: bool = False
+    of_paper: bool = True
 
     def for_robot(self, sms: SpaceManipulator) -> Limit:
         """The limit, prepared for a robot; called once by each solver. Default: itself."""
@@ -186,6 +234,26 @@ class Limit(ABC):
     def control_rows(self, maps: ControlMaps) -> list[ControlRows]:
         """Rows that the control points of whole motions keep strictly: for what is linear in them."""
         return []
+
+    def check_start(self, problem: Problem, begin: Motions) -> str:
+        """Why no motion keeps it from this start, in words; empty where one may.
+
+        Parameters
+        ----------
+        problem : Problem
+        begin : Motions
+            A motion that stays at the start for a step.
+
+        Raises
+        ------
+        InvalidValue
+            Where the problem itself must be mended.
+        """
+        return ""
+
+    def explain(self, failed: Failed) -> str:
+        """What to say of it, in words, where it binds in a plan that does not reach; default: nothing."""
+        return ""
 
     def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
         """Joint rates (n,) to take instead of the chosen `rates`, where rows alone do not see far enough.

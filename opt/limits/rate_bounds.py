@@ -10,13 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen
-from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
+from ffsms_pin.kernel import _kernel
+from ffsms_pin.opt.limits.limit import Rows
 from ffsms_pin.system import JointLimits
 
 __all__ = ["RateBounds", "rate_bounds"]
-
-_FASTEST = 1e6  # [rad/s^2] stands for no limit on an acceleration: finite, so that sums stay numbers
-_UP_AND_DOWN = np.array([[1.0], [-1.0]])
 
 
 class RateBounds:
@@ -28,11 +26,7 @@ class RateBounds:
     """
 
     def __init__(self, limits: JointLimits) -> None:
-        self._velocity = np.minimum(limits.velocity, UNBOUNDED)
-        self._acceleration = np.minimum(limits.acceleration, _FASTEST)
-        self._twice = 2.0 * self._acceleration
-        # Both directions in one: row 0 looks up, row 1 looks down as if up.
-        self._walls = np.array([limits.upper, -limits.lower])
+        self._limits = np.array([limits.lower, limits.upper, limits.velocity, limits.acceleration])
         self._identity = frozen(np.eye(len(limits.upper)))
 
     def rows(self, joints: FloatArray, rates: FloatArray, dt: float) -> Rows:
@@ -41,27 +35,8 @@ class RateBounds:
 
     def at(self, joints: FloatArray, rates: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
         """As `rate_bounds`, for these limits."""
-        moving = _UP_AND_DOWN * rates
-        room = np.maximum(self._walls - _UP_AND_DOWN * joints, 0.0)
-        change = dt * self._acceleration
-        greatest = np.minimum(self._stoppable_rate(room, moving, dt), self._velocity)
-        # The acceleration limit comes last: it is never broken.
-        greatest = np.maximum(np.minimum(greatest, moving + change), moving - change)
-        # A joint that can brake before neither of two near limits has crossed bounds; then the lower one is
-        # both.
-        lower, upper = -greatest[1], greatest[0]
-        return lower, np.maximum(lower, upper)
-
-    def _stoppable_rate(self, room: FloatArray, rate: FloatArray, dt: float) -> FloatArray:
-        """Greatest rates at the step's end towards limits that are `room` away."""
-        half = (0.5 * dt) * self._acceleration
-        square = half * half + self._twice * (room - (0.5 * dt) * rate)
-        greatest: FloatArray = np.sqrt(np.maximum(square, 0.0)) - half
-        if greatest.min() >= 0.0:
-            return greatest
-        turning = np.maximum(rate, 0.0)
-        back = np.minimum(rate - turning * turning * dt / (2.0 * np.maximum(room, 1e-300)), 0.0)
-        return np.where(greatest < 0.0, back, greatest)
+        lower, upper = _kernel.rate_bounds(self._limits, joints, rates, dt)
+        return lower, upper
 
 
 def rate_bounds(

@@ -21,7 +21,7 @@ from ffsms_pin.opt.batch.wheels import (
     wheel_shares,
     wheel_torque,
 )
-from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
+from ffsms_pin.opt.limits.limit import Failed, Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.limits.wheel_rows import wheel_rows
 
@@ -48,12 +48,29 @@ class WheelLimits(Limit):
     """
 
     name = "wheels"
+    eased_by_time = True
     margin = _SCALE * _SHARE
     _in_hand: float = _SHARE
 
     def tightened(self, by: float) -> WheelLimits:
         """With so much more in hand, at most half of the limit."""
         return replace(self, _in_hand=min(self._in_hand + max(by, 0.0), _MOST_IN_HAND))
+
+    def explain(self, failed: Failed) -> str:
+        """Which wheel lacks what, where stronger wheels would reach the goal.
+
+        A planner that cannot have both ends within the wheels' limits and short of the goal. Then nothing is
+        broken, and only a motion that the wheels do not hold back tells what it takes.
+        """
+        problem = failed.problem
+        if self.name in failed.plan.broken or problem.wheels is None:
+            return ""
+        strong = replace(problem.wheels, torque=np.inf, momentum=np.inf)
+        robot = problem.sms.with_actuators(wheels=strong, thrusters=problem.sms.thrusters)
+        free = failed.again(replace(problem, sms=robot))
+        if not free.reached:
+            return ""
+        return self.violation(problem.motion(free.joint_rates)).note
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows of the wheels' momenta at the step's end and of their torques in it."""
@@ -95,7 +112,8 @@ class WheelLimits(Limit):
         for values, most, unit in ((momentum, wheels.momentum, "N m s"), (torque, wheels.torque, "N m")):
             used = values / most[:, None]
             binds |= (used > 1.0 - _BINDING).any(axis=0)
-            i, k = np.unravel_index(int(np.argmax(used)), used.shape)
+            # Wheels that do the same by symmetry differ by rounding: the first of them is named.
+            i, k = np.unravel_index(int(np.argmax(used.round(9))), used.shape)
             if used[i, k] > 1.0:
                 worst = max(worst, float(used[i, k]) - 1.0)
                 notes.append(

@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import number, one_of
+from ffsms_pin.checks import one_of
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Also, Via, as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
-from ffsms_pin.opt.horizon.blocked import check_obstacles
-from ffsms_pin.opt.horizon.wheel_needs import with_wheel_needs
-from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, Obstacle
+from ffsms_pin.opt.horizon.diagnosis import refused, with_limits_said
+from ffsms_pin.opt.horizon.marches import marched, reference_stepper
+from ffsms_pin.opt.limits import BaseLimits, Limit, Obstacle
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
-from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.march import Progress, Steps, march, start_sides
-from ffsms_pin.opt.step.of_problem import problem_stepper
-from ffsms_pin.opt.step.programme import StepWeights
-from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
+from ffsms_pin.opt.problem import Problem, default_limits, default_terms
+from ffsms_pin.opt.step.march import Progress, start_sides
+from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
@@ -31,10 +29,6 @@ METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "mi
 
 # [m, rad] Nearer than this to its target, an arm is there and stays.
 ALREADY_THERE = 1e-6
-
-# The references are about what they spare: ten times the step's own price of redundant motion, and still too
-# little to keep an arm from leaving a singular start.
-REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 
 def plan(
@@ -138,18 +132,9 @@ def plan(
         A wrong shape, a number out of range, or a start outside the joint limits.
     """
     one_of("method", method, METHODS)
-    if base_limits is not None and not isinstance(base_limits, BaseLimits):
-        raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")
     goal = as_goal(target)
-    terms: list[Term] = [Smooth(), Effort() if effort is None else Effort(effort)]
-    if goal.coupled:
-        terms.insert(0, Coupling(kappa))
-    if number("base", base) != 0.0:
-        terms.append(BaseTurn(base))
-    limits: list[Limit] = [JointLimits(), Clearance(clearance, collision, obstacles=obstacles)]
-    if base_limits is not None:
-        limits.append(base_limits)
-    limits += _places(also, via)
+    terms = default_terms(kappa, effort, base, goal.coupled)
+    limits = (*default_limits(clearance, collision, obstacles, base_limits), *_places(also, via))
     problem = Problem(
         sms,
         q0,
@@ -205,13 +190,10 @@ def plan_problem(
         The method does not know something that the problem has.
     """
     one_of("method", method, METHODS)
-    based = any(isinstance(limit, BaseLimits) for limit in problem.limits)
-    if method == "paper" and (based or problem.momentum is not None):
-        raise InvalidValue("method", method, "knows no base limits and no momentum; take another one")
-    if method == "paper" and any(isinstance(limit, (Also, Via)) for limit in problem.limits):
-        raise InvalidValue("method", method, "knows no waypoints and one goal only; take another one")
-    around = [one for limit in problem.limits if isinstance(limit, Clearance) for one in limit.obstacles]
-    if method == "paper" and any(one.moves for one in around):
+    if method == "paper" and not (problem.momentum is None and all(one.of_paper for one in problem.limits)):
+        what = "base limits, no momentum, no waypoints and one goal only"
+        raise InvalidValue("method", method, f"knows no {what}; take another one")
+    if method == "paper" and any(one.moves for limit in problem.limits for one in limit.obstacles):
         raise InvalidValue("method", method, "knows no obstacles that move; take another one")
     if method != "horizon" and (problem.goal.moves or problem.locked):
         raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
@@ -222,11 +204,11 @@ def plan_problem(
         return still
     if method == "horizon":
         return solve(problem, options, progress)
-    check_obstacles(problem)
-    marched = _marched(problem, method, progress)
-    if marched.reached:
-        return marched
-    return with_wheel_needs(problem, marched, lambda other: _marched(other, method, None))
+    refused(problem)  # an overlap with an obstacle raises; from a start that is too near a march may get away
+    plan = _marched(problem, method, progress)
+    if plan.reached:
+        return plan
+    return with_limits_said(problem, plan, lambda other: _marched(other, method, None))
 
 
 def _stand_still(problem: Problem) -> Trajectory | None:
@@ -248,36 +230,21 @@ def _stand_still(problem: Problem) -> Trajectory | None:
 
 def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajectory:
     """The motion of single steps; for "step" the best of the marches on the different sides of the cone."""
-    sms, place = problem.sms, problem.goal.place(problem.duration)
-    limits = problem.limits
-    if not any(isinstance(limit, AlphaBox) for limit in limits):
-        limits = (*limits, AlphaBox())
     if method == "paper":
-        paper = NonlinearStepper(sms, problem.dt, problem.kappa, limits, problem.mode, problem.wheel_total)
-        return _march(problem, paper, progress)
-    step = method == "step"
-    weights, terms = (None, problem.terms) if step else (REFERENCE_WEIGHTS, ())
-    stepper = problem_stepper(problem, method, weights, limits=limits, terms=terms)
-    sides = start_sides(sms, problem.q0, place.position, problem.mode) if step else [np.zeros(3)]
+        kappa, limits, total = problem.kappa, problem.step_limits, problem.wheel_total
+        paper = NonlinearStepper(problem.sms, problem.dt, kappa, limits, problem.mode, total)
+        return marched(problem, paper, progress)
+    if method != "step":
+        return marched(problem, reference_stepper(problem, method), progress)
+    stepper = Stepper.of(problem, limits=problem.step_limits)
+    target = problem.goal.place(problem.duration).position
+    sides = start_sides(problem.sms, problem.q0, target, problem.mode)
     plans = []
     for i, side in enumerate(sides):
         stepper.reset(side)
-        plans.append(_march(problem, stepper, None if progress is None else _part(progress, i, len(sides))))
+        share = None if progress is None else _part(progress, i, len(sides))
+        plans.append(marched(problem, stepper, share))
     return min(plans, key=_rank)
-
-
-def _march(problem: Problem, stepper: Steps, progress: Callable[[float], None] | None) -> Trajectory:
-    place = problem.goal.place(problem.duration)
-    rates, note = march(
-        stepper,
-        problem.q0,
-        problem.joint_rates,
-        place.position,
-        problem.duration,
-        place.rotation,
-        progress,
-    )
-    return measure(problem, rates, note)
 
 
 def _rank(plan: Trajectory) -> tuple[bool, float]:

@@ -9,8 +9,8 @@ import numpy as np
 from ffsms_pin.checks import instance, positive
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.horizon import SearchOptions, solve
-from ffsms_pin.opt.horizon.groups import QUICK
 from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.strategies import QUICK
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import JointLimits

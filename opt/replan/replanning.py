@@ -12,18 +12,18 @@ from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_jo
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.wheels import wheel_total
 from ffsms_pin.opt.goals import Goal
+from ffsms_pin.opt.one_thread import OneThread, ReferenceInUse
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.aim import aim
 from ffsms_pin.opt.replan.correctable import Correctable
 from ffsms_pin.opt.replan.dead_band import DeadBand
 from ffsms_pin.opt.replan.failed_joints import without
 from ffsms_pin.opt.replan.joint_plan import JointPlan
-from ffsms_pin.opt.replan.one_thread import OneThread
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest_planner import RestPlanner
-from ffsms_pin.opt.step.of_problem import problem_stepper
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.result import Step
+from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = ["Replanning"]
@@ -83,12 +83,12 @@ class Replanning:
         sms, n = problem.sms, problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + hold
-        self._stepper = problem_stepper(problem, "resolved-rate", _GENTLE if weights is None else weights)
+        self._stepper = Stepper.of(problem, "resolved-rate", _GENTLE if weights is None else weights)
         self._planner = RestPlanner(problem, self.options, plan)
         self._robot = sms
         if problem.locked:
             self._renew_stepper()
-        self._thread = OneThread()
+        self._thread = OneThread(ReferenceInUse, for_good=True)
         self._step = -1
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
@@ -176,7 +176,10 @@ class Replanning:
         ReferenceInUse
             Another thread has begun.
         """
-        self._thread.check()
+        with self._thread:
+            self._observe(t, q, v)
+
+    def _observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         dt = self.problem.dt
         step = int(t / dt + 1e-6)
         if step == self._step:

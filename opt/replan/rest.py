@@ -16,6 +16,8 @@ from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.limits import JointLimits, Limit, Rows, Violation, WheelLimits
 from ffsms_pin.opt.limits.limit import ControlMaps, ControlRows, End
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
@@ -59,9 +61,9 @@ class CountedFrom(Limit):
         """Likewise."""
         return self.limit.settle(step._replace(base_start=self.pose), rates, braking)
 
-    def residual(self, motions: Motions) -> Residuals:
+    def residual(self, m: Features) -> Residuals:
         """The limit's, for motions that count from there."""
-        return self.limit.residual(self._counted(motions))
+        return residuals_of(self.limit, self._counted(m.motions))
 
     def violation(self, motion: Motions) -> Violation:
         """Likewise."""

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Goal
-from ffsms_pin.opt.horizon.diagnosis import start_in_collision, within_workspace
-from ffsms_pin.opt.horizon.groups import QUICK, START_GROUPS
+from ffsms_pin.opt.horizon.diagnosis import refused, within_workspace
 from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.approach import Approach, narrower
 from ffsms_pin.opt.replan.joint_plan import JointPlan
@@ -141,7 +141,7 @@ class RestPlanner:
 
 def _searched(problem: Problem) -> Trajectory:
     """The first plan: as `opt.solve`, but without a diagnosis, which would take seconds."""
-    stays = start_in_collision(problem)
+    stays = refused(problem)
     if stays is not None:
         return stays
-    return Search(problem).run(START_GROUPS if within_workspace(problem) else QUICK)
+    return Search(problem).run(STRATEGIES if within_workspace(problem) else QUICK)

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, positive
-from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, WheelLimits
-from ffsms_pin.opt.problem import Problem, check_parts
+from ffsms_pin.opt.limits import BaseLimits, Limit
+from ffsms_pin.opt.problem import Problem, default_limits, default_terms, step_limits
+from ffsms_pin.opt.problem_checks import check_parts
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
 from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step.stepper import Stepper
-from ffsms_pin.opt.terms import Coupling, Effort, Smooth, Term
+from ffsms_pin.opt.terms import Term
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["StepPlanner"]
@@ -80,15 +80,8 @@ class StepPlanner:
         mode: str = "floating",
         wheel_momentum: ArrayLike | None = None,
     ) -> None:
-        if base_limits is not None and not isinstance(base_limits, BaseLimits):
-            raise InvalidValue("base_limits", base_limits, "must be an opt.BaseLimits")
         if limits is None:
-            kept: list[Limit] = [JointLimits(), Clearance(clearance, collision), AlphaBox()]
-            if base_limits is not None:
-                kept.append(base_limits)
-            if mode == "rotation-floating":
-                kept.append(WheelLimits())
-            limits = kept
+            limits = step_limits(default_limits(clearance, collision, base=base_limits), mode)
         check_parts("limits", limits, Limit)
         check_parts("terms", terms, Term)
         self.clearance, self.base_limits = clearance, base_limits
@@ -167,7 +160,7 @@ class StepPlanner:
         sms = self.sms
         # The motion begins in the first state that is measured; until then in the middle of what is allowed.
         middle = np.clip(np.zeros(sms.n), sms.limits.lower, sms.limits.upper)
-        terms = [Coupling(self.kappa), Smooth(), Effort(), *self.terms]
+        terms = [*default_terms(self.kappa), *self.terms]
         problem = Problem(
             sms,
             sms.configuration(middle),

@@ -17,7 +17,6 @@ from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.terms import Coupling
 
 __all__ = ["replanned"]
 
@@ -53,7 +52,7 @@ def replanned(
         Of the whole time that is left.
     """
     if share <= options.cost_until:
-        problem = replace(problem, terms=[term for term in problem.terms if not isinstance(term, Coupling)])
+        problem = replace(problem, terms=[term for term in problem.terms if not term.measures_cost])
     model = Model.make(problem, options.grid(share))
     weights = options.weights
     motion = Candidates.start(model, _first(model, start, last)[None], weights, options.damping)

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import _kernel
 from ffsms_pin.opt.limits.step_state import StepState
 
 __all__ = [
@@ -38,8 +39,9 @@ LEAST_APPROACH = 0.2
 # Of the way to the point of a straight step that is nearest to the target, the share that one step goes at
 # most: a longer step at an angle to the target would go round it instead of nearing it.
 _NEARING = 0.5
-_ARRIVED = 1e-12  # [m, rad] nearer than this the direction to the target is rounding
-_MOST = 1e6  # [rad/s^2] stands for no limit on an acceleration
+_ARRIVED = 1e-12  # [rad] nearer than this the axis to the wanted attitude is rounding
+# As the kernel takes them.
+_SCHEDULE = np.array([ARRIVAL_POWER, AFTER, LEAST_APPROACH, _NEARING])
 
 
 class WantedMotion(NamedTuple):
@@ -77,20 +79,19 @@ def wanted_motion(step: StepState, target: FloatArray, cosine: float, side: Floa
         Vector whose part across the way to the target is the side to move on; zero: as the end effector
         moves now.
     """
-    way = target - step.pose.translation
-    distance = math.sqrt(way.dot(way))
-    if distance < _ARRIVED:
-        return WantedMotion(np.zeros(3), np.zeros(3), 0.0, side)
-    towards = way / distance
-    J_v = step.J_star[:3]
-    velocity = J_v.dot(step.rates) + step.tip_drift[:3]
-    lateral = lateral_direction(towards, side if side.any() else velocity)
-    direction = cone_direction(towards, lateral, cosine)
-    # A path at a constant angle to the direction of the target is 1 / cos longer than the straight one.
-    path = distance / max(cosine, LEAST_APPROACH)
-    speed = _scheduled(step, path, float(velocity.dot(direction)), direction.dot(J_v))
-    speed = min(speed, _NEARING * distance * max(cosine, LEAST_APPROACH) / step.dt)
-    return WantedMotion(towards, direction, speed, lateral)
+    found = _kernel.wanted_motion(
+        _SCHEDULE,
+        target - step.pose.translation,
+        step.J_star[:3],
+        step.rates,
+        step.tip_drift,
+        step.sms.limits.acceleration,
+        side,
+        cosine,
+        step.time_left,
+        step.dt,
+    )
+    return WantedMotion(np.zeros(3), np.zeros(3), 0.0, side) if found is None else WantedMotion(*found)
 
 
 def wanted_spin(step: StepState, rotation: FloatArray) -> FloatArray:
@@ -109,22 +110,12 @@ def wanted_spin(step: StepState, rotation: FloatArray) -> FloatArray:
     axis = turn / angle
     J_w = step.J_star[3:]
     spin = J_w.dot(step.rates) + step.tip_drift[3:]
-    wanted: FloatArray = _scheduled(step, angle, float(axis.dot(spin)), axis.dot(J_w)) * axis
+    # Asking for more than the joints can add in a step would buy speed with direction.
+    acceleration, speed = step.sms.limits.acceleration, float(axis.dot(spin))
+    wanted: FloatArray = axis * _kernel.scheduled(
+        _SCHEDULE, angle, speed, axis.dot(J_w), acceleration, step.time_left, step.dt
+    )
     return wanted
-
-
-def _scheduled(step: StepState, left: float, speed: float, gradient: FloatArray) -> float:
-    """The schedule's speed, as far as the joints can reach it in one step.
-
-    `gradient` (n,) is the slope of the speed by the joint rates. Asking for more than the joints can add
-    would buy speed with direction.
-    """
-    now = max(0.0, speed)
-    wanted = reference_speed(left, now, step.time_left, step.dt)
-    if wanted <= now:
-        return wanted
-    acceleration = np.minimum(step.sms.limits.acceleration, _MOST)
-    return min(wanted, now + step.dt * float(np.abs(gradient).dot(acceleration)))
 
 
 def reference_speed(path_left: float, speed: float, time_left: float, dt: float) -> float:
@@ -142,9 +133,7 @@ def reference_speed(path_left: float, speed: float, time_left: float, dt: float)
         Step [s].
     """
     # speed_next = p (path left at the step's end) / (time left at the step's end), solved for speed_next.
-    left_after = max(time_left - dt, 0.0) + AFTER * dt
-    way = max(path_left - 0.5 * dt * speed, 0.0)
-    return ARRIVAL_POWER * way / (left_after + 0.5 * dt * ARRIVAL_POWER)
+    return float(_kernel.reference_speed(_SCHEDULE, path_left, speed, time_left, dt))
 
 
 def lateral_direction(towards: FloatArray, hint: FloatArray) -> FloatArray:
@@ -157,14 +146,7 @@ def lateral_direction(towards: FloatArray, hint: FloatArray) -> FloatArray:
     hint : ndarray, shape (3,)
         The side to take; where it has no part across `towards`, any side is taken.
     """
-    across = hint - hint.dot(towards) * towards
-    size = math.sqrt(across.dot(across))
-    if size < 1e-9:
-        # The cross product with the axis that is furthest from it.
-        across = np.cross(towards, np.eye(3)[int(np.argmin(np.abs(towards)))])
-        size = math.sqrt(across.dot(across))
-    lateral: FloatArray = across / size
-    return lateral
+    return _kernel.lateral_direction(towards, hint)
 
 
 def cone_direction(towards: FloatArray, lateral: FloatArray, cosine: float) -> FloatArray:

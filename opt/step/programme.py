@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import _kernel
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.direction import WantedMotion
@@ -28,8 +29,6 @@ __all__ = [
     "objective",
     "stacked_rows",
 ]
-
-_ZEROS, _NONE = np.zeros(2), np.full(2, UNBOUNDED)  # bounds of s and of the slack
 
 
 @dataclass(frozen=True)
@@ -99,10 +98,13 @@ class StepProblem(NamedTuple):
     def all_rows(self) -> AllRows:
         """The rows with the bounds among them."""
         (bounded,) = (np.minimum(-self.lower, self.upper) < UNBOUNDED).nonzero()
+        none = np.full(len(self.g) - 2, UNBOUNDED)
         return AllRows(
             np.concatenate([self.C, np.eye(len(self.g))[bounded]]),
             np.concatenate([self.l, self.lower[bounded]]),
             np.concatenate([self.u, self.upper[bounded]]),
+            -none,
+            none,
         )
 
 
@@ -117,11 +119,20 @@ class AllRows(NamedTuple):
     """All rows low <= A x <= up of a programme, and after them the bounds on single variables as rows.
 
     ProxQP has bounds of its own, but takes no multipliers of theirs to start from.
+
+    Attributes
+    ----------
+    A : ndarray, shape (m, n + 2)
+    low, up : ndarray, shape (m,)
+    least, greatest : ndarray, shape (n,)
+        Bounds on the joint rates themselves, from rows that never give way [rad/s].
     """
 
     A: FloatArray
     low: FloatArray
     up: FloatArray
+    least: FloatArray
+    greatest: FloatArray
 
 
 def objective(
@@ -147,22 +158,10 @@ def objective(
         More terms u^T W u / 2 - w^T u.
     """
     n, V, w = step.V.shape[0], step.V, weights
-    # Direction: |J*_v V alpha + drift - s e|^2 = |S x + drift|^2.
-    S = np.zeros((3, n + 2))
-    S[:, :n] = step.J_star[:3].dot(V)
-    S[:, n] = -wanted.direction
-    H = w.direction * S.T.dot(S)
-    # V turns without stretching, so that |u| = |alpha|: effort and change are diagonal in alpha, too.
-    plain = w.change + (w.effort if effort is None else 0.0)
-    for i in range(n):
-        H[i, i] += plain
-    H[n, n] += w.speed
-    H[n + 1, n + 1] += w.clearance
-    g = np.empty(n + 2)
-    g[:n] = -w.change * step.rates.dot(V)
-    g[n], g[n + 1] = -w.speed * wanted.speed, w.clearance
-    if step.momentum is not None:
-        g += w.direction * step.tip_drift[:3].dot(S)
+    sizes = np.array([w.direction, w.speed, w.effort, w.change, w.clearance])
+    H, g = _kernel.objective(
+        step.J_star[:3], V, step.rates, step.tip_drift, wanted.direction, wanted.speed, sizes, effort is None
+    )
     added = list(terms)
     if effort is not None:
         added.append((w.effort * effort, np.zeros(n)))
@@ -196,23 +195,7 @@ def stacked_rows(V: FloatArray, rows: Sequence[Rows]) -> AllRows:
         Right singular vectors of C_bm: u = V alpha.
     rows : sequence of Rows
     """
-    n = V.shape[0]
-    parts: list[Rows] = []
-    for given in rows:
-        parts += _one_sided(given)
-    G = np.concatenate([np.empty((0, n)), *(part.G for part in parts)])
-    A = np.zeros((len(G) + 2, n + 2))
-    A[:-2, :n] = G.dot(V)
-    A[-2, n] = A[-1, n + 1] = 1.0
-    first = 0
-    for part in parts:
-        last = first + len(part.lower)
-        if part.give:
-            A[first:last, n + 1] = part.give
-        first = last
-    low = np.concatenate([*(part.lower for part in parts), _ZEROS])
-    up = np.concatenate([*(part.upper for part in parts), _NONE])
-    return AllRows(A, low, up)
+    return AllRows(*_kernel.stacked_rows(V, rows))
 
 
 def build_step(goal: Objective, rows: AllRows) -> StepProblem:
@@ -221,18 +204,3 @@ def build_step(goal: Objective, rows: AllRows) -> StepProblem:
     lower, upper = np.full(size, -UNBOUNDED), np.full(size, UNBOUNDED)
     lower[-2:] = 0.0
     return StepProblem(goal.H, goal.g, rows.A[:-2], rows.low[:-2], rows.up[:-2], lower, upper)
-
-
-def _one_sided(rows: Rows) -> list[Rows]:
-    """Rows whose `give` is the slack's coefficient: those that give way have one side each."""
-    G, lower, upper, give = rows
-    if give == 0.0:
-        return [rows]
-    above = upper < UNBOUNDED
-    if not above.any():
-        return [rows]
-    below, none = lower > -UNBOUNDED, np.full(len(lower), UNBOUNDED)
-    return [
-        Rows(G[below], lower[below], none[below], give),
-        Rows(G[above], -none[above], upper[above], -give),
-    ]

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from proxsuite import proxqp
 
-from ffsms_pin import lapack
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import _kernel
 from ffsms_pin.opt.step.programme import AllRows, Objective, StepProblem
 
 __all__ = ["Solution", "StepSolver", "new_solver"]
@@ -132,22 +132,5 @@ def _refined(goal: Objective, rows: AllRows, found: Solution) -> Solution:
     over a march of a thousand steps that shows. The equations have no memory. Their solution is taken where
     it keeps all rows and its multipliers have the right signs, which makes it the programme's; else ProxQP's.
     """
-    n = len(goal.g)
-    (active,) = (np.abs(found.z) > TOLERANCE).nonzero()
-    A, pressing, k = rows.A.take(active, 0), found.z.take(active), len(active)
-    matrix, right = np.zeros((n + k, n + k)), np.empty(n + k)
-    matrix[:n, :n], matrix[n:, :n], matrix[:n, n:] = goal.H, A, A.T
-    right[:n] = -goal.g
-    right[n:] = np.where(pressing > 0.0, rows.up.take(active), rows.low.take(active))
-    _, _, solution, info = lapack.dgesv(matrix, right)
-    if info != 0:  # rows that depend on each other
-        return found
-    x, multipliers = solution[:n], solution[n:]
-    reached = rows.A.dot(x)
-    excess = np.maximum(rows.low - reached, reached - rows.up)
-    # Written so that a NaN is not the solution.
-    if not (excess.max(initial=0.0) <= _KEPT and (multipliers * pressing).min(initial=0.0) >= 0.0):
-        return found
-    z = np.zeros(len(found.z))
-    z[active] = multipliers
-    return Solution(x, z, True)
+    exact = _kernel.refined(goal.H, goal.g, rows.A, rows.low, rows.up, found.z, TOLERANCE, _KEPT)
+    return found if exact is None else Solution(*exact, True)

@@ -8,14 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, instance, one_of, positive, vector
+from ffsms_pin.checks import FloatArray, instance, number, one_of, positive, vector
 from ffsms_pin.coupling import cosine
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.goals import Place, as_goal
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.step.arguments import checked_arguments
-from ffsms_pin.opt.step.braking import braking, hard_bounds, within
+from ffsms_pin.opt.one_thread import OneThread, StepperInUse
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.step.braking import braking, within
 from ffsms_pin.opt.step.direction import WantedMotion, wanted_motion, wanted_spin
-from ffsms_pin.opt.step.one_at_a_time import OneAtATime
 from ffsms_pin.opt.step.programme import (
     AllRows,
     Objective,
@@ -43,7 +45,6 @@ class _Build(NamedTuple):
 
     step: StepState
     wanted: WantedMotion
-    bounds: tuple[FloatArray, FloatArray]  # that never give way, on the joint rates
     goal: Objective
     rows: AllRows
 
@@ -64,8 +65,8 @@ class Stepper:
     side it is on, and finds alpha and the speed s with J*_v V alpha = s e as nearly as the limits allow
     (docs/convex-step.md). Where the programme is not solved the arm brakes within its limits.
 
-    From step to step it remembers the side of the cone, the last solution as a start for the solver, and
-    where the base started. It is for one thread; `like()` makes another.
+    It remembers the side of the cone, the last solution, and where the base started. It is for one thread;
+    `like()` makes another.
 
     Parameters
     ----------
@@ -82,12 +83,11 @@ class Stepper:
     reference : str
         One of `REFERENCES`: "step" is the paper's cost; the others are classical references that go straight.
     momentum : array_like, shape (6,), optional
-        Total momentum [linear; angular], inertial axes, about the system's centre of mass, as in
-        `sms.velocity`. The step then reckons with the drift H_b^-1 h of the base. Default zero.
+        Total momentum as in `sms.velocity`: the step reckons with the base's drift H_b^-1 h. Default zero.
     mode : str
         What of the base is held (see `opt.Problem`): C_bm, its singular vectors and J* are the mode's.
     wheel_total : array_like, shape (w,), optional
-        Momenta of the wheels that hold the attitude, were the joints at rest [N m s]. Default zero.
+        As in `StepState` [N m s]. Default zero.
 
     Attributes
     ----------
@@ -132,13 +132,32 @@ class Stepper:
         self.limits = tuple(limit.for_robot(sms) for limit in limits)
         # Those that have a say in what the programme has chosen.
         self._settling = [limit for limit in self.limits if type(limit).settle is not Limit.settle]
-        self._data, self._solver, self._alone = sms.model.createData(), StepSolver(), OneAtATime()
+        self._data, self._solver, self._alone = sms.model.createData(), StepSolver(), OneThread(StepperInUse)
         self._last: _Last | None = None
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        what = (self.sms, self.dt, self.kappa, self._given, self.terms, self.weights, self.reference)
-        settings = (*what, self.momentum, self.mode, self.wheel_total)
-        return _copied, (settings, self.side, self.base_start, self.deadline, self._last)
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        reference: str = "step",
+        weights: StepWeights | None = None,
+        *,
+        limits: Sequence[Limit] | None = None,
+        terms: Sequence[Term] | None = None,
+    ) -> Stepper:
+        """A stepper that takes the steps of a problem; with other limits or terms where they are given."""
+        limits = problem.limits if limits is None else limits
+        terms = problem.terms if terms is None else terms
+        given = problem.momentum, problem.mode, problem.wheel_total
+        return cls(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *given)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but scratch memory, which a copy has of its own."""
+        return {name: value for name, value in vars(self).items() if name not in ("_data", "_solver")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._data, self._solver = self.sms.model.createData(), StepSolver()
 
     def like(
         self,
@@ -147,18 +166,9 @@ class Stepper:
         reference: str | None = None,
     ) -> Stepper:
         """A new stepper with the same settings, but for another step, robot or reference where given."""
-        return Stepper(
-            sms or self.sms,
-            dt or self.dt,
-            self.kappa,
-            self._given,
-            self.terms,
-            self.weights,
-            reference or self.reference,
-            self.momentum,
-            self.mode,
-            self.wheel_total,
-        )
+        parts = self.kappa, self._given, self.terms, self.weights, reference or self.reference
+        given = self.momentum, self.mode, self.wheel_total
+        return Stepper(sms or self.sms, dt or self.dt, *parts, *given)
 
     def reset(
         self,
@@ -199,12 +209,12 @@ class Stepper:
         InvalidValue
         StepperInUse
         """
-        return self.advance(*checked_arguments(self.sms, q, joint_rates, target, time_left))
+        return self.advance(*self._checked(q, joint_rates, target, time_left))
 
     def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
         """The quadratic programme of a step, without solving it; arguments as for `step`."""
         with self._alone:
-            built = self._build(*checked_arguments(self.sms, q, joint_rates, target, time_left))
+            built = self._build(*self._checked(q, joint_rates, target, time_left))
         return build_step(built.goal, built.rows)
 
     def advance(
@@ -224,23 +234,47 @@ class Stepper:
         with self._alone:
             return self._advance(self._build(q, rates, target, time_left, rotation, prefer))
 
+    def _checked(
+        self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, float, FloatArray | None]:
+        """Arguments as `advance` takes them."""
+        time_left = number("time_left", time_left)
+        if isinstance(target, np.ndarray):  # the most common case, and several times quicker than by a goal
+            place = Place(vector("target", target, 3, "m"))
+        else:
+            goal = as_goal(target)
+            if goal.moves:
+                raise InvalidValue(
+                    "target", target, "must stand still for a step: give the place where it is now"
+                )
+            place = goal.place(time_left)
+        q = self.sms.checked_configuration("q", q)
+        if not place.plain:
+            place = place.aim(self.sms.at(q).end_effector_pose, q)
+        rates = vector("joint_rates", joint_rates, self.sms.n, "rad/s")
+        return q, rates, place.position, time_left, place.rotation
+
     def _advance(self, built: _Build) -> Step:
         """Solve a programme, remember its solution, and say what it comes to."""
         step, wanted, n = built.step, built.wanted, self.sms.n
+        bounds = built.rows.least, built.rows.greatest
         self.side, self.base_start = wanted.side, step.base_start
         self.deadline = step.time + step.time_left
-        found = self._solver.solve_rows(built.goal, built.rows, self._start(step.V))
+        start = None
+        if (last := self._last) is not None:  # the last solution, in the basis of this step
+            start = np.concatenate([last.rates.dot(step.V), last.speed_and_slack]), last.z
+        found = self._solver.solve_rows(built.goal, built.rows, start)
         if found.solved:
             # Within the solver's tolerance already; this makes the limits hold to the last bit.
-            chosen, slack = within(step.V.dot(found.x[:n]), built.bounds), max(0.0, float(found.x[n + 1]))
+            chosen, slack = within(step.V.dot(found.x[:n]), bounds), max(0.0, float(found.x[n + 1]))
             self._last = _Last(chosen, found.x[n:], found.z)
             if self._settling:
-                slower = within(braking(step), built.bounds)
+                slower = within(braking(step), bounds)
                 for limit in self._settling:
                     chosen = limit.settle(step, chosen, slower)
-                chosen = within(chosen, built.bounds)
+                chosen = within(chosen, bounds)
         else:
-            chosen, slack, self._last = within(braking(step), built.bounds), 0.0, None
+            chosen, slack, self._last = within(braking(step), bounds), 0.0, None
         velocity = step.J_star[:3].dot(chosen) + step.tip_drift[:3]
         cos_theta = cosine(velocity, wanted.towards)
         cost = step_cost(cos_theta, step.entropy, self.kappa)
@@ -269,23 +303,4 @@ class Stepper:
             shares = [share for term in self.terms if (share := term.step_objective(step)) is not None]
             goal = objective(step, wanted, self.weights, effort, spin, shares)
         rows = [rows for limit in self.limits if (rows := limit.rows(step)) is not None]
-        return _Build(step, wanted, hard_bounds(rows, self.sms.n), goal, stacked_rows(step.V, rows))
-
-    def _start(self, V: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Where the solver starts: the last solution, in the basis of this step."""
-        if self._last is None:
-            return None
-        return np.concatenate([self._last.rates.dot(V), self._last.speed_and_slack]), self._last.z
-
-
-def _copied(
-    settings: tuple[Any, ...],
-    side: FloatArray,
-    base_start: FloatArray | None,
-    deadline: float | None,
-    last: _Last | None,
-) -> Stepper:
-    """A stepper that goes on as another one would."""
-    stepper = Stepper(*settings)
-    stepper.side, stepper.base_start, stepper.deadline, stepper._last = side, base_start, deadline, last
-    return stepper
+        return _Build(step, wanted, goal, stacked_rows(step.V, rows))

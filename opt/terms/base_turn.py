@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsms_pin.checks import at_least_zero
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residual, Residuals
+from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.terms.term import Term, time_scale
 
 __all__ = ["BaseTurn"]
@@ -34,9 +33,6 @@ class BaseTurn(Term):
     def __post_init__(self) -> None:
         at_least_zero("weight", self.weight)
 
-    def residual(self, motions: Motions) -> Residuals:
-        """The components of the angular velocity."""
-        root = np.sqrt(_UNIT * self.weight) * time_scale(motions)
-        spin, eye = motions.base_spin, np.eye(3)
-        ones = np.ones((1, *spin.shape[1:]))
-        return [Residual(root * spin[i], by_base_spin=root * eye[i][:, None, None] * ones) for i in range(3)]
+    def residual(self, m: Features) -> Feature:
+        """The angular velocity."""
+        return np.sqrt(_UNIT * self.weight) * time_scale(m) * m.base_spin  # type: ignore[no-any-return]

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsms_pin.checks import at_least_zero
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import JointResidual, Residuals
+from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.terms.term import Term, time_scale
 
 __all__ = ["Effort"]
@@ -45,11 +44,7 @@ class Effort(Term):
         """Whether the weight is no greater than the default; a greater one is paid for with cost."""
         return self.weight <= _LIGHT
 
-    def residual(self, motions: Motions) -> Residuals:
+    def residual(self, m: Features) -> Feature:
         """The joint rates."""
-        root = np.sqrt(self.weight) * time_scale(motions)
-        idle = motions.stack.moves_tip == 0.0
-        if self.idle == 1.0 or not idle.any():
-            return [JointResidual(root * motions.rates, by_rate=np.full((1, 1, 1), root))]
-        roots = (root * np.where(idle, np.sqrt(self.idle), 1.0))[:, None, None]
-        return [JointResidual(roots * motions.rates, by_rate=roots)]
+        idle = np.where(m.stack.moves_tip == 0.0, np.sqrt(self.idle), 1.0)
+        return np.sqrt(self.weight) * time_scale(m) * idle * m.rates  # type: ignore[no-any-return]

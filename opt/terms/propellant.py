@@ -8,11 +8,9 @@ import numpy as np
 
 from ffsms_pin.actuation.thrusters import STANDARD_GRAVITY
 from ffsms_pin.checks import at_least_zero, positive
-from ffsms_pin.opt.batch.instants import Instants
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residuals
-from ffsms_pin.opt.batch.smooth_size import smooth_size
-from ffsms_pin.opt.batch.thrusters import held_wrench, thruster_shares, wrench_slopes
+from ffsms_pin.opt.batch.thrusters import thruster_shares
+from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion.feature import root_of_size
 from ffsms_pin.opt.terms.term import Term, time_scale
 
 __all__ = ["Propellant"]
@@ -42,20 +40,11 @@ class Propellant(Term):
         at_least_zero("weight", self.weight)
         positive("rounding", self.rounding, "N")
 
-    def residual(self, motions: Motions) -> Residuals:
+    def residual(self, m: Features) -> Feature | list[Feature]:
         """The square root of each thruster's flow, at instants that have a weight."""
-        thrusters, stack = motions.thrusters, motions.stack
+        thrusters = m.motions.thrusters
         if thrusters is None:
             return []
-        instants = Instants.weighted(motions)
-        columns = instants.columns(motions)
-        wrench = held_wrench(stack, stack.evaluate(columns[0]), *columns[1:])
-        slopes, shares = wrench_slopes(stack, *columns), thruster_shares(motions)
         flow = 1e3 / (thrusters.specific_impulse * STANDARD_GRAVITY)  # [g/s] a newton
-        root = np.sqrt(self.weight * flow) * time_scale(motions)
-        found: Residuals = []
-        for share in shares:
-            value, slope = smooth_size(share @ wrench, self.rounding)
-            by = [root * slope * np.einsum("x,xjv->jv", share, one) for one in slopes]
-            found.append(instants.residual(root * value, by))
-        return found
+        forces = thruster_shares(m.motions) @ m.weighted().wrench
+        return np.sqrt(self.weight * flow) * time_scale(m) * root_of_size(forces, self.rounding)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsms_pin.checks import at_least_zero
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import JointResidual, Residuals
+from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.terms.term import Term, time_scale
 
 __all__ = ["Smooth"]
@@ -39,7 +38,6 @@ class Smooth(Term):
         """Whether the weight is no greater than the default; a greater one is paid for with cost."""
         return self.weight <= _LIGHT
 
-    def residual(self, motions: Motions) -> Residuals:
+    def residual(self, m: Features) -> Feature:
         """The joint accelerations."""
-        root = np.sqrt(self.weight) * time_scale(motions) ** 2
-        return [JointResidual(root * motions.accelerations, by_acceleration=np.full((1, 1, 1), root))]
+        return np.sqrt(self.weight) * time_scale(m) ** 2 * m.accelerations  # type: ignore[no-any-return]

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.parts.reading import Formula, residuals_of
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.batch.motions import Motions
-    from ffsms_pin.opt.batch.residual import Residuals
     from ffsms_pin.opt.limits.step_state import StepState
+    from ffsms_pin.opt.motion.features import Features
 
 __all__ = ["REFERENCE_TIME", "Term", "time_scale"]
 
@@ -21,7 +22,7 @@ __all__ = ["REFERENCE_TIME", "Term", "time_scale"]
 REFERENCE_TIME = 8.0
 
 
-def time_scale(motions: Motions) -> float:
+def time_scale(motions: Motions | Features) -> float:
     """The unit of time in which motion is weighed: 1 for a motion of 8 s."""
     return motions.duration / REFERENCE_TIME
 
@@ -40,10 +41,17 @@ class Term(ABC):
         Whether the term only decides between motions that cost the same in the other terms. Default: no.
     smooths : bool
         Whether the term weighs more at the beginning of a search, where it leads round poor minima.
+    measures_cost : bool
+        Whether motions are called cheap by this term alone, and by its `cost`: the residual may be smoothed
+        while a search is on its way. A re-plan close to the deadline leaves such a term out.
+    kappa : float or None
+        Sharpness of the paper's C~ where the term has one: what a motion reports is measured with it.
     """
 
     name: str
     smooths: bool = False
+    measures_cost: bool = False
+    kappa: float | None = None
 
     @property
     def tie_breaker(self) -> bool:
@@ -51,8 +59,13 @@ class Term(ABC):
         return False
 
     @abstractmethod
-    def residual(self, motions: Motions) -> Residuals:
-        """Residuals of whole motions, times the square root of the weight, with their slopes."""
+    def residual(self, m: Features) -> Formula:
+        """What is to be small at every instant: its squares, integrated over time, times the weight.
+
+        A feature (S, K) or (c, S, K) of whole motions, or a list of these. The weight is in it as its square
+        root: `return np.sqrt(self.weight) * ...`. An array without slopes will do; it is differenced, which
+        is slow. Slopes by hand are an `opt.Residual`.
+        """
 
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:
         """Matrix W (n, n) and vector w (n,) that a step adds to its objective as u^T W u / 2 - w^T u.
@@ -62,9 +75,13 @@ class Term(ABC):
         """
         return None
 
-    def share(self, motion: Motions) -> float:
-        """What the term comes to for one finished motion: the integral of its squared residuals."""
-        total = 0.0
-        for residual in self.residual(motion):
-            total += float(np.sum(residual.squares(motion.weights)))
+    def cost(self, motions: Motions) -> FloatArray:
+        """What the term comes to (S,) without smoothing: the integral of its squared residuals."""
+        total: FloatArray = np.zeros(motions.count)
+        for residual in residuals_of(self, motions):
+            total += residual.squares(motions.weights, motions.count)
         return total
+
+    def share(self, motion: Motions) -> float:
+        """What it comes to for one finished motion, at its nodes and the middles between; default: `cost`."""
+        return float(self.cost(motion)[0])

@@ -7,18 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsms_pin.checks import at_least_zero, positive
-from ffsms_pin.opt.batch.instants import Instants
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residuals
-from ffsms_pin.opt.batch.smooth_size import smooth_size
-from ffsms_pin.opt.batch.wheels import (
-    TorqueSlopes,
-    friction_slope,
-    momentum_slopes_by_joints,
-    wheel_momentum,
-    wheel_shares,
-    wheel_torque,
-)
+from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion.feature import root_of_size
 from ffsms_pin.opt.terms.term import Term, time_scale
 
 __all__ = ["WheelEnergy"]
@@ -48,28 +38,11 @@ class WheelEnergy(Term):
         at_least_zero("weight", self.weight)
         positive("rounding", self.rounding, "W")
 
-    def residual(self, motions: Motions) -> Residuals:
+    def residual(self, m: Features) -> Feature | list[Feature]:
         """The square root of each wheel's power, at instants that have a weight."""
-        wheels = motions.wheels
+        wheels = m.motions.wheels
         if wheels is None:
             return []
-        h = wheel_momentum(motions)
-        torque = wheel_torque(motions, h)
-        instants = Instants.weighted(motions)
-        motion, instant = instants
-        by_torque = TorqueSlopes(motions.stack.robot).at(*instants.columns(motions))
-        by_momentum = [slope[:, :, motion, instant] for slope in momentum_slopes_by_joints(motions)]
-        root = np.sqrt(self.weight) * time_scale(motions) ** 1.5
-        found: Residuals = []
-        for i, share in enumerate(wheel_shares(wheels)):
-            speed, tau = h[i, motion, instant] / wheels.inertia[i], torque[i, motion, instant]
-            value, slope = smooth_size(tau * speed, self.rounding)
-            # By the momentum: as the speed, and what friction takes.
-            by_h = tau / wheels.inertia[i]
-            if wheels.rubs:
-                by_h = by_h + speed * friction_slope(wheels, np.full(len(motion), i), h[i, motion, instant])
-            by = [-speed * np.einsum("x,xjv->jv", share, one) for one in by_torque]
-            for kind, one in enumerate(by_momentum):
-                by[kind] -= by_h * np.einsum("x,xjv->jv", share, one)
-            found.append(instants.residual(root * value, [root * slope * one for one in by]))
-        return found
+        at = m.weighted()
+        power = at.wheel_torques * at.wheels / wheels.inertia
+        return np.sqrt(self.weight) * time_scale(m) ** 1.5 * root_of_size(power, self.rounding)

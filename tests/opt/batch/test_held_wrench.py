@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from ffsms_pin.opt.batch.smooth_size import smooth_size
 from motions import random_pose
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.smooth_size import smooth_size
 from ffsms_pin.opt.batch.thrusters import held_wrench, wrench_slopes
 from ffsms_pin.system.base_motion import advance, held_velocity
 from ffsms_pin.system.batch.arm import ArmStack

@@ -11,7 +11,7 @@ from horizon_parts import planar_problem, told
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.correction import arrival_error, corrected_goal
-from ffsms_pin.opt.horizon.diagnosis import explain, reach_range, start_in_collision, within_workspace
+from ffsms_pin.opt.horizon.diagnosis import explain, reach_range, refused, within_workspace
 from ffsms_pin.opt.horizon.shooting import JointGoals
 
 
@@ -36,19 +36,19 @@ def test_what_lies_outside_the_workspace(planar: ffsms.SpaceManipulator) -> None
 
 
 def test_a_start_that_breaks_a_clearance(planar: ffsms.SpaceManipulator) -> None:
-    assert start_in_collision(planar_problem(planar)) is None
+    assert refused(planar_problem(planar)) is None
     problem = planar_problem(planar)
     inside = dataclasses.replace(problem, q0=planar.configuration([1.2, 2.4, 1.6]))
-    plan = start_in_collision(inside)
+    plan = refused(inside)
     assert plan is not None
     assert "start breaks the clearance" in plan.note
     assert not plan.clear
     assert plan.broken.keys() == {"clearance"}
     for limits in ([opt.JointLimits()], [opt.Clearance(collision="off")]):
-        assert start_in_collision(dataclasses.replace(inside, limits=limits)) is None
+        assert refused(dataclasses.replace(inside, limits=limits)) is None
     # Joints that move at the start do not hide it.
     moving = dataclasses.replace(inside, joint_rates=[0.1, 0.0, 0.0])
-    assert start_in_collision(moving) is not None
+    assert refused(moving) is not None
 
 
 @pytest.mark.parametrize("enough", [7.0, 9.0, 30.0, np.inf])

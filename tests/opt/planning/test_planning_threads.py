@@ -18,9 +18,8 @@ from paper_sums import ARRAYS, quantities
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError
+from ffsms_pin.opt.one_thread import ReferenceInUse, StepperInUse
 from ffsms_pin.opt.planning.plan import plan_problem
-from ffsms_pin.opt.replan.one_thread import ReferenceInUse
-from ffsms_pin.opt.step.one_at_a_time import StepperInUse
 
 THREADS = 3
 QUICK = opt.SearchOptions(time_limit=1e-9)  # the first plan is taken

@@ -1,0 +1,197 @@
+"""What each strategy of the search earns: one row for each taken out, against all of them.
+
+Targets are easy, near, hard, obstructed, short and momentum-carrying; all but the obstructed and some of the
+hard ones can be reached by construction, by a straight joint-space move with the base reacting. `python
+benchmarks/strategies.py` makes the table; `make bench BENCH="--only strategies"` has it as a section.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+from planner import bent
+from table import markdown
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.strategies import STRATEGIES
+from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.threads import one_blas_thread
+
+# Model, and whether the targets are poses.
+SETS = (("planar_3r", False), ("satellite_panda", True))
+KINDS = ("easy", "near", "hard", "obstructed", "short", "momentum")
+# Strategies that nothing can be found without.
+NEEDED = ("first starts", "descent")
+DT = 0.02  # [s]
+SHARE = 0.9  # of the joint box that goals are drawn from
+SLACK = {"short": 1.12}  # durations, over what the joints need; others: 1.5
+NEAR = 0.1  # [rad] how far joints move to a near target at most; some count as arrived from the start
+CARRIED = (0.05, 0.3)  # how far momentum takes the centre of mass [arm lengths] and turns the base [rad]
+RADIUS = 0.04  # [arm lengths] of the obstacle in the way
+
+
+def problems(name: str, poses: bool, kind: str, count: int, seed: int) -> Iterator[opt.Problem]:
+    """Problems of one kind."""
+    sms = ffsms.load(name)
+    rng, stack = np.random.default_rng([seed, KINDS.index(kind)]), ArmStack(sms)
+    start = np.full(sms.n, np.deg2rad(1.0)) if name == "planar_3r" else bent(sms)
+    limits = sms.limits
+    low = np.where(np.isfinite(limits.lower), limits.lower, -math.pi)
+    high = np.where(np.isfinite(limits.upper), limits.upper, math.pi)
+    q0, made = sms.configuration(start), 0
+    clearance = opt.Clearance().for_robot(sms)
+    while made < count:
+        goal = 0.5 * (low + high) + 0.5 * SHARE * (high - low) * rng.uniform(-1.0, 1.0, sms.n)
+        near = NEAR * 10.0 ** rng.uniform(-1.5, 0.0)
+        goal = start + near * rng.uniform(-1.0, 1.0, sms.n) if kind == "near" else goal
+        least = np.max(np.abs(goal - start) / limits.velocity + limits.velocity / limits.acceleration)
+        duration = 6.0 if kind == "near" else DT * math.ceil(SLACK.get(kind, 1.5) * float(least) / DT)
+        momentum = _momentum(stack, start, duration, rng) if kind == "momentum" else None
+        move = _straight(sms, stack, q0, goal - start, duration, momentum)
+        kept = clearance.violation(move).amount == 0.0
+        if kept == (kind == "hard") or not _clear_at(sms, stack, clearance, goal):
+            continue
+        obstacles = [_in_the_way(stack, move)] if kind == "obstructed" else []
+        around = opt.Clearance(obstacles=obstacles).for_robot(sms)
+        if obstacles and not _stands_between(around, move):
+            continue
+        end = pin.SE3(move.attitude[:, :, 0, -1], move.end_effector[:, 0, -1])
+        target = end if poses else end.translation
+        parts = (opt.JointLimits(), opt.Clearance(obstacles=obstacles))
+        yield opt.Problem(sms, q0, target, duration, DT, limits=parts, momentum=momentum)
+        made += 1
+
+
+def _straight(
+    sms: ffsms.SpaceManipulator,
+    stack: ArmStack,
+    q0: FloatArray,
+    way: FloatArray,
+    duration: float,
+    momentum: FloatArray | None,
+) -> Motions:
+    """The straight move, from rest to rest."""
+    s = np.linspace(0.0, 1.0, round(duration / DT) + 1)
+    rates = (6.0 * s * (1.0 - s))[:, None] * way / duration
+    return rolled_out(sms, stack, q0, rates, duration / (len(s) - 1), momentum, 0.9)
+
+
+def _clear_at(sms: ffsms.SpaceManipulator, stack: ArmStack, clearance: opt.Limit, joints: FloatArray) -> bool:
+    """Whether the arm keeps clear at joint positions (n,)."""
+    still = rolled_out(sms, stack, sms.configuration(joints), np.zeros((2, sms.n)), DT, None, 0.9)
+    return clearance.violation(still).amount == 0.0
+
+
+def _momentum(stack: ArmStack, start: FloatArray, duration: float, rng: np.random.Generator) -> FloatArray:
+    """Total momentum (6,) that moves and turns the robot by about `CARRIED` in the time, about z alone."""
+    shift, turn = CARRIED
+    inertia = np.linalg.inv(stack.evaluate(start[:, None]).inverse[..., 0])
+    linear = np.append(rng.uniform(-1.0, 1.0, 2), 0.0) * shift * stack.length * stack.mass / duration
+    angular = inertia @ [0.0, 0.0, turn * rng.uniform(-1.0, 1.0) / duration]
+    return np.concatenate([linear, [0.0, 0.0, angular[2]]])
+
+
+def _in_the_way(stack: ArmStack, move: Motions) -> opt.Obstacle:
+    """A ball where the end effector is halfway."""
+    middle = move.end_effector[:, 0, len(move.times) // 2]
+    return opt.Obstacle(coal.Sphere(RADIUS * stack.length), pin.SE3(np.eye(3), middle))
+
+
+def _stands_between(around: opt.Limit, move: Motions) -> bool:
+    """Whether the obstacle is in the way of a move, but neither at its start nor at its end."""
+    found = around.violation(move)
+    binds = np.isin(move.times[[0, -1]], found.instants)
+    return found.amount > 0.0 and not binds.any()
+
+
+@one_blas_thread()
+def run(counts: tuple[int, int], seed: int, models: list[str] | None = None) -> list[dict[str, Any]]:
+    """Rows of all plans: `counts` targets of each kind for the planar arm and for seven joints."""
+    names = [name for name in dict.fromkeys(one.name for one in STRATEGIES) if name not in NEEDED]
+    rows = []
+    for (model, poses), count in zip(SETS, counts, strict=True):
+        for kind in KINDS if not models or model in models else ():
+            for i, problem in enumerate(problems(model, poses, kind, count, seed)):
+                for name in ("", *names):
+                    options = opt.SearchOptions(without=(name,) if name else ())
+                    begin = time.process_time()
+                    plan = Search(problem, options).run(STRATEGIES)
+                    rows.append(
+                        {
+                            "model": model,
+                            "kind": kind,
+                            "target": i,
+                            "without": name,
+                            "reached": plan.reached,
+                            "cost": plan.cost_integral,
+                            "travel": plan.joint_travel,
+                            "seconds": time.process_time() - begin,
+                        }
+                    )
+    return rows
+
+
+def report(rows: list[dict[str, Any]]) -> str:
+    """A table for each model: what is reached, cost and travel where all reach as well, and CPU time."""
+    parts = []
+    for model in dict.fromkeys(row["model"] for row in rows):
+        ours = [row for row in rows if row["model"] == model]
+        base = {(row["kind"], row["target"]): row for row in ours if not row["without"]}
+        table = [
+            [name or "(none)", *_numbers([row for row in ours if row["without"] == name], base)]
+            for name in dict.fromkeys(row["without"] for row in ours)
+        ]
+        head = ("taken out", *KINDS, "cost, median", "95 %", "travel [rad]", "CPU [s]")
+        parts.append(f"{model}: what is reached; costs [s] where both reach\n\n{markdown(head, table)}")
+    return "\n\n".join(parts)
+
+
+def _numbers(rows: list[dict[str, Any]], base: dict[Any, dict[str, Any]]) -> list[str]:
+    """One row of the table."""
+    reached = []
+    for kind in KINDS:
+        own = [row["reached"] for row in rows if row["kind"] == kind]
+        reached.append(f"{sum(own)} of {len(own)}")
+    pairs = [(row, base[row["kind"], row["target"]]) for row in rows]
+    both = [(row, other) for row, other in pairs if row["reached"] and other["reached"]]
+    cells = []
+    for share in (50, 95):
+        one, other = (np.percentile([pair[k]["cost"] for pair in both], share) for k in (0, 1))
+        cells.append(f"{one:.5f} ({one / other:.2f})")
+    travel = [float(np.sum([pair[k]["travel"] for pair in both])) for k in (0, 1)]
+    seconds = [float(np.sum([pair[k]["seconds"] for pair in pairs])) for k in (0, 1)]
+    cells.append(f"{travel[0] / len(both):.2f} ({travel[0] / travel[1]:.2f})")
+    cells.append(f"{seconds[0] / len(pairs):.2f} ({seconds[0] / seconds[1]:.2f})")
+    return [*reached, *cells]
+
+
+def main() -> None:
+    """The command line."""
+    p = argparse.ArgumentParser(description=__doc__)
+    p.add_argument("--counts", type=int, nargs=2, default=(12, 4), help="targets of each kind (12 and 4)")
+    p.add_argument("--seed", type=int, default=1, help="of the targets (default: 1)")
+    p.add_argument("--models", nargs="+", choices=[name for name, _ in SETS], help="default: all")
+    p.add_argument("--out", help="a JSON file for the rows")
+    arguments = p.parse_args()
+    rows = run(tuple(arguments.counts), arguments.seed, arguments.models)
+    print(report(rows))
+    if arguments.out:
+        Path(arguments.out).write_text(json.dumps(rows))
+
+
+if __name__ == "__main__":
+    main()

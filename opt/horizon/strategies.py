@@ -1,0 +1,283 @@
+"""The strategies of the search, in the order in which they are tried.
+
+Each is a few lines on the same solver, and says itself whether it has anything to do. A row of
+`benchmarks/strategies.py` shows what is lost without it: what loses nothing goes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.approaches import moves_to
+from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
+from ffsms_pin.opt.horizon.detours import among_obstacles, best_first, obstructed, pushed_aside
+from ffsms_pin.opt.horizon.diagnosis import within_workspace
+from ffsms_pin.opt.horizon.judge import cost_of
+from ffsms_pin.opt.horizon.marches import free_marches, march_starts, straight_march
+from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.shooting import too_short
+from ffsms_pin.opt.horizon.spline import embedded
+from ffsms_pin.opt.horizon.stages import FINE_STAGES, STRAIGHT_STAGE, follow, prefer_limits
+from ffsms_pin.opt.horizon.starts import spread_postures
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.trajectory import Trajectory, measure
+
+__all__ = ["QUICK", "STRATEGIES", "Strategy"]
+
+
+class Strategy(NamedTuple):
+    """A way to find starts or motions.
+
+    Attributes
+    ----------
+    name : str
+        For `SearchOptions.without`.
+    run : callable
+        What it does to a search.
+    """
+
+    name: str
+    run: Callable[[Search], None]
+
+
+def straight_if_near(search: Search) -> None:
+    """Where const8 counts the start as arrived, the straight move: no way round for the cost's sake.
+
+    The paper's cost charges for standing still and for going straight, and nothing for length: for a target
+    a millimetre away the cheapest motion can be a detour of centimetres.
+    """
+    if _is_near(search.problem):
+        search.shoot(search.problem.joints0[None])
+        _go_to(search, search.goals.joints[0], 0)
+        search.settled = search.arrived()
+
+
+def straight_starts(
+    search: Search, near: int, far: int, enough: tuple[float, float] = (0.0, 0.0), insist: bool = True
+) -> None:
+    """Straight moves to joint goals that are found from so many postures near the start, and from all over.
+
+    Parameters
+    ----------
+    search : Search
+    near, far : int
+    enough : tuple of float
+        Nothing is done where a plan is as cheap as the first plus the second times (log 2 / kappa)^2 [s, for
+        a motion of 8 s]: C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, so for a small kappa no
+        motion that arrives is nearly free. Among obstacles such a way may not be there: more will do.
+    insist : bool
+        Whether to go on where neither motions of any shape nor straight moves have ended at the goal.
+    """
+    problem, options, first = search.problem, search.options, not search.drawn
+    free, by_kappa = enough
+    most = search.judge.scale * (free + by_kappa * (math.log(2.0) / problem.kappa) ** 2)
+    most = most * (options.around_obstacles if among_obstacles(problem) else 1.0) if search.costed else np.inf
+    if search.settled or search.hopeless or search.arrived(most):
+        return
+    if not insist and not search.arrived() and not search.there().any():
+        return
+    postures = [
+        spread_postures(problem, search.drawn, near, options.near_radius),
+        spread_postures(problem, search.drawn, far),
+    ]
+    search.drawn += max(near, far)
+    goals = search.shoot(np.vstack([problem.joints0, *postures] if first else postures))
+    half = (len(goals.distance) - 1) // 2
+    reach = max(options.goal_radius * problem.stack.length, float(np.sort(goals.distance)[half]))
+    search.starts = moves_to(problem, search.coarse.spline, goals.joints[goals.distance <= reach])
+    search.hopeless = first and _is_hopeless(search)
+
+
+def aside(search: Search) -> None:
+    """Those of the straight moves that come into obstacles, with their middle pushed aside."""
+    if len(search.starts):
+        search.starts = np.concatenate(
+            [search.starts, pushed_aside(search.coarse, search.starts, search.drawn)]
+        )
+
+
+def coarse_marches(search: Search) -> None:
+    """Coarse marches of the paper's step."""
+    if len(search.starts):
+        marches = march_starts(search.problem, search.coarse.spline, search.options)
+        search.starts = np.concatenate([search.starts, marches])
+
+
+def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
+    """Take the starts down, and follow the best to their ends.
+
+    Parameters
+    ----------
+    search : Search
+    keep : tuple of int
+        Motions that are followed: on the coarse spline, on the fine one, and there to the end.
+    repeats : int
+        How many times the usual iterations these make: those whose end is hard to meet need more.
+    """
+    search.fresh = []
+    if not len(search.starts):
+        return
+    if search.hopeless:
+        keep, repeats = (1, 1, 1), 2
+    search.take_down()
+    found = follow(search.coarse, search.fine, search.pool, keep, repeats)
+    for i in range(len(found.p)):
+        if i == 0 or not search.out_of_time():
+            search.finish(search.fine, found.take([i]))
+
+
+def finest_spline(search: Search) -> None:
+    """Plans that arrive but are not nearly free go on on the finest spline: the last tenth still costs."""
+    weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
+    for found in tuple(search.fresh):
+        cheap = not search.costed or cost_of(search.problem, found.plan) <= search.options.cost_tolerance
+        if cheap or not found.plan.reached or search.out_of_time():
+            continue
+        model = Model.make(search.problem, search.options.finest)
+        p = embedded(found.model.spline, model.spline, found.p, search.problem.joint_rates)
+        motion = Candidates.start(model, p[None], weights, damping)
+        search.finish(model, descend(model, motion, weights, search.options.last_iterations))
+
+
+def within_limits(search: Search) -> None:
+    """Where none of those found arrives: the nearest, taken back within the limits."""
+    if not search.fresh or search.arrived():
+        return
+    nearest = search.judge.best(search.fresh)
+    if nearest.plan.broken:
+        weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
+        model = replace(nearest.model, problem=search.problem, goal=search.problem.goal)
+        motion = Candidates.start(model, nearest.p[None], weights, damping)
+        search.keep(model, prefer_limits(model, motion).p[0])
+
+
+def marches(search: Search) -> None:
+    """The paper's own marches, where one may be cheaper than the plan, or ask less of the joints."""
+    problem, options = search.problem, search.options
+    wide = math.log(2.0) / problem.kappa >= options.widest_cone
+    if wide or not problem.cost_terms or problem.mode != "floating" or not _can_march(problem):
+        return
+    best, arrived, tolerance = search.best(), search.arrived(), options.cost_tolerance
+    cost = cost_of(problem, best.plan) if arrived else np.inf
+    if arrived and obstructed(problem, best.plan):
+        return  # a march stops at an obstacle that the plan goes round
+    if arrived and cost <= tolerance and not _travels_far(search, best.plan):
+        return
+    if not arrived and (search.hopeless or not search.there().any()):
+        return
+    for rates in free_marches(problem, max(cost - tolerance, tolerance)):
+        search.found.append(best._replace(plan=measure(problem, rates)))
+        done = search.arrived(tolerance) and not _travels_far(search, search.best().plan)
+        if done or search.out_of_time():
+            break
+
+
+def straight_moves_that_end_there(search: Search, most: int) -> None:
+    """Where every cheap way round fails: straight moves that end at the goal, at most so many.
+
+    First those that keep the limits, then the quickest. Where none does, more joint goals are looked for.
+    """
+    search.fresh = []
+    if search.hopeless or search.arrived():
+        return
+    goals, good = best_first(search.fine, search.goals.joints[search.there()])
+    if not good.any():
+        more = search.options.more_goals
+        search.shoot(spread_postures(search.problem, search.drawn, more))
+        search.drawn += more
+        goals, _ = best_first(search.fine, search.goals.joints[search.there()])
+    for goal in goals[:most]:
+        _go_to(search, goal, STRAIGHT_STAGE.iterations)
+        if search.arrived() or search.out_of_time():
+            break
+
+
+def straight_line(search: Search) -> None:
+    """Where nothing else arrives: straight to the target by single steps, as method "resolved-rate" goes."""
+    if not search.arrived() and _can_march(search.problem):
+        plan = straight_march(search.problem)
+        if plan.reached:
+            search.found.append(search.best()._replace(plan=plan))
+
+
+# An early motion says little of what it comes to in the end, so where the first plans are not nearly free,
+# more are followed, and longer.
+STRATEGIES = (
+    Strategy("straight if near", straight_if_near),
+    Strategy("first starts", partial(straight_starts, near=3, far=4)),
+    Strategy("pushed aside", aside),
+    Strategy("coarse marches", coarse_marches),
+    Strategy("descent", partial(descend_from_starts, keep=(3, 2, 1), repeats=1)),
+    Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
+    Strategy("more starts", partial(straight_starts, near=4, far=8, enough=(3e-3, 0.2))),
+    Strategy("pushed aside", aside),
+    Strategy("descent", partial(descend_from_starts, keep=(6, 4, 2), repeats=2)),
+    Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
+    Strategy("most starts", partial(straight_starts, near=4, far=20, enough=(0.03, 0.5), insist=False)),
+    Strategy("pushed aside", aside),
+    Strategy("descent", partial(descend_from_starts, keep=(10, 6, 4), repeats=4)),
+    Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
+    Strategy("marches", marches),
+    Strategy("straight moves", partial(straight_moves_that_end_there, most=6)),
+    Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
+    Strategy("straight line", straight_line),
+)
+# For a plan at any cost.
+QUICK = (
+    Strategy("straight if near", straight_if_near),
+    Strategy("first starts", partial(straight_starts, near=4, far=4)),
+    Strategy("pushed aside", aside),
+    Strategy("descent", partial(descend_from_starts, keep=(1, 1, 1), repeats=2)),
+    Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
+    Strategy("straight moves", partial(straight_moves_that_end_there, most=2)),
+    Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
+)
+
+
+def _go_to(search: Search, goal: FloatArray, iterations: int) -> None:
+    """The straight move to a joint goal (n,), and so many iterations that hold its end."""
+    model, stage = search.fine, STRAIGHT_STAGE
+    p = model.qp.within(moves_to(search.problem, model.spline, goal[None])[0])
+    motion = Candidates.start(model, p[None], stage.weights, stage.damping or 1.0)
+    search.finish(model, descend(model, motion, stage.weights, iterations))
+
+
+def _is_near(problem: Problem) -> bool:
+    """Whether const8 counts the start as arrived."""
+    if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
+        return False
+    start = problem.sms.at(problem.q0).end_effector_pose
+    far, turned = problem.goal.place(problem.duration).error(start, problem.q0)
+    return far <= problem.goal.reach and turned <= problem.goal.orientation_reach
+
+
+def _is_hopeless(search: Search) -> bool:
+    """Whether the goal is out of the workspace, or the joints need far more time than there is."""
+    problem, goals = search.problem, search.goals
+    far = float(goals.distance.min()) > search.options.goal_radius * problem.stack.length
+    return (far and not within_workspace(problem)) or problem.duration < too_short(problem, goals)
+
+
+def _can_march(problem: Problem) -> bool:
+    """Whether a march knows the goal."""
+    place = problem.goal.place(problem.duration)
+    return not (problem.goal.moves or problem.locked) and place.rests and place.plain
+
+
+def _travels_far(search: Search, plan: Trajectory) -> bool:
+    """Whether the joints of a plan go much further than those of the straight moves."""
+    ways = np.abs(search.goals.joints[search.there()] - search.problem.joints0).sum(axis=1)
+    return plan.joint_travel > search.options.long_way * float(ways.min(initial=np.inf))

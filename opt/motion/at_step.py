@@ -1,0 +1,143 @@
+"""The state of a single step as a motion of one instant, and what its joint rates do to features."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.slopes import coupling_slopes
+from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.features import Features, Lazy
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+
+__all__ = ["Change", "StepFeatures"]
+
+_arm_stack = lru_cache(maxsize=16)(ArmStack)
+
+
+class Change(NamedTuple):
+    """How c features at a step's start change with its joint rates u.
+
+    Attributes
+    ----------
+    value : ndarray, shape (c,)
+        At the state, with the rates of the step's start.
+    flow, flow_drift : ndarray, shape (c, n), (c,)
+        By what moves, a second: flow @ u + flow_drift.
+    jump : ndarray, shape (c, n)
+        By the rates themselves, at a state that stays.
+    """
+
+    value: FloatArray
+    flow: FloatArray
+    flow_drift: FloatArray
+    jump: FloatArray
+
+
+class StepFeatures(Features):
+    """What a part sees of a single step: a motion of one instant, shape (..., 1, 1).
+
+    What the step has worked out already is taken from it; the rest of the arm only where a part asks for it.
+
+    Parameters
+    ----------
+    step : StepState
+    """
+
+    def __init__(self, step: StepState) -> None:
+        self.step = step
+        stack, R = _arm_stack(step.sms, step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
+        start = pin.XYZQUATToSE3(step.base_start)
+        M, u, com = step.M, step.rates, step.sms.base_com
+        centre = np.array([M[1, 5], M[2, 3], M[0, 4]]) / M[0, 0]
+        if not stack.moves:  # the point that does not move
+            centre = com
+        # The base's centre of mass, the base's turn and the end effector: a joint rate each, and the drift.
+        root = np.column_stack([step.reaction, step.drift])
+        self._base = R @ (root[:3] + np.cross(root[3:], com, axisa=0, axisc=0))
+        self._base_turn = R @ root[3:]
+        self._tip = np.column_stack([step.J_star, step.tip_drift])
+        at = np.append(u, 1.0)
+        drift = np.zeros(3) if step.momentum is None else step.momentum[:3] / M[0, 0]
+        motions = Motions(
+            stack=stack,
+            times=np.array([step.time]),
+            weights=np.ones(1),
+            limit_weights=np.ones(1),
+            last_tenth=np.zeros(1, dtype=np.intp),
+            last=0,
+            joints=_one(step.joints),
+            rates=_one(u),
+            accelerations=_one(np.zeros(len(u))),
+            arm=cast(ArmValues, Lazy(lambda name: getattr(self._arm(), name))),
+            base_attitude=_one(R),
+            com=(step.q[:3] + R @ centre)[:, None],
+            drift=drift,
+            own_spin=_one(step.drift[3:]),
+            base_start=start.act(com),
+            rotation_start=start.rotation,
+            target=np.full((3, 1), np.nan),
+            mean_speed=np.nan,
+            wheels=step.wheels,
+            wheel_total=np.zeros(0) if step.wheel_total is None else step.wheel_total,
+        )
+        motions.__dict__.update(
+            end_effector=_one(step.pose.translation),
+            attitude=_one(step.pose.rotation),
+            relative_velocity=_one(self._tip[:3] @ at - drift),
+            spin=_one(self._tip[3:] @ at),
+            base_spin=_one(self._base_turn @ at),
+            base_from_com=_one(R @ (com - centre)),
+        )
+        super().__init__(motions, step.time + step.time_left)
+
+    def _arm(self) -> ArmValues:
+        if "whole" not in self.__dict__:
+            self.whole = self.motions.stack.evaluate(_one(self.step.joints))
+        return self.whole
+
+    def change(self, feature: Feature) -> Change:
+        """What the step's joint rates do to a feature of it."""
+        n, c = self.step.sms.n, feature.value.size
+        flow, jump = np.zeros((c, n + 1)), np.zeros((c, n))
+        for name, slope in _slopes(feature).items():
+            if name in ("by_entropy", "by_coupling"):
+                flow[:, :n] += self._by_coupling(slope, name)
+                continue
+            slope = slope.reshape(c, -1)
+            if name in ("by_tip", "by_turn"):
+                flow += slope @ (self._tip[:3] if name == "by_tip" else self._tip[3:])
+            elif name in ("by_base", "by_base_turn"):
+                flow += slope @ (self._base if name == "by_base" else self._base_turn)
+            elif name == "by_joints":
+                flow[:, :n] += slope
+            elif name in ("by_velocity", "by_spin"):
+                jump += slope @ (self._tip[:3, :n] if name == "by_velocity" else self._tip[3:, :n])
+            elif name == "by_base_spin":
+                jump += slope @ self._base_turn[:, :n]
+            else:
+                jump += slope / (self.step.dt if name == "by_accelerations" else 1.0)
+        return Change(feature.value.reshape(c), flow[:, :n], flow[:, n], jump)
+
+    def _by_coupling(self, slope: FloatArray, name: str) -> FloatArray:
+        """Slopes (c, n) by the joint positions of what depends on the coupling."""
+        m, rows = self.motions, []
+        for one in slope.reshape(-1, *(m.entropy_slope.shape if name == "by_coupling" else (1, 1))):
+            one = one if name == "by_coupling" else one * m.entropy_slope
+            rows.append(coupling_slopes(m.stack, self._arm(), one)[:, 0, 0])
+        return np.array(rows)
+
+
+def _slopes(feature: Feature) -> dict[str, Any]:
+    return feature._by() if feature.ndim == 3 else feature.slopes
+
+
+def _one(x: Any) -> FloatArray:
+    """As of one motion at one instant; a copy, since the state's may be read-only views."""
+    return np.array(x, dtype=np.float64)[..., None, None]

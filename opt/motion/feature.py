@@ -1,0 +1,208 @@
+"""Values of motions that carry their own slopes: a part is then one formula, without derivatives by hand.
+
+Forward differentiation by whole arrays, in the language of `opt.Residual`: a slope by each of what moves.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, SupportsIndex
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.batch.residual import Indices, JointResidual, Residual, Residuals
+from ffsms_pin.opt.motion.derivatives import DERIVATIVES, FLAT
+
+__all__ = ["Feature", "lost_slopes", "root_of_size"]
+
+# Components of these each depend on their own joint alone, so their slopes need no axis of their own.
+_OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
+_JOINT = {"own_joint": "by_position", "own_rate": "by_rate", "own_acceleration": "by_acceleration"}
+_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
+_lost = threading.local()  # how many features were made plain arrays, in each thread
+
+
+def lost_slopes() -> int:
+    """How often a feature was made a plain array so far, in this thread: its slopes are lost there."""
+    return getattr(_lost, "count", 0)
+
+
+class Feature(NDArrayOperatorsMixin):
+    """A number, or a vector, at every instant of every motion, with its slopes by whatever moves it.
+
+    Numbers, vectors (3,) and numpy's functions of single numbers (`np.sqrt`, `np.maximum`, ...) may be used
+    with it as with an array, and matrices (r, c) with a vector: `A @ feature`. `.value` is the plain array.
+
+    Parameters
+    ----------
+    value : ndarray, shape (S, K), or (c, S, K)
+        At K instants of S motions; components come first.
+    slopes : dict of str to ndarray
+        By the names of `Residual`: the value's components first, if any, then those of what moves it, then S
+        and K, or 1 in their place. Also "own_joint", "own_rate", "own_acceleration", of the value's own
+        shape: of component j by joint j alone.
+    where : tuple of ndarray, shape (V,) each, optional
+        Motions and instants of the V values, for one of shape (1, V) or (c, 1, V). Default: all.
+    """
+
+    def __init__(
+        self,
+        value: FloatArray,
+        slopes: dict[str, FloatArray] | None = None,
+        where: tuple[Indices, Indices] | None = None,
+    ) -> None:
+        self.value = value
+        self.slopes: dict[str, FloatArray] = {} if slopes is None else slopes
+        self.where = where
+
+    def __repr__(self) -> str:
+        return f"Feature{self.value.shape} moved by {', '.join(self.slopes) or 'nothing'}"
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of the value."""
+        return self.value.shape
+
+    @property
+    def ndim(self) -> int:
+        """2 of a number, 3 of a vector."""
+        return self.value.ndim
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
+        if self.slopes:
+            _lost.count = lost_slopes() + 1
+        return np.array(self.value, dtype=dtype, copy=copy)
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        if ufunc is np.matmul and not isinstance(inputs[0], Feature):
+            return self._mapped(np.asarray(inputs[0]))
+        rules = DERIVATIVES.get(ufunc)
+        if rules is None or method != "__call__" or options:
+            flat = ufunc in FLAT
+            plain = [(x.value if flat else np.asarray(x)) if isinstance(x, Feature) else x for x in inputs]
+            return getattr(ufunc, method)(*plain, **options)
+        values = [_components(x) for x in inputs]
+        result = ufunc(*values)
+        found: dict[str, FloatArray] = {}
+        where = None
+        for x, rule in zip(inputs, rules, strict=True):
+            if not isinstance(x, Feature):
+                continue
+            where = x.where if where is None else where
+            part = rule(result, *values) if x.slopes else None
+            for name, slope in x.slopes.items():
+                if result.ndim > x.value.ndim:
+                    slope = slope[None]
+                slope = _times(slope, part, result.ndim)
+                found[name] = found[name] + slope if name in found else slope
+        return Feature(result, found, where)
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, tuple) or index is None or index is Ellipsis:
+            return np.asarray(self)[index]
+        if self.value.ndim < 3:
+            raise InvalidValue("index", index, "must be of a vector, and this feature is a number")
+        slopes = {name: self._full(slope) for name, slope in self._by().items()}
+        return Feature(self.value[index], {name: x[index] for name, x in slopes.items()}, self.where)
+
+    def _full(self, slope: FloatArray) -> FloatArray:
+        """Of a vector: with all its components, even where they are alike."""
+        return np.broadcast_to(slope, (len(self.value), *slope.shape[1:]))
+
+    def _by(self) -> dict[str, FloatArray]:
+        """Slopes of a vector, of which none is of components by their own joint alone."""
+        found = {name: slope for name, slope in self.slopes.items() if name not in _OWN}
+        for own, name in _OWN.items():
+            if own in self.slopes:
+                full = self._full(self.slopes[own])
+                slope = np.eye(len(full))[..., None, None] * full
+                found[name] = found[name] + slope if name in found else slope
+        return found
+
+    def sum(self, axis: SupportsIndex | None = 0, **_: Any) -> Feature:
+        """Of a vector's components, a number."""
+        if axis != 0 or self.value.ndim < 3:
+            raise InvalidValue("axis", axis, "must be 0, of a vector: a feature adds up its components only")
+        found: dict[str, FloatArray] = {}
+        for name, slope in self.slopes.items():
+            full = self._full(slope)
+            full = full if name in _OWN else full.sum(axis=0)
+            name = _OWN.get(name, name)
+            found[name] = found[name] + full if name in found else full
+        return Feature(self.value.sum(axis=0), found, self.where)
+
+    def _mapped(self, matrix: FloatArray) -> Feature:
+        """A matrix (r, c) times a vector of c components."""
+        slopes = {name: np.einsum("rc,c...->r...", matrix, self._full(x)) for name, x in self._by().items()}
+        return Feature(np.einsum("rc,csk->rsk", matrix, self.value), slopes, self.where)
+
+    def dot(self, other: Any) -> Feature:
+        """Scalar product with a vector (3,), or with another feature."""
+        product: Feature = self * other
+        return product.sum()
+
+    def cross(self, other: Any) -> Feature:
+        """Vector product with a vector (3,), or with another feature."""
+        other = other if isinstance(other, Feature) else np.asarray(other)
+        result: Feature = self[_NEXT] * other[_AFTER] - self[_AFTER] * other[_NEXT]
+        return result
+
+    def norm(self, rounding: float = 1e-9) -> Feature:
+        """Length of a vector, sqrt(x . x + rounding^2): its slopes are finite where it is zero, too."""
+        result: Feature = np.sqrt(self.dot(self) + rounding * rounding)
+        return result
+
+    def residuals(self, over_time: bool = True) -> Residuals:
+        """As residuals: one of a number, one a component of a vector."""
+        if self.value.ndim < 3:
+            return [self._residual(over_time)]
+        if over_time and self.where is None and self.slopes and self.slopes.keys() <= _OWN.keys():
+            return [JointResidual(self.value, **{_JOINT[name]: x for name, x in self.slopes.items()})]
+        return [self[i]._residual(over_time) for i in range(len(self.value))]
+
+    def _residual(self, over_time: bool) -> Residual:
+        value, where = self.value, self.where
+        slopes: dict[str, Any] = {
+            name: np.broadcast_to(x, (*x.shape[:-2], *value.shape)) for name, x in self.slopes.items()
+        }
+        if where is None and "by_accelerations" not in slopes:
+            return Residual(value, over_time=over_time, **slopes)
+        if where is None:
+            motion, instants = (x.reshape(-1) for x in np.indices(value.shape))
+        else:
+            motion, instants = where
+        slopes = {name: x.reshape(*x.shape[:-2], -1) for name, x in slopes.items()}
+        return Residual(value.reshape(-1), instants, motion, over_time, **slopes)
+
+
+def root_of_size(x: Feature, rounding: float) -> Feature:
+    """What squares to the size of x, smooth at zero: r^2 = sqrt(x^2 + e^2) - e, at most e less than |x|.
+
+    Least squares take squares, and the integral of |x| has a kink at zero. With s = sqrt(x^2 + e^2) it is
+    (s - e)(s + e) = x^2, so r = x / sqrt(s + e).
+    """
+    result: Feature = x / np.sqrt(np.hypot(x, rounding) + rounding)
+    return result
+
+
+def _components(x: Any) -> FloatArray:
+    """A plain array that meets (c, S, K): vectors (c,) get the axes that they lack."""
+    if isinstance(x, Feature):
+        return x.value
+    array = np.asarray(x, dtype=np.float64)
+    return array[:, None, None] if array.ndim == 1 else array
+
+
+def _times(slope: FloatArray, part: FloatArray | float | None, dimensions: int) -> FloatArray:
+    """A slope times a derivative (S, K) or (c, S, K); the axes of what moves come between c and S."""
+    if part is None:
+        return slope
+    if isinstance(part, np.ndarray) and part.ndim == 3:
+        part = part.reshape(len(part), *(1,) * (slope.ndim - dimensions), *part.shape[1:])
+    return slope * part

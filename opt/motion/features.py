@@ -1,0 +1,225 @@
+"""What a part sees of motions: everything that moves, as features."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property, lru_cache
+from typing import Any, cast
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import Indices
+from ffsms_pin.opt.batch.robot_frame import INERTIAL, RobotFrame
+from ffsms_pin.opt.motion.actuated import wheel_momenta, wheel_torques, wrench
+from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.frame import EYE, Frame, carried
+from ffsms_pin.system.batch.arm import ArmValues
+from ffsms_pin.system.batch.stacks import apply, skew
+
+__all__ = ["Features", "Lazy", "features_of"]
+
+_ONE = np.ones((1, 1))
+_robot_frame = lru_cache(maxsize=64)(RobotFrame.of)
+
+
+class Features:
+    """S motions at K instants, inertial axes: what moves as features, all else as `Motions` has it.
+
+    Attributes
+    ----------
+    motions : Motions
+        The plain arrays.
+    tip, base : Frame
+        Position of the end effector, and of the base's centre of mass [m]; `.axis(a)` is an axis of it.
+    velocity, spin : Feature, shape (3, S, K)
+        Of the end effector [m/s, rad/s].
+    base_spin : Feature, shape (3, S, K)
+        Angular velocity of the base [rad/s].
+    base_turn : Feature, shape (3, S, K)
+        Rotation vector of the base from its attitude at the start [rad].
+    joints, rates, accelerations : Feature, shape (n, S, K)
+    entropy : Feature, shape (S, K)
+        H_norm.
+    wheels : Feature, shape (w, S, K)
+        Momenta of the wheels that hold the attitude [N m s]; w = 0 where no wheels do.
+    wheel_torques : Feature, shape (w, S, K)
+        Torques of their motors, friction made good [N m].
+    wrench : Feature, shape (6, S, K)
+        Force and moment about the base's centre of mass that hold the base, base axes [N, N m]; of a mode
+        that holds something.
+    time : Feature, shape (S, K)
+        From the start [s].
+    goal : Feature, shape (3, S, K)
+        Where the goal's position is [m]; in a single step, which knows no goal, not a number.
+    duration : float
+        Time from the start to the deadline [s].
+    """
+
+    def __init__(
+        self,
+        motions: Motions,
+        duration: float | None = None,
+        where: tuple[Indices, Indices] | None = None,
+        slopes: bool = True,
+    ) -> None:
+        self.motions, self.where, self.slopes = motions, where, slopes
+        self.duration = motions.duration if duration is None else duration
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "motions":
+            raise AttributeError(name)
+        return getattr(self.motions, name)
+
+    def feature(self, value: FloatArray, slopes: Callable[[], dict[str, FloatArray]]) -> Feature:
+        """A feature; its slopes are worked out only where they are wanted."""
+        return Feature(value, slopes() if self.slopes else {}, self.where)
+
+    def _vector(self, value: FloatArray, name: str) -> Feature:
+        return self.feature(value, lambda: {name: EYE})
+
+    @cached_property
+    def tip(self) -> Frame:
+        """Position of the end effector, a `Frame`."""
+        m, sloped = self.motions, self.slopes
+        place, turn = ({"by_tip": EYE}, {"by_turn": EYE}) if sloped else ({}, {})
+        return Frame(m.end_effector, m.attitude, place, turn, self.where)
+
+    @cached_property
+    def base(self) -> Frame:
+        """Position of the base's centre of mass, a `Frame`."""
+        m, sloped = self.motions, self.slopes
+        place, turn = ({"by_base": EYE}, {"by_base_turn": EYE}) if sloped else ({}, {})
+        return Frame(m.base_position, m.base_attitude, place, turn, self.where)
+
+    def frame(self, name: str) -> Frame:
+        """Position of any frame of the robot, a `Frame`; "tip" is the end effector.
+
+        Raises
+        ------
+        FrameNotFound
+            It names the frames that there are.
+        """
+        m = self.motions
+        if name in ("tip", m.stack.robot.end_effector):
+            return self.tip
+        R, seen = m.base_attitude, _robot_frame(m.stack.robot, name).of_arm(m.arm)
+        lever = apply(R, seen.position - m.stack.base_com[:, None, None])
+        slopes: Any = ({}, {})
+        if self.slopes:
+            slopes = carried(lever, apply(R, seen.linear), apply(R, seen.angular))
+        return Frame(m.base_position + lever, apply(R, seen.rotation), *slopes, self.where)
+
+    @property
+    def velocity(self) -> Feature:
+        """Velocity of the end effector [m/s]."""
+        return self._vector(self.motions.velocity, "by_velocity")
+
+    @property
+    def spin(self) -> Feature:
+        """Angular velocity of the end effector [rad/s]."""
+        return self._vector(self.motions.spin, "by_spin")
+
+    @property
+    def base_spin(self) -> Feature:
+        """Angular velocity of the base [rad/s]."""
+        return self._vector(self.motions.base_spin, "by_base_spin")
+
+    @cached_property
+    def base_turn(self) -> Feature:
+        """Rotation vector of the base from its attitude at the start [rad]."""
+        return self.base.turn_from(self.motions.rotation_start)
+
+    @property
+    def joints(self) -> Feature:
+        """Joint positions."""
+        return self.feature(self.motions.joints, lambda: {"own_joint": _ONE[None]})
+
+    @property
+    def rates(self) -> Feature:
+        """Joint rates."""
+        return self.feature(self.motions.rates, lambda: {"own_rate": _ONE[None]})
+
+    @property
+    def accelerations(self) -> Feature:
+        """Joint accelerations."""
+        return self.feature(self.motions.accelerations, lambda: {"own_acceleration": _ONE[None]})
+
+    @property
+    def entropy(self) -> Feature:
+        """H_norm."""
+        return self.feature(self.motions.entropy, lambda: {"by_entropy": _ONE})
+
+    @cached_property
+    def wheels(self) -> Feature:
+        """Momenta of the wheels that hold the attitude [N m s]."""
+        return wheel_momenta(self)
+
+    @cached_property
+    def wheel_torques(self) -> Feature:
+        """Torques of their motors [N m]."""
+        return wheel_torques(self)
+
+    @cached_property
+    def wrench(self) -> Feature:
+        """Force and moment that hold the base [N, N m]."""
+        return wrench(self)
+
+    @property
+    def time(self) -> Feature:
+        """From the start [s]."""
+        return Feature(np.broadcast_to(self.motions.times, self.motions.rates.shape[1:]), None, self.where)
+
+    @property
+    def goal(self) -> Feature:
+        """Where the goal's position is [m]."""
+        m = self.motions
+        target, still = m.target_points, m.target_on == INERTIAL
+        value = np.broadcast_to(target, (3, *m.rates.shape[1:]))
+        if still:
+            return Feature(value, None, self.where)
+        lever = target - m.base_position
+        return self.feature(value, lambda: {"by_base": EYE, "by_base_turn": -skew(lever)})
+
+    def weighted(self) -> Features:
+        """The same at the instants that have a weight in an integral over the motion."""
+        m = self.motions
+        return self.at(*np.nonzero(np.broadcast_to(m.weights > 0.0, m.rates.shape[1:])))
+
+    def at(self, motion: Indices, instants: Indices) -> Features:
+        """The same at V instants of motions, as one motion of V instants: where something costs much."""
+        whole = self.motions
+
+        def pick(values: FloatArray) -> FloatArray:
+            return np.ascontiguousarray(values[..., motion, instants])[..., None, :]
+
+        stacked = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
+        of_instants = ("times", "weights", "limit_weights", "com", "target")
+        values: dict[str, Any] = {name: pick(getattr(whole, name)) for name in stacked}
+        values.update({name: getattr(whole, name)[..., instants] for name in of_instants})
+        arm = cast(ArmValues, Lazy(lambda name: pick(getattr(whole.arm, name))))
+        return Features(replace(whole, arm=arm, **values), self.duration, (motion, instants))
+
+
+class Lazy:
+    """Attributes that are made when they are asked for, and kept."""
+
+    def __init__(self, made: Callable[[str], Any]) -> None:
+        self._made = made
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        value = self._made(name)
+        self.__dict__[name] = value
+        return value
+
+
+def features_of(motions: Motions, slopes: bool = True) -> Features:
+    """The features of motions; kept with them, so that all parts share what is worked out."""
+    kept: dict[bool, Features] = motions.__dict__.setdefault("_features", {})
+    if slopes not in kept:
+        kept[slopes] = Features(motions, slopes=slopes)
+    return kept[slopes]

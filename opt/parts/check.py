@@ -1,0 +1,159 @@
+"""Whether a part's slopes are right: against differences, on random motions of a problem."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import JointResidual, Residual
+from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.opt.batch.slopes import coupling_slopes
+from ffsms_pin.opt.goals import as_goal
+from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.nudged import STEP, movers, nudged
+from ffsms_pin.opt.parts.check_rows import check_rows
+from ffsms_pin.opt.parts.inequality import Inequality
+from ffsms_pin.opt.parts.reading import formulas
+from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.terms.term import Term
+
+__all__ = ["check"]
+
+_STEPS = 5  # of a random motion
+_SPEEDS = (0.1, 0.3, 1.0)  # [rad/s] of its joints, times a normal random number
+_LATE = 0.9  # share of the time from which on instants count as late
+_OWN = {"by_joints": "by_position", "by_rates": "by_rate", "by_accelerations": "by_acceleration"}
+
+
+def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: int = 0) -> float:
+    """Compare the slopes of a term or a limit with differences, on random motions of a problem.
+
+    Of an `opt.Inequality` the slopes of its room, and the rows of a step against a step that is taken. Of
+    another limit the slopes of its residual, and whether a row leads out of the limit where it is broken.
+
+    Parameters
+    ----------
+    part : Term or Limit
+    problem : Problem
+        Its robot, start, goal, mode and momentum; its own terms and limits do not matter.
+    tolerance : float
+        Largest error of a slope, relative to the largest slope of its residual.
+    seed : int
+        Of the random motions.
+
+    Returns
+    -------
+    float
+        The largest relative error.
+
+    Raises
+    ------
+    PartError
+        A slope is wrong: the text names the part, the slope and both values. Or the part fails, or gives a
+        wrong shape.
+    """
+    if not isinstance(part, (Term, Limit)):
+        raise InvalidValue("part", part, "must be an opt.Term or an opt.Limit")
+    if isinstance(part, Limit):
+        part = part.for_robot(problem.sms)
+    method = "room" if isinstance(part, Inequality) else "residual"
+    rng, largest, seen = np.random.default_rng(seed), 0.0, False
+    for speed in _SPEEDS:
+        rates = speed * rng.normal(size=(_STEPS + 1, problem.sms.n))
+        motions = _random_motion(problem, rates)
+        for i, one in enumerate(_dense(part, method, motions)):
+            seen = seen or bool(one.value.any())
+            largest = max(largest, _compared(part, method, i, one, motions, tolerance))
+        if isinstance(part, Limit):
+            largest = max(largest, check_rows(part, problem, motions, tolerance))
+    if not seen:
+        warnings.warn(
+            f"{type(part).__name__}.{method} is zero on all random motions: its slopes are not checked; "
+            "check it with a weight, or with a tighter limit",
+            FfsmsWarning,
+            stacklevel=2,
+        )
+    return largest
+
+
+def _random_motion(problem: Problem, rates: FloatArray) -> Motions:
+    """A finished motion of these rates at its nodes, as terms and limits see one."""
+    sms, dt = problem.sms, problem.duration / _STEPS
+    motion = rolled_out(sms, problem.stack, problem.q0, rates, dt, problem.momentum, _LATE)
+    goal = as_goal(problem.goal).places(motion.times)
+    return replace(
+        motion,
+        target=np.broadcast_to(goal.position, (3, len(motion.times))),
+        target_on=goal.on,
+        mean_speed=problem.mean_speed,
+        lag=problem.dt,
+        wheels=problem.wheels,
+        wheel_total=problem.wheel_total,
+        thrusters=problem.thrusters,
+    )
+
+
+def _dense(part: Any, method: str, motions: Motions) -> list[Feature]:
+    """What the part gives, each as a feature of all instants with all its slopes."""
+    found = formulas(part, method, Features(motions))
+    return [one if isinstance(one, Feature) else _as_feature(one, motions) for one in found]
+
+
+def _as_feature(residual: Residual | JointResidual, motions: Motions) -> Feature:
+    n, shape = motions.stack.n, motions.rates.shape[1:]
+    if isinstance(residual, JointResidual):
+        slopes = {}
+        for name, own in _OWN.items():
+            slope = getattr(residual, own)
+            if slope is not None:
+                slopes[name] = np.eye(n)[..., None, None] * np.broadcast_to(slope, (n, *shape))
+        return Feature(residual.value, slopes)
+    where: Any = (slice(None), residual.instants) if residual.motion is None else None
+    where = (residual.motion, residual.instants) if where is None else where
+
+    def spread(values: FloatArray) -> FloatArray:
+        full = np.zeros((*values.shape[: values.ndim - residual.value.ndim], *shape))
+        full[(..., *where)] = values
+        return full
+
+    return Feature(spread(residual.value), {name: spread(x) for name, x in residual.slopes().items()})
+
+
+def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, tolerance: float) -> float:
+    """The largest error of answer i's slopes, relative to the largest of them."""
+    slopes = dict(one._by() if one.ndim == 3 else one.slopes)
+    components = one.ndim - 2
+    by_coupling = slopes.pop("by_coupling", None)
+    if by_coupling is not None:  # what depends on C_bm depends on the joints
+        rows = by_coupling if components else by_coupling[None]
+        by = np.stack([coupling_slopes(motions.stack, motions.arm, row) for row in rows])
+        slopes["by_joints"] = slopes.get("by_joints", 0.0) + (by if components else by[0])
+    worst, differences = [], []
+    for name, j in movers(motions):
+        ahead, behind = (_dense(part, method, nudged(motions, name, j, by))[i].value for by in (STEP, -STEP))
+        wanted = (ahead - behind) / (2.0 * STEP)
+        given: Any = slopes.get(name, 0.0)
+        if name in slopes and name != "by_entropy":
+            given = given[(slice(None),) * components + (j,)]
+        error = np.abs(np.broadcast_to(given, wanted.shape) - wanted)
+        k = np.unravel_index(int(np.argmax(error)), error.shape)
+        differences.append(float(max(np.abs(wanted).max(), np.abs(given).max())))
+        worst.append((float(error[k]), name, j, float(np.broadcast_to(given, wanted.shape)[k]), wanted[k]))
+    error, name, j, given, wanted = max(worst)
+    relative = error / max(*differences, 1e-6)
+    if relative > tolerance:
+        raise PartError(
+            part,
+            method,
+            f"gives a wrong slope: {name}[{j}] of answer {i} is {given:.6g} where differences give "
+            f"{wanted:.6g} (the largest slope is {max(differences):.3g})",
+        )
+    return float(relative)

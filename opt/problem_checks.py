@@ -1,0 +1,99 @@
+"""What a problem is given: parts, momentum, wheels, and joints at the start, checked once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray, frozen, vector
+from ffsms_pin.client import rest_momentum
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.goals import Goal
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_reaction import MODES
+
+__all__ = [
+    "asked_momentum",
+    "check_joints",
+    "check_locked",
+    "check_parts",
+    "checked_momentum",
+    "wheels_at_start",
+]
+
+
+def check_parts(name: str, parts: Any, kind: type) -> None:
+    """Raise `InvalidValue` where parts are not a sequence of named parts of one kind."""
+    if not isinstance(parts, Sequence):
+        raise InvalidValue(name, parts, f"must be a sequence of opt.{kind.__name__}")
+    for part in parts:
+        if not isinstance(part, kind):
+            raise InvalidValue(name, part, f"must be a sequence of opt.{kind.__name__}")
+        if not isinstance(getattr(part, "name", None), str):
+            raise InvalidValue(name, part, "must have a `name` each, a text")
+    names = [part.name for part in parts]
+    for one in names:
+        if names.count(one) > 1:
+            raise InvalidValue(name, one, "must have one part of each name; give yours another `name`")
+
+
+def check_locked(sms: SpaceManipulator, locked: Any) -> None:
+    """Raise `InvalidValue` where locked joints are not a sequence of joint names."""
+    if isinstance(locked, str) or not isinstance(locked, Sequence):
+        raise InvalidValue("locked", locked, "must be a sequence of joint names")
+    for name in locked:
+        if name not in sms.joint_names:
+            raise InvalidValue("locked", name, f"must be a joint: {', '.join(sms.joint_names)}")
+
+
+def checked_momentum(
+    sms: SpaceManipulator, q0: FloatArray, goal: Goal, given: Any, mode: str
+) -> FloatArray | None:
+    """Total momentum (6,), that given or what the goal asks for; None: zero.
+
+    `InvalidValue` for momentum that the base would have to turn or move with where it is held.
+    """
+    if given is not None:
+        momentum: FloatArray | None = vector("momentum", given, 6)
+    else:
+        momentum = asked_momentum(goal, np.array(pin.centerOfMass(sms.model, sms.model.createData(), q0)))
+    if momentum is None or not momentum.any():
+        return None
+    rows = MODES[mode]
+    if len(rows) < 6 and (momentum[3:].any() or 0 not in rows):
+        kept = "linear momentum only" if 0 in rows else "none"
+        raise InvalidValue("momentum", momentum, f"must be {kept} in mode '{mode}': the base is held")
+    return momentum
+
+
+def asked_momentum(goal: Goal, com: FloatArray) -> FloatArray | None:
+    """The total momentum (6,) that a goal asks for, the robot's centre of mass at com (3,); None: any."""
+    return None if goal.at_rest_with is None else rest_momentum(goal.at_rest_with, com)
+
+
+def wheels_at_start(sms: SpaceManipulator, mode: str, given: Any) -> FloatArray:
+    """Momenta (w,) of the wheels that hold the attitude [N m s]; none where none do."""
+    wheels = sms.wheels if mode == "rotation-floating" else None
+    if given is None or np.size(given) == 0:
+        return frozen(np.zeros(0 if wheels is None else len(wheels)))
+    if wheels is None:
+        raise InvalidValue(
+            "wheel_momentum", given, "must be left out: in this mode no wheels hold the attitude"
+        )
+    return frozen(vector("wheel_momentum", given, len(wheels), "N m s"))
+
+
+def check_joints(sms: SpaceManipulator, q0: FloatArray) -> None:
+    """Raise `InvalidValue` where a start is outside the joint limits."""
+    positions = sms.layout.positions(q0)
+    outside = sms.limits.violation(positions)
+    if outside.any():
+        i = int(np.argmax(outside))
+        raise InvalidValue(
+            f"q0: joint '{sms.joint_names[i]}'",
+            round(float(positions[i]), 6),
+            f"must start within [{sms.limits.lower[i]:.6g}, {sms.limits.upper[i]:.6g}] rad",
+        )

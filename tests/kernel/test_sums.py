@@ -1,0 +1,224 @@
+"""Gauss-Newton sums of the kernel against rows written out plainly, residual by residual."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from horizon_parts import TINY, spline_of
+from slopes import motions
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.batch.motions import Motions
+from ffsms_pin.opt.batch.residual import JointResidual, Residual
+from ffsms_pin.opt.batch.slopes import coupling_slopes, spin_slopes, velocity_slopes
+from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.horizon.sums import Weighted, sums
+
+ROBOTS = ("planar_3r", "satellite_panda")
+MOTIONS = 3
+SHAPES = {
+    "by_joints": "n", "by_rates": "n", "by_accelerations": "n",
+    "by_tip": "3", "by_turn": "3", "by_velocity": "3", "by_spin": "3",
+    "by_base": "3", "by_base_turn": "3", "by_base_spin": "3", "by_entropy": "", "by_coupling": "6n",
+}  # fmt: skip
+
+
+def moved(robot: str, rng: np.random.Generator, momentum: bool = False) -> tuple[RateSpline, Motions]:
+    """Motions of an arm whose joints move at the start; with momentum if wanted."""
+    sms = ffsms.load(robot)
+    limits = sms.limits
+    middle = 0.5 * (np.maximum(limits.lower, -1.0) + np.minimum(limits.upper, 1.0))
+    change: dict[str, Any] = {"momentum": [0.2, -0.1, 0.0, 0.0, 0.0, 0.3]} if momentum else {}
+    if momentum and sms.n > 3:
+        change["momentum"] = [0.2, -0.1, 0.3, 0.3, -0.2, 0.4]
+    problem = opt.Problem(
+        sms,
+        sms.configuration(middle),
+        goal=np.array([0.7, 0.5, 0.0]),
+        duration=6.0,
+        dt=0.02,
+        joint_rates=0.02 * rng.normal(size=sms.n),
+        **change,
+    )
+    spline = spline_of(problem, TINY, free_end=True)
+    return spline, motions(problem, spline, 0.2 * rng.normal(size=(MOTIONS, spline.size, sms.n)))
+
+
+def plain_rows(spline: RateSpline, at: Motions, residual: Residual, s: int) -> tuple[FloatArray, Any]:
+    """Rows (V, M n) of one motion's values, and which they are; the joints last."""
+    n, M, stack, arm = at.stack.n, spline.size, at.stack, at.arm
+    spin_q, jstar_q = velocity_slopes(stack, arm, at.rates)
+    tip_spin_q = spin_slopes(stack, arm, at.rates, spin_q)
+    entropy_q = coupling_slopes(stack, arm, at.entropy_slope)
+    maps = [
+        np.einsum("km,ij->kimj", one.free, np.eye(n)).reshape(-1, n, M * n)
+        for one in (spline.travel, spline.rates, spline.accelerations)
+    ]
+    # How q, u and the acceleration change with p at each instant (K, n, Mn), then the base's turn (K, 3, Mn).
+    dq, du, da = maps
+    R = at.base_attitude[:, :, s].transpose(2, 0, 1)
+
+    def part(values: FloatArray) -> FloatArray:
+        """Of this motion, the instants first: (K, 3, n)."""
+        return np.moveaxis(values[..., s, :], -1, 0)
+
+    spin, spin_slope = part(arm.spin), part(spin_q)
+    d_omega = R @ (spin @ du + spin_slope @ dq)
+    turn = np.einsum("kl,lxc->kxc", spline.sweep, d_omega[: spline.points])
+    rho, com = part(arm.tip - arm.com), part(arm.com)
+    jstar, moves = part(arm.jstar), part(arm.axes) * stack.moves_tip
+
+    def fixed(lever: FloatArray) -> FloatArray:
+        """How the turn moves a vector in base axes (K, 3): turn x (R lever)."""
+        return -np.cross((R @ lever[:, :, None]), turn, axis=1)
+
+    u = part(at.rates)[:, :, None]
+    own = part(at.own_spin)
+    velocity = (jstar @ u)[..., 0] + np.cross(own, rho)
+    base_spin = (spin @ u)[..., 0] + own
+    tip_spin = base_spin + (moves @ u)[..., 0]
+    # J* moves the tip about the centre of mass and turns everything by the spin; the turn is counted apart.
+    d_rho = jstar - np.cross(spin, rho[:, :, None], axis=1)
+    by = {
+        "by_joints": dq,
+        "by_rates": du,
+        "by_accelerations": da,
+        "by_tip": R @ d_rho @ dq + fixed(rho),
+        "by_velocity": R @ (jstar @ du + part(jstar_q) @ dq) + fixed(velocity),
+        "by_turn": R @ moves @ dq + turn,
+        "by_spin": R @ ((spin + moves) @ du + part(tip_spin_q) @ dq) + fixed(tip_spin),
+        "by_base": -R @ part(arm.linear) @ dq / stack.mass + fixed(stack.base_com - com),
+        "by_base_turn": turn,
+        "by_base_spin": R @ (spin @ du + spin_slope @ dq) + fixed(base_spin),
+        "by_entropy": part(entropy_q)[:, None] @ dq,
+    }
+    rows = []
+    instants = np.arange(len(at.times))[residual.instants]
+    mine = np.arange(len(instants)) if residual.motion is None else np.flatnonzero(residual.motion == s)
+    for i in mine:
+        k, row = instants[i], np.zeros(M * n)
+        for name, slope in residual.slopes().items():
+            here = slope[..., i] if residual.motion is not None else slope[..., s, i]
+            if name == "by_coupling":
+                full = np.zeros((*arm.coupling.shape[:-2], MOTIONS, len(at.times)))
+                full[..., s, k] = here
+                row += coupling_slopes(stack, arm, full)[:, s, k] @ dq[k]
+            else:
+                row += np.atleast_1d(here) @ by[name][k]
+        rows.append(row)
+    return np.array(rows).reshape(len(rows), M * n), mine
+
+
+def plain_sums(
+    spline: RateSpline, at: Motions, chosen: FloatArray, residuals: list[Weighted]
+) -> tuple[FloatArray, FloatArray]:
+    """J^T W r and J^T W J, row by row."""
+    size = spline.size * at.stack.n
+    gradient, hessian = np.zeros((len(chosen), size)), np.zeros((len(chosen), size, size))
+    for t, s in enumerate(chosen):
+        for residual, weight in residuals:
+            if isinstance(residual, JointResidual):
+                rows, values, weights = plain_joints(spline, at, residual, weight, s)
+            else:
+                rows, mine = plain_rows(spline, at, residual, s)
+                of_motion = residual.value[s] if residual.motion is None else residual.value[mine]
+                values, weights = of_motion, weight[mine]
+            gradient[t] += rows.T @ (weights * values)
+            hessian[t] += rows.T @ (weights[:, None] * rows)
+    return gradient, hessian
+
+
+def plain_joints(
+    spline: RateSpline, at: Motions, residual: JointResidual, weight: FloatArray, s: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rows (n K, M n), values and weights of what depends on single joints."""
+    n, instants = at.stack.n, len(at.times)
+    rows = np.zeros((n, instants, spline.size, n))
+    parts = (
+        (residual.by_position, spline.travel.free),
+        (residual.by_rate, spline.rates.free),
+        (residual.by_acceleration, spline.accelerations.free),
+    )
+    for slope, free in parts:
+        if slope is not None:
+            here = np.broadcast_to(slope, residual.value.shape)[:, s]
+            for j in range(n):
+                rows[j, :, :, j] += here[j, :, None] * free
+    return rows.reshape(n * instants, -1), residual.value[:, s].ravel(), np.tile(weight, n)
+
+
+def drawn(names: list[str], at: Motions, kind: str, rng: np.random.Generator) -> Weighted:
+    """A residual with random slopes: at all instants, at some of them, or of entries."""
+    n, count = at.stack.n, len(at.times)
+    instants: Any = slice(None)
+    shape: tuple[int, ...] = (MOTIONS, count)
+    motion = None
+    if kind == "some":
+        instants = np.array([count - 1, 3, count - 2])
+        shape = (MOTIONS, 3)
+    elif kind == "entries":
+        shape = (40,)
+        motion, instants = rng.integers(0, MOTIONS, 40), rng.integers(0, count, 40)
+    sizes = {"": (), "n": (n,), "3": (3,), "6n": (6, n)}
+    slopes: dict[str, Any] = {name: rng.normal(size=(*sizes[SHAPES[name]], *shape)) for name in names}
+    residual = Residual(rng.normal(size=shape), instants, motion, **slopes)
+    return Weighted(residual, rng.uniform(0.1, 1.0, shape[-1]))
+
+
+def agree(spline: RateSpline, at: Motions, chosen: Any, residuals: list[Weighted]) -> None:
+    """Kernel and plain sums, to 1e-9 of the largest entry."""
+    chosen = np.asarray(chosen)
+    for ours, plain in zip(
+        sums(spline, at, chosen, residuals), plain_sums(spline, at, chosen, residuals), strict=True
+    ):
+        np.testing.assert_allclose(ours, plain, rtol=0.0, atol=1e-9 * np.abs(plain).max())
+        assert np.abs(plain).max() > 0.0
+
+
+@pytest.mark.parametrize("momentum", [False, True])
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_every_slope_dense_and_with_entries(robot: str, momentum: bool, rng: np.random.Generator) -> None:
+    spline, at = moved(robot, rng, momentum)
+    for name in SHAPES:
+        for kind in ("all", "some", "entries"):
+            agree(spline, at, [0, 1, 2], [drawn([name], at, kind, rng)])
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_all_together_for_chosen_motions(robot: str, rng: np.random.Generator) -> None:
+    """With joints' own residuals, and some motions left out."""
+    spline, at = moved(robot, rng)
+    n, count = at.stack.n, len(at.times)
+    residuals = [drawn(list(SHAPES), at, kind, rng) for kind in ("all", "some", "entries")]
+    value = rng.normal(size=(n, MOTIONS, count))
+    slopes = [rng.normal(size=shape) for shape in (value.shape, (n, 1, 1), (n, 1, count))]
+    weight = rng.uniform(size=count)
+    residuals.append(Weighted(JointResidual(value, *slopes), weight))
+    residuals.append(Weighted(JointResidual(value, by_rate=slopes[0]), weight))
+    agree(spline, at, [0, 1, 2], residuals)
+    agree(spline, at, [2, 0], residuals)
+
+
+def test_strides_make_no_difference(rng: np.random.Generator) -> None:
+    """Slopes that are views: transposed, broadcast or every second number."""
+    spline, at = moved("planar_3r", rng)
+    count = len(at.times)
+    value = np.broadcast_to(rng.normal(size=(MOTIONS, 1)), (MOTIONS, count))
+    by_tip = rng.normal(size=(count, 2 * MOTIONS, 3)).transpose(2, 1, 0)[:, ::2]
+    by_rates = np.broadcast_to(rng.normal(size=(3, 1, 1)), (3, MOTIONS, count))
+    residual = Residual(value, by_tip=by_tip, by_rates=by_rates)
+    agree(spline, at, [0, 1, 2], [Weighted(residual, np.ones(count))])
+
+
+def test_nothing_to_sum(rng: np.random.Generator) -> None:
+    spline, at = moved("planar_3r", rng)
+    none = np.empty(0, dtype=np.int64)
+    empty = Residual(np.empty(0), none, none, by_base=np.empty((3, 0)))
+    gradient, hessian = sums(spline, at, np.array([1]), [Weighted(empty, np.empty(0))])
+    assert gradient.shape == (1, spline.size * 3)
+    assert not gradient.any()
+    assert not hessian.any()

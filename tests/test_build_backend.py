@@ -1,0 +1,56 @@
+"""The build backend's one decision: which compiler."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+TOOLS = Path(__file__).resolve().parents[1] / "tools"
+
+
+@pytest.fixture(scope="module")
+def backend() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("backend", TOOLS / "backend.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.skipif(os.name == "nt", reason="CMake looks for Microsoft's compiler itself")
+class TestChoice:
+    def test_a_machine_without_a_compiler_takes_the_one_from_pip(
+        self, backend: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ) -> None:
+        monkeypatch.delenv("CXX", raising=False)
+        monkeypatch.setenv("PATH", str(tmp_path))
+        for requires in (backend.get_requires_for_build_wheel, backend.get_requires_for_build_editable):
+            assert [one for one in requires() if one.startswith("ziglang")]
+
+    def test_a_compiler_that_is_there_or_named_is_taken(
+        self, backend: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    ) -> None:
+        monkeypatch.setenv("PATH", str(tmp_path))
+        monkeypatch.setenv("CXX", "/somewhere/c++")
+        assert not backend.needs_zig()
+        monkeypatch.delenv("CXX")
+        for name in ("c++", "g++", "clang++"):
+            compiler = tmp_path / name
+            compiler.write_text("#!/bin/sh\n")
+            compiler.chmod(0o755)
+            assert not backend.needs_zig()
+            compiler.unlink()
+        assert backend.needs_zig()
+
+    def test_the_commands_pass_everything_on(self, backend: ModuleType, tmp_path: Path) -> None:
+        """Where zig is not installed, Python says so: the arguments have got as far as that."""
+        folder = backend.zig_tools(tmp_path / "with space")
+        assert {path.name for path in folder.iterdir()} == {"c++", "ar", "ranlib"}
+        found = subprocess.run([folder / "c++", "--version"], capture_output=True, text=True, check=False)
+        assert "clang" in found.stdout or "ziglang" in found.stderr
