@@ -199,6 +199,11 @@ class Place:
             return np.eye(3)
         return np.asarray(self.rotation @ other.rotation.T)
 
+    def base_attitude(self, seen: FloatArray) -> FloatArray:
+        """Of a base (3, 3, ...) that has the frame in place in attitudes `seen` (3, 3, ...) from the base."""
+        assert self.rotation is not None
+        return np.asarray(np.einsum("xy,zy...->xz...", self.rotation, seen))
+
     def moved(self, shift: FloatArray, turn: FloatArray) -> Place:
         """Put aside by `shift` (3, ...) and turned by `turn` (3, 3, ...), where an attitude counts."""
         rotation = self.rotation
