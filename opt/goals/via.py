@@ -132,8 +132,10 @@ class Via(Limit):
         if self._passed:
             return []
         unit, at = 1.0 / motions.stack.length, self._passing(motions)
-        reaches = self.reach, self.orientation_reach
-        allowed = tuple(max(_NEAR * one - self.reserve, 0.0) for one in reaches)
+        allowed = (
+            max(_NEAR * self.reach - self.reserve, 0.0),
+            max(_NEAR * self.orientation_reach - self.reserve, 0.0),
+        )
         scales = (unit, unit * self.reach / self.orientation_reach)
         where = np.arange(motions.count), at.instant
         return self._ready.beyond(motions, where, at.missed, allowed, scales, at.later)

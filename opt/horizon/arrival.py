@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,7 +50,8 @@ def arrival(goal: Goal, motions: Motions) -> Arrival:
             miss = values[..., last] - wanted[:, None, None]
             size = np.sqrt(dot(miss, miss))[:, 0]
             rows = np.broadcast_to(np.eye(3)[..., None, None], (3, 3, *miss.shape[1:]))
-            end = [*end, Residual(_flat(miss), np.tile(last, 3), over_time=False, **{name: _rows(rows)})]
+            slopes: dict[str, Any] = {name: _rows(rows)}
+            end = [*end, Residual(_flat(miss), np.tile(last, 3), over_time=False, **slopes)]
             error = np.maximum(error, size / goal.tolerance)
     return Arrival(end, tail, error, worst)
 
@@ -75,7 +76,8 @@ def _missed(
         else:
             value, slope = shortened(e, slope, share * most)
         instants = np.tile(at, len(value))
-        slopes = frame.slopes(motions, (slice(None), instants), on=place.on, **{name: _rows(slope)})
+        where = (slice(None), instants)
+        slopes: dict[str, Any] = frame.slopes(motions, where, on=place.on, **{name: _rows(slope)})
         found.append(Residual(_flat(value), instants, over_time=False, **slopes))
     return found, used
 

@@ -261,7 +261,7 @@ def _is_near(problem: Problem) -> bool:
         return False
     start = problem.sms.at(problem.q0).end_effector_pose
     far, turned = problem.goal.place(problem.duration).error(start, problem.q0)
-    return far <= problem.goal.reach and turned <= problem.goal.orientation_reach
+    return bool(far <= problem.goal.reach and turned <= problem.goal.orientation_reach)
 
 
 def _is_hopeless(search: Search) -> bool:
@@ -274,7 +274,7 @@ def _is_hopeless(search: Search) -> bool:
 def _can_march(problem: Problem) -> bool:
     """Whether a march knows the goal."""
     place = problem.goal.place(problem.duration)
-    return not (problem.goal.moves or problem.locked) and place.rests and place.plain
+    return not (problem.goal.moves or problem.locked) and bool(place.rests and place.plain)
 
 
 def _travels_far(search: Search, plan: Trajectory) -> bool:

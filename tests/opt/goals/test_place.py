@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,11 @@ from slopes import by_differences, by_slopes, motions
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.batch.rollout import configurations, rolled_out
 from ffsms_pin.opt.goals import Changed, Place
 from ffsms_pin.opt.horizon.arrival import arrival
+from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.base_motion import advance
@@ -142,14 +145,30 @@ def test_slopes_by_control_points(
     p = 0.1 * rng.normal(size=(1, spline.size, 7))
     at = motions(problem, spline, p)
     for kind in ("end", "tail"):
-        slopes = by_slopes(problem, spline, p, list(getattr(arrival(goal, at), kind)))
-        differences = by_differences(
-            problem, spline, p, lambda one, kind=kind: list(getattr(arrival(goal, one), kind))
-        )
+
+        def residuals(one: Any, kind: str = kind) -> Residuals:
+            return list(getattr(arrival(goal, one), kind))
+
+        slopes = by_slopes(problem, spline, p, residuals(at))
+        differences = by_differences(problem, spline, p, residuals)
         size = float(np.abs(differences).max())
         assert size > 0.1
         # On the base it depends on the joints alone; otherwise the base's turn is a quadrature of its own.
         np.testing.assert_allclose(slopes, differences, atol=2e-7 if "base" in name else 1e-3 * size)
+
+
+def test_the_cost_sees_a_goal_that_rides_on_the_base(
+    panda: ffsms.SpaceManipulator, q0: Any, rng: np.random.Generator
+) -> None:
+    """Its slopes take in that the joints move the goal."""
+    goal = kinds(panda, q0)["position on the base"]
+    problem = opt.Problem(panda, q0, goal, 8.0, joint_rates=0.1 * rng.normal(size=7), limits=[])
+    spline = spline_of(problem)
+    p = 0.1 * rng.normal(size=(1, spline.size, 7))
+    term = problem.terms[0]
+    slopes = by_slopes(problem, spline, p, residuals_of(term, motions(problem, spline, p)))
+    differences = by_differences(problem, spline, p, lambda one: residuals_of(term, one))
+    np.testing.assert_allclose(slopes, differences, atol=1e-3 * np.abs(differences).max())
 
 
 def test_measures_by_pinocchio(panda: ffsms.SpaceManipulator, q0: Any, rng: np.random.Generator) -> None:
@@ -265,7 +284,7 @@ def test_another_frame_at_a_goal_on_the_base() -> None:
 
 def test_what_cannot_be_a_place(planar: ffsms.SpaceManipulator) -> None:
     pose, q0 = pin.SE3.Identity(), planar.configuration([0.4, 0.7, -0.5])
-    for word, make in {
+    wrong: dict[str, Callable[[], Any]] = {
         "free_axis": lambda: opt.Pose(pose, free_axis=[0.0, 0.0, 0.0]),
         "goal.on": lambda: opt.Position([1.0, 0.0, 0.0], on="moon"),
         "goal.velocity": lambda: opt.Position([1.0, 0.0, 0.0], velocity=[0.1, 0.0, 0.0], on="base"),
@@ -276,7 +295,8 @@ def test_what_cannot_be_a_place(planar: ffsms.SpaceManipulator) -> None:
         "ride on the base": lambda: opt.Replanning(
             opt.Problem(planar, q0, opt.Position([0.5, 0.2, 0.0], on="base"))
         ),
-    }.items():
+    }
+    for word, make in wrong.items():
         with pytest.raises(InvalidValue, match=word):
             make()
     text = repr(opt.Problem(planar, q0, opt.Pose(pose, free_axis=AXIS, on="base")))
