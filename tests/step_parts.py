@@ -10,7 +10,6 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
-from ffsms_pin.opt.limits.base_rows import base_rows, settled
 from ffsms_pin.opt.limits.clearance_rows import ClearanceModel, clearance_model, clearance_rows
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
@@ -80,10 +79,12 @@ class StepBase(StepLimit):
         self._bounds = bounds
 
     def rows(self, step: StepState) -> Rows | None:
-        return base_rows(self._bounds, step)
+        rows: Rows | None = self._bounds.rows(step)
+        return rows
 
     def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
-        return settled(self._bounds, step, rates, braking)
+        settled: FloatArray = self._bounds.settle(step, rates, braking)
+        return settled
 
 
 class StepRows(StepLimit):

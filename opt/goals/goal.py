@@ -241,7 +241,7 @@ class Changed(Goal):
     reach: float = None  # type: ignore[assignment]
     orientation_reach: float = None  # type: ignore[assignment]
     # A descent asks for the same times in every iteration, and a path may be slow to tell.
-    _known: dict[bytes, Place] = field(default_factory=dict, repr=False)
+    _known: dict[tuple[bytes, str], Place] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("moves", "exact", "coupled", "at_rest_with"):
@@ -252,14 +252,17 @@ class Changed(Goal):
 
     def place(self, t: float) -> Place:
         """The other's place, `later` seconds later, changed."""
-        return self._changed(self.goal.place(t + self.later))
+        return self._kept(self.goal.place, t)
 
     def places(self, times: FloatArray) -> Place:
         """Likewise."""
-        key = times.tobytes()
-        if key not in self._known:
-            self._known[key] = self._changed(self.goal.places(times + self.later))
-        return self._known[key]
+        return self._kept(self.goal.places, times)
+
+    def _kept(self, places: Callable[[Any], Place], times: Any) -> Place:
+        key = np.asarray(times).tobytes()
+        if (key, places.__name__) not in self._known:
+            self._known[key, places.__name__] = self._changed(places(times + self.later))
+        return self._known[key, places.__name__]
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """The other's, as far as it still lies ahead."""

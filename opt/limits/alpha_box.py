@@ -9,10 +9,11 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.entropy import singular
 from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residual, Residuals
-from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
+from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.parts.inequality import Inequality
 
 __all__ = ["AlphaBox", "alpha_box_rows"]
 
@@ -45,7 +46,7 @@ def alpha_box_rows(step: StepState) -> Rows:
 
 
 @dataclass(frozen=True)
-class AlphaBox(Limit):
+class AlphaBox(Inequality):
     """The paper's |alpha_i| <= 1, with joint rates = V alpha.
 
     The paper's step has it always, as printed; whole motions on request. V only turns, so the box says that
@@ -54,45 +55,17 @@ class AlphaBox(Limit):
     """
 
     name = "alpha box"
+    unit = "rad/s"
+    scale = 1.0
     margin = 0.02
+
+    def room(self, m: Features) -> Feature:
+        """What is left of each |alpha_i| <= 1."""
+        return 1.0 - abs(_alpha(m))  # type: ignore[no-any-return]
 
     def rows(self, step: StepState) -> Rows:
         """Rows of a step; see `alpha_box_rows`."""
         return alpha_box_rows(step)
-
-    def residual(self, motions: Motions) -> Residuals:
-        """What |alpha_i| exceeds 1 less the margin by, in rad/s.
-
-        Slopes by the joint rates are the columns of V. Those by the coupling follow from the eigenvectors of
-        C^T C: dv_i = sum over j of v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
-        """
-        C = motions.arm.coupling
-        shape = C.shape[2:]
-        _, V = singular(C.reshape(6, C.shape[1], -1))
-        rates = motions.rates.reshape(len(C[0]), -1).T
-        alpha = (rates[:, None] @ V)[:, 0]
-        at, i = np.nonzero(np.abs(alpha) > 1.0 - self.margin)
-        if not at.size:
-            return []
-        sign = np.sign(alpha[at, i])
-        chosen, C_at = V[at], C.reshape(6, C.shape[1], -1)[..., at]
-        column = np.take_along_axis(chosen, i[:, None, None], axis=2)[..., 0]  # (entries, n)
-        lambdas = np.sum(np.einsum("kne,enj->ekj", C_at, chosen) ** 2, axis=1)
-        gap = np.take_along_axis(lambdas, i[:, None], axis=1) - lambdas
-        gap = np.where(np.abs(gap) < _LEAST_GAP, np.inf, gap)  # v_i itself; and directions that are alike
-        along = np.einsum("enj,ej->en", chosen, alpha[at] / gap)
-        moved = np.einsum("kne,en->ke", C_at, column), np.einsum("kne,en->ke", C_at, along)
-        slope = np.einsum("ke,en->kne", moved[0], along) + np.einsum("ke,en->kne", moved[1], column)
-        motion, instant = np.unravel_index(at, shape)
-        return [
-            Residual(
-                np.abs(alpha[at, i]) - (1.0 - self.margin),
-                motion=motion,
-                instants=instant,
-                by_rates=sign * column.T,
-                by_coupling=sign * slope,
-            )
-        ]
 
     def violation(self, motion: Motions) -> Violation:
         """The largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""
@@ -106,3 +79,31 @@ class AlphaBox(Limit):
         return Violation(
             largest - 1.0, binds, f"|alpha_i| reaches {largest:.4g}, the paper's box asks for at most 1"
         )
+
+
+def _alpha(m: Features) -> Feature:
+    """V^T u (n, S, K), with slopes.
+
+    Slopes by the joint rates are the columns of V. Those by the coupling follow from the eigenvectors of
+    C^T C: dv_i = sum over j of v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
+    """
+    rates, C = m.motions.rates, m.motions.arm.coupling
+    n, shape = len(rates), rates.shape[1:]
+    C = C.reshape(6, n, -1)
+    _, V = singular(C)
+    alpha = np.einsum("bmi,mb->ib", V, rates.reshape(n, -1))
+
+    def slopes() -> dict[str, FloatArray]:
+        CV = np.einsum("kmb,bmi->kib", C, V)
+        lambdas = np.sum(CV**2, axis=0)
+        gap = lambdas[:, None] - lambdas
+        gap = np.where(np.abs(gap) < _LEAST_GAP, np.inf, gap)  # v_i itself; and directions that are alike
+        along = np.einsum("bmj,ijb->imb", V, alpha / gap)
+        slope = np.einsum("kib,imb->ikmb", CV, along)
+        slope += np.einsum("kmb,imb,bni->iknb", C, along, V)
+        return {
+            "by_rates": V.transpose(2, 1, 0).reshape(n, n, *shape),
+            "by_coupling": slope.reshape(n, 6, n, *shape),
+        }
+
+    return m.feature(alpha.reshape(n, *shape), slopes)

@@ -1,4 +1,4 @@
-"""How far and how fast the base may move, as a limit."""
+"""How far and how fast the base may move, as limits of one formula each."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residual, Residuals
-from ffsms_pin.opt.limits.base_rows import base_rows, settled
-from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
+from ffsms_pin.opt.batch.residual import Residuals
+from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
+from ffsms_pin.opt.limits.settling import settled
 from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.system.batch.stacks import apply, dot, log3
+from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion.at_step import StepFeatures
+from ffsms_pin.opt.parts.inequality import Inequality
+from ffsms_pin.opt.parts.reading import residuals_of
 
 __all__ = ["BaseLimits"]
 
@@ -28,8 +31,47 @@ _SCALE = 0.03
 # [rad] A turn beyond a limit narrower than this weighs as if the limit were so wide: one of a tenth of a
 # degree would be too stiff for a motion that is still finding its way.
 _NARROW = 0.02
-# With less than this share left the limit binds: what is kept in hand, and a little.
-_BINDING = _SHARE + 0.01
+_STEP_SHARE = 0.03  # of a limit, kept in single steps against what happens within them
+# [rad/m] Of a row in a step: a turn of the base is dearer than the loss of a clearance, because moving the
+# arm by as much turns it by far less.
+_GIVE = 0.1
+_RETURN_RATE = 0.02  # [rad/s] how fast the arm is trusted to undo a turn of the base before the deadline
+_UNDONE = 10  # steps before the deadline at which it should be undone
+
+
+class _Most(Inequality):
+    """One of the limits: something of the base is at most so large."""
+
+    margin = _SCALE * _SHARE
+    give = _GIVE
+
+    def __init__(self, name: str, most: float) -> None:
+        self.name, self.most, self.unit = name, most, _UNITS[name]
+        narrow = _NARROW if self.unit == "rad" else 0.0
+        self.scale, self.in_hand = max(most, narrow) / _SCALE, _SHARE * most
+        self.step_margin = _STEP_SHARE * most
+
+    def room(self, m: Features) -> Any:
+        """What is left of it."""
+        if self.name == "translation":
+            return self.most - (m.base - m.motions.base_start).norm()
+        if self.name == "attitude_rate":
+            return self.most - m.base_spin.norm()
+        return self._turn(m) - m.base_turn.norm()
+
+    def _turn(self, m: Features) -> Feature | FloatArray | float:
+        """The turn that is allowed: one at the end counts there, and closes in as steps near the deadline."""
+        if self.name == "attitude":
+            return self.most
+        if m.step is None:
+            return np.where(m.motions.times >= m.duration, self.most, math.inf)[None]
+        undone = np.maximum(m.duration - _UNDONE * m.step.dt - m.time, 0.0)
+        return self.most + _RETURN_RATE * undone  # type: ignore[no-any-return]
+
+    def note(self, room: float, time: float) -> str:
+        """What is broken, in words."""
+        most, largest = (f"{x:.4g} {self.unit}" for x in (self.most, self.most - room))
+        return f"{self.name} {most}, the largest found is {largest}"
 
 
 @dataclass(frozen=True)
@@ -78,83 +120,32 @@ class BaseLimits(Limit):
         """Whether the attitude is limited, on the way or at the end."""
         return min(self.attitude, self.final_attitude) < math.inf
 
+    @property
+    def _parts(self) -> list[_Most]:
+        given = {field.name: getattr(self, field.name) for field in fields(self)}
+        return [_Most(name, most) for name, most in given.items() if most < math.inf]
+
     def rows(self, step: StepState) -> Rows | None:
         """The base may come near a limit at most at a rate proportional to what is left of it."""
-        return None if self.none else base_rows(self, step)
+        if self.none:
+            return None
+        seen = StepFeatures(step)
+        return stacked([rows for part in self._parts if (rows := part.rows_at(seen)) is not None])
 
     def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
         """Rates from which the arm can still stop with the base within its limits."""
         return settled(self, step, rates, braking)
 
-    def residual(self, motions: Motions) -> Residuals:
-        """Shares of the limits that are used beyond 1 less the margin, over the whole motion."""
-        found: Residuals = []
-        for name, sizes, unit, most in self._used(motions):
-            excess = sizes / most - (1.0 - _SHARE)
-            where = np.nonzero(excess > 0.0)
-            if not where[0].size:
-                continue
-            limit = np.broadcast_to(most, sizes.shape)[where]
-            weight = _SCALE * (np.minimum(limit / _NARROW, 1.0) if name == "by_base_turn" else 1.0)
-            slope: dict[str, Any] = {name: weight * unit[:, where[0], where[1]] / limit}
-            found.append(Residual(weight * excess[where], motion=where[0], instants=where[1], **slope))
-        return found
-
-    def _used(self, motions: Motions) -> list[tuple[str, FloatArray, FloatArray, FloatArray]]:
-        """For what is limited: what slopes are by, sizes (S, K), gradients (3, S, K) by that, and limits."""
-        used = []
-        if self.holds_attitude:
-            turned = log3(np.einsum("yx,yzsk->xzsk", motions.rotation_start, motions.base_attitude))
-            most = np.full(len(motions.times), self.attitude)
-            most[motions.last] = min(self.attitude, self.final_attitude)
-            angle = np.sqrt(dot(turned, turned))
-            axis = apply(motions.rotation_start[..., None, None], turned / np.maximum(angle, 1e-12))
-            used.append(("by_base_turn", angle, axis, most))
-        if self.translation < math.inf:
-            shift = motions.base_position - motions.base_start[:, None, None]
-            distance = np.sqrt(dot(shift, shift))
-            used.append(
-                ("by_base", distance, shift / np.maximum(distance, 1e-12), np.array(self.translation))
-            )
-        if self.attitude_rate < math.inf:
-            speed = np.sqrt(dot(motions.base_spin, motions.base_spin))
-            unit = motions.base_spin / np.maximum(speed, 1e-12)
-            used.append(("by_base_spin", speed, unit, np.array(self.attitude_rate)))
-        return used
+    def residual(self, m: Features) -> Residuals:
+        """Of all of them."""
+        return [one for part in self._parts for one in residuals_of(part, m.motions)]
 
     def violation(self, motion: Motions) -> Violation:
-        """The largest excess of any of them, between the instants of the finished motion too."""
-        if self.none:
-            return Violation()
-        names = {"by_base_turn": "attitude", "by_base": "translation", "by_base_spin": "attitude_rate"}
-        worst, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
-        span = float(np.diff(motion.times).max())
-        linear = np.gradient(motion.base_position[:, 0], motion.times, axis=1)
-        for by, sizes, _, most in self._used(motion):
-            velocity = {"by_base_turn": motion.base_spin[:, 0], "by_base": linear}.get(by)
-            name, size = names[by], sizes[0]
-            largest = float(size.max()) if velocity is None else _between(size, velocity, span)
-            binds |= size > (1.0 - _BINDING) * most
-            checks = [(name, largest, getattr(self, name))]
-            if by == "by_base_turn":
-                checks.append(("final_attitude", float(size[motion.last]), self.final_attitude))
-            for limit, largest, allowed in checks:
-                if largest > allowed:
-                    worst = max(worst, largest - allowed)
-                    unit = _UNITS[limit]
-                    notes.append(f"{limit} {allowed:.4g} {unit}, the largest found is {largest:.4g} {unit}")
-        note = f"the base limit is broken: {'; '.join(notes)}" if notes else ""
-        return Violation(worst, motion.times[binds], note)
-
-
-def _between(sizes: FloatArray, velocity: FloatArray, span: float) -> float:
-    """The largest size of a vector on its path, from sizes (K,) and velocities (3, K) a span apart.
-
-    Between two instants the path leaves the straight line by a parabola, whose height is the change of the
-    velocity times the span over 8; on the line the size rises or falls at most evenly.
-    """
-    start, end = sizes[:-1], sizes[1:]
-    height = np.linalg.norm(np.diff(velocity, axis=1), axis=0) * span / 8.0
-    rise = end - start
-    top = 0.5 * (start + end) + height + rise**2 / np.maximum(16.0 * height, 1e-300)
-    return float(np.where(np.abs(rise) < 4.0 * height, top, np.maximum(start, end)).max())
+        """The largest excess of any of them."""
+        found = [part.violation(motion) for part in self._parts]
+        notes = "; ".join(one.note for one in found if one.note)
+        return Violation(
+            max((one.amount for one in found), default=0.0),
+            np.unique(np.concatenate([np.empty(0), *(one.instants for one in found)])),
+            f"the base limit is broken: {notes}" if notes else "",
+        )

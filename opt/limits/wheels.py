@@ -3,27 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from ffsms_pin.actuation import ReactionWheels
-from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.instants import Instants
 from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Indices, Residual, Residuals
-from ffsms_pin.opt.batch.wheels import (
-    TorqueSlopes,
-    arm_momentum,
-    friction_slope,
-    momentum_slopes_by_joints,
-    wheel_momentum,
-    wheel_shares,
-    wheel_torque,
-)
-from ffsms_pin.opt.limits.limit import Failed, Limit, Rows, Violation
+from ffsms_pin.opt.batch.wheels import arm_momentum, wheel_momentum, wheel_shares, wheel_torque
+from ffsms_pin.opt.limits.limit import Failed, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.limits.wheel_rows import wheel_rows
+from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.parts.inequality import Inequality
 
 __all__ = ["WheelLimits"]
 
@@ -32,12 +21,12 @@ _SHARE = 0.08
 # What a whole limit weighs: as much as a lack of clearance of this many arm lengths.
 _SCALE = 0.03
 _BINDING = _SHARE + 0.01  # with less than this share left the limit binds
-_MOST_IN_HAND = 0.5
+_MOST_IN_HAND = 0.5  # share of a limit: a tighter one would hold a plan back more than the wheels do
 _UNCOVERED = 1e-6  # share of the arm's momentum along an axis that no wheel has
 
 
 @dataclass(frozen=True)
-class WheelLimits(Limit):
+class WheelLimits(Inequality):
     """The wheels' largest torques and momenta, where wheels hold the attitude (mode "rotation-floating").
 
     Momentum follows from the conservation of angular momentum, torque is its rate, with the friction of the
@@ -48,13 +37,21 @@ class WheelLimits(Limit):
     """
 
     name = "wheels"
-    eased_by_time = True
     margin = _SCALE * _SHARE
-    _in_hand: float = _SHARE
+    scale = 1.0 / _SCALE
+    in_hand = _SHARE
+    eased_by_time = True
 
-    def tightened(self, by: float) -> WheelLimits:
+    def room(self, m: Features) -> list[Feature]:
+        """Shares of momentum and torque that are left."""
+        wheels = m.motions.wheels
+        if wheels is None:
+            return []
+        return [1.0 - abs(m.wheels) / wheels.momentum, 1.0 - abs(m.wheel_torques) / wheels.torque]
+
+    def tightened(self, by: float) -> Inequality:
         """With so much more in hand, at most half of the limit."""
-        return replace(self, _in_hand=min(self._in_hand + max(by, 0.0), _MOST_IN_HAND))
+        return super().tightened(min(max(by, 0.0), _MOST_IN_HAND - _SHARE - self._more))
 
     def explain(self, failed: Failed) -> str:
         """Which wheel lacks what, where stronger wheels would reach the goal.
@@ -74,28 +71,7 @@ class WheelLimits(Limit):
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows of the wheels' momenta at the step's end and of their torques in it."""
-        return wheel_rows(step, self._in_hand)
-
-    def residual(self, motions: Motions) -> Residuals:
-        """Shares of the limits that are used beyond 1 less what is kept in hand, over the whole motion."""
-        wheels = motions.wheels
-        if wheels is None:
-            return []
-        momentum = wheel_momentum(motions)
-        torque = wheel_torque(motions, momentum)
-        found: Residuals = []
-        at = self._beyond(momentum, wheels.momentum)
-        if at[0].size:
-            found.append(_momentum_residual(motions, wheels, momentum, at, self._in_hand))
-        at = self._beyond(torque, wheels.torque)
-        if at[0].size:
-            found.append(_torque_residual(motions, wheels, momentum, torque, at, self._in_hand))
-        return found
-
-    def _beyond(self, values: FloatArray, most: FloatArray) -> tuple[Indices, Indices, Indices]:
-        """Wheels, motions and instants at which more is used than should be."""
-        wheel, motion, instant = np.nonzero(np.abs(values) > (1.0 - self._in_hand) * most[:, None, None])
-        return wheel, motion, instant
+        return wheel_rows(step, _SHARE + self._more)
 
     def violation(self, motion: Motions) -> Violation:
         """The largest share by which a wheel lacks momentum or torque, and what would do."""
@@ -127,50 +103,3 @@ class WheelLimits(Limit):
             notes.append(f"{rest:.3g} N m s of the arm's momentum are about an axis that no wheel has")
         note = f"the wheels would saturate: {'; '.join(notes)}" if notes else ""
         return Violation(worst, motion.times[binds], note)
-
-
-def _momentum_residual(
-    motions: Motions, wheels: ReactionWheels, momentum: FloatArray, at: Any, in_hand: float
-) -> Residual:
-    """Entries of too much momentum, with slopes."""
-    wheel, motion, instant = at
-    most, value = wheels.momentum[wheel], momentum[at]
-    by_joints, by_rates = (
-        -np.einsum("vx,xjv->jv", wheel_shares(wheels)[wheel], slope[:, :, motion, instant])
-        for slope in momentum_slopes_by_joints(motions)
-    )
-    factor = _SCALE * np.sign(value) / most
-    return Residual(
-        _SCALE * (np.abs(value) / most - (1.0 - in_hand)),
-        motion=motion,
-        instants=instant,
-        by_joints=factor * by_joints,
-        by_rates=factor * by_rates,
-    )
-
-
-def _torque_residual(
-    motions: Motions,
-    wheels: ReactionWheels,
-    momentum: FloatArray,
-    torque: FloatArray,
-    at: Any,
-    in_hand: float,
-) -> Residual:
-    """Entries of too much torque, with slopes."""
-    wheel, motion, instant = at
-    most, value = wheels.torque[wheel], torque[at]
-    # One configuration serves all wheels that ask for too much at it.
-    where, back = np.unique(np.stack([motion, instant]), axis=1, return_inverse=True)
-    back = back.reshape(-1)
-    slopes = TorqueSlopes(motions.stack.robot).at(*Instants(*where).columns(motions))
-    shares = wheel_shares(wheels)[wheel]
-    by = [-np.einsum("vx,xjv->jv", shares, slope[..., back]) for slope in slopes]
-    if wheels.rubs:
-        grows = friction_slope(wheels, wheel, momentum[at])
-        for kind, slope in enumerate(momentum_slopes_by_joints(motions)):
-            by[kind] -= grows * np.einsum("vx,xjv->jv", shares, slope[:, :, motion, instant])
-    factor = _SCALE * np.sign(value) / most
-    return Instants(motion, instant).residual(
-        _SCALE * (np.abs(value) / most - (1.0 - in_hand)), [factor * one for one in by]
-    )

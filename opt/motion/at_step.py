@@ -115,6 +115,8 @@ class StepFeatures(Features):
                 flow += slope @ (self._tip[:3] if name == "by_tip" else self._tip[3:])
             elif name in ("by_base", "by_base_turn"):
                 flow += slope @ (self._base if name == "by_base" else self._base_turn)
+            elif name == "by_time":
+                flow[:, n] += slope[:, 0]
             elif name == "by_joints":
                 flow[:, :n] += slope
             elif name in ("by_velocity", "by_spin"):

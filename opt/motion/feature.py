@@ -42,8 +42,8 @@ class Feature(NDArrayOperatorsMixin):
         At K instants of S motions; components come first.
     slopes : dict of str to ndarray
         By the names of `Residual`: the value's components first, if any, then those of what moves it, then S
-        and K, or 1 in their place. Also "own_joint", "own_rate", "own_acceleration", of the value's own
-        shape: of component j by joint j alone.
+        and K, or 1 in their place. Also "by_time", of what moves by itself, for single steps; and
+        "own_joint", "own_rate", "own_acceleration", of the value's shape: of component j by joint j alone.
     where : tuple of ndarray, shape (V,) each, optional
         Motions and instants of the V values, for one of shape (1, V) or (c, 1, V). Default: all.
     """
@@ -169,7 +169,9 @@ class Feature(NDArrayOperatorsMixin):
     def _residual(self, over_time: bool) -> Residual:
         value, where = self.value, self.where
         slopes: dict[str, Any] = {
-            name: np.broadcast_to(x, (*x.shape[:-2], *value.shape)) for name, x in self.slopes.items()
+            name: np.broadcast_to(x, (*x.shape[:-2], *value.shape))
+            for name, x in self.slopes.items()
+            if name != "by_time"
         }
         if where is None and "by_accelerations" not in slopes:
             return Residual(value, over_time=over_time, **slopes)

@@ -12,7 +12,12 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices
+<<<<<<< HEAD
 from ffsms_pin.opt.batch.robot_frame import INERTIAL, RobotFrame
+=======
+from ffsms_pin.opt.batch.robot_frame import RobotFrame
+from ffsms_pin.opt.limits.step_state import StepState
+>>>>>>> parts
 from ffsms_pin.opt.motion.actuated import wheel_momenta, wheel_torques, wrench
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import EYE, Frame, carried
@@ -56,7 +61,11 @@ class Features:
         Where the goal's position is [m]; in a single step, which knows no goal, not a number.
     duration : float
         Time from the start to the deadline [s].
+    step : StepState or None
+        The state, where a single step is seen.
     """
+
+    step: StepState | None = None
 
     def __init__(
         self,
@@ -170,7 +179,8 @@ class Features:
     @property
     def time(self) -> Feature:
         """From the start [s]."""
-        return Feature(np.broadcast_to(self.motions.times, self.motions.rates.shape[1:]), None, self.where)
+        value = np.broadcast_to(self.motions.times, self.motions.rates.shape[1:])
+        return self.feature(value, lambda: {"by_time": _ONE})
 
     @property
     def goal(self) -> Feature:

@@ -103,8 +103,14 @@ def _random_motion(problem: Problem, rates: FloatArray) -> Motions:
 
 def _dense(part: Any, method: str, motions: Motions) -> list[Feature]:
     """What the part gives, each as a feature of all instants with all its slopes."""
-    found = formulas(part, method, Features(motions))
-    return [one if isinstance(one, Feature) else _as_feature(one, motions) for one in found]
+    found: list[Feature] = []
+    for one in formulas(part, method, Features(motions)):
+        if isinstance(one, Feature) and one.where is None:
+            found.append(one)
+        else:
+            alone = one.residuals() if isinstance(one, Feature) else [one]
+            found.extend(_as_feature(each, motions) for each in alone)
+    return found
 
 
 def _as_feature(residual: Residual | JointResidual, motions: Motions) -> Feature:

@@ -47,7 +47,7 @@ def check_rows(limit: Limit, problem: Problem, motion: Motions, tolerance: float
 
 
 def _state(problem: Problem, q: FloatArray, rates: FloatArray, t: float) -> StepState:
-    left = max(problem.duration - t, problem.dt)
+    left = problem.duration - t
     total = problem.wheel_total if problem.wheels is not None else None
     return step_state(
         problem.sms,
@@ -67,7 +67,7 @@ def _state(problem: Problem, q: FloatArray, rates: FloatArray, t: float) -> Step
 def _moved(problem: Problem, state: StepState, rates: FloatArray, by: float) -> StepState:
     """The state a little later, on the way with these rates."""
     q, _ = advance(problem.sms, state.q, rates, np.zeros_like(rates), by, problem.momentum, problem.mode)
-    return _state(problem, q, state.rates, state.time)
+    return _state(problem, q, state.rates, state.time + by)
 
 
 def _check_shapes(limit: Any, rows: Rows, n: int) -> None:

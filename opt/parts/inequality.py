@@ -21,6 +21,7 @@ from ffsms_pin.opt.parts.reading import formulas
 __all__ = ["Inequality"]
 
 _ROUNDING = 1e-6  # of room's unit: what a plan may break a limit by and still counts as keeping it
+_BINDING = 1.125  # of what is kept in hand: with less left the limit binds, a penalty gives way a little
 
 
 class Inequality(Limit):
@@ -41,6 +42,8 @@ class Inequality(Limit):
     margin : float
         What whole motions keep in hand, as a share of `scale`: a penalty gives way a little, and they are
         watched at some instants only.
+    in_hand : float or None
+        The same in room's unit. None: `margin` times `scale`.
     rate : float
         In a step room may shrink at most so fast relative to itself, so that the arm can still brake [1/s].
     step_margin : float
@@ -53,10 +56,11 @@ class Inequality(Limit):
     unit: str = "m"
     scale: float | None = None
     margin: float = 0.01
+    in_hand: float | None = None
     rate: float = 2.0
     step_margin: float = 2e-3
     give: float = 1.0
-    _in_hand: float = 0.0  # more of it, after `tightened`
+    _more: float = 0.0  # in hand, after `tightened`
 
     @abstractmethod
     def room(self, m: Features) -> Any:
@@ -65,7 +69,7 @@ class Inequality(Limit):
     def tightened(self, by: float) -> Inequality:
         """The same with so much more in hand, in room's unit."""
         tighter = copy.copy(self)
-        object.__setattr__(tighter, "_in_hand", self._in_hand + by)
+        object.__setattr__(tighter, "_more", self._more + by)
         return tighter
 
     def rooms(self, m: Features) -> Feature:
@@ -74,38 +78,45 @@ class Inequality(Limit):
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows of a step: what moves uses room up slowly, what jumps leaves room at the step's end."""
-        seen = StepFeatures(step)
-        at = seen.change(self.rooms(seen))
-        if not at.value.size:
+        return self.rows_at(StepFeatures(step))
+
+    def rows_at(self, seen: StepFeatures) -> Rows | None:
+        """The same, of a step that is seen already."""
+        at, step = seen.change(self.rooms(seen)), seen.step
+        asked = np.isfinite(at.value)
+        if not asked.any():
             return None
-        left = at.value - self._in_hand - self.step_margin
-        jumps = at.jump.any(axis=1)
-        # With u: flow . u >= -rate left; or left + dt flow . u + jump . (u - rates) >= 0.
+        value, flow, drift, jump = (x[asked] for x in at)
+        left = value - self._more - self.step_margin
+        jumps = jump.any(axis=1)
+        # With u: flow . u + drift >= -rate left; or left + dt (flow . u + drift) + jump . (u - rates) >= 0.
         share = np.where(jumps, step.dt, 1.0)
-        G = share[:, None] * at.flow + at.jump
-        least = -np.where(jumps, left, self.rate * left) - share * at.flow_drift + at.jump @ step.rates
+        G = share[:, None] * flow + jump
+        least = -np.where(jumps, left, self.rate * left) - share * drift + jump @ step.rates
         return Rows(G, least, np.full(len(least), UNBOUNDED), self.give)
 
     def residual(self, m: Features) -> Residuals:
-        """What room lacks of the margin, over `scale`, where it lacks some."""
-        scale = m.stack.length if self.scale is None else self.scale
-        least = self.margin * scale + self._in_hand
-        plain = features_of(m.motions, slopes=False)
-        left = self.rooms(plain).value
+        """What room lacks of what is kept in hand, over `scale`, where it lacks some."""
+        scale, least = self._kept(m.motions)
+        least += self._more
+        left = self.rooms(features_of(m.motions, slopes=False)).value
         lacking = np.nonzero((left < least).any(axis=0))
         if not lacking[0].size:
             return []
-        at = m.at(*lacking)
-        lack = np.maximum(least - self.rooms(at), 0.0) / scale
+        lack = np.maximum(least - self.rooms(m.at(*lacking)), 0.0) / scale
         return [one for one in lack.residuals() if one.value.any()]
+
+    def _kept(self, motions: Motions) -> tuple[float, float]:
+        """`scale` and `in_hand`."""
+        scale = motions.stack.length if self.scale is None else self.scale
+        return scale, self.margin * scale if self.in_hand is None else self.in_hand
 
     def violation(self, motion: Motions) -> Violation:
         """The greatest lack, also between instants: there the parabola through three of them counts."""
         left = self.rooms(features_of(motion, slopes=False)).value[:, 0]
         if not left.size:
             return Violation()
-        scale = motion.stack.length if self.scale is None else self.scale
-        binds = motion.times[(left < 1.1 * self.margin * scale).any(axis=0)]
+        binds = motion.times[(left < _BINDING * self._kept(motion)[1]).any(axis=0)]
         least = _least_between(left)
         i, k = np.unravel_index(int(np.argmin(least)), least.shape)
         if least[i, k] > -_ROUNDING:
@@ -142,7 +153,8 @@ def _least_between(values: FloatArray) -> FloatArray:
     """
     least = values.copy()
     if values.shape[1] >= 3 and values.shape[1] % 2:
-        before, here, after = values[:, :-2:2], values[:, 1:-1:2], values[:, 2::2]
+        finite = np.minimum(values, UNBOUNDED)
+        before, here, after = finite[:, :-2:2], finite[:, 1:-1:2], finite[:, 2::2]
         bend, slope = 0.5 * (before + after) - here, 0.5 * (after - before)
         turns = np.abs(slope) < 2.0 * bend
         least[:, 1:-1:2] = here - np.where(turns, slope**2 / np.where(turns, 4.0 * bend, 1.0), 0.0)

@@ -73,7 +73,8 @@ def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Any
         _check_residual(part, method, found, features)
         return found
     if isinstance(found, Feature):
-        _check_shape(part, method, found.value, features)
+        if found.where is None:
+            _check_shape(part, method, found.value, features)
         return found
     if isinstance(found, (np.ndarray, float, int)):
         value = np.asarray(found, dtype=np.float64)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.batch.motions import Motions, Smoothing
 from ffsms_pin.opt.batch.residual import Residuals
+from ffsms_pin.opt.parts.reading import residuals_of
 
 SPOTS = ("via", "via at any time", "also")
 
@@ -51,7 +53,7 @@ def check_slopes(
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("name", list(TERMS))
 def test_slopes_of_terms(name: str, robot: str, rng: np.random.Generator) -> None:
-    check_slopes(problem_of(ffsms.load(robot), name), TERMS[name].residual, rng)
+    check_slopes(problem_of(ffsms.load(robot), name), partial(residuals_of, TERMS[name]), rng)
 
 
 @pytest.mark.parametrize("smoothing", [Smoothing(0.3, 0.03), Smoothing(0.03, 0.002)])
@@ -59,7 +61,7 @@ def test_slopes_of_the_smoothed_cost(
     planar: ffsms.SpaceManipulator, smoothing: Smoothing, rng: np.random.Generator
 ) -> None:
     term = opt.Coupling(4.0)
-    check_slopes(problem_of(planar), lambda at: term.residual(replace(at, smoothing=smoothing)), rng)
+    check_slopes(problem_of(planar), lambda at: residuals_of(term, replace(at, smoothing=smoothing)), rng)
 
 
 @pytest.mark.parametrize(("name", "robot"), PENALISED)
@@ -71,7 +73,7 @@ def test_slopes_of_limits(name: str, robot: str, rng: np.random.Generator) -> No
     p = 0.15 * np.random.default_rng(20250705).normal(size=(1, spline.size, sms.n))
     tight, limit = LIMITS[name](sms, use_of(problem, node_rates(problem, spline, p[0])))
     problem, limit = replace(problem, sms=tight), limit.for_robot(tight)
-    residuals = check_slopes(problem, limit.residual, rng)
+    residuals = check_slopes(problem, partial(residuals_of, limit), rng)
     assert size_of(residuals) > limit.margin
 
 
@@ -83,7 +85,7 @@ def test_slopes_of_places_with_an_attitude(made: Tight, robot: str, rng: np.rand
     spline = spline_of(problem, COARSE, free_end=True)
     p = 0.15 * np.random.default_rng(20250705).normal(size=(1, spline.size, sms.n))
     _, limit = made(sms, use_of(problem, node_rates(problem, spline, p[0])))
-    check_slopes(problem, limit.for_robot(sms).residual, rng)
+    check_slopes(problem, partial(residuals_of, limit.for_robot(sms)), rng)
 
 
 @pytest.mark.parametrize(("name", "robot"), PENALISED)
@@ -99,7 +101,7 @@ def test_violation_agrees_with_the_residual(name: str, robot: str) -> None:
     seen = {"kept": 0, "broken": 0}
     for share in (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0, 1.1, 1.3):
         motion = finished(problem, node_rates(problem, spline, share * p))
-        size, violation = size_of(limit.residual(motion)), limit.violation(motion)
+        size, violation = size_of(residuals_of(limit, motion)), limit.violation(motion)
         assert size >= 0.0
         assert (violation.amount > 0.0) == bool(violation.note)
         assert ((violation.instants >= 0.0) & (violation.instants <= problem.duration)).all()

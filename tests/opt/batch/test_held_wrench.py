@@ -14,6 +14,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.thrusters import held_wrench, wrench_slopes
+from ffsms_pin.opt.motion.feature import Feature, root_of_size
 from ffsms_pin.system.base_motion import advance, held_velocity
 from ffsms_pin.system.batch.arm import ArmStack
 
@@ -86,11 +87,15 @@ def test_slopes(mode: str) -> None:
 
 def test_the_square_of_a_smooth_size_is_the_size() -> None:
     x = np.array([-3.0, -1e-3, 0.0, 1e-4, 0.5, 20.0])
-    r, slope = smooth_size(x, 1e-3)
+
+    def root(x: FloatArray) -> Feature:
+        return root_of_size(Feature(x[None], {"by_entropy": np.ones((1, 1))}), 1e-3)
+
+    r, slope = root(x).value[0], root(x).slopes["by_entropy"][0]
     assert (np.abs(x) - r**2 <= 1e-3).all()
     assert (r**2 <= np.abs(x)).all()
     np.testing.assert_array_equal(np.sign(r), np.sign(x))
-    ahead, behind = (smooth_size(x + h, 1e-3)[0] for h in (1e-8, -1e-8))
+    ahead, behind = (root(x + h).value[0] for h in (1e-8, -1e-8))
     np.testing.assert_allclose(slope, (ahead - behind) / 2e-8, rtol=1e-6)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.trajectory import measure
 
 DURATION = 24.0
@@ -195,9 +197,9 @@ def test_slopes_of_the_corridor(
     corridor = replace(corridor, length=1.2, inside=inside)
     spline = spline_of(problem, COARSE, free_end=True)
     p = 0.02 * rng.normal(size=(1, spline.size, planar.n))
-    residuals = corridor.residual(motions(problem, spline, p))
+    residuals = residuals_of(corridor, motions(problem, spline, p))
     slopes = by_slopes(problem, spline, p, residuals)
-    differences = by_differences(problem, spline, p, corridor.residual)
+    differences = by_differences(problem, spline, p, partial(residuals_of, corridor))
     size = float(np.abs(differences).max())
     assert size > 1e-4
     np.testing.assert_allclose(slopes, differences, atol=1e-4 * size)

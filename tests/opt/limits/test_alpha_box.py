@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from step_parts import StepJoints, make_stepper
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.limits.alpha_box import AlphaBox, alpha_box_rows
+from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.step.march import march
 from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.opt.step.stepper import Stepper
@@ -102,15 +104,15 @@ def test_the_box_in_whole_motions(brisk: ffsms.SpaceManipulator, rng: np.random.
     problem = problem_of(brisk, duration=2.0)
     spline, box = spline_of(problem, COARSE, free_end=True), opt.AlphaBox()
     p = 1.5 * rng.normal(size=(1, spline.size, 3))
-    residuals = box.residual(motions(problem, spline, p))
+    residuals = residuals_of(box, motions(problem, spline, p))
     assert size_of(residuals) > 0.1
     slopes = by_slopes(problem, spline, p, residuals)
-    differences = by_differences(problem, spline, p, box.residual)
+    differences = by_differences(problem, spline, p, partial(residuals_of, box))
     np.testing.assert_allclose(slopes, differences, rtol=0.0, atol=1e-5 * np.abs(differences).max())
     # A motion without residual breaks nothing.
     for share in (0.0, 0.3, 0.6, 1.0):
         motion = finished(problem, node_rates(problem, spline, share * p[0]))
-        if size_of(box.residual(motion)) == 0.0:
+        if size_of(residuals_of(box, motion)) == 0.0:
             assert box.violation(motion).amount == 0.0
         if box.violation(motion).amount > 0.1:
-            assert size_of(box.residual(motion)) > box.margin
+            assert size_of(residuals_of(box, motion)) > box.margin

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from slopes import by_differences, by_slopes, motions
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.parts.reading import residuals_of
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 
@@ -43,18 +45,18 @@ def test_slopes_of_the_limit(
     problem, spline = held(planar, of)
     (limit,) = [one for one in problem.limits if isinstance(one, opt.WheelLimits)]  # came by itself
     p = rng.uniform(-0.3, 0.3, (1, spline.size, 3))
-    found = limit.residual(motions(problem, spline, p))
+    found = residuals_of(limit, motions(problem, spline, p))
     assert sum(one.value.size for one in found if isinstance(one, opt.Residual)) > 10
     slopes = by_slopes(problem, spline, p, found)
-    expected = by_differences(problem, spline, p, limit.residual)
+    expected = by_differences(problem, spline, p, partial(residuals_of, limit))
     np.testing.assert_allclose(slopes, expected, atol=1e-5 * np.abs(expected).max())
 
 
 def test_slopes_of_the_term(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
     problem, spline = held(planar, wheels())
     p, term = rng.uniform(-0.3, 0.3, (1, spline.size, 3)), opt.WheelMomentum(2.0)
-    slopes = by_slopes(problem, spline, p, term.residual(motions(problem, spline, p)))
-    expected = by_differences(problem, spline, p, term.residual)
+    slopes = by_slopes(problem, spline, p, residuals_of(term, motions(problem, spline, p)))
+    expected = by_differences(problem, spline, p, partial(residuals_of, term))
     np.testing.assert_allclose(slopes, expected, atol=1e-6 * np.abs(expected).max())
 
 
@@ -62,8 +64,8 @@ def test_nothing_is_asked_of_wheels_that_stand_still(planar: ffsms.SpaceManipula
     problem = planar_problem(planar.with_actuators(wheels=wheels()), limits=[opt.WheelLimits()])
     spline = spline_of(problem)
     at = motions(problem, spline, np.full((1, spline.size, 3), 0.3))
-    assert problem.limits[0].residual(at) == []
-    assert opt.WheelMomentum().residual(at) == []
+    assert residuals_of(problem.limits[0], at) == []
+    assert residuals_of(opt.WheelMomentum(), at) == []
     plan = opt.solve(replace(problem, limits=(opt.JointLimits(), opt.WheelLimits())))
     assert plan.wheel_momentum.shape == (len(plan.t), 4)
     assert not plan.wheel_momentum.any()

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import slopes
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.spline import Grid, rate_spline
+from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.replan.approach import Approach, narrower
 
 
@@ -18,7 +21,7 @@ def test_slopes_of_a_retreat(planar: ffsms.SpaceManipulator) -> None:
     p = np.random.default_rng(1).normal(scale=0.1, size=(1, spline.size, 3))
     term = Approach(weight=4.0)
     at = slopes.motions(problem, spline, p)
-    (residual,) = term.residual(at)
+    (residual,) = residuals_of(term, at)
     distance = np.linalg.norm(at.to_target[:, 0], axis=0)
     growth = -np.sum(at.to_target[:, 0] * at.velocity[:, 0], axis=0) / distance
     # Twice the speed away, where it is away; both happen in this motion.
@@ -26,7 +29,7 @@ def test_slopes_of_a_retreat(planar: ffsms.SpaceManipulator) -> None:
     assert (growth < 0.0).any()
     np.testing.assert_allclose(residual.value[0], 2.0 * np.maximum(growth, 0.0), rtol=1e-4, atol=1e-12)
     found = slopes.by_slopes(problem, spline, p, [residual])
-    wanted = slopes.by_differences(problem, spline, p, term.residual)
+    wanted = slopes.by_differences(problem, spline, p, partial(residuals_of, term))
     np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.opt.goals import Changed
 from ffsms_pin.opt.horizon.spline import Grid
 from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
