@@ -1,7 +1,8 @@
 // Python's view of step.hpp: plain arrays in, new arrays out.
 #include <vector>
 
-#include "arrays.hpp"
+#include "bindings.hpp"
+#include "dense.hpp"
 #include "step.hpp"
 
 namespace {
@@ -194,7 +195,7 @@ nb::object refined(const Matrix& H, const Vector& g, const Matrix& A, const Vect
 
 }  // namespace
 
-void bind_step(nb::module_& m) {
+void ffsms::bind_step(nb::module_& m) {
   m.def("rate_bounds", &rate_bounds);
   m.def("wanted_motion", &wanted_motion);
   m.def("scheduled", &scheduled);

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "bindings.hpp"
 #include "sums.hpp"
 
 namespace nb = nanobind;
@@ -139,4 +140,4 @@ void sums(const nb::tuple& spline, const nb::tuple& arm, const nb::list& residua
 
 }  // namespace
 
-void bind_sums(nb::module_& m) { m.def("sums", &sums); }
+void ffsms::bind_sums(nb::module_& m) { m.def("sums", &sums); }

@@ -1,14 +1,12 @@
-// What Python sees of the kernel: shapes are checked here, the headers do the work.
-#include <nanobind/nanobind.h>
-
-namespace nb = nanobind;
-
-void bind_step(nb::module_& m);
-void bind_sums(nb::module_& m);
+// What Python sees of the kernel: shapes are checked in the bindings, the headers do the work.
+#include "bindings.hpp"
 
 NB_MODULE(_kernel, m) {
   m.doc() = "The compiled kernel; ffsms_pin.kernel is its face.";
-  m.def("most_joints", [] { return 32; }, "The largest number of joints that the kernel takes.");
-  bind_step(m);
-  bind_sums(m);
+  ffsms::bind_tree(m);
+  ffsms::bind_arm(m);
+  ffsms::bind_slopes(m);
+  ffsms::bind_spectra(m);
+  ffsms::bind_step(m);
+  ffsms::bind_sums(m);
 }

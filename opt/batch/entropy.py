@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel, rows
 
 __all__ = ["entropy_and_gradient", "singular"]
 
-# Singular values are kept above this: x log x is zero there to rounding, and its slope is finite.
-_LEAST = 1e-12
-# And above this share of the largest, where they come from their squares.
-_SHARE = 1e-8
 # Below this share, squares cost digits that show.
 _FEW_DIGITS = 1e-4
 
@@ -39,43 +35,17 @@ def entropy_and_gradient(
 ) -> tuple[FloatArray, FloatArray]:
     """H_norm (...) of stacked C_bm (6, n, ...), and its gradient (6, n, ...).
 
-    By the eigenvalues of C C^T or C^T C, whichever is smaller: several times faster than singular values.
+    By the eigenvalues of C C^T or C^T C, whichever is smaller: see `ffsms_pin/kernel/entropy.hpp`.
     `free_rows` are those that are not zero at all configurations; without any there is no coupling, and the
     entropy is zero.
     """
     n, shape, r = coupling.shape[1], coupling.shape[2:], len(free_rows)
+    value, gradient = np.zeros(shape), np.zeros(coupling.shape)
     if n == 1 or not r:
-        return np.zeros(shape), np.zeros_like(coupling)
-    if r < 6:
-        rows, gradient = coupling[list(free_rows)], np.zeros_like(coupling)
-        value, gradient[list(free_rows)] = _of_rows(rows)
         return value, gradient
-    return _of_rows(coupling)
-
-
-def _of_rows(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The same, of rows (r, n, ...)."""
-    r, n = coupling.shape[:2]
-    shape = coupling.shape[2:]
-    C = coupling.reshape(r, n, -1)
-    # Rows that are zero, as those of a planar arm, are exactly so from the left only.
-    by_rows = n > r or n == r < 6
-    square = np.einsum("ikb,jkb->ijb" if by_rows else "kib,kjb->ijb", C, C)
-    eigenvalues, vectors = np.linalg.eigh(square.transpose(2, 0, 1))
-    sigma, V = np.sqrt(np.maximum(eigenvalues, _LEAST**2)).T.copy(), vectors.transpose(1, 2, 0).copy()
-    sigma = np.maximum(sigma, _SHARE * sigma[-1])
-    value, slope = _entropy(sigma, n)
-    # With C = U sigma V^T the gradient is U slope V^T = C V (slope / sigma) V^T, or from the left.
-    W = np.einsum("ikb,jkb->ijb", V * (slope / sigma), V)
-    left, right = (W, C) if by_rows else (C, W)
-    gradient = np.einsum("ijb,jkb->ikb", left, right)
-    return value.reshape(shape), gradient.reshape(coupling.shape)
-
-
-def _entropy(sigma: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
-    """Entropy (...) and its slopes by the singular values (r, ...)."""
-    total = sigma.sum(axis=0)
-    share = sigma / total
-    logs = np.log(share)
-    plain = np.sum(share * logs, axis=0)
-    return -plain / math.log(n), (plain - logs) / (total * math.log(n))
+    free = coupling if r == 6 else coupling[list(free_rows)]
+    by_free = gradient if r == 6 else np.empty(free.shape)
+    kernel.entropies(r, n, rows(free, r * n), value.reshape(1, -1), by_free.reshape(r * n, -1))
+    if r < 6:
+        gradient[list(free_rows)] = by_free
+    return value, gradient

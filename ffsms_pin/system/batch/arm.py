@@ -1,12 +1,12 @@
 """Kinematics and momentum of the arm at many joint positions at once.
 
-A call of Pinocchio a configuration costs more than its arithmetic when hundreds are needed together, so here
-Pinocchio gives the tree (placements, axes, inertias) and numpy evaluates the stack, one loop over joints.
+Pinocchio gives the tree (placements, axes, inertias) once, and the compiled kernel evaluates the stack.
 Everything is in base axes with the root frame at the origin, and so depends on the joints alone.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -14,14 +14,11 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel, rows
 from ffsms_pin.system.base_reaction import MODES
-from ffsms_pin.system.batch.stacks import apply, cross, diagonal, dot, inverse3, skew
 from ffsms_pin.system.mechanism import Mechanism
 
 __all__ = ["ArmStack", "ArmValues"]
-
-# Of a joint's axis, as Pinocchio's Jacobian gives it.
-_ROUNDING = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +29,8 @@ class ArmValues:
 
     Attributes
     ----------
+    positions : ndarray, shape (n, ...)
+        Of the joints.
     axes, velocities : ndarray, shape (3, n, ...)
         Twist of the joints on a fixed base: angular, and linear of the point at the origin.
     linear, angular : ndarray, shape (3, n, ...)
@@ -60,6 +59,7 @@ class ArmValues:
         Attitudes of the bodies, as Pinocchio's joint frames.
     """
 
+    positions: FloatArray
     axes: FloatArray
     velocities: FloatArray
     linear: FloatArray
@@ -123,7 +123,6 @@ class ArmStack:
         #: Index of the joint that carries the end effector; -1: the base. The same for parents.
         self.last = int(frame.parentJoint) - 2
         self.tip_in_last = frame.placement.translation.copy()
-        self.tip_turn = frame.placement.rotation.copy()
         self.parents = [int(model.parents[j]) - 2 for j in joints]
         places = [model.jointPlacements[j] for j in joints]
         columns = [data.J[:, 6 + i] for i in range(n)]
@@ -133,14 +132,6 @@ class ArmStack:
             for j, column, turning in zip(joints, columns, self.revolute, strict=True)
         ]
         self.offset = [place.translation.copy() for place in places]
-        # What the carrier's rotation turns: the placement's rotation, its axis, and its origin from the
-        # carrier's. Where the axis is not one of the joint frame's own, the joint's rotation too (Rodrigues'
-        # formula, I + sin K + (1 - cos) K^2, behind the placement).
-        self.turns, self.own_axis = [], [_own_axis(np.asarray(axis)) for axis in axes]
-        for place, axis, own in zip(places, axes, self.own_axis, strict=True):
-            P, K = place.rotation, skew(np.asarray(axis))
-            parts = [P.T, P @ axis, place.translation]
-            self.turns.append(np.vstack(parts if own is not None else [*parts, (P @ K).T, (P @ K @ K).T]))
         #: Of the way from the root to the end effector along the joints, stretched [m].
         self.length = float(np.linalg.norm(self.tip_in_last))
         j = self.last
@@ -148,151 +139,79 @@ class ArmStack:
             self.length += float(np.linalg.norm(self.offset[j]))
             j = self.parents[j]
         self.length = max(self.length, 1e-3)
-        bodies = [model.inertias[j] for j in joints]
-        self.masses = np.array([body.mass for body in bodies])
-        self.levers = np.array([body.lever for body in bodies])
-        self.body_inertias = np.array([body.inertia for body in bodies])
         base = model.inertias[1]
         self.base_com = base.lever.copy()
-        self.base_moment = base.mass * base.lever
-        self.base_inertia = base.inertia - base.mass * skew(base.lever) @ skew(base.lever)
         #: Of base and arm [kg].
-        self.total_mass = base.mass + float(self.masses.sum())
-        self._roots = [float(up < 0) for up in self.parents]
+        self.total_mass = sum(model.inertias[j].mass for j in (1, *joints))
         #: That a force on the base moves [kg].
         self.mass = self.total_mass if self.moves else np.inf
         carried = [set(model.supports[j]) for j in joints]
         #: carries[k, j]: joint k moves body j.
         self.carries = np.array([[float(k in carried[j]) for j in range(n)] for k in joints])
-        #: before[k, j]: joint j carries joint k, and is another.
-        self.before = self.carries.T - np.eye(n)
-        self.carried_mass = self.carries @ self.masses
         tip = self.carries[:, self.last] if self.last >= 0 else np.zeros(n)
         self.moves_tip = tip
         #: moves_point[p, j]: joint j moves point p. A joint that turns leaves its own origin where it is,
         #: and its velocity there is zero anyway.
         self.moves_point = np.vstack([self.carries.T, tip])
+        #: The same, as the kernel has it.
+        self.tree = kernel.Tree(
+            joints=np.array(
+                [
+                    [up, turning, moving, *axis, *place.translation, *place.rotation.ravel()]
+                    for up, turning, moving, axis, place in zip(
+                        self.parents, self.revolute, tip, axes, places, strict=True
+                    )
+                ]
+            ),
+            bodies=np.array(
+                [
+                    [body.mass, *body.lever, *body.inertia.ravel()]
+                    for body in (model.inertias[j] for j in (1, *joints))
+                ]
+            ),
+            tip=np.array([[*self.tip_in_last, *frame.placement.rotation.ravel()]]),
+            last=self.last,
+            moves=self.moves,
+            turns_freely=self.turns_freely,
+        )
 
     def evaluate(self, positions: FloatArray) -> ArmValues:
         """The arm at joint positions (n, ...)."""
-        rotations, origins, axes, velocities = self.poses(positions)
         n, shape = self.n, positions.shape[1:]
+        flat = rows(positions, n)
+        out = np.empty((54 * n + 27, flat.shape[1]))
+        kernel.arm_values(self.tree, flat, out)
+        return ArmValues(positions, *_split(out, [(*one, *shape) for one in _shapes(n)]))
 
-        def along(values: FloatArray) -> FloatArray:
-            return values.reshape(*values.shape, *(1,) * len(shape))
-
-        # First moments and inertias about the origin: of the bodies, then of all that a joint carries.
-        bodies = np.empty((12, *positions.shape))
-        centres = origins + np.einsum("xyj...,jy->xj...", rotations, self.levers)
-        first, second = bodies[:3], bodies[3:].reshape(3, 3, *positions.shape)
-        np.multiply(along(self.masses), centres, out=first)
-        turned = np.einsum("xyj...,jyz->xzj...", rotations, self.body_inertias)
-        np.einsum("xzj...,yzj...->xyj...", turned, rotations, out=second)
-        second -= first[:, None] * centres
-        diagonal(second)[...] += dot(first, centres)
-        carried = (self.carries @ bodies.reshape(12, n, -1)).reshape(bodies.shape)
-        moments, inertias = carried[:3], carried[3:].reshape(second.shape)
-        whole = bodies.sum(axis=1)
-        com = (along(self.base_moment) + whole[:3]) / self.total_mass
-        inertia = (
-            along(self.base_inertia) + whole[3:].reshape(3, 3, *shape) + self.total_mass * com[:, None] * com
-        )
-        diagonal(inertia)[...] -= self.total_mass * dot(com, com)
-        if not self.moves:
-            com = self._about_base(com, inertia)
-        inverse = inverse3(inertia) if self.turns_freely else np.zeros_like(inertia)
-
-        linear = along(self.carried_mass) * velocities + cross(axes, moments)
-        angular = cross(moments, velocities) + apply(inertias, axes)
-        c = com[:, None]
-        spin = apply(inverse, cross(c, linear) - angular)
-        root = cross(c, spin) - linear / self.mass
-        if self.last < 0:
-            tip = np.broadcast_to(along(self.tip_in_last), com.shape)
-            tip_rotation = np.broadcast_to(along(self.tip_turn), inverse.shape)
-        else:
-            carrier = rotations[:, :, self.last]
-            tip = origins[:, self.last] + np.einsum("xy...,y->x...", carrier, self.tip_in_last)
-            tip_rotation = np.einsum("xy...,yz->xz...", carrier, self.tip_turn)
-        t = tip[:, None]
-        arm = (velocities + cross(axes, t)) * along(self.moves_tip)
-        return ArmValues(
-            axes=axes,
-            velocities=velocities,
-            linear=linear,
-            angular=angular,
-            moments=moments,
-            inertias=inertias,
-            com=com,
-            inverse=inverse,
-            spin=spin,
-            root=root,
-            tip=tip,
-            tip_rotation=tip_rotation,
-            arm=arm,
-            jstar=root + cross(spin, t) + arm,
-            coupling=np.concatenate([root - cross(along(self.base_com[:, None]), spin), spin]),
-            points=np.concatenate([origins, t], axis=1),
-            rotations=rotations,
-        )
+    def poses(self, positions: FloatArray) -> tuple[FloatArray, ...]:
+        """Rotations (3, 3, n, ...), origins (3, n, ...) and twists of the joints on a fixed base."""
+        n, shape = self.n, positions.shape
+        flat = rows(positions, n)
+        out = np.empty((18 * n, flat.shape[1]))
+        kernel.poses(self.tree, flat, out)
+        return tuple(_split(out, [(3, 3, *shape), *[(3, *shape)] * 3]))
 
     def first_moment(self, arm: ArmValues) -> FloatArray:
         """The system's mass times the place of its centre of mass (3, ...), base axes [kg m]."""
-        base = self.base_moment.reshape(3, *(1,) * (arm.com.ndim - 1))
-        return np.asarray(base + np.einsum("xj...,j->x...", arm.moments, self._roots))
-
-    def _about_base(self, com: FloatArray, inertia: FloatArray) -> FloatArray:
-        """The base's centre of mass, as a stack; the inertia about the system's becomes that about it."""
-        base = np.broadcast_to(self.base_com.reshape(3, *(1,) * (com.ndim - 1)), com.shape)
-        apart = base - com
-        inertia -= self.total_mass * apart[:, None] * apart
-        diagonal(inertia)[...] += self.total_mass * dot(apart, apart)
-        return base
-
-    def poses(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Rotations (3, 3, n, ...), origins (3, n, ...) and twists of the joints on a fixed base."""
-        shape, positions = positions.shape, positions.reshape(self.n, -1)
-        n, count = positions.shape
-        rotations, origins = np.empty((3, 3, n, count)), np.empty((3, n, count))
-        axes, velocities = np.zeros((3, n, count)), np.empty((3, n, count))
-        sines, cosines = np.sin(positions), np.cos(positions)
-        for j, (up, turns) in enumerate(zip(self.parents, self.turns, strict=True)):
-            # (3, 5, B) or (3, 11, B); on the base itself the same for all of the stack.
-            parts = turns @ rotations[:, :, up] if up >= 0 else turns.T[:, :, None]
-            direction, origin = parts[:, 3], parts[:, 4]
-            if up >= 0:
-                origin = origin + origins[:, up]
-            own = self.own_axis[j]
-            if self.revolute[j]:
-                if own is not None:
-                    _turned(rotations[:, :, j], parts[:, :3], own, sines[j], cosines[j])
-                else:
-                    turned = parts[:, :3] + sines[j] * parts[:, 5:8] + (1.0 - cosines[j]) * parts[:, 8:]
-                    rotations[:, :, j] = turned
-                origins[:, j], axes[:, j] = origin, direction
-                velocities[:, j] = cross(origins[:, j], axes[:, j])
-            else:
-                rotations[:, :, j], velocities[:, j] = parts[:, :3], direction
-                origins[:, j] = origin + positions[j] * direction
-        origins, axes, velocities = (x.reshape(3, *shape) for x in (origins, axes, velocities))
-        return rotations.reshape(3, 3, *shape), origins, axes, velocities
+        base_mass = self.robot.model.inertias[1].mass
+        on_base = [j for j, up in enumerate(self.parents) if up < 0]
+        base = (base_mass * self.base_com).reshape(3, *(1,) * (arm.com.ndim - 1))
+        return np.asarray(base + arm.moments[:, on_base].sum(axis=1))
 
 
-def _own_axis(axis: FloatArray) -> tuple[int, float] | None:
-    """Which axis of its own frame a joint turns about, and in which sense; None where it is none of them."""
-    k = int(np.argmax(np.abs(axis)))
-    unit = np.zeros(3)
-    unit[k] = np.copysign(1.0, axis[k])
-    return (k, float(unit[k])) if np.abs(axis - unit).max() < _ROUNDING else None
+def _shapes(n: int) -> list[tuple[int, ...]]:
+    """Of the kernel's arrays, in the order of `ArmValues`."""
+    columns, turning = (3, n), (3, 3)
+    carried = [*[columns] * 5, (*turning, n)]
+    whole = [(3,), turning, columns, columns, (3,), turning]
+    return [*carried, *whole, columns, columns, (6, n), (3, n + 1), (*turning, n)]
 
 
-def _turned(
-    out: FloatArray, placed: FloatArray, own: tuple[int, float], sine: FloatArray, cosine: FloatArray
-) -> None:
-    """Rotations (3, 3, B) of frames (3, 3, B) that are turned about one of their own axes."""
-    k, sense = own
-    i, j = (k + 1) % 3, (k + 2) % 3
-    signed = sense * sine
-    out[:, k] = placed[:, k]
-    out[:, i] = cosine * placed[:, i] + signed * placed[:, j]
-    out[:, j] = cosine * placed[:, j] - signed * placed[:, i]
+def _split(out: FloatArray, shapes: list[tuple[int, ...]]) -> list[FloatArray]:
+    """Rows of one array (..., B), apart in arrays of these shapes, which end in the stack's own axes."""
+    flat, parts, begin = out.reshape(-1), [], 0
+    for shape in shapes:
+        end = begin + math.prod(shape)
+        parts.append(flat[begin:end].reshape(shape))
+        begin = end
+    return parts
