@@ -12,12 +12,8 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices
-<<<<<<< HEAD
 from ffsms_pin.opt.batch.robot_frame import INERTIAL, RobotFrame
-=======
-from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.limits.step_state import StepState
->>>>>>> parts
 from ffsms_pin.opt.motion.actuated import wheel_momenta, wheel_torques, wrench
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import EYE, Frame, carried

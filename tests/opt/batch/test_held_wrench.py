@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from ffsms_pin.opt.batch.smooth_size import smooth_size
 from motions import random_pose
 
 import ffsms_pin as ffsms
