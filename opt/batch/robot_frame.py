@@ -21,6 +21,7 @@ __all__ = ["BASE", "INERTIAL", "FrameValues", "RobotFrame"]
 
 # The axes that something is given in.
 INERTIAL, BASE = "inertial", "base"
+_ZERO, _EYE = np.zeros(3), np.eye(3)
 
 
 class FrameValues(NamedTuple):
@@ -69,7 +70,7 @@ class RobotFrame(NamedTuple):
     @classmethod
     def tip(cls, stack: ArmStack) -> RobotFrame:
         """The robot's end effector."""
-        return cls("end effector", -1, np.zeros(3), np.eye(3), stack.moves_tip, True)
+        return cls("end effector", -1, _ZERO, _EYE, stack.moves_tip, True)
 
     @classmethod
     def of(cls, sms: SpaceManipulator, name: str) -> RobotFrame:

@@ -1,11 +1,11 @@
 """Goals: where the end effector should be at the deadline, and how it should arrive."""
 
 from ffsms_pin.opt.goals.also import Also
+from ffsms_pin.opt.goals.changed import Changed
 from ffsms_pin.opt.goals.goal import (
     ORIENTATION_REACH,
     REACH,
     TOLERANCE,
-    Changed,
     Goal,
     Moving,
     Pose,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -23,7 +23,6 @@ __all__ = [
     "ORIENTATION_REACH",
     "REACH",
     "TOLERANCE",
-    "Changed",
     "Goal",
     "Moving",
     "Pose",
@@ -88,8 +87,25 @@ class Goal(ABC):
         return ()
 
 
+class Fixed(Goal):
+    """A goal that stays where it is, in its own axes."""
+
+    def _stay(self, place: Place) -> None:
+        object.__setattr__(self, "_place", place)
+        object.__setattr__(self, "_stack", stacked_places([place]))
+
+    def place(self, t: float) -> Place:
+        """The same at all times."""
+        number("t", t)
+        return self._place  # type: ignore[attr-defined, no-any-return]
+
+    def places(self, times: FloatArray) -> Place:
+        """A stack of one."""
+        return self._stack  # type: ignore[attr-defined, no-any-return]
+
+
 @dataclass(frozen=True, eq=False)
-class Position(Goal):
+class Position(Fixed):
     """The end effector at a place, in any attitude.
 
     Attributes
@@ -110,7 +126,6 @@ class Position(Goal):
     tolerance: float = TOLERANCE
     reach: float = REACH
     on: str = "inertial"
-    _place: Place = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", frozen(vector("target", self.position, 3, "m")))
@@ -118,16 +133,11 @@ class Position(Goal):
         if self.velocity is not None:
             object.__setattr__(self, "velocity", frozen(vector("goal.velocity", self.velocity, 3, "m/s")))
         on = checked_axes(self.on, self.velocity)
-        object.__setattr__(self, "_place", Place(self.position, None, self.velocity, on=on))
-
-    def place(self, t: float) -> Place:
-        """The same at all times."""
-        number("t", t)
-        return self._place
+        self._stay(Place(self.position, None, self.velocity, on=on))
 
 
 @dataclass(frozen=True, eq=False)
-class Pose(Goal):
+class Pose(Fixed):
     """The end-effector frame at a pose.
 
     Attributes
@@ -153,7 +163,6 @@ class Pose(Goal):
     orientation_reach: float = ORIENTATION_REACH
     free_axis: Any = None
     on: str = "inertial"
-    _place: Place = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         check_reaches(self)
@@ -166,11 +175,7 @@ class Pose(Goal):
             twist = frozen(vector("goal.twist", self.twist, 6))
             velocity, spin = twist[:3], twist[3:]
         axis, on = checked_axis(self.free_axis), checked_axes(self.on, velocity)
-        object.__setattr__(self, "_place", Place(position, rotation, velocity, spin, axis, on))
-
-    def place(self, t: float) -> Place:
-        """The same at all times."""
-        return self._place
+        self._stay(Place(position, rotation, velocity, spin, axis, on))
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,63 +221,6 @@ class Moving(Goal):
 
     def _where(self, t: float) -> Place:
         return as_goal(self.path(t)).place(t)
-
-
-@dataclass(frozen=True, eq=False)
-class Changed(Goal):
-    """Another goal with its places changed, or seen from a later time: what solvers aim at instead of it.
-
-    Attributes
-    ----------
-    goal : Goal
-        Whether it moves, is exact or coupled, and what it is at rest with, is said of this one too.
-    change : callable, optional
-        From a place of that goal, or a stack of them, to this one's.
-    later : float
-        From when on it is seen [s].
-    tolerance, reach, orientation_reach : float, optional
-        Default: the other's.
-    """
-
-    goal: Goal
-    change: Callable[[Place], Place] | None = None
-    later: float = 0.0
-    tolerance: float = None  # type: ignore[assignment]  # the other's are put in their place
-    reach: float = None  # type: ignore[assignment]
-    orientation_reach: float = None  # type: ignore[assignment]
-    # A descent asks for the same times in every iteration, and a path may be slow to tell.
-    _known: dict[tuple[bytes, str], Place] = field(default_factory=dict, repr=False)
-
-    def __post_init__(self) -> None:
-        for name in ("moves", "exact", "coupled", "at_rest_with"):
-            object.__setattr__(self, name, getattr(self.goal, name))
-        for name in ("tolerance", "reach", "orientation_reach"):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, getattr(self.goal, name))
-
-    def place(self, t: float) -> Place:
-        """The other's place, `later` seconds later, changed."""
-        return self._kept(self.goal.place, t)
-
-    def places(self, times: FloatArray) -> Place:
-        """Likewise."""
-        return self._kept(self.goal.places, times)
-
-    def _kept(self, places: Callable[[Any], Place], times: Any) -> Place:
-        key = np.asarray(times).tobytes()
-        if (key, places.__name__) not in self._known:
-            self._known[key, places.__name__] = self._changed(places(times + self.later))
-        return self._known[key, places.__name__]
-
-    def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """The other's, as far as it still lies ahead."""
-        ahead = self.goal.approach(duration + self.later)
-        return [
-            (t - self.later, self._changed(place)) for t, place in ahead if t > self.later or not self.later
-        ]
-
-    def _changed(self, place: Place) -> Place:
-        return place if self.change is None else self.change(place)
 
 
 def as_goal(target: Any) -> Goal:

@@ -102,14 +102,13 @@ class Near(NamedTuple):
         later : ndarray, shape (V,), optional
             So much later than the instants [s] it was measured, the frame moving on as it did.
         """
-        across = np.broadcast_to(-np.eye(3)[..., None], (3, *missed.way.shape))
-        ways = ("by_place", missed.way, across), ("by_turn", missed.turn, missed.by_turn())
+        ways = ("by_place", missed.way, None), ("by_turn", missed.turn, missed.by_turn())
         found: Residuals = []
         for (name, e, slope), most, scale in zip(ways, allowed, scales, strict=True):
             kept = np.flatnonzero(np.linalg.norm(e, axis=0) > most)
             if not kept.size:
                 continue
-            value, by = excess(e[:, kept], slope[..., kept], most)
+            value, by = excess(e[:, kept], None if slope is None else slope[..., kept], most)
             s, k = (np.tile(one[kept], len(value)) for one in where)
             by = scale * by.transpose(1, 0, 2).reshape(3, -1)
             more: dict[str, Any] = {}

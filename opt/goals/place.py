@@ -47,7 +47,13 @@ class Missed(NamedTuple):
     @property
     def turn(self) -> FloatArray:
         """Components (r, ...) of the rotation vector along the rows [rad]."""
-        return apply(self.rows, self.vector)
+        return self.along(self.vector)
+
+    def along(self, turns: FloatArray) -> FloatArray:
+        """Components (r, ...) along the rows, of rotation vectors (3, ...) or of columns (3, n, ...)."""
+        if self.axis is None:  # all or none
+            return turns[: len(self.rows)]
+        return apply(self.rows, turns)
 
     @property
     def distance(self) -> FloatArray:
@@ -72,6 +78,8 @@ class Missed(NamedTuple):
 
     def by_turn(self) -> FloatArray:
         """Slopes (r, 3, ...) of `turn` by a turn of the frame."""
+        if not len(self.rows):
+            return self.rows
         e, safe = self.vector, np.clip(self.angle, _LEAST_ANGLE, _MOST_ANGLE)
         sine, cosine = np.sin(safe), np.cos(safe)
         eye = np.eye(3).reshape(3, 3, *(1,) * safe.ndim)
@@ -80,7 +88,7 @@ class Missed(NamedTuple):
             # eq. 144.
             factor = 1.0 / safe**2 - (1.0 + cosine) / (2.0 * safe * sine)
             E = skew(e)
-            return -apply(self.rows, eye + 0.5 * E + factor * apply(E, E))
+            return -(eye + 0.5 * E + factor * apply(E, E))
         # e = angle / sine (u x t) for the frame's axis u and the wanted one t; a turn phi moves u by phi x u.
         sideways = e * (sine / safe)
         u = cosine * self.axis + cross(self.axis, sideways)
@@ -263,16 +271,20 @@ def checked_axes(on: Any, velocity: FloatArray | None) -> str:
     return name
 
 
-def shortened(e: FloatArray, slope: FloatArray, allowed: float) -> tuple[FloatArray, FloatArray]:
-    """Vectors (r, ...) less an allowed length, and their slopes, where those of `e` are (r, 3, ...)."""
+def shortened(e: FloatArray, slope: FloatArray | None, allowed: float) -> tuple[FloatArray, FloatArray]:
+    """Vectors (r, ...) less an allowed length, and their slopes, where those of `e` are (r, 3, ...).
+
+    None: minus one, those of a way by the position of the frame.
+    """
     length = np.sqrt(dot(e, e))
     short, unit = np.maximum(length - allowed, 0.0), e / np.maximum(length, _TINY)
     share = short / np.maximum(length, _TINY)
     eye = np.eye(len(e)).reshape(len(e), len(e), *(1,) * length.ndim)
-    return short * unit, apply(share * eye + ((short > 0.0) - share) * (unit[:, None] * unit), slope)
+    matrix = share * eye + ((short > 0.0) - share) * (unit[:, None] * unit)
+    return short * unit, -matrix if slope is None else apply(matrix, slope)
 
 
-def excess(e: FloatArray, slope: FloatArray, allowed: float) -> tuple[FloatArray, FloatArray]:
+def excess(e: FloatArray, slope: FloatArray | None, allowed: float) -> tuple[FloatArray, FloatArray]:
     """By how much vectors (r, ...) are longer than allowed: values (1 + r, ...), slopes (1 + r, 3, ...).
 
     The first is the excess. The others are zero, with slopes across the vector, for the second derivatives:
@@ -284,7 +296,7 @@ def excess(e: FloatArray, slope: FloatArray, allowed: float) -> tuple[FloatArray
     share = short / np.maximum(length, _TINY)
     eye = np.eye(len(e)).reshape(len(e), len(e), *(1,) * length.ndim)
     rows = np.concatenate([((short > 0.0) * unit)[None], share * (eye - unit[:, None] * unit)])
-    return np.concatenate([short[None], np.zeros_like(e)]), apply(rows, slope)
+    return np.concatenate([short[None], np.zeros_like(e)]), -rows if slope is None else apply(rows, slope)
 
 
 def _spread(x: FloatArray, lead: int, dimensions: int) -> FloatArray:

@@ -170,7 +170,7 @@ class Via(Limit):
             h = np.full(motions.count, min(due, motions.duration) - times[k[0]])
         else:
             here = self._ready.missed(motions)
-            spin_across = np.einsum("rx...,x...->r...", here.rows, spin)
+            spin_across = here.along(spin)
             a, b = 1.0 / self.reach**2, 1.0 / self.orientation_reach**2
             along = a * dot(here.way, velocity) + b * dot(here.turn, spin_across)
             square = a * dot(velocity, velocity) + b * dot(spin_across, spin_across)

@@ -11,7 +11,7 @@ from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices, Residual
 from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.goals import Goal
-from ffsms_pin.opt.goals.place import excess, shortened
+from ffsms_pin.opt.goals.place import shortened
 from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Arrival", "arrival"]
@@ -62,8 +62,7 @@ def _missed(
     """What motions miss beyond a share of what is allowed [m, rad]; the largest share of it that they use."""
     place, frame = goal.places(motions.times[at]), RobotFrame.tip(motions.stack)
     missed = place.missed(*(one[..., at] for one in frame.poses(motions, place.on)))
-    eye = np.broadcast_to(np.eye(3)[..., None, None], (3, *missed.way.shape))
-    ways = ("by_place", missed.way, -eye), ("by_turn", missed.turn, missed.by_turn())
+    ways = ("by_place", missed.way, None), ("by_turn", missed.turn, missed.by_turn())
     found: list[Residual] = []
     used = np.zeros(motions.count)
     for (name, e, slope), most in zip(ways, allowed, strict=True):
@@ -72,7 +71,11 @@ def _missed(
         length = np.sqrt(dot(e, e))
         used = np.maximum(used, length.max(axis=1) / most)
         if name == "by_place" and share == _TAIL:  # the distance alone
-            value, slope = (part[:1] for part in excess(e, slope, share * most))
+            short = np.maximum(length - share * most, 0.0)
+            value, slope = (
+                short[None],
+                (np.where(short > 0.0, -1.0, 0.0) * e / np.maximum(length, 1e-9))[None],
+            )
         else:
             value, slope = shortened(e, slope, share * most)
         instants = np.tile(at, len(value))

@@ -162,7 +162,7 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
         )
         J, wanted = apply(R, arm.jstar), speed * e - problem.drift[:, None]
         turning = apply(R, arm.spin + arm.axes * stack.moves_tip[:, None])
-        J = np.concatenate([J, np.einsum("rx...,xj...->rj...", missed.rows, turning)])
+        J = np.concatenate([J, missed.along(turning)])
         wanted = np.concatenate([wanted, share * missed.turn])
         u = _least_squares(J, wanted, _DAMPING * stack.length)
         u *= np.minimum(1.0, 1.0 / np.maximum(np.abs(u / np.maximum(most, 1e-12)).max(axis=0), 1e-12))

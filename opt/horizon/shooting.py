@@ -105,8 +105,7 @@ class GoalFromStart(NamedTuple):
                 linear = linear + cross(beyond, position[:, None])
                 angular = angular + beyond
         missed = self.place.missed(position, rotation)
-        turning = np.einsum("rx...,xj...->rj...", missed.rows, angular)
-        return np.concatenate([missed.way, missed.turn]), np.concatenate([linear, turning])
+        return np.concatenate([missed.way, missed.turn]), np.concatenate([linear, missed.along(angular)])
 
 
 def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:
