@@ -11,7 +11,7 @@ import argparse
 import json
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,12 +36,14 @@ SETS = (("planar_3r", False), ("satellite_panda", True))
 KINDS = ("easy", "near", "hard", "obstructed", "short", "momentum")
 # Strategies that nothing can be found without.
 NEEDED = ("first starts", "descent")
+NAMES = tuple(name for name in dict.fromkeys(one.name for one in STRATEGIES) if name not in NEEDED)
 DT = 0.02  # [s]
-SHARE = 0.9  # of the joint box that goals are drawn from
-SLACK = {"short": 1.12}  # durations, over what the joints need; others: 1.5
+SHARE = 0.9  # of the joint box that goals are drawn from; of hard ones the start, too
+SLACK = 1.5  # durations, over what the joints need; short ones: drawn from the range
+SHORT = (0.8, 1.1)
 NEAR = 0.1  # [rad] how far joints move to a near target at most; some count as arrived from the start
-CARRIED = (0.05, 0.3)  # how far momentum takes the centre of mass [arm lengths] and turns the base [rad]
-RADIUS = 0.04  # [arm lengths] of the obstacle in the way
+CARRIED = (0.2, 1.0)  # how far momentum takes the centre of mass [arm lengths] and turns the base [rad]
+RADIUS = 0.03  # [arm lengths] of obstacles in the way
 
 
 def problems(name: str, poses: bool, kind: str, count: int, seed: int) -> Iterator[opt.Problem]:
@@ -55,17 +57,23 @@ def problems(name: str, poses: bool, kind: str, count: int, seed: int) -> Iterat
     q0, made = sms.configuration(start), 0
     clearance = opt.Clearance().for_robot(sms)
     while made < count:
-        goal = 0.5 * (low + high) + 0.5 * SHARE * (high - low) * rng.uniform(-1.0, 1.0, sms.n)
+        slack = rng.uniform(*SHORT) if kind == "short" else SLACK
+        if kind == "hard":
+            start = _drawn(low, high, rng)
+            q0 = sms.configuration(start)
+            if not _clear_at(sms, stack, clearance, start):
+                continue
+        goal = _drawn(low, high, rng)
         near = NEAR * 10.0 ** rng.uniform(-1.5, 0.0)
         goal = start + near * rng.uniform(-1.0, 1.0, sms.n) if kind == "near" else goal
         least = np.max(np.abs(goal - start) / limits.velocity + limits.velocity / limits.acceleration)
-        duration = 6.0 if kind == "near" else DT * math.ceil(SLACK.get(kind, 1.5) * float(least) / DT)
+        duration = 6.0 if kind == "near" else DT * math.ceil(slack * float(least) / DT)
         momentum = _momentum(stack, start, duration, rng) if kind == "momentum" else None
         move = _straight(sms, stack, q0, goal - start, duration, momentum)
         kept = clearance.violation(move).amount == 0.0
         if kept == (kind == "hard") or not _clear_at(sms, stack, clearance, goal):
             continue
-        obstacles = [_in_the_way(stack, move)] if kind == "obstructed" else []
+        obstacles = _in_the_way(stack, move) if kind == "obstructed" else []
         around = opt.Clearance(obstacles=obstacles).for_robot(sms)
         if obstacles and not _stands_between(around, move):
             continue
@@ -74,6 +82,11 @@ def problems(name: str, poses: bool, kind: str, count: int, seed: int) -> Iterat
         parts = (opt.JointLimits(), opt.Clearance(obstacles=obstacles))
         yield opt.Problem(sms, q0, target, duration, DT, limits=parts, momentum=momentum)
         made += 1
+
+
+def _drawn(low: FloatArray, high: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Joint positions (n,) from the box."""
+    return 0.5 * (low + high) + 0.5 * SHARE * (high - low) * rng.uniform(-1.0, 1.0, len(low))
 
 
 def _straight(
@@ -105,10 +118,15 @@ def _momentum(stack: ArmStack, start: FloatArray, duration: float, rng: np.rando
     return np.concatenate([linear, [0.0, 0.0, angular[2]]])
 
 
-def _in_the_way(stack: ArmStack, move: Motions) -> opt.Obstacle:
-    """A ball where the end effector is halfway."""
+def _in_the_way(stack: ArmStack, move: Motions) -> list[opt.Obstacle]:
+    """Balls where the end effector is at half of the time, and the last joint after a third."""
+    third = len(move.times) // 3
     middle = move.end_effector[:, 0, len(move.times) // 2]
-    return opt.Obstacle(coal.Sphere(RADIUS * stack.length), pin.SE3(np.eye(3), middle))
+    wrist = move.com[:, third] + move.base_attitude[:, :, 0, third] @ (
+        move.arm.points[:, -2, 0, third] - move.arm.com[:, 0, third]
+    )
+    ball = coal.Sphere(RADIUS * stack.length)
+    return [opt.Obstacle(ball, pin.SE3(np.eye(3), place)) for place in (middle, wrist)]
 
 
 def _stands_between(around: opt.Limit, move: Motions) -> bool:
@@ -119,12 +137,17 @@ def _stands_between(around: opt.Limit, move: Motions) -> bool:
 
 
 @one_blas_thread()
-def run(counts: tuple[int, int], seed: int, models: list[str] | None = None) -> list[dict[str, Any]]:
+def run(
+    counts: tuple[int, int],
+    seed: int,
+    models: Sequence[str] = tuple(name for name, _ in SETS),
+    kinds: Sequence[str] = KINDS,
+    names: Sequence[str] = NAMES,
+) -> list[dict[str, Any]]:
     """Rows of all plans: `counts` targets of each kind for the planar arm and for seven joints."""
-    names = [name for name in dict.fromkeys(one.name for one in STRATEGIES) if name not in NEEDED]
     rows = []
     for (model, poses), count in zip(SETS, counts, strict=True):
-        for kind in KINDS if not models or model in models else ():
+        for kind in kinds if model in models else ():
             for i, problem in enumerate(problems(model, poses, kind, count, seed)):
                 for name in ("", *names):
                     options = opt.SearchOptions(without=(name,) if name else ())
@@ -165,7 +188,7 @@ def _numbers(rows: list[dict[str, Any]], base: dict[Any, dict[str, Any]]) -> lis
     reached = []
     for kind in KINDS:
         own = [row["reached"] for row in rows if row["kind"] == kind]
-        reached.append(f"{sum(own)} of {len(own)}")
+        reached.append(f"{sum(own)} of {len(own)}" if own else "")
     pairs = [(row, base[row["kind"], row["target"]]) for row in rows]
     both = [(row, other) for row, other in pairs if row["reached"] and other["reached"]]
     cells = []
@@ -185,9 +208,12 @@ def main() -> None:
     p.add_argument("--counts", type=int, nargs=2, default=(12, 4), help="targets of each kind (12 and 4)")
     p.add_argument("--seed", type=int, default=1, help="of the targets (default: 1)")
     p.add_argument("--models", nargs="+", choices=[name for name, _ in SETS], help="default: all")
+    p.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="of targets (default: all)")
+    p.add_argument("--without", nargs="+", choices=NAMES, default=NAMES, help="strategies (default: each)")
     p.add_argument("--out", help="a JSON file for the rows")
     arguments = p.parse_args()
-    rows = run(tuple(arguments.counts), arguments.seed, arguments.models)
+    models = arguments.models or [name for name, _ in SETS]
+    rows = run(tuple(arguments.counts), arguments.seed, models, arguments.kinds, arguments.without)
     print(report(rows))
     if arguments.out:
         Path(arguments.out).write_text(json.dumps(rows))

@@ -13,6 +13,7 @@ from ffsms_pin.opt.limits import (
     Limit,
     Obstacle,
     Rows,
+    TorqueLimits,
     Violation,
     WheelLimits,
 )
@@ -76,6 +77,7 @@ __all__ = [
     "StepProblem",
     "StepWeights",
     "Term",
+    "TorqueLimits",
     "Trajectory",
     "Via",
     "Violation",

@@ -18,12 +18,22 @@ from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.goals import Place, as_goal
-from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, Limit, Obstacle, WheelLimits
+from ffsms_pin.opt.limits import (
+    AlphaBox,
+    BaseLimits,
+    Clearance,
+    JointLimits,
+    Limit,
+    Obstacle,
+    TorqueLimits,
+    WheelLimits,
+)
 from ffsms_pin.opt.problem_checks import (
     check_joints,
     check_locked,
     check_parts,
     checked_momentum,
+    checked_times,
     wheels_at_start,
 )
 from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
@@ -31,10 +41,9 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
-__all__ = ["ARRIVAL_SHARE", "MOST_STEPS", "Problem", "default_limits", "default_terms", "step_limits"]
+__all__ = ["ARRIVAL_SHARE", "Problem", "default_limits", "default_terms", "step_limits"]
 
 ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
-MOST_STEPS = 1_000_000  # some 400 MB for seven joints
 _STEPS = 100  # at least, of a problem with another duration
 _LEAST_WAY = 0.02  # [m] a target this near, or nearer, is gone to as slowly as one at this distance
 
@@ -60,9 +69,9 @@ class Problem:
         What the motion should be like. Default: the paper's cost with kappa 10, small accelerations, little
         travel. Without the paper's cost where the goal sets the way (`Goal.coupled`).
     limits : sequence of Limit, optional
-        What must hold. Default: the joints' limits, and a clearance of 0.01 m. Limits that belong to the
-        goal, such as the corridor of `opt.Meet`, come to these by themselves, and
-        so do `WheelLimits` where wheels hold the attitude.
+        What must hold. Default: the joints' limits, those of their torques, and a clearance of 0.01 m. Limits
+        that belong to the goal, such as the corridor of `opt.Meet`, come to these by themselves, as
+        `WheelLimits` do where wheels hold the attitude.
     joint_rates : array_like, shape (n,), optional
         At the start [rad/s]; default: at rest.
     momentum : array_like, shape (6,), optional
@@ -76,6 +85,8 @@ class Problem:
         place of its centre of mass, "flying" both.
     wheel_momentum : array_like, shape (w,), optional
         Of the wheels at the start, against the base [N m s], where they hold the attitude. Default zero.
+    base_start : array_like, shape (7,), optional
+        Root pose (position, quaternion) that the base's turn and shift count from. Default: that of q0.
 
     Raises
     ------
@@ -95,18 +106,13 @@ class Problem:
     locked: Sequence[str] = ()
     mode: str = "floating"
     wheel_momentum: Any = None
+    base_start: Any = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.sms, SpaceManipulator):
             raise InvalidValue("sms", self.sms, "must be a SpaceManipulator, as ffsms_pin.load gives it")
         q0 = frozen(self.sms.checked_configuration("q0", self.q0))
-        duration, dt = positive("duration", self.duration, "s"), positive("dt", self.dt, "s")
-        if duration < dt:
-            raise InvalidValue("duration", duration, f"must be at least one step of {dt:g} s")
-        if duration / dt > MOST_STEPS:
-            raise InvalidValue(
-                "duration", duration, f"must be at most {MOST_STEPS} steps of {dt:g} s; take a longer dt"
-            )
+        duration, dt = checked_times(self.duration, self.dt)
         goal = as_goal(self.goal)
         terms = default_terms(coupled=goal.coupled) if self.terms is None else self.terms
         limits = default_limits() if self.limits is None else self.limits
@@ -123,17 +129,19 @@ class Problem:
         momentum = checked_momentum(self.sms, q0, goal, self.momentum, mode)
         if mode == "rotation-floating" and self.sms.wheels is not None:
             limits = with_defaults(limits, WheelLimits())
+        counted = None if self.base_start is None else frozen(vector("base_start", self.base_start, 7))
         values = {
             "q0": q0,
             "goal": goal,
             "duration": duration,
-            "dt": duration / round(duration / dt),
+            "dt": dt,
             "terms": tuple(terms),
             "limits": tuple(limit.for_robot(self.sms) for limit in limits),
             "joint_rates": frozen(rates),
             "momentum": None if momentum is None else frozen(momentum),
             "locked": tuple(self.locked),
             "mode": mode,
+            "base_start": counted,
             "wheel_momentum": wheels_at_start(self.sms, mode, self.wheel_momentum),
         }
         for name, value in values.items():
@@ -207,9 +215,11 @@ class Problem:
         """The motion of joint rates (N + 1, n) at the nodes, and in the middles between."""
         q0, dt = self.q0, self.dt
         motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum, ARRIVAL_SHARE)
-        goal = self.goal.places(motion.times)
+        goal, (place, attitude) = self.goal.places(motion.times), self.base_from
         return replace(
             motion,
+            base_start=place,
+            rotation_start=attitude,
             target=np.broadcast_to(goal.position, (3, len(motion.times))),
             target_on=goal.on,
             mean_speed=self.mean_speed,
@@ -240,9 +250,10 @@ class Problem:
         return np.asarray(self.q0[:3] + self.rotation0 @ self.arm0.com[:, 0])
 
     @cached_property
-    def base0(self) -> FloatArray:
-        """Place of the base's centre of mass at the start (3,) [m]."""
-        return np.asarray(self.q0[:3] + self.rotation0 @ self.stack.base_com)
+    def base_from(self) -> tuple[FloatArray, FloatArray]:
+        """Place of the base's centre of mass (3,) [m] and attitude (3, 3) that its motion counts from."""
+        pose = pin.XYZQUATToSE3(self.q0[:7] if self.base_start is None else self.base_start)
+        return pose.act(self.stack.base_com), pose.rotation.copy()
 
     @cached_property
     def tip0(self) -> FloatArray:
@@ -272,14 +283,7 @@ def default_terms(
 ) -> tuple[Term, ...]:
     """What a motion should be like where nothing else is asked for.
 
-    Parameters
-    ----------
-    kappa : float
-        Sharpness of the paper's C~.
-    effort, base : float
-        Weights on joint travel and on the turning of the base.
-    coupled : bool
-        Whether the paper's cost is one of them (see `Goal.coupled`).
+    `effort` and `base` weigh joint travel and turning of the base; for `coupled` see `Goal.coupled`.
     """
     cost = (Coupling(kappa),) if coupled else ()
     spared = (BaseTurn(base),) if number("base", base) != 0.0 else ()
@@ -292,10 +296,10 @@ def default_limits(
     obstacles: Sequence[Obstacle] = (),
     base: BaseLimits | None = None,
 ) -> tuple[Limit, ...]:
-    """What must hold where nothing else is asked for: the joints' limits and a clearance."""
+    """What must hold where nothing else is asked for: limits of the joints and their torques, a clearance."""
     if base is not None and not isinstance(base, BaseLimits):
         raise InvalidValue("base_limits", base, "must be an opt.BaseLimits")
-    kept = (JointLimits(), Clearance(clearance, collision, obstacles=obstacles))
+    kept = (JointLimits(), TorqueLimits(), Clearance(clearance, collision, obstacles=obstacles))
     return kept if base is None else (*kept, base)
 
 
@@ -307,5 +311,4 @@ def step_limits(limits: Sequence[Limit], mode: str = "floating") -> tuple[Limit,
 
 def with_defaults(limits: Sequence[Limit], *more: Limit) -> tuple[Limit, ...]:
     """Limits, and of some more those of which they have none by the name."""
-    names = [limit.name for limit in limits]
-    return (*limits, *(one for one in more if one.name not in names))
+    return (*limits, *(one for one in more if one.name not in [limit.name for limit in limits]))

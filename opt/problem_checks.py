@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, frozen, vector
+from ffsms_pin.checks import FloatArray, frozen, positive, vector
 from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
@@ -21,8 +21,11 @@ __all__ = [
     "check_locked",
     "check_parts",
     "checked_momentum",
+    "checked_times",
     "wheels_at_start",
 ]
+
+MOST_STEPS = 1_000_000  # some 400 MB for seven joints
 
 
 def check_parts(name: str, parts: Any, kind: type) -> None:
@@ -38,6 +41,18 @@ def check_parts(name: str, parts: Any, kind: type) -> None:
     for one in names:
         if names.count(one) > 1:
             raise InvalidValue(name, one, "must have one part of each name; give yours another `name`")
+
+
+def checked_times(duration: Any, dt: Any) -> tuple[float, float]:
+    """Duration and step [s]; a whole number of steps makes up the duration."""
+    duration, dt = positive("duration", duration, "s"), positive("dt", dt, "s")
+    if duration < dt:
+        raise InvalidValue("duration", duration, f"must be at least one step of {dt:g} s")
+    if duration / dt > MOST_STEPS:
+        raise InvalidValue(
+            "duration", duration, f"must be at most {MOST_STEPS} steps of {dt:g} s; take a longer dt"
+        )
+    return duration, duration / round(duration / dt)
 
 
 def check_locked(sms: SpaceManipulator, locked: Any) -> None:

@@ -9,13 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, number
+from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.nodes import angles_from_start, path_ratio, sampled
 from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.batch.rollout import configurations, velocities
 from ffsms_pin.opt.batch.thrusters import propellant
 from ffsms_pin.opt.batch.wheels import nodal_momentum, wheel_energy
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
-from ffsms_pin.opt.goals.contact import contact_velocity, missed
+from ffsms_pin.opt.goals.contact import contact_velocity, end_errors, late, missed
 from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 
@@ -60,7 +61,8 @@ class Trajectory:
     orientation_reach : float
         The same for the angle [rad].
     note : str
-        Why the plan did not reach its target, where it is known; empty otherwise.
+        By how much and why the end is not within the goal's tolerance, or the target not reached; never empty
+        then.
     clear : bool
         Whether the motion keeps the clearance that was asked for, and the joint limits, at every node and
         between them.
@@ -71,6 +73,9 @@ class Trajectory:
         place, inertial axes. Where a goal asks for no velocity, it counts as one that stands still.
     met : bool
         Whether the end is within the goal's tolerance, velocities included; asked of `opt.Meet` only.
+    within_tolerance : bool
+        Whether the end is within the goal's own tolerance: position, attitude, and velocities where they are
+        asked for. `reached` is the paper's criterion, which allows `reach`.
     momentum : ndarray, shape (6,)
         Total momentum [linear; angular], inertial axes, about the system's centre of mass.
     shares : dict of str to float
@@ -85,6 +90,9 @@ class Trajectory:
         Predicted integral of the sum of |motor torque x wheel speed| [J]: nothing is won back in braking.
     propellant : float
         Predicted, where thrusters hold attitude or place [kg].
+    torque_share : ndarray, shape (N + 1, n)
+        Joint torques that the motion needs at the nodes, as shares of the joints' limits, the larger of both
+        sides of each node; zero where a joint has no such limit.
     mode : str
         What of the base is held, as in `opt.Problem`.
     """
@@ -111,6 +119,7 @@ class Trajectory:
     shortest_duration: float = 0.0
     contact_velocity: FloatArray = field(default_factory=lambda: np.zeros(6))
     met: bool = True
+    within_tolerance: bool = True
     momentum: FloatArray = field(default_factory=lambda: np.zeros(6))
     shares: dict[str, float] = field(default_factory=dict)
     binding: dict[str, FloatArray] = field(default_factory=dict)
@@ -119,10 +128,12 @@ class Trajectory:
     wheel_energy: float = 0.0
     propellant: float = 0.0
     mode: str = "floating"
+    torque_share: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        if not len(self.wheel_momentum):
-            object.__setattr__(self, "wheel_momentum", np.zeros((len(self.t), 0)))
+        for name, columns in (("wheel_momentum", 0), ("torque_share", self.alpha.shape[-1])):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, np.zeros((len(self.t), columns)))
         for one in fields(self):
             value = getattr(self, one.name)
             if isinstance(value, np.ndarray):
@@ -223,12 +234,15 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     way, steps = motion.to_target[:, 0, nodes], motion.paired
     places = goal.places(motion.times)
     here = RobotFrame.tip(problem.stack).poses(motion, places.on)
-    turned = places.missed(*(one[..., 0, :] for one in here)).angle
+    distance, turned = np.linalg.norm(way, axis=0), places.missed(*(x[..., 0, :] for x in here)).angle[nodes]
     contact = contact_velocity(goal.place(problem.duration), motion)
     q = configurations(sms, q0, motion)
-    misses = missed(goal, float(np.linalg.norm(way[:, -1])), float(turned[-1]), contact)
+    errors = end_errors(goal, float(distance[-1]), float(turned[-1]), contact, problem.duration)
+    misses = missed(goal, errors)
     found = [(limit.name, limit.violation(motion)) for limit in problem.limits]
-    notes = [note, misses, *(violation.note for _, violation in found)]
+    tail = motion.times[nodes] >= ARRIVAL_SHARE * problem.duration - 1e-9
+    ends = misses or late(goal, float(distance[tail].max()), float(turned[tail].max()))
+    notes = [note, ends, *(violation.note for _, violation in found)]
     return Trajectory(
         t=motion.times[nodes],
         q=q,
@@ -240,10 +254,10 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         entropy=steps.entropy,
         cost=steps.cost(kappa),
         end_effector=motion.end_effector[:, 0, nodes].T,
-        position_error=np.linalg.norm(way, axis=0),
+        position_error=distance,
         target=motion.target_points[:, 0, -1],
         target_rotation=_target_rotation(problem, q[-1]),
-        orientation_error=turned[nodes],
+        orientation_error=turned,
         kappa=kappa,
         reach=goal.reach,
         orientation_reach=goal.orientation_reach,
@@ -253,12 +267,14 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         shares={term.name: term.share(motion) for term in problem.terms},
         binding={name: violation.instants for name, violation in found if violation.instants.size},
         contact_velocity=contact,
-        met=not misses,
+        met=not (goal.exact and misses),
+        within_tolerance=not misses,
         broken={name: violation.amount for name, violation in found if violation.amount > 0.0},
         wheel_momentum=nodal_momentum(motion, sms),
         wheel_energy=wheel_energy(motion),
         propellant=propellant(motion),
         mode=problem.mode,
+        torque_share=_torque_shares(motion, sms.limits.torque),
     )
 
 
@@ -267,3 +283,10 @@ def _target_rotation(problem: Problem, q: FloatArray) -> FloatArray:
     base = pin.XYZQUATToSE3(q[:7])
     rotation = problem.goal.place(problem.duration).at(base.translation, base.rotation).rotation
     return np.full((3, 3), np.nan) if rotation is None else rotation
+
+
+def _torque_shares(motion: Motions, most: FloatArray) -> FloatArray:
+    """Shares (N + 1, n) of the largest torques (n,) at the nodes; zero where these are infinite."""
+    if not np.isfinite(most).any():
+        return np.zeros((len(motion.times) // 2 + 1, len(most)))
+    return np.asarray((motion.torque_sizes[:, 0, ::2] / most[:, None]).T)

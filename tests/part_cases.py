@@ -72,6 +72,7 @@ class Use(NamedTuple):
     rates: FloatArray  # the largest (n,)
     base: list[Any]  # poses of the base link (pinocchio.SE3)
     last: FloatArray  # q at the end (nq,)
+    torques: FloatArray  # the largest of the joints (n,)
     wheels: tuple[float, float]  # largest momentum and torque of a wheel [N m s, N m]
 
 
@@ -168,6 +169,11 @@ def frame_pose(sms: ffsms.SpaceManipulator, q: FloatArray, name: str) -> Any:
     return data.oMf[sms.model.getFrameId(name)].copy()
 
 
+def weak(sms: ffsms.SpaceManipulator, use: Use) -> tuple[ffsms.SpaceManipulator, opt.Limit]:
+    """The same arm, whose joints have 0.8 of the torques."""
+    return sms.with_limits(replace(sms.limits, torque=0.8 * use.torques)), opt.TorqueLimits()
+
+
 def weak_wheels(what: str) -> Tight:
     """Wheels that have 0.8 of the momentum, or the torque, that the motion asks for."""
 
@@ -192,6 +198,7 @@ LIMITS: dict[str, Tight] = {
     "via at any time": aside(False),
     "also": elbow_aside(),
     "own": beside_the_chord,
+    "torques": weak,
     "wheels' momentum": weak_wheels("momentum"),
     "wheels' torque": weak_wheels("torque"),
 }
@@ -255,8 +262,19 @@ def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
         np.abs(rates).max(axis=0),
         [pin.XYZQUATToSE3(q[:7]) for q in plan.q],
         plan.q[-1],
+        largest_torques(sms, plan),
         (np.abs(plan.wheel_momentum).max(initial=0.0), np.abs(wheel_torque(motion)).max(initial=0.0)),
     )
+
+
+def largest_torques(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatArray:
+    """Of a floating robot (n,) [N m], by the state's H_q and C_q at the start and the end of every step."""
+    largest = np.zeros(sms.n)
+    for nodes in (slice(None, -1), slice(1, None)):
+        for q, v, acceleration in zip(plan.q[nodes], plan.v[nodes], plan.joint_accelerations, strict=True):
+            state = sms.at(q, v)
+            largest = np.maximum(largest, np.abs(state.H_q @ acceleration + state.C_q))
+    return largest
 
 
 def size_of(residuals: Residuals) -> float:

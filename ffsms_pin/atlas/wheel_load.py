@@ -9,10 +9,11 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
-from ffsms_pin.system.batch.batch import BLOCK, blocks
 from ffsms_pin.system.batch.quantities import pseudo_inverse
 
 __all__ = ["wheel_momentum_per_speed"]
+
+_BLOCK = 2048  # configurations together: what is between them stays in the processor's caches
 
 
 def wheel_momentum_per_speed(sms: SpaceManipulator, joints: FloatArray) -> FloatArray:
@@ -40,7 +41,8 @@ def wheel_momentum_per_speed(sms: SpaceManipulator, joints: FloatArray) -> Float
         raise InvalidValue("sms", sms, "must have reaction wheels; see SpaceManipulator.with_actuators")
     stack, shares = ArmStack(sms, "rotation-floating"), wheel_shares(sms.wheels)
     found = np.empty(len(joints))
-    for block in blocks(len(joints), BLOCK):
+    for first in range(0, len(joints), _BLOCK):
+        block = slice(first, first + _BLOCK)
         arm = stack.evaluate(np.ascontiguousarray(joints[block].T))
         momentum = np.einsum("inb,nxb->ixb", held_momentum(arm), pseudo_inverse(arm.jstar))
         filled = np.einsum("wi,ixb->wxb", shares, momentum)

@@ -37,6 +37,7 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
 def _add_plan(table: Table, numbers: Mapping[str, Any]) -> None:
     reached = "[green]yes[/]" if numbers["reached"] else "[red]no[/]"
     table.add_row("reached", reached, "")
+    table.add_row("within tolerance", "yes" if numbers["within_tolerance"] else "[yellow]no[/]", "")
     if numbers["note"]:
         table.add_row("  note", escape(numbers["note"]), "")
     reach = _length(numbers["reach_m"])

@@ -5,7 +5,53 @@ from typing import Any
 
 from ffsms_pin.checks import FloatArray
 
-def most_joints() -> int: ...
+class Tree:
+    """The robot in plain numbers: at most 64 joints, parents first.
+
+    `joints` (n, 18): parent, turns, moves_tip, axis (3), offset (3), placement (9). `bodies` (n + 1, 13), the
+    base first: mass, lever (3), inertia about the centre of mass (9). `tip` (1, 12): place, attitude.
+    """
+
+    n: int
+    def __init__(
+        self,
+        joints: FloatArray,
+        bodies: FloatArray,
+        tip: FloatArray,
+        last: int,
+        moves: bool,
+        turns_freely: bool,
+    ) -> None: ...
+
+# arm.hpp: stacks of configurations, (rows, B) each
+def arm_values(tree: Tree, positions: FloatArray, out: FloatArray) -> None: ...
+def poses(tree: Tree, positions: FloatArray, out: FloatArray) -> None: ...
+def coupled(tree: Tree, positions: FloatArray, out: FloatArray) -> None: ...
+def manipulator_jacobian(tree: Tree, positions: FloatArray, out: FloatArray) -> None: ...
+def reduced_inertia(tree: Tree, positions: FloatArray, out: FloatArray) -> None: ...
+
+# slopes.hpp
+def velocity_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: FloatArray) -> None: ...
+def turning_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: FloatArray) -> None: ...
+def momentum_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: FloatArray) -> None: ...
+def fixed_base_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: FloatArray) -> None: ...
+def coupling_slopes(tree: Tree, positions: FloatArray, by_coupling: FloatArray, out: FloatArray) -> None: ...
+
+# rollout.hpp
+def attitudes(start: FloatArray, omega: FloatArray, dt: float, out: FloatArray) -> None: ...
+def tumbling_attitudes(
+    tree: Tree,
+    start: FloatArray,
+    positions: FloatArray,
+    rates: FloatArray,
+    momentum: FloatArray,
+    dt: float,
+    out: FloatArray,
+) -> None: ...
+
+# entropy.hpp, singular.hpp
+def entropies(rows: int, n: int, coupling: FloatArray, value: FloatArray, gradient: FloatArray) -> None: ...
+def singular_values(rows: int, columns: int, matrices: FloatArray, sigma: FloatArray) -> None: ...
 
 # step.hpp
 def rate_bounds(

@@ -4,6 +4,7 @@
 // belongs to a unit rate of joint j.
 #pragma once
 
+#include "sine.hpp"
 #include "tree.hpp"
 
 namespace ffsms {
@@ -77,7 +78,8 @@ void pose(const Tree& tree, const T* positions, Arm<T>& arm) {
       arm.velocity[j] = direction;
       continue;
     }
-    const T s = sine(positions[j]), c = cosine(positions[j]);
+    T s, c;
+    sine_cosine(positions[j], s, c);
     if (joint.own_axis >= 0) {
       arm.rotation[j] = turned(placed, joint.own_axis, s * joint.axis[joint.own_axis], c);
     } else {

@@ -14,60 +14,58 @@ namespace ffsms {
 using In = nanobind::ndarray<const double, nanobind::ndim<2>, nanobind::c_contig, nanobind::device::cpu>;
 using Out = nanobind::ndarray<double, nanobind::ndim<2>, nanobind::c_contig, nanobind::device::cpu>;
 using Size = std::size_t;
+static_assert(sizeof(Pack) == kLanes * sizeof(double), "a pack is what lies in memory");
 
-// Configurations of a stack, one a lane; at its end, where fewer are left, the last one fills the lanes.
-inline Pack load(const double* from, Size left) {
-  Pack x;
-  if (left >= kLanes) {
-    std::memcpy(&x, from, sizeof x);
-    return x;
-  }
-  double each[kLanes];
-  for (Size i = 0; i < kLanes; ++i) each[i] = from[i < left ? i : left - 1];
-  std::memcpy(&x, each, sizeof x);
-  return x;
-}
-
-inline void store(Pack x, double* to, Size left) {
-  std::memcpy(to, &x, sizeof(double) * (left < kLanes ? left : kLanes));
-}
-
-// Reads the rows of an array one after the other, at the configurations of a pack.
+// Reads the rows of an array one after the other, at one configuration or at those of a pack.
 struct Reader {
   const double* row;
-  Size count, left;
+  Size count;
 
-  Reader(const In& array, Size k) : row(array.data() + k), count(array.shape(1)), left(count - k) {}
-  Pack next() {
-    const Pack x = load(row, left);
-    row += count;
-    return x;
+  Reader(const In& array, Size k) : row(array.data() + k), count(array.shape(1)) {}
+  template <class T>
+  void next(T* values, int n) {
+    for (int j = 0; j < n; ++j, row += count) std::memcpy(&values[j], row, sizeof(T));
   }
 };
 
 // Writes them.
 struct Writer {
   double* row;
-  Size count, left;
+  Size count;
 
-  Writer(const Out& array, Size k) : row(array.data() + k), count(array.shape(1)), left(count - k) {}
-  void put(Pack x) {
-    store(x, row, left);
-    row += count;
+  Writer(const Out& array, Size k) : row(array.data() + k), count(array.shape(1)) {}
+  template <class T>
+  void put(const T* values, int n) {
+    for (int j = 0; j < n; ++j, row += count) std::memcpy(row, &values[j], sizeof(T));
   }
-  void put(const Vec3<Pack>* columns, int n) {
+  template <class T>
+  void put(const Vec3<T>* columns, int n) {
     for (int x = 0; x < 3; ++x) {
-      for (int j = 0; j < n; ++j) put(columns[j][x]);
+      for (int j = 0; j < n; ++j) put(&columns[j][x], 1);
     }
   }
-  void put(const Mat3<Pack>* matrices, int n) {
+  template <class T>
+  void put(const Mat3<T>* matrices, int n) {
     for (int x = 0; x < 3; ++x) {
       for (int y = 0; y < 3; ++y) {
-        for (int j = 0; j < n; ++j) put(matrices[j][x][y]);
+        for (int j = 0; j < n; ++j) put(&matrices[j][x][y], 1);
       }
     }
   }
 };
+
+// Calls use(work, k) with work for packs of a stack, then, where fewer are left, for one configuration at a
+// time.
+template <template <class> class Work, class Use>
+void along(Size count, const Use& use) {
+  Size k = 0;
+  if (count >= kLanes) {
+    Work<Pack> work;
+    for (; k + kLanes <= count; k += kLanes) use(work, k);
+  }
+  Work<double> work;
+  for (; k < count; ++k) use(work, k);
+}
 
 inline void expect(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);

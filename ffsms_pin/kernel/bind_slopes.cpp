@@ -9,72 +9,68 @@ namespace nb = nanobind;
 namespace ffsms {
 namespace {
 
-// Calls use(arm, given, writer) for one pack after the other; `given` (rows, joints) are rates, or slopes.
-template <int kRows, class Use>
-void along(const Tree& tree, const In& positions, const In& given, const Out& out, int rows, const Use& use) {
+template <class T>
+struct Work {
+  T positions[kMostJoints], given[6][kMostJoints], gradient[kMostJoints];
+  Arm<T> arm;
+  Vec3<T> first[kMostJoints], second[kMostJoints];
+};
+
+// Calls use(work, writer) at one configuration, or pack of them, after the other: the arm is there, and what
+// is given, `each` numbers a joint.
+template <class Use>
+void at_each(const Tree& tree, const In& positions, const In& given, int each, const Out& out, int rows,
+             const Use& use) {
   const Size count = positions.shape(1);
   expect_rows(positions, tree.n, count);
-  expect_rows(given, kRows * tree.n, count);
+  expect_rows(given, each * tree.n, count);
   expect_rows(out, rows * tree.n, count);
-  Arm<Pack> arm;
-  Pack q[kMostJoints], values[kRows][kMostJoints];
-  for (Size k = 0; k < count; k += kLanes) {
-    Reader read(positions, k), more(given, k);
-    for (int j = 0; j < tree.n; ++j) q[j] = read.next();
-    for (int x = 0; x < kRows; ++x) {
-      for (int j = 0; j < tree.n; ++j) values[x][j] = more.next();
-    }
-    evaluate(tree, q, arm);
+  along<Work>(count, [&](auto& work, Size k) {
+    Reader(positions, k).next(work.positions, tree.n);
+    Reader more(given, k);
+    for (int x = 0; x < each; ++x) more.next(work.given[x], tree.n);
+    evaluate(tree, work.positions, work.arm);
     Writer write(out, k);
-    use(arm, values, write);
-  }
+    use(work, write);
+  });
 }
-
-using Columns = Vec3<Pack>[kMostJoints];
-using Rates = Pack (&)[1][kMostJoints];
 
 // Of the base's angular velocity and of the end effector's velocity.
 void velocities(const Tree& tree, const In& positions, const In& rates, const Out& out) {
-  Columns spin, tip;
-  along<1>(tree, positions, rates, out, 6, [&](const Arm<Pack>& arm, Rates u, Writer& write) {
-    velocity_slopes(tree, arm, u[0], spin, tip);
-    write.put(spin, tree.n);
-    write.put(tip, tree.n);
+  at_each(tree, positions, rates, 1, out, 6, [&](auto& work, Writer& write) {
+    velocity_slopes(tree, work.arm, work.given[0], work.first, work.second);
+    write.put(work.first, tree.n);
+    write.put(work.second, tree.n);
   });
 }
 
 void turnings(const Tree& tree, const In& positions, const In& rates, const Out& out) {
-  Columns slopes;
-  along<1>(tree, positions, rates, out, 3, [&](const Arm<Pack>& arm, Rates u, Writer& write) {
-    turning_slopes(tree, arm, u[0], slopes);
-    write.put(slopes, tree.n);
+  at_each(tree, positions, rates, 1, out, 3, [&](auto& work, Writer& write) {
+    turning_slopes(tree, work.arm, work.given[0], work.first);
+    write.put(work.first, tree.n);
   });
 }
 
 void momenta(const Tree& tree, const In& positions, const In& rates, const Out& out) {
-  Columns slopes;
-  along<1>(tree, positions, rates, out, 3, [&](const Arm<Pack>& arm, Rates u, Writer& write) {
-    momentum_slopes(tree, arm, u[0], slopes);
-    write.put(slopes, tree.n);
+  at_each(tree, positions, rates, 1, out, 3, [&](auto& work, Writer& write) {
+    momentum_slopes(tree, work.arm, work.given[0], work.first);
+    write.put(work.first, tree.n);
   });
 }
 
 void fixed_base(const Tree& tree, const In& positions, const In& rates, const Out& out) {
-  Columns linear, angular;
-  along<1>(tree, positions, rates, out, 6, [&](const Arm<Pack>& arm, Rates u, Writer& write) {
-    fixed_base_slopes(tree, arm, u[0], linear, angular);
-    write.put(linear, tree.n);
-    write.put(angular, tree.n);
+  at_each(tree, positions, rates, 1, out, 6, [&](auto& work, Writer& write) {
+    fixed_base_slopes(tree, work.arm, work.given[0], work.first, work.second);
+    write.put(work.first, tree.n);
+    write.put(work.second, tree.n);
   });
 }
 
 void couplings(const Tree& tree, const In& positions, const In& by_coupling, const Out& out) {
-  Pack gradient[kMostJoints];
-  along<6>(tree, positions, by_coupling, out, 1,
-           [&](const Arm<Pack>& arm, Pack(&by)[6][kMostJoints], Writer& write) {
-             coupling_slopes(tree, arm, by, gradient);
-             for (int j = 0; j < tree.n; ++j) write.put(gradient[j]);
-           });
+  at_each(tree, positions, by_coupling, 6, out, 1, [&](auto& work, Writer& write) {
+    coupling_slopes(tree, work.arm, work.given, work.gradient);
+    write.put(work.gradient, tree.n);
+  });
 }
 
 }  // namespace
@@ -82,7 +78,8 @@ void couplings(const Tree& tree, const In& positions, const In& by_coupling, con
 void bind_slopes(nb::module_& m) {
   const auto quiet = nb::call_guard<nb::gil_scoped_release>();
   const auto bind = [&](const char* name, auto function, const char* given) {
-    m.def(name, function, nb::arg("tree"), nb::arg("positions"), nb::arg(given), nb::arg("out"), quiet);
+    m.def(name, function, nb::arg("tree"), nb::arg("positions"), nb::arg(given), nb::arg("out").noconvert(),
+          quiet);
   };
   bind("velocity_slopes", &velocities, "rates");
   bind("turning_slopes", &turnings, "rates");

@@ -13,7 +13,7 @@ constexpr double kLeastShare = 1e-8;
 
 // H_norm of C (rows, n), and its gradient. By the eigenvalues of C C^T or C^T C, whichever is smaller.
 template <class T>
-T entropy(int rows, int n, const T (*C)[kMostJoints], T (*gradient)[kMostJoints]) {
+T entropy(int rows, int n, const T (&C)[kMostRows][kMostJoints], T (&gradient)[kMostRows][kMostJoints]) {
   // Rows that are zero, as those of a planar arm, are exactly so from the left only.
   const bool by_rows = n > rows || (n == rows && rows < 6);
   const int r = by_rows ? rows : n;

@@ -6,7 +6,9 @@ NB_MODULE(_kernel, m) {
   ffsms::bind_tree(m);
   ffsms::bind_arm(m);
   ffsms::bind_slopes(m);
+  ffsms::bind_rollout(m);
   ffsms::bind_spectra(m);
+  ffsms::bind_torques(m);
   ffsms::bind_step(m);
   ffsms::bind_sums(m);
 }

@@ -129,7 +129,8 @@ struct ByTwist {
 
 // Gradient (n) of a function of the coupling that has the slopes `by_coupling` (6, n).
 template <class T>
-void coupling_slopes(const Tree& tree, const Arm<T>& arm, const T (*by_coupling)[kMostJoints], T* gradient) {
+void coupling_slopes(const Tree& tree, const Arm<T>& arm, const T (&by_coupling)[6][kMostJoints],
+                     T* gradient) {
   const Vec3<T> base_com = same<T>(tree.base_com);
   Vec3<T> by_axis[kMostJoints], by_velocity[kMostJoints];  // of the columns that a joint carries: they turn
   ByTwist<T> own[kMostJoints];

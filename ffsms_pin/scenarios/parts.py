@@ -25,6 +25,7 @@ from ffsms_pin.opt import (
     Propellant,
     Smooth,
     Term,
+    TorqueLimits,
     WheelEnergy,
     WheelLimits,
     WheelMomentum,
@@ -48,6 +49,7 @@ PACKAGED: Mapping[str, Mapping[str, type]] = {
         "clearance": Clearance,
         "base": BaseLimits,
         "alpha-box": AlphaBox,
+        "torques": TorqueLimits,
         "wheels": WheelLimits,
     },
 }

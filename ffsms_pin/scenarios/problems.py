@@ -17,6 +17,7 @@ from ffsms_pin.opt import (
     Problem,
     Smooth,
     Term,
+    TorqueLimits,
 )
 from ffsms_pin.scenarios.clients import meeting
 from ffsms_pin.scenarios.contents import Contents
@@ -87,7 +88,7 @@ def _limits(contents: Contents, client: Client | ClientEstimate | None) -> list[
         clear = Clearance(*contents.clearance, obstacles=around)
     except InvalidValue as error:
         raise InvalidScenario(contents.source, str(error)) from None
-    limits: list[Limit] = [JointLimits(), clear]
+    limits: list[Limit] = [JointLimits(), TorqueLimits(), clear]
     if "base_limits" in contents.plan:
         limits.append(BaseLimits(**radians(contents.plan["base_limits"])))
     own = [

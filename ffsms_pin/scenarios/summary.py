@@ -45,6 +45,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "scenario": outcome.scenario.name,
         "robot": str(outcome.scenario.robot["model"]),
         "reached": plan.reached,
+        "within_tolerance": plan.within_tolerance,
         "note": plan.note,
         "duration_s": plan.duration,
         "planning_step_s": plan.dt,

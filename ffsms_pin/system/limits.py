@@ -14,6 +14,8 @@ from ffsms_pin.system.joints import JointLayout
 
 __all__ = ["ACCELERATION_PER_VELOCITY", "JointLimits", "limits_of"]
 
+# [rad or m] Four turns: a position limit further away is one of the large numbers that mean "none".
+_FAR = 25.2
 # A URDF has no acceleration limit. The paper's are 28.65 deg/s^2 for 22.92 deg/s.
 ACCELERATION_PER_VELOCITY = 1.25  # [1/s]
 
@@ -22,8 +24,9 @@ ACCELERATION_PER_VELOCITY = 1.25  # [1/s]
 class JointLimits:
     """Limits of n joints, each an array of shape (n,); infinite where there is none.
 
-    URDFs write "no limit" as all sorts of large numbers: one beyond 1e12 is taken as infinite. A rate, an
-    acceleration or a torque below 1e-12 is refused, for nothing could move within it.
+    URDFs write "no limit" as all sorts of large numbers: one beyond 1e12, or a position beyond four turns, is
+    taken as infinite. A rate, an acceleration or a torque below 1e-12 is refused, for nothing could move
+    within it.
 
     Attributes
     ----------
@@ -47,6 +50,8 @@ class JointLimits:
         object.__setattr__(self, "lower", _entries("lower", self.lower))
         for field in fields(self):
             array = _entries(field.name, getattr(self, field.name))
+            if field.name in ("lower", "upper"):
+                array[np.abs(array) > _FAR] *= np.inf
             if array.shape != self.lower.shape:
                 raise InvalidValue(
                     f"limits.{field.name}",

@@ -13,6 +13,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.entropy import entropy_and_gradient
 from ffsms_pin.opt.batch.paired import Paired, paired
 from ffsms_pin.opt.batch.residual import Indices
+from ffsms_pin.opt.batch.torques import joint_torques
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross
 
@@ -187,6 +188,23 @@ class Motions:
     def entropy_slope(self) -> FloatArray:
         """Slopes (6, n, S, K) of H_norm by `ArmValues.coupling`."""
         return self._entropy[1]
+
+    @cached_property
+    def torques(self) -> FloatArray:
+        """Joint torques (n, S, K) that the motions need, the base reacting [N m, or N]."""
+        return self._torques(self.accelerations)
+
+    @cached_property
+    def torque_sizes(self) -> FloatArray:
+        """Sizes (n, S, K) of the torques of finished motions, whose accelerations jump at the nodes.
+
+        At each instant the larger one of those with the accelerations before it and after it.
+        """
+        before = np.concatenate([self.accelerations[..., :1], self.accelerations[..., :-1]], axis=-1)
+        return np.maximum(np.abs(self.torques), np.abs(self._torques(before)))
+
+    def _torques(self, accelerations: FloatArray) -> FloatArray:
+        return joint_torques(self.stack, self.joints, self.rates, accelerations, self.own_spin)
 
     @cached_property
     def paired(self) -> Paired:

@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.batch.motions import Motions, apply_rates
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.batch.arm import ArmStack
-from ffsms_pin.system.batch.stacks import apply, cross, exp3, products, quaternions
+from ffsms_pin.system.batch.stacks import apply, cross, quaternions
 
 __all__ = ["configurations", "rolled_out", "velocities"]
 
@@ -69,9 +69,7 @@ def rolled_out(
         R = _attitudes(rotation0, omega, dt)
         drift = drift if momentum is None else momentum[:3] / stack.mass
     else:
-        halves = np.repeat(slopes.T, 2, axis=0)
-        q, _ = roll_out(sms, q0, rates[0], halves, 0.5 * dt, momentum)
-        R = np.stack([pin.Quaternion(row[3:7]).toRotationMatrix() for row in q], axis=-1)
+        R = _tumbling(stack, rotation0, joints, u, accelerations, 0.5 * dt, momentum[3:])
         drift = momentum[:3] / stack.mass
         own = apply(arm.inverse, np.einsum("yxk,y->xk", R, momentum[3:]))
     simpson = np.full(count, dt / 3.0)
@@ -133,11 +131,30 @@ def _attitudes(rotation0: FloatArray, omega: FloatArray, dt: float) -> FloatArra
     Over a step the turn is that of Simpson's rule and one bracket; over its first half that of the parabola
     through the same three points.
     """
-    first, middle, last = omega[:, :-1:2], omega[:, 1::2], omega[:, 2::2]
-    turns = exp3((dt / 6.0) * (first + 4.0 * middle + last) + (dt * dt / 12.0) * cross(first, last))
-    half = (dt / 24.0) * (5.0 * first + 8.0 * middle - last) + (dt * dt / 48.0) * cross(first, middle)
-    R = np.empty((3, 3, omega.shape[1]))
-    R[..., 0] = rotation0
-    R[..., 2::2] = np.einsum("xy,yzk->xzk", rotation0, products(turns))
-    R[..., 1::2] = apply(R[..., :-1:2], exp3(half))
-    return R
+    R = np.empty((9, omega.shape[1]))
+    kernel.attitudes(rotation0, omega, dt, R)
+    return R.reshape(3, 3, -1)
+
+
+def _tumbling(
+    stack: ArmStack,
+    rotation0: FloatArray,
+    joints: FloatArray,
+    u: FloatArray,
+    accelerations: FloatArray,
+    dt: float,
+    momentum: FloatArray,
+) -> FloatArray:
+    """The same (3, 3, K) of a system with angular momentum (3,), at instants dt apart.
+
+    Of joint positions, rates and accelerations (n, K) there: see `ffsms_pin.system.tumbling`.
+    """
+    n, count = u.shape
+    positions, rates = np.empty((n, 2 * count - 1)), np.empty((n, 2 * count - 1))
+    positions[:, ::2], rates[:, ::2] = joints, u
+    a, h = accelerations[:, :-1], 0.5 * dt
+    positions[:, 1::2] = joints[:, :-1] + h * (u[:, :-1] + 0.5 * h * a)
+    rates[:, 1::2] = u[:, :-1] + h * a
+    R = np.empty((9, count))
+    kernel.tumbling_attitudes(stack.tree, rotation0, positions, rates, momentum[:, None], dt, R)
+    return R.reshape(3, 3, -1)

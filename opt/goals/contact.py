@@ -11,7 +11,7 @@ from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.goals.place import Place
 
-__all__ = ["contact_velocity", "missed"]
+__all__ = ["contact_velocity", "end_errors", "late", "missed"]
 
 
 def contact_velocity(place: Place, motion: Motions) -> FloatArray:
@@ -24,8 +24,10 @@ def contact_velocity(place: Place, motion: Motions) -> FloatArray:
     return np.concatenate(found) - np.concatenate(wanted)
 
 
-def missed(goal: Goal, distance: float, angle: float, contact: FloatArray) -> str:
-    """What an exact goal is missed by at the deadline, in words; empty where it is met, or not exact.
+def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, duration: float) -> FloatArray:
+    """Of position, attitude, velocity and angular velocity at the deadline (4,) [m, rad, m/s, rad/s].
+
+    Zero for a velocity that is not asked for.
 
     Parameters
     ----------
@@ -34,15 +36,46 @@ def missed(goal: Goal, distance: float, angle: float, contact: FloatArray) -> st
         To the wanted position and attitude [m], [rad].
     contact : ndarray, shape (6,)
         See `contact_velocity`.
+    duration : float
+        [s]
     """
-    if not goal.exact:
+    place = goal.place(duration)
+    asked = [goal.exact or one is not None for one in (place.velocity, place.spin)]
+    speeds = np.linalg.norm(np.split(contact, 2), axis=1) * asked
+    return np.array([distance, angle, *speeds])
+
+
+def missed(goal: Goal, errors: FloatArray) -> str:
+    """By how much the end misses a goal beyond its tolerance, in words; empty where it is within.
+
+    Parameters
+    ----------
+    goal : Goal
+    errors : ndarray, shape (4,)
+        See `end_errors`.
+    """
+    if not errors.max() > goal.tolerance:
         return ""
-    speed, spin = float(np.linalg.norm(contact[:3])), float(np.linalg.norm(contact[3:]))
-    if max(distance, angle, speed, spin) <= goal.tolerance:
+    units = zip(errors, (1e3, math.degrees(1.0)) * 2, ("mm", "deg", "mm/s", "deg/s"), strict=True)
+    told = [(error, size, unit) for error, size, unit in units if goal.exact or error > 0.0]
+    found = ", ".join(f"{size * error:.3g} {unit}" for error, size, unit in told)
+    allowed = ", ".join(f"{size * goal.tolerance:.2g} {unit}" for _, size, unit in told)
+    what = "at contact the grasp is missed by" if goal.exact else "the end is off by"
+    return f"{what} {found}; its tolerance is {allowed}"
+
+
+def late(goal: Goal, distance: float, angle: float) -> str:
+    """By how much a motion that ends within the tolerance is too far off in the last tenth; empty if not.
+
+    Parameters
+    ----------
+    goal : Goal
+    distance, angle : float
+        The largest in the last tenth of the time [m], [rad].
+    """
+    if distance <= goal.reach and angle <= goal.orientation_reach:
         return ""
-    most = goal.tolerance
     return (
-        f"at contact the grasp is missed by {1e3 * distance:.2g} mm, {math.degrees(angle):.2g} deg, "
-        f"{1e3 * speed:.2g} mm/s and {math.degrees(spin):.2g} deg/s; {1e3 * most:.2g} mm and mm/s, "
-        f"{math.degrees(most):.2g} deg and deg/s are allowed"
+        f"too late: up to {1e3 * distance:.3g} mm and {math.degrees(angle):.3g} deg off in the last tenth of "
+        f"the time, where {1e3 * goal.reach:.3g} mm and {math.degrees(goal.orientation_reach):.3g} deg may be"
     )

@@ -9,10 +9,10 @@ hand where it broke one.
 
 from __future__ import annotations
 
-import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.opt.goals import Changed, Goal
+from ffsms_pin.opt.goals.contact import end_errors
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
@@ -23,12 +23,8 @@ _SPARE = 0.95  # of the reaches: what a corrected motion shall use of them in th
 
 def arrival_error(goal: Goal, plan: Trajectory) -> float:
     """The largest error at the deadline [m, rad], and of velocities that the goal asks for [m/s, rad/s]."""
-    place = goal.place(plan.duration)
-    errors = [float(plan.position_error[-1]), float(plan.orientation_error[-1])]
-    for wanted, miss in zip((place.velocity, place.spin), np.split(plan.contact_velocity, 2), strict=True):
-        if wanted is not None:
-            errors.append(float(np.linalg.norm(miss)))
-    return max(errors)
+    last = float(plan.position_error[-1]), float(plan.orientation_error[-1])
+    return float(end_errors(goal, *last, plan.contact_velocity, plan.duration).max())
 
 
 def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:

@@ -17,7 +17,6 @@ from ffsms_pin.opt.horizon.merit import linearise
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.stages import STRAIGHT_STAGE
 from ffsms_pin.opt.horizon.starts import halton, straight_time
-from ffsms_pin.opt.limits import Clearance
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
@@ -101,14 +100,13 @@ def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
 
 
 def _lack(model: Model, p: FloatArray) -> FloatArray:
-    """Squares of what the clearances of motions lack, over time (S,)."""
+    """Squares of what motions lack of the limits that know obstacles, over time (S,)."""
     problem, spline = model.problem, model.spline
     motions = motions_of(problem, spline, p, EXACT, targets(model.goal, spline.times))
     lack = np.zeros(len(p))
-    for limit in problem.limits:
-        if isinstance(limit, Clearance):
-            for residual in limit.around_residual(motions):
-                lack += residual.squares(motions.limit_weights, len(p))
+    for limit in (one for one in problem.limits if one.obstacles):
+        for residual in limit.residual(motions):
+            lack += residual.squares(motions.limit_weights, len(p))
     return lack
 
 

@@ -69,6 +69,8 @@ def explain(
 ) -> Trajectory:
     """The failed plan with a note: how near it came, what stands in the way, and a duration that would do.
 
+    Failed is what is not `reached`, or not `within_tolerance`.
+
     Parameters
     ----------
     problem : Problem
@@ -81,15 +83,18 @@ def explain(
     attempt : callable
         Whether a problem, of another duration, can be solved.
     """
-    x, y, z = plan.end_effector[-1]
-    words = [
-        f"ends {plan.position_error[-1]:.4f} m from the target, at ({x:.4f}, {y:.4f}, {z:.4f}), "
-        "the nearest position found"
-    ]
-    if plan.orientation_error[-1] > 0.0:
-        words[0] += f", turned {plan.orientation_error[-1]:.4f} rad from the wanted attitude"
+    words = []
+    if not plan.reached:
+        x, y, z = plan.end_effector[-1]
+        words = [
+            f"ends {plan.position_error[-1]:.4f} m from the target, at ({x:.4f}, {y:.4f}, {z:.4f}), "
+            "the nearest position found"
+        ]
+        if plan.orientation_error[-1] > 0.0:
+            words[0] += f", turned {plan.orientation_error[-1]:.4f} rad from the wanted attitude"
     if plan.note:
         words.append(plan.note)
+    said = len(words)
     distance, least, most = distances(problem)
     tolerance = problem.goal.tolerance
     if not least - tolerance <= distance <= most + tolerance:
@@ -110,6 +115,10 @@ def explain(
     if binding:
         names = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
         words.append(f"binding: {', '.join(names)}")
+    if plan.reached:  # but not within the goal's tolerance: whether more time would do is not asked
+        if len(words) == said:
+            words.append("no limit binds; no motion was found that ends nearer")
+        return replace(plan, note="; ".join(words))
     if problem.goal.exact:
         shortest = 0.0 if fast else later_deadline(problem, least, most, attempt)
     else:

@@ -139,12 +139,21 @@ class Search:
 
     def keep(self, model: Model, p: FloatArray) -> Found:
         """Measure the finished motion of control points (M, n), and keep it."""
-        problem = self.problem
-        nodes = np.arange(problem.steps + 1, dtype=np.float64) * problem.dt
-        rates = model.spline.rates_at(nodes).of(p, problem.joint_rates)
-        rates[0] = problem.joint_rates
-        self.found.append(Found(measure(problem, rates), p, model))
+        rates = model.spline.rates_at(self._nodes).of(p, self.problem.joint_rates)
+        rates[0] = self.problem.joint_rates
+        self.found.append(Found(measure(self.problem, rates), p, model))
         return self.found[-1]
+
+    def keep_plan(self, plan: Trajectory) -> None:
+        """Keep a motion that was made in another way, with the nearest control points."""
+        maps = self.fine.spline.rates_at(self._nodes)
+        wanted = plan.joint_rates - maps.fixed[:, None] * self.problem.joint_rates
+        self.found.append(Found(plan, np.linalg.lstsq(maps.free, wanted, rcond=None)[0], self.fine))
+
+    @property
+    def _nodes(self) -> FloatArray:
+        """Times of the finished motion's nodes (N + 1,) [s]."""
+        return np.arange(self.problem.steps + 1, dtype=np.float64) * self.problem.dt
 
     def arrived(self, cost: float = np.inf) -> bool:
         """Whether there is a plan that arrives, as cheap as this [s]."""

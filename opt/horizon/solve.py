@@ -8,19 +8,21 @@ from dataclasses import replace
 import numpy as np
 
 from ffsms_pin.checks import instance, optional_callable
+from ffsms_pin.errors import PartError
 from ffsms_pin.opt.horizon.diagnosis import explain, refused, with_limits_said, within_workspace
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.problem_checks import asked_momentum
-from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.threads import one_blas_thread
 
 __all__ = ["solve"]
 
 # What counts as the momentum that a goal asks for: relative, and [kg m/s; kg m^2/s].
 _SAME, _ROUNDING = 1e-6, 1e-9
+_NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)  # failures of numbers, not of the program
 
 
 @one_blas_thread()
@@ -47,7 +49,7 @@ def solve(
     -------
     Trajectory
         `reached` says whether the goal was met; `note` what stood in the way; `shares` what each term came
-        to; `binding` when each limit binds.
+        to; `binding` when each limit binds. A numerical failure inside is a plan with a note, too.
 
     Raises
     ------
@@ -60,16 +62,24 @@ def solve(
     stays = refused(problem)
     if stays is not None:
         return stays
-    search = Search(problem, options, progress)
-    plan = search.run(STRATEGIES)
-    if not plan.reached:
 
-        def again(other: Problem) -> Trajectory:
-            return Search(other, options).run(QUICK)
+    def again(other: Problem) -> Trajectory:
+        return Search(other, options).run(QUICK)
 
-        if within_workspace(problem):
+    search = None
+    try:
+        search = Search(problem, options, progress)
+        plan = search.run(STRATEGIES)
+        if not _finite(plan):
+            raise FloatingPointError("the motion found is not a number")
+        if not plan.reached and within_workspace(problem):
             plan = with_limits_said(problem, plan, again)
-        plan = explain(problem, plan, search.goals, search.binding(), lambda other: again(other).reached)
+        if not (plan.reached and plan.within_tolerance):
+            plan = explain(problem, plan, search.goals, search.binding(), lambda one: again(one).reached)
+    except (*_NUMERICAL, PartError) as error:
+        if isinstance(error, PartError) and not isinstance(error.__cause__, _NUMERICAL):
+            raise  # a mistake in a part
+        plan = _before_failure(problem, search, error)
     notes = [note for note in (plan.note, _momentum_note(problem)) if note]
     return replace(plan, note="; ".join(notes))
 
@@ -88,3 +98,20 @@ def _momentum_note(problem: Problem) -> str:
         f"the momentum before the capture is {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the one "
         "that leaves both at rest: so much is left after it"
     )
+
+
+def _before_failure(problem: Problem, search: Search | None, error: Exception) -> Trajectory:
+    """The best motion found before the numbers failed; without any, the arm stays where it is."""
+    words = "the arm stays where it is"
+    found = [] if search is None else [one for one in search.found if _finite(one.plan)]
+    if search is not None and found:
+        search.found = found
+        plan, words = search.best().plan, "this is the best motion found before"
+    else:
+        plan = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
+    note = f"the search ended in a numerical failure ({error}): {words}"
+    return replace(plan, note="; ".join(filter(None, [note, plan.note])))
+
+
+def _finite(plan: Trajectory) -> bool:
+    return bool(np.isfinite(plan.q).all() and np.isfinite(plan.position_error).all())

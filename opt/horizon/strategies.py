@@ -164,16 +164,18 @@ def marches(search: Search) -> None:
     wide = math.log(2.0) / problem.kappa >= options.widest_cone
     if wide or not problem.cost_terms or problem.mode != "floating" or not _can_march(problem):
         return
-    best, arrived, tolerance = search.best(), search.arrived(), options.cost_tolerance
-    cost = cost_of(problem, best.plan) if arrived else np.inf
-    if arrived and obstructed(problem, best.plan):
-        return  # a march stops at an obstacle that the plan goes round
-    if arrived and cost <= tolerance and not _travels_far(search, best.plan):
-        return
+    arrived, cost, tolerance = search.arrived(), np.inf, options.cost_tolerance
+    if arrived:
+        best = search.best().plan
+        cost = cost_of(problem, best)
+        if obstructed(problem, best):
+            return  # a march stops at an obstacle that the plan goes round
+        if cost <= tolerance and not _travels_far(search, best):
+            return
     if not arrived and (search.hopeless or not search.there().any()):
         return
     for rates in free_marches(problem, max(cost - tolerance, tolerance)):
-        search.found.append(best._replace(plan=measure(problem, rates)))
+        search.keep_plan(measure(problem, rates))
         done = search.arrived(tolerance) and not _travels_far(search, search.best().plan)
         if done or search.out_of_time():
             break
@@ -204,7 +206,7 @@ def straight_line(search: Search) -> None:
     if not search.arrived() and _can_march(search.problem):
         plan = straight_march(search.problem)
         if plan.reached:
-            search.found.append(search.best()._replace(plan=plan))
+            search.keep_plan(plan)
 
 
 # An early motion says little of what it comes to in the end, so where the first plans are not nearly free,

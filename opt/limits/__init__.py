@@ -7,6 +7,7 @@ from ffsms_pin.opt.limits.corridor import Corridor
 from ffsms_pin.opt.limits.joints import JointLimits
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
 from ffsms_pin.opt.limits.obstacles import Obstacle
+from ffsms_pin.opt.limits.torques import TorqueLimits
 from ffsms_pin.opt.limits.wheels import WheelLimits
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "Limit",
     "Obstacle",
     "Rows",
+    "TorqueLimits",
     "Violation",
     "WheelLimits",
 ]

@@ -9,15 +9,11 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, positive
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residuals
-from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
 from ffsms_pin.opt.limits.settling import settled
 from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.motion import Feature, Features
-from ffsms_pin.opt.motion.at_step import StepFeatures
+from ffsms_pin.opt.motion import Features
+from ffsms_pin.opt.parts.all_of import AllOf
 from ffsms_pin.opt.parts.inequality import Inequality
-from ffsms_pin.opt.parts.reading import residuals_of
 
 __all__ = ["BaseLimits"]
 
@@ -59,14 +55,14 @@ class _Most(Inequality):
             return self.most - m.base_spin.norm()
         return self._turn(m) - m.base_turn.norm()
 
-    def _turn(self, m: Features) -> Feature | FloatArray | float:
+    def _turn(self, m: Features) -> Any:
         """The turn that is allowed: one at the end counts there, and closes in as steps near the deadline."""
         if self.name == "attitude":
             return self.most
         if m.step is None:
             return np.where(m.motions.times >= m.duration, self.most, math.inf)[None]
         undone = np.maximum(m.duration - _UNDONE * m.step.dt - m.time, 0.0)
-        return self.most + _RETURN_RATE * undone  # type: ignore[no-any-return]
+        return self.most + _RETURN_RATE * undone
 
     def note(self, room: float, time: float) -> str:
         """What is broken, in words."""
@@ -75,7 +71,7 @@ class _Most(Inequality):
 
 
 @dataclass(frozen=True)
-class BaseLimits(Limit):
+class BaseLimits(AllOf):
     """Limits on the base's motion. The default of each, infinity, is no limit.
 
     Attributes
@@ -121,31 +117,15 @@ class BaseLimits(Limit):
         return min(self.attitude, self.final_attitude) < math.inf
 
     @property
-    def _parts(self) -> list[_Most]:
+    def parts(self) -> list[Inequality]:
+        """One for each that is limited."""
         given = {field.name: getattr(self, field.name) for field in fields(self)}
         return [_Most(name, most) for name, most in given.items() if most < math.inf]
 
-    def rows(self, step: StepState) -> Rows | None:
-        """The base may come near a limit at most at a rate proportional to what is left of it."""
-        if self.none:
-            return None
-        seen = StepFeatures(step)
-        return stacked([rows for part in self._parts if (rows := part.rows_at(seen)) is not None])
+    def told(self, notes: list[str]) -> str:
+        """What is broken, in words."""
+        return f"the base limit is broken: {'; '.join(notes)}"
 
     def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
         """Rates from which the arm can still stop with the base within its limits."""
         return settled(self, step, rates, braking)
-
-    def residual(self, m: Features) -> Residuals:
-        """Of all of them."""
-        return [one for part in self._parts for one in residuals_of(part, m.motions)]
-
-    def violation(self, motion: Motions) -> Violation:
-        """The largest excess of any of them."""
-        found = [part.violation(motion) for part in self._parts]
-        notes = "; ".join(one.note for one in found if one.note)
-        return Violation(
-            max((one.amount for one in found), default=0.0),
-            np.unique(np.concatenate([np.empty(0), *(one.instants for one in found)])),
-            f"the base limit is broken: {notes}" if notes else "",
-        )

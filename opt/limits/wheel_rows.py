@@ -19,7 +19,7 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
 
-__all__ = ["held_reaction", "wheel_rows"]
+__all__ = ["held_reaction", "reachable", "wheel_rows"]
 
 _UNMOVED = 1e-12  # [N m s/(rad/s)] joints that move a wheel by less do not move it
 _ROOM = 1e-3  # share of what the joints can do that a row leaves them at least
@@ -74,10 +74,10 @@ def wheel_rows(step: StepState, in_hand: float) -> Rows | None:
     size = np.linalg.norm(G, axis=1)
     moved = size > _UNMOVED
     rows = _shared(G[moved] / size[moved, None], lower[moved] / size[moved], upper[moved] / size[moved])
-    return None if rows is None else _reachable(rows, step)
+    return None if rows is None else reachable(rows, step)
 
 
-def _reachable(rows: Rows, step: StepState) -> Rows:
+def reachable(rows: Rows, step: StepState) -> Rows:
     """Rows whose bounds each leave something that the joints can do in the step."""
     least, most = rate_bounds(step.joints, step.rates, step.sms.limits, step.dt)
     ends = rows.G * least, rows.G * most

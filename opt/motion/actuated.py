@@ -1,4 +1,4 @@
-"""Features of what holds the base: momenta and torques of wheels, force and moment of thrusters."""
+"""Features of what acts: torques of joints; momenta and torques of wheels, the wrench of thrusters."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.thrusters import held_wrench, wrench_slopes
+from ffsms_pin.opt.batch.torques import torque_slopes
 from ffsms_pin.opt.batch.wheels import (
     TorqueSlopes,
     friction_slope,
@@ -21,7 +22,19 @@ from ffsms_pin.opt.motion.feature import Feature
 if TYPE_CHECKING:
     from ffsms_pin.opt.motion.features import Features
 
-__all__ = ["wheel_momenta", "wheel_torques", "wrench"]
+__all__ = ["joint_torques", "wheel_momenta", "wheel_torques", "wrench"]
+
+
+def joint_torques(m: Features) -> Feature:
+    """Of the joints (n, S, K) [N m, or N], the base reacting."""
+    at = m.motions
+
+    def slopes() -> dict[str, FloatArray]:
+        moving = (at.joints, at.rates, at.accelerations, at.own_spin)
+        by = torque_slopes(at.stack, *(x.reshape(len(x), -1) for x in moving))._asdict()
+        return {name: x.reshape(*x.shape[:2], *at.rates.shape[1:]) for name, x in by.items()}
+
+    return m.feature(at.torques, slopes)
 
 
 def wheel_momenta(m: Features) -> Feature:

@@ -14,7 +14,7 @@ from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.batch.robot_frame import INERTIAL, RobotFrame
 from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.motion.actuated import wheel_momenta, wheel_torques, wrench
+from ffsms_pin.opt.motion.actuated import joint_torques, wheel_momenta, wheel_torques, wrench
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import EYE, Frame, carried
 from ffsms_pin.system.batch.arm import ArmValues
@@ -42,6 +42,9 @@ class Features:
     base_turn : Feature, shape (3, S, K)
         Rotation vector of the base from its attitude at the start [rad].
     joints, rates, accelerations : Feature, shape (n, S, K)
+    torques : Feature, shape (n, S, K)
+        Of the joints, H_q qdd + C_q with the base reacting [N m, or N]; in a single step, for joints that
+        move on evenly.
     entropy : Feature, shape (S, K)
         H_norm.
     wheels : Feature, shape (w, S, K)
@@ -151,6 +154,11 @@ class Features:
     def accelerations(self) -> Feature:
         """Joint accelerations."""
         return self.feature(self.motions.accelerations, lambda: {"own_acceleration": _ONE[None]})
+
+    @cached_property
+    def torques(self) -> Feature:
+        """Joint torques, the base reacting [N m, or N]."""
+        return joint_torques(self)
 
     @property
     def entropy(self) -> Feature:

@@ -13,9 +13,9 @@ from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.system.batch.stacks import apply, exp3
 
-__all__ = ["by_differences", "movers", "nudged"]
+__all__ = ["by_differences", "difference", "movers", "nudged"]
 
-STEP = 1e-6  # [m, rad, 1/s of them] what things move by in a difference
+_STEP = 1e-6  # [m, rad, 1/s of them] what things move by in a difference
 
 # What is worked out from other values is held fast, so that these can change alone.
 _HELD = ("end_effector", "attitude", "relative_velocity", "base_spin", "spin", "base_from_com", "_entropy")
@@ -64,6 +64,13 @@ def nudged(motions: Motions, name: str, i: int, by: float) -> Motions:
     return result
 
 
+def difference(formula: Callable[[Motions], FloatArray], motions: Motions, name: str, i: int) -> FloatArray:
+    """A formula's slope by component i of what is called `name`; zero where it is not finite."""
+    ahead, behind = (formula(nudged(motions, name, i, by)) for by in (_STEP, -_STEP))
+    apart = np.subtract(ahead, behind, out=np.zeros_like(ahead), where=np.isfinite(ahead))
+    return apart / (2.0 * _STEP)
+
+
 def by_differences(formula: Callable[[Motions], FloatArray], motions: Motions) -> Feature:
     """A formula without slopes, with slopes by everything that may move it, by central differences.
 
@@ -77,8 +84,7 @@ def by_differences(formula: Callable[[Motions], FloatArray], motions: Motions) -
     components = value.ndim - 2
     found: dict[str, list[FloatArray]] = {}
     for name, i in movers(motions):
-        ahead, behind = (formula(nudged(motions, name, i, by)) for by in (STEP, -STEP))
-        found.setdefault(name, []).append((ahead - behind) / (2.0 * STEP))
+        found.setdefault(name, []).append(difference(formula, motions, name, i))
     slopes = {name: np.stack(one, axis=components) for name, one in found.items()}
     slopes["by_entropy"] = slopes["by_entropy"].squeeze(components)
     return Feature(value, {name: slope for name, slope in slopes.items() if slope.any()})

@@ -18,7 +18,8 @@ from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
-from ffsms_pin.opt.motion.nudged import STEP, movers, nudged
+from ffsms_pin.opt.motion.nudged import difference, movers
+from ffsms_pin.opt.parts.all_of import AllOf
 from ffsms_pin.opt.parts.check_rows import check_rows
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.parts.reading import formulas
@@ -64,6 +65,8 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
         raise InvalidValue("part", part, "must be an opt.Term or an opt.Limit")
     if isinstance(part, Limit):
         part = part.for_robot(problem.sms)
+    if isinstance(part, AllOf):
+        return max((check(one, problem, tolerance, seed) for one in part.parts), default=0.0)
     method = "room" if isinstance(part, Inequality) else "residual"
     rng, largest, seen = np.random.default_rng(seed), 0.0, False
     for speed in _SPEEDS:
@@ -142,24 +145,19 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
         rows = by_coupling if components else by_coupling[None]
         by = np.stack([coupling_slopes(motions.stack, motions.arm, row) for row in rows])
         slopes["by_joints"] = slopes.get("by_joints", 0.0) + (by if components else by[0])
-    worst, differences = [], []
+    largest, worst, said = 1e-6, 0.0, ""
     for name, j in movers(motions):
-        ahead, behind = (_dense(part, method, nudged(motions, name, j, by))[i].value for by in (STEP, -STEP))
-        wanted = (ahead - behind) / (2.0 * STEP)
+        wanted = difference(lambda at: _dense(part, method, at)[i].value, motions, name, j)
         given: Any = slopes.get(name, 0.0)
         if name in slopes and name != "by_entropy":
             given = given[(slice(None),) * components + (j,)]
-        error = np.abs(np.broadcast_to(given, wanted.shape) - wanted)
+        given = np.broadcast_to(given, wanted.shape)
+        error = np.abs(given - wanted)
         k = np.unravel_index(int(np.argmax(error)), error.shape)
-        differences.append(float(max(np.abs(wanted).max(), np.abs(given).max())))
-        worst.append((float(error[k]), name, j, float(np.broadcast_to(given, wanted.shape)[k]), wanted[k]))
-    error, name, j, given, wanted = max(worst)
-    relative = error / max(*differences, 1e-6)
-    if relative > tolerance:
-        raise PartError(
-            part,
-            method,
-            f"gives a wrong slope: {name}[{j}] of answer {i} is {given:.6g} where differences give "
-            f"{wanted:.6g} (the largest slope is {max(differences):.3g})",
-        )
-    return float(relative)
+        largest = max(largest, float(np.abs(wanted).max()), float(np.abs(given).max()))
+        if error[k] > worst:
+            worst = float(error[k])
+            said = f"{name}[{j}] of answer {i} is {given[k]:.6g} where differences give {wanted[k]:.6g}"
+    if worst > tolerance * largest:
+        raise PartError(part, method, f"gives a wrong slope: {said} (the largest slope is {largest:.3g})")
+    return worst / largest

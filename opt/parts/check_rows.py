@@ -34,6 +34,8 @@ def check_rows(limit: Limit, problem: Problem, motion: Motions, tolerance: float
     """
     largest = 0.0
     for k, q in enumerate(configurations(problem.sms, problem.q0, motion)):
+        if k == 0:  # at the start lengths that count from it are zero, and have no slopes
+            continue
         state = _state(problem, q, motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))
         rows = asked(limit, "rows", state)
         if rows is None:

@@ -191,7 +191,7 @@ def plan_problem(
     """
     one_of("method", method, METHODS)
     if method == "paper" and not (problem.momentum is None and all(one.of_paper for one in problem.limits)):
-        what = "base limits, no momentum, no waypoints and one goal only"
+        what = "waypoints, no second goal, no base limits and no momentum"
         raise InvalidValue("method", method, f"knows no {what}; take another one")
     if method == "paper" and any(one.moves for limit in problem.limits for one in limit.obstacles):
         raise InvalidValue("method", method, "knows no obstacles that move; take another one")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.errors import ResultError
+from ffsms_pin.opt.goals.goal import TOLERANCE
 from ffsms_pin.storage import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
 from ffsms_pin.system.base_reaction import MODES
 
@@ -24,6 +25,7 @@ _SCALARS = (
     ("note", str),
     ("clear", bool),
     ("met", bool),
+    ("within_tolerance", bool),
     ("shortest_duration", float),
     ("wheel_energy", float),
     ("propellant", float),
@@ -40,6 +42,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "contact_velocity": (6,),
     "momentum": (6,),
     "wheel_momentum": ("N+1", "w"),
+    "torque_share": ("N+1", "n"),
     **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
     **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
     **dict.fromkeys(("position_error", "orientation_error"), ("N+1",)),
@@ -59,21 +62,26 @@ def write(path: str | os.PathLike[str], values: dict[str, Any]) -> None:
 def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     """What `write` wrote; a `ResultError` says what is wrong with another file."""
     # Files from before there was momentum, or before there were terms, clients, wheels or modes, have none.
-    none = np.zeros((0, 0))
+    none, unknown, known = np.zeros((0, 0)), np.array(True), True
     before = {
         "momentum": np.zeros(6),
         "contact_velocity": np.zeros(6),
         "met": np.array(True),
+        "within_tolerance": unknown,
         "mode": np.array("floating"),
-        "wheel_momentum": none,
+        **dict.fromkeys(("wheel_momentum", "torque_share"), none),
         **dict.fromkeys(("wheel_energy", "propellant"), np.zeros(())),
         **{name: np.array("{}") for name in _TEXTS},
     }
-    kinds = {"clear": "b", "met": "b", **dict.fromkeys(("note", "mode", *_TEXTS), "U")}
+    kinds = dict.fromkeys(("clear", "met", "within_tolerance"), "b")
+    kinds |= dict.fromkeys(("note", "mode", *_TEXTS), "U")
 
     def check(heads: Mapping[str, Any]) -> None:
-        if heads["wheel_momentum"] is none:
-            heads = {**heads, "wheel_momentum": np.zeros((*heads["t"].shape[:1], 0))}
+        nonlocal known
+        known = heads["within_tolerance"] is not unknown
+        for name, columns in (("wheel_momentum", 0), ("torque_share", heads["alpha"].shape[-1:])):
+            if heads[name] is none:
+                heads = {**heads, name: np.zeros((*heads["t"].shape[:1], *np.atleast_1d(columns)))}
         check_shapes(path, heads, _SHAPES, kinds)
 
     arrays = load_arrays(path, _FORMAT, list(_SHAPES), before, check)
@@ -82,6 +90,9 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         arrays[name] = numbers_by_name(path, name, str(arrays[name]), rows=name == "binding")
     for name, kind in _SCALARS:
         arrays[name] = kind(arrays[name])
+    if not known:  # nor which velocities were asked for, but whether those of a client were met
+        misses = (arrays[f"{kind}_error"][-1] for kind in ("position", "orientation"))
+        arrays["within_tolerance"] = arrays["met"] and bool(max(misses) <= TOLERANCE)
     if arrays["mode"] not in MODES:
         raise ResultError(path, f"its 'mode' is '{arrays['mode']}', none of {', '.join(MODES)}")
     return arrays

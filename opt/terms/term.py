@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.parts.reading import Formula, residuals_of
+from ffsms_pin.opt.motion.at_step import StepFeatures
+from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.parts.reading import Formula, formulas, residuals_of
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.batch.motions import Motions
@@ -41,6 +43,9 @@ class Term(ABC):
         Whether the term only decides between motions that cost the same in the other terms. Default: no.
     smooths : bool
         Whether the term weighs more at the beginning of a search, where it leads round poor minima.
+    step_weight : float
+        On the squared residual in single steps, where it decides what the arm does with motion to spare:
+        small beside the weight 1 of a step's direction. 0: only whole motions see the term.
     measures_cost : bool
         Whether motions are called cheap by this term alone, and by its `cost`: the residual may be smoothed
         while a search is on its way. A re-plan close to the deadline leaves such a term out.
@@ -50,6 +55,7 @@ class Term(ABC):
 
     name: str
     smooths: bool = False
+    step_weight: float = 0.0
     measures_cost: bool = False
     kappa: float | None = None
 
@@ -59,21 +65,32 @@ class Term(ABC):
         return False
 
     @abstractmethod
-    def residual(self, m: Features) -> Formula:
+    def residual(self, m: Any) -> Formula:
         """What is to be small at every instant: its squares, integrated over time, times the weight.
 
-        A feature (S, K) or (c, S, K) of whole motions, or a list of these. The weight is in it as its square
-        root: `return np.sqrt(self.weight) * ...`. An array without slopes will do; it is differenced, which
-        is slow. Slopes by hand are an `opt.Residual`.
+        A feature (S, K) or (c, S, K) made of `m`, the `opt.Features` of whole motions, or a list of these.
+        The weight is in it as its square root: `return np.sqrt(self.weight) * ...`. An array without slopes
+        will do; it is differenced, which is slow. Slopes by hand are an `opt.Residual`.
         """
 
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:
         """Matrix W (n, n) and vector w (n,) that a step adds to its objective as u^T W u / 2 - w^T u.
 
         u are the joint rates at the step's end. They rank below the direction and the speed of the end
-        effector: they decide between motions that are equal in these. Default: nothing.
+        effector: they decide between motions that are equal in these. Default: with `step_weight`, rates that
+        take the residual to zero at 1 /s; nothing without.
         """
-        return None
+        if self.step_weight == 0.0:
+            return None
+        seen = StepFeatures(step)
+        W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
+        for one in formulas(self, "residual", seen):
+            if isinstance(one, Feature):
+                at = seen.change(one)
+                J = at.flow + at.jump
+                W += self.step_weight * J.T @ J
+                w += self.step_weight * J.T @ (at.jump @ step.rates - at.value - at.flow_drift)
+        return W, w
 
     def cost(self, motions: Motions) -> FloatArray:
         """What the term comes to (S,) without smoothing: the integral of its squared residuals."""

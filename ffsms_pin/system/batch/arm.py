@@ -7,6 +7,7 @@ Everything is in base axes with the root frame at the origin, and so depends on 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -178,18 +179,38 @@ class ArmStack:
     def evaluate(self, positions: FloatArray) -> ArmValues:
         """The arm at joint positions (n, ...)."""
         n, shape = self.n, positions.shape[1:]
-        flat = rows(positions, n)
-        out = np.empty((54 * n + 27, flat.shape[1]))
-        kernel.arm_values(self.tree, flat, out)
+        out = self._by(kernel.arm_values, 54 * n + 27, positions)
         return ArmValues(positions, *_split(out, [(*one, *shape) for one in _shapes(n)]))
 
     def poses(self, positions: FloatArray) -> tuple[FloatArray, ...]:
         """Rotations (3, 3, n, ...), origins (3, n, ...) and twists of the joints on a fixed base."""
-        n, shape = self.n, positions.shape
-        flat = rows(positions, n)
-        out = np.empty((18 * n, flat.shape[1]))
-        kernel.poses(self.tree, flat, out)
+        shape = positions.shape
+        out = self._by(kernel.poses, 18 * self.n, positions)
         return tuple(_split(out, [(3, 3, *shape), *[(3, *shape)] * 3]))
+
+    def coupled(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """C_bm and J* (6, n, ...), the end effector from the base's centre of mass (3, ...) [m]."""
+        shape = positions.shape
+        out = self._by(kernel.coupled, 12 * self.n + 3, positions)
+        C_bm, J_star, tip = _split(out, [(6, *shape), (6, *shape), (3, *shape[1:])])
+        return C_bm, J_star, tip
+
+    def manipulator_jacobian(self, positions: FloatArray) -> FloatArray:
+        """J_m (6, n, ...): end-effector twist a joint rate on a fixed base."""
+        out = self._by(kernel.manipulator_jacobian, 6 * self.n, positions)
+        return out.reshape(6, *positions.shape)
+
+    def reduced_inertia(self, positions: FloatArray) -> FloatArray:
+        """H_q (n, n, ...): the Schur complement of H_b in H."""
+        out = self._by(kernel.reduced_inertia, self.n * self.n, positions)
+        return out.reshape(self.n, *positions.shape)
+
+    def _by(self, call: Callable[..., None], size: int, positions: FloatArray) -> FloatArray:
+        """Rows (size, B) that a function of the kernel writes."""
+        flat = rows(positions, self.n)
+        out = np.empty((size, flat.shape[1]))
+        call(self.tree, flat, out)
+        return out
 
     def first_moment(self, arm: ArmValues) -> FloatArray:
         """The system's mass times the place of its centre of mass (3, ...), base axes [kg m]."""

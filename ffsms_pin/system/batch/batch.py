@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import NoReturn
 
@@ -13,18 +12,11 @@ from ffsms_pin.checks import LARGEST, FloatArray, frozen
 from ffsms_pin.coupling.stacked import entropies, singular_values
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch import quantities
-from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.quantities import generic_rank
 from ffsms_pin.system.mechanism import Mechanism
 
-__all__ = ["BLOCK", "MATRICES", "Batch", "blocks", "keep_memory"]
-
-#: Configurations evaluated together: enough that numpy's calls cost little, few enough that what is between
-#: them stays in the processor's caches.
-BLOCK = 2048
-#: The same for singular values, where the arrays are smaller and the calls more.
-MATRICES = 16384
-_FREED_ONCE = 3_900_000  # numbers
+__all__ = ["Batch"]
 
 
 class Batch:
@@ -33,7 +25,7 @@ class Batch:
     The paper's convention, with the base's attitude the identity: base axes, twists ordered [linear;
     angular], the base's reference point the centre of mass of the base body. So each row equals that of
     `sms.at(sms.configuration(joints[i]))` to rounding, in a tenth of its time or less. A quantity is computed
-    when it is first asked for, in blocks, then kept, read-only; C_bm, J* and the end effector come together,
+    when it is first asked for, then kept, read-only; C_bm, J* and the end effector come together,
     N (12 n + 3) numbers of 8 bytes. For more rows than memory holds, ask for one batch after the other.
 
     Attributes
@@ -60,17 +52,13 @@ class Batch:
 
     # -- kinematics and dynamics
     @cached_property
+    def _stack(self) -> ArmStack:
+        return ArmStack(self._robot)
+
+    @cached_property
     def _motion(self) -> tuple[FloatArray, ...]:
         """C_bm and J* (6, n, N), end effector (3, N): one evaluation gives them all."""
-        shapes = (6, self._robot.n), (6, self._robot.n), (3,)
-        return self._evaluated(
-            shapes,
-            lambda stack, arm: (
-                arm.coupling,
-                quantities.generalised_jacobian(stack, arm),
-                quantities.end_effector(stack, arm),
-            ),
-        )
+        return tuple(frozen(one) for one in self._stack.coupled(self.joints.T))
 
     @property
     def C_bm(self) -> FloatArray:
@@ -90,22 +78,18 @@ class Batch:
     @cached_property
     def J_m(self) -> FloatArray:
         """Manipulator Jacobian (N, 6, n): end-effector twist a joint rate on a fixed base."""
-        shape = (6, self._robot.n)
-        (found,) = self._evaluated((shape,), lambda *both: (quantities.manipulator_jacobian(*both),))
-        return found.transpose(2, 0, 1)
+        return frozen(self._stack.manipulator_jacobian(self.joints.T)).transpose(2, 0, 1)
 
     @cached_property
     def H_q(self) -> FloatArray:
         """Reduced inertia matrix (N, n, n): the Schur complement of H_b in H."""
-        shape = (self._robot.n, self._robot.n)
-        (found,) = self._evaluated((shape,), lambda *both: (quantities.reduced_inertia(*both),))
-        return found.transpose(2, 0, 1)
+        return frozen(self._stack.reduced_inertia(self.joints.T)).transpose(2, 0, 1)
 
     # -- coupling
     @cached_property
     def sigma(self) -> FloatArray:
         """Singular values of C_bm (N, min(6, n)), the largest first."""
-        return _spectra(self._motion[0]).T
+        return frozen(singular_values(self._motion[0])).T
 
     @cached_property
     def entropy(self) -> FloatArray:
@@ -118,44 +102,7 @@ class Batch:
 
         See `ffsms_pin.system.batch.quantities.manipulability`.
         """
-        return frozen(quantities.manipulability(_spectra(self._motion[1]), generic_rank(self._robot)))
-
-    def _evaluated(
-        self,
-        shapes: tuple[tuple[int, ...], ...],
-        values: Callable[[ArmStack, ArmValues], tuple[FloatArray, ...]],
-    ) -> tuple[FloatArray, ...]:
-        """Arrays of these shapes, the stack last, filled block by block."""
-        keep_memory()
-        stack = ArmStack(self._robot)
-        found = tuple(np.empty((*shape, len(self))) for shape in shapes)
-        for block in blocks(len(self), BLOCK):
-            arm = stack.evaluate(np.ascontiguousarray(self.joints[block].T))
-            for whole, part in zip(found, values(stack, arm), strict=True):
-                whole[..., block] = part
-        return tuple(frozen(whole) for whole in found)
-
-
-def blocks(count: int, size: int) -> Iterator[slice]:
-    """Slices of `size` that cover `count` rows; the last may be shorter."""
-    return (slice(k, min(k + size, count)) for k in range(0, count, size))
-
-
-def keep_memory() -> None:
-    """Let the process keep the memory of temporary arrays, which makes stacks up to three times faster.
-
-    glibc gives memory back to the system, and pays for every page of it again, until an array as large as
-    this has once been freed. The array is never touched, so it takes no memory itself.
-    """
-    np.empty(_FREED_ONCE)
-
-
-def _spectra(matrices: FloatArray) -> FloatArray:
-    """Singular values (r, N) of matrices (6, n, N)."""
-    sigma = np.empty((min(matrices.shape[:2]), matrices.shape[2]))
-    for block in blocks(matrices.shape[2], MATRICES):
-        sigma[:, block] = singular_values(matrices[..., block])
-    return frozen(sigma)
+        return frozen(quantities.manipulability(singular_values(self._motion[1]), generic_rank(self._robot)))
 
 
 def _joints(value: ArrayLike, n: int) -> FloatArray:

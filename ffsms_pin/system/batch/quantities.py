@@ -1,4 +1,4 @@
-"""What the arm at a stack of configurations says: Jacobians, inertia, manipulability, base motion.
+"""What the arm at a stack of configurations says: rank, manipulability, base motion, assistance.
 
 Base axes; twists ordered [linear; angular], of the base's centre of mass and of the end-effector frame's
 origin. Components first, the stack last.
@@ -12,7 +12,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling.stacked import singular_values
-from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import dot
 from ffsms_pin.system.mechanism import Mechanism
 
@@ -20,13 +20,9 @@ __all__ = [
     "BaseMotion",
     "assistance",
     "base_motion",
-    "end_effector",
-    "generalised_jacobian",
     "generic_rank",
     "manipulability",
-    "manipulator_jacobian",
     "pseudo_inverse",
-    "reduced_inertia",
 ]
 
 # A singular value of J* below this fraction of the largest counts as zero where the rank is looked for.
@@ -50,48 +46,13 @@ class BaseMotion(NamedTuple):
     rotation: FloatArray
 
 
-def generalised_jacobian(stack: ArmStack, arm: ArmValues) -> FloatArray:
-    """J* (6, n, ...): end-effector twist a joint rate, the base reacting at zero momentum."""
-    return np.concatenate([arm.jstar, arm.spin + _tip_axes(stack, arm)])
-
-
-def manipulator_jacobian(stack: ArmStack, arm: ArmValues) -> FloatArray:
-    """J_m (6, n, ...): end-effector twist a joint rate on a fixed base."""
-    return np.concatenate([arm.arm, _tip_axes(stack, arm)])
-
-
-def end_effector(stack: ArmStack, arm: ArmValues) -> FloatArray:
-    """End effector from the base's centre of mass (3, ...) [m]."""
-    return np.asarray(arm.tip - _along(stack.base_com, arm.tip.ndim))
-
-
-def reduced_inertia(stack: ArmStack, arm: ArmValues) -> FloatArray:
-    """H_q (n, n, ...): H_m less what the base's reaction takes away.
-
-    H_m is the twist of joint i on the momentum of all that joint j carries, where i carries j too
-    (Featherstone's composite rigid bodies); the base's reaction adds H_bm^T C_bm.
-    """
-    H = np.empty((stack.n, stack.n, *arm.com.shape[1:]))
-    for j in range(stack.n):
-        # How the momentum of joint j's motion answers to the motions of the floating base.
-        H[j] = dot(arm.linear[:, j, None], arm.root) + dot(arm.angular[:, j, None], arm.spin)
-        for i in range(j + 1):
-            if stack.carries[i, j]:
-                carried = dot(arm.axes[:, i], arm.angular[:, j]) + dot(arm.velocities[:, i], arm.linear[:, j])
-                H[i, j] += carried
-                if i != j:
-                    H[j, i] += carried
-    return H
-
-
 def generic_rank(robot: Mechanism) -> int:
     """Rank of J* at most configurations: 3 for an arm in a plane, else usually min(6, n).
 
     The largest rank at sixteen configurations drawn at random, always the same.
     """
-    stack = ArmStack(robot)
-    arm = stack.evaluate(np.random.default_rng(0).uniform(-2.0, 2.0, (robot.n, 16)))
-    sigma = singular_values(generalised_jacobian(stack, arm))
+    joints = np.random.default_rng(0).uniform(-2.0, 2.0, (robot.n, 16))
+    sigma = singular_values(ArmStack(robot).coupled(joints)[1])
     return int(np.count_nonzero(sigma > _RANK_TOLERANCE * sigma[0], axis=0).max())
 
 
@@ -162,11 +123,3 @@ def pseudo_inverse(rows: FloatArray) -> FloatArray:
     inverse = np.where(strong, 1.0 / np.where(strong, values, 1.0), 0.0)
     square = np.einsum("bxk,bk,byk->xyb", vectors, inverse, vectors)
     return np.asarray(np.einsum("xnb,xyb->nyb", rows, square))
-
-
-def _tip_axes(stack: ArmStack, arm: ArmValues) -> FloatArray:
-    return np.asarray(arm.axes * stack.moves_tip.reshape(-1, *(1,) * (arm.axes.ndim - 2)))
-
-
-def _along(values: FloatArray, dimensions: int) -> FloatArray:
-    return values.reshape(*values.shape, *(1,) * (dimensions - values.ndim))

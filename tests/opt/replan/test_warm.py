@@ -16,7 +16,7 @@ from ffsms_pin.opt.goals import Changed
 from ffsms_pin.opt.horizon.spline import Grid
 from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.replan.rest import CountedFrom, rest_of
+from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.replan.warm import replanned
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.simulation import perturb
@@ -185,7 +185,7 @@ def test_a_limit_of_ones_own_counts_from_the_start(planar: ffsms.SpaceManipulato
     rest = rest_of(whole, planar, 2.0, q0, planar.layout.positions(q0), np.zeros(3), away)
     joints, base = rest.limits
     assert isinstance(joints, opt.JointLimits)
-    assert isinstance(base, CountedFrom)
+    assert isinstance(base, opt.BaseLimits)
     assert (base.name, base.margin) == ("base", opt.BaseLimits().margin)
     still = measure(rest, np.zeros((rest.steps + 1, 3)))
     shift = np.linalg.norm(pin.XYZQUATToSE3(q0[:7]).act(planar.base_com) - away[:3] - planar.base_com)

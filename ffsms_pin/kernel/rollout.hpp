@@ -1,0 +1,79 @@
+// How the base turns under given joint motion: steps of order 4 on the rotations.
+//
+// References: A. Iserles, H. Munthe-Kaas, S. Norsett, A. Zanna, "Lie-group methods", Acta Numerica 9 (2000);
+// H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Applied Numerical Mathematics 29 (1999).
+#pragma once
+
+#include "arm.hpp"
+
+namespace ffsms {
+
+// The rotation of a rotation vector [rad].
+template <class T>
+Mat3<T> exp3(const Vec3<T>& w) {
+  const T square = dot(w, w), angle = root(square) + 1e-150;  // sin(x) / x is then one at zero
+  T sine, cosine, half, unused;
+  sine_cosine(angle, sine, cosine);
+  sine_cosine(0.5 * angle, half, unused);
+  half = half / angle;
+  const T twice = 2.0 * half * half;
+  const Vec3<T> s = (sine / angle) * w;
+  Mat3<T> out = outer(w, twice * w);
+  const T diagonal = 1.0 - twice * square;
+  out[0][0] += diagonal;
+  out[1][1] += diagonal;
+  out[2][2] += diagonal;
+  const Mat3<T> skew = {{{T{}, -s[2], s[1]}, {s[2], T{}, -s[0]}, {-s[1], s[0], T{}}}};
+  out += skew;
+  return out;
+}
+
+// The turn over a step dt of angular velocities in base axes at its start, middle and end: Simpson's rule and
+// one bracket.
+inline Mat3<double> turned_by(const Vec3<double>& first, const Vec3<double>& middle, const Vec3<double>& last,
+                              double dt) {
+  const Vec3<double> mean = first + 4.0 * middle + last;
+  return exp3((dt / 6.0) * mean + (dt * dt / 12.0) * cross(first, last));
+}
+
+// Over its first half: that of the parabola through the same three points.
+inline Mat3<double> turned_by_half(const Vec3<double>& first, const Vec3<double>& middle,
+                                   const Vec3<double>& last, double dt) {
+  const Vec3<double> mean = 5.0 * first + 8.0 * middle - last;
+  return exp3((dt / 24.0) * mean + (dt * dt / 48.0) * cross(first, middle));
+}
+
+// What decides the angular velocity at one instant, in base axes: that of the joint rates, and what the
+// momentum adds.
+struct Spin {
+  Vec3<double> reaction;
+  Mat3<double> inverse;
+};
+
+inline Spin spin_at(const Tree& tree, const double* positions, const double* rates, Arm<double>& arm) {
+  evaluate(tree, positions, arm);
+  Spin out = {zero3<double>(), arm.inverse};
+  for (int j = 0; j < tree.n; ++j) out.reaction += rates[j] * arm.spin[j];
+  return out;
+}
+
+// With R(t) = R(0) exp(u), and the angular momentum in axes of R(0): the rate of u, which is the inverse of
+// the exponential's derivative, to order 4.
+inline Vec3<double> chart_rate(const Spin& spin, const Vec3<double>& u, const Vec3<double>& momentum) {
+  const Vec3<double> omega = spin.reaction + spin.inverse * (transposed(exp3(u)) * momentum);
+  const Vec3<double> bracket = cross(u, omega);
+  return omega + 0.5 * bracket + (1.0 / 12.0) * cross(u, bracket);
+}
+
+// The attitude a step later, of a system with angular momentum in inertial axes: one step of Runge and Kutta.
+inline Mat3<double> tumbled(const Mat3<double>& R, const Spin& start, const Spin& middle, const Spin& end,
+                            const Vec3<double>& momentum, double dt) {
+  const Vec3<double> h = transposed(R) * momentum;
+  const Vec3<double> k1 = chart_rate(start, zero3<double>(), h);
+  const Vec3<double> k2 = chart_rate(middle, 0.5 * dt * k1, h);
+  const Vec3<double> k3 = chart_rate(middle, 0.5 * dt * k2, h);
+  const Vec3<double> k4 = chart_rate(end, dt * k3, h);
+  return R * exp3((dt / 6.0) * (k1 + 2.0 * (k2 + k3) + k4));
+}
+
+}  // namespace ffsms

@@ -1,0 +1,138 @@
+"""The compiled kernel: against Pinocchio and NumPy, robot by robot, and what it refuses."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ffsms_pin as ffsms
+from ffsms_pin.kernel import kernel, rows
+from ffsms_pin.opt.batch.entropy import entropy_and_gradient
+from ffsms_pin.opt.batch.slopes import coupling_slopes, velocity_slopes
+from ffsms_pin.system.base_reaction import MODES, mode_coupling
+from ffsms_pin.system.batch import ArmStack
+
+ROBOTS = ["planar_3r", "satellite_panda", "two_arms", "one joint", "sliding", "32 joints"]
+TREES = {"one joint": (3, 1, ("revolute",)), "sliding": (4, 5, ("prismatic",)), "32 joints": (5, 32, None)}
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def robot(request: pytest.FixtureRequest, random_tree: Callable[..., Any]) -> ffsms.SpaceManipulator:
+    """Packaged robots, one of two arms, and random trees whose base's centre of mass is off its origin."""
+    if request.param in TREES:
+        seed, n, kinds = TREES[request.param]
+        tree = random_tree(seed, n) if kinds is None else random_tree(seed, n, kinds)
+        return ffsms.SpaceManipulator(tree.model(), "tip")
+    return ffsms.load(request.param, end_effector="left_tool" if request.param == "two_arms" else None)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_arm_is_pinocchios(robot: ffsms.SpaceManipulator, mode: str, rng: np.random.Generator) -> None:
+    joints = rng.uniform(-2.0, 2.0, (robot.n, 9))  # one pack and one more
+    stack = ArmStack(robot, mode)
+    arm = stack.evaluate(joints)
+    model, data = robot.model, robot.model.createData()
+    for k in (0, 5, 8):
+        q = robot.configuration(joints[:, k])
+        q[:7] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)  # the root at the origin, unturned
+        pin.computeAllTerms(model, data, q, np.zeros(model.nv))
+        places = [data.oMi[j] for j in range(2, model.njoints)]
+        scale = 1e-12 * max(1.0, float(np.abs(data.J).max()), float(np.abs(arm.points[..., k]).max()))
+        for j, place in enumerate(places):
+            np.testing.assert_allclose(arm.rotations[:, :, j, k], place.rotation, atol=1e-12)
+            np.testing.assert_allclose(arm.points[:, j, k], place.translation, atol=scale)
+        np.testing.assert_allclose(arm.velocities[..., k], data.J[:3, 6:], atol=scale)
+        np.testing.assert_allclose(arm.axes[..., k], data.J[3:, 6:], atol=1e-12)
+        momentum = data.M[:6, 6:]
+        np.testing.assert_allclose(arm.linear[..., k], momentum[:3], atol=1e-12 * np.abs(momentum).max())
+        np.testing.assert_allclose(arm.angular[..., k], momentum[3:], atol=1e-12 * np.abs(momentum).max())
+        state = robot.at(q)
+        coupling = mode_coupling(state.H_b, state.H_bm, mode)
+        np.testing.assert_allclose(arm.coupling[..., k], coupling, atol=scale)
+        np.testing.assert_allclose(arm.jstar[..., k], (state.J_b @ coupling + state.J_m)[:3], atol=scale)
+        whole = stack.first_moment(arm)[..., k] / stack.total_mass
+        np.testing.assert_allclose(whole, state.com, atol=scale)
+
+
+def test_a_pack_has_the_bits_of_single_configurations(
+    robot: ffsms.SpaceManipulator, rng: np.random.Generator
+) -> None:
+    joints = rng.uniform(-2.0, 2.0, (robot.n, 8))
+    joints[:, 3] *= 1e7  # beyond where the kernel's own sine serves
+    rates, by = rng.normal(size=joints.shape), rng.normal(size=(6, *joints.shape))
+    stack = ArmStack(robot)
+    together = stack.evaluate(joints)
+    for k in range(8):
+        at = [slice(k, k + 1)]
+        alone = stack.evaluate(joints[:, at[0]])
+        for one, of_all in zip(alone.arrays(), together.arrays(), strict=True):
+            np.testing.assert_array_equal(one, of_all[..., at[0]])
+        pairs = [
+            *zip(
+                velocity_slopes(stack, alone, rates[:, at[0]]),
+                velocity_slopes(stack, together, rates),
+                strict=True,
+            ),
+            (
+                coupling_slopes(stack, alone, by[..., at[0]]),
+                coupling_slopes(stack, together, by),
+            ),
+            *zip(entropy_and_gradient(alone.coupling), entropy_and_gradient(together.coupling), strict=True),
+        ]
+        for one, of_all in pairs:
+            np.testing.assert_array_equal(one, of_all[..., at[0]])
+
+
+@pytest.mark.parametrize("largest", [0.8, 10.0, 1e3, 1e6, 1e9])
+def test_sine_and_cosine(largest: float, rng: np.random.Generator) -> None:
+    angles = rng.uniform(-largest, largest, (3, 20000))
+    rotations = ArmStack(ffsms.load("planar_3r")).poses(angles)[0]
+    np.testing.assert_allclose(rotations[0, 0, 0], np.cos(angles[0]), atol=2.5e-16)
+    np.testing.assert_allclose(rotations[1, 0, 0], np.sin(angles[0]), atol=2.5e-16)
+
+
+def test_entropies_where_values_are_equal_or_lost(rng: np.random.Generator) -> None:
+    """Against the decomposition itself; squares lose digits below 1e-8 of the largest, no more than that."""
+    U, _ = np.linalg.qr(rng.normal(size=(6, 6)))
+    V, _ = np.linalg.qr(rng.normal(size=(7, 7)))
+    for sigma in (
+        [1.0] * 6,
+        [2.0, 2.0, 1.0, 1.0, 0.5, 0.5],
+        [1.0, 0.1, 1e-3, 1e-5, 1e-7, 1e-7],
+        [1, 0, 0, 0, 0, 0],
+    ):
+        C = U @ np.diag(sigma) @ V[:6]
+        share = np.asarray(sigma) / np.sum(sigma)
+        logs = np.log(np.where(share > 0.0, share, 1.0))
+        value, gradient = entropy_and_gradient(C[..., None])
+        assert value[0] == pytest.approx(-float(share @ logs) / np.log(7), abs=2e-6)
+        assert np.isfinite(gradient).all()
+
+
+def test_a_tree_goes_to_other_processes(robot: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
+    tree, joints = ArmStack(robot).tree, rng.uniform(-1.0, 1.0, (robot.n, 3))
+    found = [np.empty((12 * robot.n + 3, 3)) for _ in range(2)]
+    for one, out in zip((tree, pickle.loads(pickle.dumps(tree))), found, strict=True):
+        kernel.coupled(one, joints, out)
+    np.testing.assert_array_equal(*found)
+
+
+def test_wrong_shapes_are_refused() -> None:
+    tree = ArmStack(ffsms.load("planar_3r")).tree
+    with pytest.raises(ValueError, match="wrong shape"):
+        kernel.coupled(tree, np.zeros((4, 2)), np.zeros((39, 2)))
+    with pytest.raises(ValueError, match="wrong shape"):
+        kernel.coupled(tree, np.zeros((3, 2)), np.zeros((39, 3)))
+    with pytest.raises(TypeError):
+        kernel.coupled(tree, np.zeros((3, 2)), np.zeros((2, 39)).T)  # a copy would be written to
+    assert rows(np.zeros((2, 3)).T, 3).flags.c_contiguous
+    row = np.eye(1, 18)
+    with pytest.raises(ValueError, match="comes before"):
+        kernel.Tree(row, np.ones((2, 13)), np.zeros((1, 12)), 0, True, True)
+    with pytest.raises(ValueError, match="1 to 64 joints"):
+        kernel.Tree(np.zeros((65, 18)), np.ones((66, 13)), np.zeros((1, 12)), 0, True, True)

@@ -1,0 +1,210 @@
+"""Parts as formulas beside the same parts with slopes by hand, without slopes, and with mistakes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hand_written import Above, Gaze
+from part_cases import LIMITS, TERMS, finished, problem_of
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, PartError
+from ffsms_pin.opt.parts.reading import residuals_of
+from ffsms_pin.opt.step.state import step_state
+
+AT, NORMAL, HEIGHT = (1.0, 1.2, 0.0), (-0.456, -0.890, 0.0), -0.885
+
+
+@dataclass(frozen=True)
+class GazeFormula(opt.Term):
+    at: tuple[float, float, float] = AT
+    weight: float = 0.1
+    name = "gaze"
+
+    def residual(self, m: opt.Features) -> Any:
+        way = self.at - m.tip
+        return np.sqrt(self.weight) * (way - way.norm() * m.frame("tip").axis([1.0, 0.0, 0.0]))
+
+
+@dataclass(frozen=True)
+class AboveFormula(opt.Inequality):
+    name = "above"
+
+    def room(self, m: opt.Features) -> Any:
+        return m.tip.dot(NORMAL) - HEIGHT
+
+
+class Formula(opt.Term):
+    """Whatever a function makes of the features."""
+
+    name = "formula"
+
+    def __init__(self, formula: Callable[[opt.Features], Any]) -> None:
+        self.formula = formula
+
+    def residual(self, m: opt.Features) -> Any:
+        return self.formula(m)
+
+
+def reach(sms: ffsms.SpaceManipulator, term: opt.Term, limit: opt.Limit) -> opt.Problem:
+    q0 = sms.configuration(np.radians([23.0, 40.0, -29.0]))
+    terms = [opt.Coupling(), opt.Smooth(), opt.Effort(), term]
+    limits = [opt.JointLimits(), limit]
+    return opt.Problem(sms, q0, [0.45, 0.75, 0.0], duration=8.0, dt=0.02, terms=terms, limits=limits)
+
+
+def test_a_formula_and_slopes_by_hand_give_the_same_plan(planar: ffsms.SpaceManipulator) -> None:
+    by_hand = opt.solve(reach(planar, Gaze(AT, weight=0.1), Above(NORMAL, HEIGHT)))
+    formula = opt.solve(reach(planar, GazeFormula(), AboveFormula()))
+    assert formula.reached
+    np.testing.assert_allclose(formula.q, by_hand.q, rtol=0.0, atol=1e-8)
+    assert formula.shares["gaze"] == pytest.approx(by_hand.shares["gaze"], rel=1e-6)
+
+
+def test_rows_of_a_formula_are_those_by_hand(
+    planar: ffsms.SpaceManipulator, rng: np.random.Generator
+) -> None:
+    q = planar.configuration(rng.uniform(-0.5, 0.5, 3))
+    momentum = np.array([0.1, -0.2, 0.0, 0.0, 0.0, 0.05])
+    step = step_state(planar, q, rng.normal(size=3), 0.01, 3.0, momentum)
+    by_hand, formula = Above(NORMAL, HEIGHT).rows(step), AboveFormula().rows(step)
+    assert formula is not None
+    for one, other in zip(formula[:3], by_hand[:3], strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12)
+    assert formula.give == by_hand.give
+
+
+ELBOWS = {3: "link_3", 7: "panda_link5"}
+FORMULAS: dict[str, Callable[[opt.Features], Any]] = {
+    "frame": lambda m: m.frame(ELBOWS[m.stack.n]) - [0.1, 0.2, 0.3],
+    "frame's axis": lambda m: m.frame(ELBOWS[m.stack.n]).axis([0.6, 0.0, 0.8]),
+    "base's axis": lambda m: m.base.axis([0.6, 0.0, 0.8]).cross(m.tip),
+    "turn": lambda m: m.frame(ELBOWS[m.stack.n]).turn_from(np.eye(3)),
+    "turn of the end effector": lambda m: m.tip.turn_from(np.eye(3)).norm(),
+    "turn of the base": lambda m: m.base_turn,
+    "speeds": lambda m: [m.velocity.norm() / (0.1 + m.spin.norm()), m.base_spin],
+    "entropy": lambda m: np.log(m.entropy) * m.rates + np.exp(-m.time),
+    "joints": lambda m: [np.sin(m.joints) * m.rates**2, m.joints[1] - m.joints[0]],
+    "accelerations": lambda m: m.accelerations.sum() * m.joints[0],
+    "numpy": lambda m: np.maximum(m.tip[0], m.tip[1]) + np.arctan2(m.tip[1], m.tip[0]) - abs(m.tip[2] - 1),
+    "goal": lambda m: (m.goal - m.tip).norm() / np.hypot(m.velocity[0], 0.1),
+}
+
+
+@pytest.mark.parametrize("robot", ["planar_3r", "satellite_panda"])
+@pytest.mark.parametrize("name", list(FORMULAS))
+def test_slopes_of_features(name: str, robot: str) -> None:
+    assert opt.check(Formula(FORMULAS[name]), problem_of(ffsms.load(robot))) < 1e-5
+
+
+@pytest.mark.parametrize("name", list(TERMS))
+def test_check_finds_no_fault_with_ours(name: str) -> None:
+    assert opt.check(TERMS[name], problem_of(ffsms.load("planar_3r"), name)) < 1e-5
+
+
+@pytest.mark.parametrize("limit", [opt.BaseLimits(0.1, 0.05, 0.02, 0.03), opt.AlphaBox(), opt.WheelLimits()])
+def test_check_finds_no_fault_with_our_limits(limit: opt.Limit) -> None:
+    part = "wheels' torque" if isinstance(limit, opt.WheelLimits) else ""
+    assert opt.check(limit, problem_of(ffsms.load("planar_3r"), part)) < 1e-4
+    assert set(LIMITS) > {"attitude", "own"}
+
+
+def test_check_says_which_slope_is_wrong(planar: ffsms.SpaceManipulator) -> None:
+    class Wrong(Gaze):
+        def residual(self, motions: Any) -> list[opt.Residual]:
+            first, *others = super().residual(motions)
+            assert first.by_turn is not None
+            return [replace(first, by_turn=1.1 * first.by_turn), *others]
+
+    with pytest.raises(PartError, match=r"Wrong\.residual gives a wrong slope: by_turn\[\d\] of answer 0"):
+        opt.check(Wrong(AT), problem_of(planar))
+
+
+def test_check_finds_rows_with_a_wrong_sign(planar: ffsms.SpaceManipulator) -> None:
+    class Wrong(Above):
+        def rows(self, step: Any) -> opt.Rows:
+            rows = super().rows(step)
+            return rows._replace(G=-rows.G)
+
+    problem = problem_of(planar)
+    assert opt.check(Above((1.0, 0.0, 0.0), 2.0), problem) < 1e-5
+    with pytest.raises(PartError, match=r"Wrong\.rows lead deeper"):
+        opt.check(Wrong((1.0, 0.0, 0.0), 2.0), problem)
+
+
+def test_a_formula_without_slopes_is_differenced_and_says_so(planar: ffsms.SpaceManipulator) -> None:
+    class Plain(GazeFormula):
+        def residual(self, m: opt.Features) -> Any:
+            way = np.array(AT)[:, None, None] - m.end_effector
+            axis = m.attitude[:, 0]
+            return np.sqrt(self.weight) * (way - np.linalg.norm(way, axis=0) * axis)
+
+    class Mixed(GazeFormula):
+        """Loses the slopes of the length alone."""
+
+        def residual(self, m: opt.Features) -> Any:
+            way = self.at - m.tip
+            return np.sqrt(self.weight) * (way - np.linalg.norm(way, axis=0) * m.tip.axis([1.0, 0.0, 0.0]))
+
+    motion = finished(problem_of(planar), 0.1 * np.ones((9, 3)))
+    exact = residuals_of(GazeFormula(), motion)
+    for part in (Plain(), Mixed()):
+        with pytest.warns(
+            FfsmsWarning, match=rf"{type(part).__name__}\.residual gives values without slopes"
+        ):
+            found = residuals_of(part, motion)
+        for one, other in zip(found, exact, strict=True):
+            assert isinstance(one, opt.Residual)
+            assert isinstance(other, opt.Residual)
+            np.testing.assert_allclose(one.value, other.value, atol=1e-8)
+            for name, slope in other.slopes().items():
+                np.testing.assert_allclose(one.slopes()[name], slope, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("formula", "text"),
+    [
+        (lambda m: None, "must return a Feature, a Residual, an array .* got NoneType"),
+        (lambda m: np.zeros((2, 5)), r"must return shape \(S, K\) = \(1, 17\) .* got \(2, 5\)"),
+        (lambda m: opt.Residual(np.zeros((1, 4))), r"must give a value of shape \(1, 17\); got \(1, 4\)"),
+        (
+            lambda m: opt.Residual(np.zeros((1, 17)), by_tip=np.zeros((2, 1, 17))),
+            r"must give by_tip of shape \(3, 1, 17\); got \(2, 1, 17\)",
+        ),
+        (lambda m: np.zeros((2, 5)) + m.tip, "failed with ValueError: operands could not be broadcast"),
+        (lambda m: m.nothing, "failed with AttributeError"),
+        (lambda m: m.entropy[0], "index must be of a vector"),
+    ],
+)
+def test_mistakes_name_the_part(
+    planar: ffsms.SpaceManipulator, formula: Callable[[opt.Features], Any], text: str
+) -> None:
+    motion = finished(problem_of(planar), 0.1 * np.ones((9, 3)))
+    with pytest.raises(FfsmsError, match=text) as found:
+        residuals_of(Formula(formula), motion)
+    if isinstance(found.value, PartError):
+        assert str(found.value).startswith("Formula.residual ")
+        assert (found.value.part, found.value.method) == ("Formula", "residual")
+
+
+def test_slopes_by_hand_may_read_features_as_arrays(planar: ffsms.SpaceManipulator) -> None:
+    """Speed beyond a limit, as it was written with plain arrays."""
+
+    class Speed(opt.Term):
+        name = "speed"
+
+        def residual(self, motions: Any) -> list[opt.Residual]:
+            speed = np.sqrt(np.sum(motions.velocity**2, axis=0))
+            lack = np.maximum(speed - 0.01, 0.0)
+            unit: FloatArray = np.where(lack > 0.0, np.asarray(motions.velocity) / speed, 0.0)
+            return [opt.Residual(lack, by_velocity=unit)]
+
+    assert opt.check(Speed(), problem_of(planar)) < 1e-5
+    for one in residuals_of(Speed(), finished(problem_of(planar), 0.1 * np.ones((9, 3)))):
+        assert type(one.value) is np.ndarray
