@@ -235,8 +235,8 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     places = goal.places(motion.times)
     here = RobotFrame.tip(problem.stack).poses(motion, places.on)
     distance, turned = np.linalg.norm(way, axis=0), places.missed(*(x[..., 0, :] for x in here)).angle[nodes]
-    contact = contact_velocity(goal.place(problem.duration), motion)
-    q = configurations(sms, q0, motion)
+    place, q = goal.place(problem.duration), configurations(sms, q0, motion)
+    base, contact = pin.XYZQUATToSE3(q[-1, :7]), contact_velocity(place, motion)
     errors = end_errors(goal, float(distance[-1]), float(turned[-1]), contact, problem.duration)
     misses = missed(goal, errors)
     found = [(limit.name, limit.violation(motion)) for limit in problem.limits]
@@ -256,7 +256,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         end_effector=motion.end_effector[:, 0, nodes].T,
         position_error=distance,
         target=motion.target_points[:, 0, -1],
-        target_rotation=_target_rotation(problem, q[-1]),
+        target_rotation=place.at(base.translation, base.rotation).target_rotation,
         orientation_error=turned,
         kappa=kappa,
         reach=goal.reach,
@@ -276,13 +276,6 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         mode=problem.mode,
         torque_share=_torque_shares(motion, sms.limits.torque),
     )
-
-
-def _target_rotation(problem: Problem, q: FloatArray) -> FloatArray:
-    """The attitude (3, 3) that is wanted at the end, in the configuration q (nq,); NaN where any will do."""
-    base = pin.XYZQUATToSE3(q[:7])
-    rotation = problem.goal.place(problem.duration).at(base.translation, base.rotation).rotation
-    return np.full((3, 3), np.nan) if rotation is None else rotation
 
 
 def _torque_shares(motion: Motions, most: FloatArray) -> FloatArray:

@@ -221,6 +221,16 @@ class Place:
             self, position=self.position + _spread(shift, 1, self.position.ndim), rotation=rotation
         )
 
+    def moving(self, before: Place, after: Place, time: float) -> Place:
+        """With the velocities that lead from one place to another in so long [s]."""
+        spin = None if self.rotation is None else pin.log3(after.turned_from(before)) / time
+        return replace(self, velocity=(after.position - before.position) / time, spin=spin)
+
+    @property
+    def target_rotation(self) -> FloatArray:
+        """The rotation (3, 3); not a number where any attitude will do."""
+        return np.full((3, 3), np.nan) if self.rotation is None else self.rotation
+
     def words(self) -> str:
         """What it is, for messages."""
         where = "[" + ", ".join(f"{x:.4g}" for x in self.position) + "] m"
