@@ -62,7 +62,7 @@ class Also(Limit):
     margin: float = 0.0
     name: str = ""
     of_paper = False
-    _near: Near | None = None
+    _near: Near = None  # type: ignore[assignment]  # for_robot gives it
 
     def __post_init__(self) -> None:
         if not isinstance(self.frame, str):
@@ -85,21 +85,21 @@ class Also(Limit):
 
     def ends(self) -> list[End]:
         """The frame's place."""
-        return [End(self._ready.frame, self._ready.place)]
+        return [End(self._near.frame, self._near.place)]
 
     def rows(self, step: StepState) -> Rows | None:
         """The frame comes as fast as it must: within reach before the last tenth, then to its place."""
         goal, left, near = self.goal, step.time_left, _END * self.goal.tolerance
         until_last = left - _LAST * (step.time + left)
         tail = (_TAIL * goal.reach, _TAIL * goal.orientation_reach, until_last)
-        return self._ready.rows(step, [tail, (near, near, left)])
+        return self._near.rows(step, [tail, (near, near, left)])
 
     def residual(self, motions: Motions) -> Residuals:
         """What is missed at the deadline, and in the last tenth, beyond what is near enough [arm lengths].
 
         In the last tenth by its share of the reach, so that one margin stands for both.
         """
-        goal, near, unit = self.goal, self._ready, 1.0 / motions.stack.length
+        goal, near, unit = self.goal, self._near, 1.0 / motions.stack.length
         missed, late = near.missed(motions), motions.last_tenth
         hand = (1.0 - _END) * goal.tolerance
         end = max(_END * goal.tolerance - self.reserve, 0.0)
@@ -118,7 +118,7 @@ class Also(Limit):
     def violation(self, motion: Motions) -> Violation:
         """The most that is missed, beyond the tolerance at the deadline or the reach in the last tenth."""
         goal, late, last = self.goal, motion.last_tenth, motion.last
-        missed = self._ready.missed(motion)
+        missed = self._near.missed(motion)
         far, turned = missed.distance[0], missed.angle[0]
         end = max(far[last], turned[last])
         share = np.maximum(far[late] / goal.reach, turned[late] / goal.orientation_reach)
@@ -133,8 +133,3 @@ class Also(Limit):
         if share.max() > 1.0:
             note += f", and is up to {1e3 * far[late].max():.1f} mm from it in the last tenth of the time"
         return Violation(worst, binds, note)
-
-    @property
-    def _ready(self) -> Near:
-        assert self._near is not None, "for_robot was not called"
-        return self._near

@@ -12,7 +12,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, frozen, number, positive, vector
 from ffsms_pin.checks import times as checked_times
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals.place import Place, checked_axes, checked_axis, stacked_places
+from ffsms_pin.opt.goals.place import Place, checked_freedom, stacked_places
 
 if TYPE_CHECKING:
     from ffsms_pin.client import Client, ClientEstimate
@@ -131,7 +131,7 @@ class Position(Fixed):
         check_reaches(self)
         if self.velocity is not None:
             object.__setattr__(self, "velocity", frozen(vector("goal.velocity", self.velocity, 3, "m/s")))
-        on = checked_axes(self.on, self.velocity)
+        _, on = checked_freedom(None, self.on, self.velocity)
         self._stay(Place(self.position, None, self.velocity, on=on))
 
 
@@ -173,7 +173,7 @@ class Pose(Fixed):
         if self.twist is not None:
             twist = frozen(vector("goal.twist", self.twist, 6))
             velocity, spin = twist[:3], twist[3:]
-        axis, on = checked_axis(self.free_axis), checked_axes(self.on, velocity)
+        axis, on = checked_freedom(self.free_axis, self.on, velocity)
         self._stay(Place(position, rotation, velocity, spin, axis, on))
 
 

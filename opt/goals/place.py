@@ -7,7 +7,7 @@ three, a pose that may be turned about one axis two. All else works with the row
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,86 +15,12 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray, frozen, one_of, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.robot_frame import BASE, INERTIAL
-from ffsms_pin.system.batch.stacks import apply, cross, dot, log3, skew
+from ffsms_pin.opt.goals.missed import Missed
+from ffsms_pin.system.batch.stacks import apply, cross, dot, log3
 
-__all__ = ["Missed", "Place", "checked_axes", "checked_axis", "excess", "shortened", "stacked_places"]
+__all__ = ["Place", "checked_freedom", "stacked_places"]
 
 _TINY = 1e-12
-# [rad] Slopes of rotation vectors are taken at an angle between these: they have no limit at half a turn.
-_LEAST_ANGLE, _MOST_ANGLE = 1e-4, np.pi - 1e-3
-
-
-class Missed(NamedTuple):
-    """What frames miss of a place, in the axes that the place is given in.
-
-    Attributes
-    ----------
-    way : ndarray, shape (3, ...)
-        From the frame to the place [m].
-    vector : ndarray, shape (3, ...)
-        Rotation vector that takes the frame's attitude to the nearest that will do [rad].
-    rows : ndarray, shape (r, 3, ...)
-        Directions, a unit vector each, in which the attitude counts: none, two or three.
-    axis : ndarray, shape (3, ...), or None
-        Where the axis should point about which the frame may be turned, where there is one.
-    """
-
-    way: FloatArray
-    vector: FloatArray
-    rows: FloatArray
-    axis: FloatArray | None = None
-
-    @property
-    def turn(self) -> FloatArray:
-        """Components (r, ...) of the rotation vector along the rows [rad]."""
-        return self.along(self.vector)
-
-    def along(self, turns: FloatArray) -> FloatArray:
-        """Components (r, ...) along the rows, of rotation vectors (3, ...) or of columns (3, n, ...)."""
-        if self.axis is None:  # all or none
-            return turns[: len(self.rows)]
-        return apply(self.rows, turns)
-
-    @property
-    def distance(self) -> FloatArray:
-        """Length of the way (...) [m]."""
-        return np.sqrt(dot(self.way, self.way))
-
-    @property
-    def angle(self) -> FloatArray:
-        """Length of the rotation vector (...) [rad]; zero where any attitude will do."""
-        return np.sqrt(dot(self.vector, self.vector))
-
-    def take(self, *index: Any) -> Missed:
-        """That of the frames at an index."""
-        axis = None if self.axis is None else self.axis[(..., *index)]
-        rows = np.broadcast_to(self.rows, (*self.rows.shape[:2], *self.way.shape[1:]))
-        return Missed(self.way[(..., *index)], self.vector[(..., *index)], rows[(..., *index)], axis)
-
-    def words(self, *index: int) -> str:
-        """What the frame at an index misses: a distance, and an angle where the attitude counts."""
-        angle = f", turned by {np.degrees(self.angle[index]):.2f} deg," if len(self.rows) else ""
-        return f"{1e3 * self.distance[index]:.1f} mm{angle}"
-
-    def by_turn(self) -> FloatArray:
-        """Slopes (r, 3, ...) of `turn` by a turn of the frame."""
-        if not len(self.rows):
-            return self.rows
-        e, safe = self.vector, np.clip(self.angle, _LEAST_ANGLE, _MOST_ANGLE)
-        sine, cosine = np.sin(safe), np.cos(safe)
-        eye = np.eye(3).reshape(3, 3, *(1,) * safe.ndim)
-        if self.axis is None:
-            # d log(X exp(-delta)) = -J_r^-1(e) delta. Reference: J. Sola et al., "A micro Lie theory", 2018,
-            # eq. 144.
-            factor = 1.0 / safe**2 - (1.0 + cosine) / (2.0 * safe * sine)
-            E = skew(e)
-            return -(eye + 0.5 * E + factor * apply(E, E))
-        # e = angle / sine (u x t) for the frame's axis u and the wanted one t; a turn phi moves u by phi x u.
-        sideways = e * (sine / safe)
-        u = cosine * self.axis + cross(self.axis, sideways)
-        by_cosine = -(sine - safe * cosine) / sine**3
-        slope = (safe / sine) * (u[:, None] * self.axis - cosine * eye)
-        return apply(self.rows, slope + by_cosine * (sideways[:, None] * sideways))
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,16 +107,15 @@ class Place:
         """The place in inertial axes, with the base link at positions (3, ...), in attitudes (3, 3, ...)."""
         if not self.moves_with_base:
             return self
-        place = position + np.einsum("xy...,y...->x...", rotation, _spread(self.position, 1, position.ndim))
-        turned = self.rotation
-        if turned is not None:
-            turned = apply(rotation, np.broadcast_to(_spread(turned, 2, rotation.ndim), rotation.shape))
-        return replace(self, position=place, rotation=turned, on=INERTIAL)
+        return replace(self.transformed(position, rotation), on=INERTIAL)
 
-    def seen_from(self, position: FloatArray, rotation: FloatArray) -> Place:
-        """The place from an origin at a position (3,), in the axes of an attitude (3, 3)."""
-        turned = None if self.rotation is None else rotation.T @ self.rotation
-        return replace(self, position=rotation.T @ (self.position - position), rotation=turned)
+    def transformed(self, shift: FloatArray, turn: FloatArray) -> Place:
+        """The place x at turn x + shift, by rotations (3, 3, ...) and ways (3, ...)."""
+        position = shift + apply(turn, np.broadcast_to(_spread(self.position, 1, shift.ndim), shift.shape))
+        rotation = self.rotation
+        if rotation is not None:
+            rotation = apply(turn, np.broadcast_to(_spread(rotation, 2, turn.ndim), turn.shape))
+        return replace(self, position=position, rotation=rotation)
 
     def aim(self, pose: Any, q: FloatArray) -> Place:
         """A plain place for a step from there: where this one is now, its free turn as the frame has it."""
@@ -251,62 +176,22 @@ def stacked_places(places: list[Place]) -> Place:
     )
 
 
-def checked_axis(value: Any) -> FloatArray | None:
-    """A free axis as a unit vector (3,), or None.
+def checked_freedom(axis: Any, on: Any, velocity: FloatArray | None) -> tuple[FloatArray | None, str]:
+    """A free axis as a unit vector (3,) or None, and the name of the axes that a place is given in.
 
     Raises
     ------
     InvalidValue
+        No direction, another name, or a velocity asked for on the base.
     """
-    if value is None:
-        return None
-    axis = vector("goal.free_axis", value, 3)
-    length = float(np.linalg.norm(axis))
-    if length < 1e-9:
-        raise InvalidValue("goal.free_axis", value, "must not be zero")
-    return frozen(axis / length)
-
-
-def checked_axes(on: Any, velocity: FloatArray | None) -> str:
-    """The name of the axes that a place is given in.
-
-    Raises
-    ------
-    InvalidValue
-        Another name; or a velocity asked for on the base.
-    """
-    name = one_of("goal.on", on, (INERTIAL, BASE))
-    if name == BASE and velocity is not None:
+    if axis is not None:
+        axis = vector("goal.free_axis", axis, 3)
+        if (length := float(np.linalg.norm(axis))) < 1e-9:
+            raise InvalidValue("goal.free_axis", axis, "must not be zero")
+        axis = frozen(axis / length)
+    if one_of("goal.on", on, (INERTIAL, BASE)) == BASE and velocity is not None:
         raise InvalidValue("goal.velocity", velocity, "must be left out of a goal on the base")
-    return name
-
-
-def shortened(e: FloatArray, slope: FloatArray | None, allowed: float) -> tuple[FloatArray, FloatArray]:
-    """Vectors (r, ...) less an allowed length, and their slopes, where those of `e` are (r, 3, ...).
-
-    None: minus one, those of a way by the position of the frame.
-    """
-    length = np.sqrt(dot(e, e))
-    short, unit = np.maximum(length - allowed, 0.0), e / np.maximum(length, _TINY)
-    share = short / np.maximum(length, _TINY)
-    eye = np.eye(len(e)).reshape(len(e), len(e), *(1,) * length.ndim)
-    matrix = share * eye + ((short > 0.0) - share) * (unit[:, None] * unit)
-    return short * unit, -matrix if slope is None else apply(matrix, slope)
-
-
-def excess(e: FloatArray, slope: FloatArray | None, allowed: float) -> tuple[FloatArray, FloatArray]:
-    """By how much vectors (r, ...) are longer than allowed: values (1 + r, ...), slopes (1 + r, 3, ...).
-
-    The first is the excess. The others are zero, with slopes across the vector, for the second derivatives:
-    the squares of all have the same slopes, and the same second derivatives by Gauss and Newton, as those of
-    the components of the shortened vector.
-    """
-    length = np.sqrt(dot(e, e))
-    short, unit = np.maximum(length - allowed, 0.0), e / np.maximum(length, _TINY)
-    share = short / np.maximum(length, _TINY)
-    eye = np.eye(len(e)).reshape(len(e), len(e), *(1,) * length.ndim)
-    rows = np.concatenate([((short > 0.0) * unit)[None], share * (eye - unit[:, None] * unit)])
-    return np.concatenate([short[None], np.zeros_like(e)]), -rows if slope is None else apply(rows, slope)
+    return axis, on
 
 
 def _spread(x: FloatArray, lead: int, dimensions: int) -> FloatArray:

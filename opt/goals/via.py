@@ -13,8 +13,9 @@ from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices, Residuals
 from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, resting_place
+from ffsms_pin.opt.goals.missed import Missed
 from ffsms_pin.opt.goals.near import Near
-from ffsms_pin.opt.goals.place import Missed, Place
+from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.system import SpaceManipulator
@@ -80,7 +81,7 @@ class Via(Limit):
     began: float = 0.0
     margin: float = 0.0
     of_paper = False
-    _near: Near | None = None
+    _near: Near = None  # type: ignore[assignment]  # for_robot gives it
 
     def __post_init__(self) -> None:
         if not isinstance(self.place, Place):
@@ -125,7 +126,7 @@ class Via(Limit):
         left = -1.0 if self.time is None else self.time - self.began - step.time
         if left < 0.0:
             return None
-        return self._ready.rows(step, [(_NEAR * self.reach, _NEAR * self.orientation_reach, left)])
+        return self._near.rows(step, [(_NEAR * self.reach, _NEAR * self.orientation_reach, left)])
 
     def residual(self, motions: Motions) -> Residuals:
         """By how much half of the reach is missed, in arm lengths; a turn by its share of its reach."""
@@ -138,7 +139,7 @@ class Via(Limit):
         )
         scales = (unit, unit * self.reach / self.orientation_reach)
         where = np.arange(motions.count), at.instant
-        return self._ready.beyond(motions, where, at.missed, allowed, scales, at.later)
+        return self._near.beyond(motions, where, at.missed, allowed, scales, at.later)
 
     def violation(self, motion: Motions) -> Violation:
         """By how much the nearest instant, or that of the time, misses [m or rad]."""
@@ -154,11 +155,6 @@ class Via(Limit):
         note = f"'{self.name}' is missed by {at.missed.words(0)}"
         return Violation(worst, when, f"{note} at {when[0]:.3g} s (reach {1e3 * self.reach:.3g} mm)")
 
-    @property
-    def _ready(self) -> Near:
-        assert self._near is not None, "for_robot was not called"
-        return self._near
-
     def _passing(self, motions: Motions) -> _Passing:
         """At its time, or where it comes nearest; from an instant on, the end effector goes straight."""
         times, motion = motions.times, np.arange(motions.count)
@@ -169,7 +165,7 @@ class Via(Limit):
             # After the deadline the arm stays where it is.
             h = np.full(motions.count, min(due, motions.duration) - times[k[0]])
         else:
-            here = self._ready.missed(motions)
+            here = self._near.missed(motions)
             spin_across = here.along(spin)
             a, b = 1.0 / self.reach**2, 1.0 / self.orientation_reach**2
             along = a * dot(here.way, velocity) + b * dot(here.turn, spin_across)

@@ -74,9 +74,8 @@ def missed_at(
 
     And how fast the joints make it up, the base reacting, (K, 6, n).
     """
-    wanted = GoalFromStart(
-        place.seen_from(problem.com0 + t * problem.drift, np.eye(3)), RobotFrame.tip(problem.stack)
-    )
+    centre = problem.com0 + t * problem.drift
+    wanted = GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.tip(problem.stack))
     error, columns = wanted.missed(problem.stack.evaluate(joints.T), base)
     return error.T, columns.transpose(2, 0, 1) * problem.free
 

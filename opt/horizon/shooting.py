@@ -78,7 +78,7 @@ class GoalFromStart(NamedTuple):
         wanted = [End(RobotFrame.tip(problem.stack), problem.goal.place(problem.duration))]
         wanted += [end for limit in problem.limits for end in limit.ends()]
         return [
-            cls(place if place.moves_with_base else place.seen_from(origin, turn), frame)
+            cls(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)
             for frame, place in wanted
         ]
 
