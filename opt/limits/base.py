@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -116,7 +117,7 @@ class BaseLimits(AllOf):
         """Whether the attitude is limited, on the way or at the end."""
         return min(self.attitude, self.final_attitude) < math.inf
 
-    @property
+    @cached_property
     def parts(self) -> list[Inequality]:
         """One for each that is limited."""
         given = {field.name: getattr(self, field.name) for field in fields(self)}

@@ -152,7 +152,7 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
         if name in slopes and name != "by_entropy":
             given = given[(slice(None),) * components + (j,)]
         given = np.broadcast_to(given, wanted.shape)
-        error = np.abs(given - wanted)
+        error = np.where(np.isfinite(one.value), np.abs(given - wanted), 0.0)
         k = np.unravel_index(int(np.argmax(error)), error.shape)
         largest = max(largest, float(np.abs(wanted).max()), float(np.abs(given).max()))
         if error[k] > worst:
