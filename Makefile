@@ -4,19 +4,23 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 READY = $(VENV)/.ready
 
-.PHONY: demo test trials lint style docs bench clean
+.PHONY: demo kernel test trials lint style docs bench clean
 
 KERNEL = $(wildcard ffsms_pin/kernel/*.hpp ffsms_pin/kernel/*.cpp)
 
-# The compiled kernel comes into the checkout with it, and again when its sources change.
+# The compiled kernel comes into the checkout with it, and again when its sources change. The test of the wheel
+# compiles it once more, in this environment.
 $(READY): pyproject.toml CMakeLists.txt tools/backend.py $(KERNEL)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	command -v c++ >/dev/null || $(BIN)/python -m pip install --quiet 'ziglang>=0.13,<1'
 	touch $@
 
 demo: $(READY)  ## plan and track the paper's Case 2, and show the result
 	$(BIN)/ffsms-pin run case-2 --out results/case-2 --show
+
+kernel: $(READY)  ## compile the kernel into this checkout, if it has changed
 
 # The slow check of types goes on beside the tests; either one's failure is that of the whole. Tests start many
 # processes: compiled files are kept for them, whatever the environment says, and BLAS, whose matrices are small

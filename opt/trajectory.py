@@ -11,6 +11,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.nodes import angles_from_start, path_ratio, sampled
+from ffsms_pin.opt.batch.paired import principal_rates
 from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.batch.rollout import configurations, velocities
 from ffsms_pin.opt.batch.thrusters import propellant
@@ -249,7 +250,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         v=velocities(motion),
         joint_positions=motion.joints[:, 0, nodes].T,
         joint_accelerations=np.diff(rates, axis=0) / problem.dt,
-        alpha=steps.alpha,
+        alpha=principal_rates(motion),
         cos_theta=steps.cosine,
         entropy=steps.entropy,
         cost=steps.cost(kappa),

@@ -39,6 +39,9 @@ def coupling_slopes(tree: Tree, positions: FloatArray, by_coupling: FloatArray, 
 
 # rollout.hpp
 def attitudes(start: FloatArray, omega: FloatArray, dt: float, out: FloatArray) -> None: ...
+def base_turns(
+    to_points: FloatArray, over: FloatArray, late: int, omega: FloatArray, out: FloatArray
+) -> None: ...
 def tumbling_attitudes(
     tree: Tree,
     start: FloatArray,

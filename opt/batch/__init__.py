@@ -1,4 +1,4 @@
-"""The fast kernel: the arm at stacks of configurations, in numpy."""
+"""Motions of the arm at stacks of configurations: their quantities by the compiled kernel, and residuals."""
 
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import JointResidual, Residual, Residuals

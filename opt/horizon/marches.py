@@ -12,8 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.coupling.stacked import entropies
-from ffsms_pin.opt.batch.entropy import singular
+from ffsms_pin.coupling.stacked import entropies, singular_values
 from ffsms_pin.opt.batch.motions import apply_rates
 from ffsms_pin.opt.horizon.control_qp import at_rest
 from ffsms_pin.opt.horizon.options import SearchOptions
@@ -182,7 +181,7 @@ def _gain(problem: Problem, steps: int, distance: FloatArray) -> FloatArray:
 
 def _ideal_cosine(arm: ArmValues, kappa: float) -> FloatArray:
     """The cosine c* of no cost, log(exp(kappa (1 - H)) - 1) / kappa, within [-1, 1]."""
-    sigma, _ = singular(arm.coupling)
+    sigma = singular_values(arm.coupling)
     x = np.maximum(kappa * (1.0 - entropies(sigma, arm.jstar.shape[1])), 1e-9)
     return np.asarray(np.clip((x + np.log(-np.expm1(-x))) / kappa, -1.0, 1.0))
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel, rows
 from ffsms_pin.opt.batch.motions import Motions, Smoothing, apply_rates
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.system.batch.stacks import apply, exp3, products
+from ffsms_pin.system.batch.stacks import apply
 
 __all__ = ["base_turns", "motions_of", "targets"]
 
@@ -84,18 +85,11 @@ def targets(goal: Goal, times: FloatArray) -> FloatArray:
 
 def base_turns(spline: RateSpline, omega: FloatArray) -> FloatArray:
     """Base rotations (3, 3, S, Q + 2) from the start, of angular velocities (3, S, Q + 2) in base axes."""
-    m, g = spline.integral_over.shape
-    omega = omega[..., : spline.points].reshape(3, -1, m, g)
-    turned = np.empty((*omega.shape[:-1], g + 1))
-    np.einsum("kij,xskj->xski", spline.integral_to_points, omega, out=turned[..., :g])
-    np.einsum("kj,xskj->xsk", spline.integral_over, omega, out=turned[..., g])
-    turns = exp3(turned)
-    whole = products(turns[..., g])
-    starts = np.empty_like(whole)
-    starts[..., 0], starts[..., 1:] = np.eye(3)[:, :, None], whole[..., :-1]
-    points = apply(starts[..., None], turns[..., :g])
-    last = whole[..., [spline.late_interval - 1, -1]]
-    return np.concatenate([points.reshape(3, 3, -1, m * g), last], axis=-1)
+    R = np.empty((9, omega[0].size))
+    g = spline.integral_over.shape[1]
+    weights = spline.integral_to_points.reshape(-1, g), spline.integral_over
+    kernel.base_turns(*weights, spline.late_interval, rows(omega, 3), R)
+    return R.reshape(3, *omega.shape)
 
 
 def _drifting_turns(
