@@ -17,7 +17,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
-from ffsms_pin.opt.goals import as_goal
+from ffsms_pin.opt.goals import Place, as_goal
 from ffsms_pin.opt.limits import (
     AlphaBox,
     BaseLimits,
@@ -150,12 +150,10 @@ class Problem:
             check_joints(self.sms, self.q0)
 
     def __repr__(self) -> str:
-        place = self.goal.place(self.duration)
-        where = "[" + ", ".join(f"{x:.4g}" for x in place.position) + "] m"
-        with_attitude = "" if place.rotation is None else " in an attitude"
         moving = ", moving," if self.goal.moves else ""
         return (
-            f"Problem({self.sms.model.name} to {where}{with_attitude}{moving} in {self.duration:.4g} s, "
+            f"Problem({self.sms.model.name} to {self.goal.place(self.duration).words()}{moving} in "
+            f"{self.duration:.4g} s, "
             f"{self.steps} steps; terms: {', '.join(term.name for term in self.terms) or 'none'}; "
             f"limits: {', '.join(limit.name for limit in self.limits) or 'none'})"
         )
@@ -217,12 +215,13 @@ class Problem:
         """The motion of joint rates (N + 1, n) at the nodes, and in the middles between."""
         q0, dt = self.q0, self.dt
         motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum, ARRIVAL_SHARE)
-        place, attitude = self.base_from
+        goal, (place, attitude) = self.goal.places(motion.times), self.base_from
         return replace(
             motion,
             base_start=place,
             rotation_start=attitude,
-            target=self.goal.positions(motion.times),
+            target=np.broadcast_to(goal.position, (3, len(motion.times))),
+            target_on=goal.on,
             mean_speed=self.mean_speed,
             wheels=self.wheels,
             wheel_total=self.wheel_total,
@@ -262,6 +261,12 @@ class Problem:
         return np.asarray(self.com0 + self.rotation0 @ self.arm0.rho[:, 0])
 
     @cached_property
+    def place_now(self) -> Place:
+        """The goal's place at the deadline in inertial axes; one on the base as seen from the start."""
+        place: Place = self.goal.place(self.duration).at(self.q0[:3], self.rotation0)
+        return place
+
+    @cached_property
     def drift(self) -> FloatArray:
         """Velocity of the system's centre of mass (3,) [m/s]."""
         return np.zeros(3) if self.momentum is None else self.momentum[:3] / self.stack.mass
@@ -269,7 +274,7 @@ class Problem:
     @cached_property
     def mean_speed(self) -> float:
         """Mean speed of a straight way to the target [m/s]: the scale of speeds."""
-        way = self.goal.place(self.duration).position - self.tip0
+        way = self.place_now.position - self.tip0
         return max(float(np.linalg.norm(way)), _LEAST_WAY) / self.duration
 
 

@@ -9,12 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, positive, vector
+from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 
 __all__ = [
+    "asked_momentum",
     "check_joints",
     "check_locked",
     "check_parts",
@@ -72,7 +74,7 @@ def checked_momentum(
     if given is not None:
         momentum: FloatArray | None = vector("momentum", given, 6)
     else:
-        momentum = goal.momentum(np.array(pin.centerOfMass(sms.model, sms.model.createData(), q0)))
+        momentum = asked_momentum(goal, np.array(pin.centerOfMass(sms.model, sms.model.createData(), q0)))
     if momentum is None or not momentum.any():
         return None
     rows = MODES[mode]
@@ -80,6 +82,11 @@ def checked_momentum(
         kept = "linear momentum only" if 0 in rows else "none"
         raise InvalidValue("momentum", momentum, f"must be {kept} in mode '{mode}': the base is held")
     return momentum
+
+
+def asked_momentum(goal: Goal, com: FloatArray) -> FloatArray | None:
+    """The total momentum (6,) that a goal asks for, the robot's centre of mass at com (3,); None: any."""
+    return None if goal.at_rest_with is None else rest_momentum(goal.at_rest_with, com)
 
 
 def wheels_at_start(sms: SpaceManipulator, mode: str, given: Any) -> FloatArray:

@@ -6,11 +6,13 @@ import os
 from dataclasses import dataclass, field, fields
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.nodes import angles_from_start, path_ratio, sampled
 from ffsms_pin.opt.batch.paired import principal_rates
+from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.batch.rollout import configurations, velocities
 from ffsms_pin.opt.batch.thrusters import propellant
 from ffsms_pin.opt.batch.wheels import nodal_momentum, wheel_energy
@@ -19,7 +21,6 @@ from ffsms_pin.opt.goals.contact import contact_velocity, end_errors, late, miss
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
-from ffsms_pin.system.batch.stacks import dot, log3
 
 __all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
 
@@ -232,18 +233,12 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     """
     sms, goal, kappa, q0 = problem.sms, problem.goal, problem.kappa, problem.q0
     momentum, motion, nodes = problem.momentum, problem.motion(rates), slice(None, None, 2)
-    place, target = goal.place(problem.duration), motion.target
     way, steps = motion.to_target[:, 0, nodes], motion.paired
-    turned = np.zeros(len(motion.times))
-    wanted = np.full((3, 3), np.nan)
-    rotations = goal.rotations(motion.times)
-    if rotations is not None:
-        wanted = rotations[..., -1]
-        rotations = np.broadcast_to(rotations, (3, 3, len(motion.times)))
-        error = log3(np.einsum("xyk,zyk->xzk", rotations, motion.attitude[:, :, 0]))
-        turned = np.sqrt(dot(error, error))
-    contact = contact_velocity(place, motion)
-    distance, turned = np.linalg.norm(way, axis=0), turned[nodes]
+    places = goal.places(motion.times)
+    here = RobotFrame.tip(problem.stack).poses(motion, places.on)
+    distance, turned = np.linalg.norm(way, axis=0), places.missed(*(x[..., 0, :] for x in here)).angle[nodes]
+    place, q = goal.place(problem.duration), configurations(sms, q0, motion)
+    base, contact = pin.XYZQUATToSE3(q[-1, :7]), contact_velocity(place, motion)
     errors = end_errors(goal, float(distance[-1]), float(turned[-1]), contact, problem.duration)
     misses = missed(goal, errors)
     found = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
@@ -252,7 +247,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     notes = [note, ends, *(violation.note for _, violation in found)]
     return Trajectory(
         t=motion.times[nodes],
-        q=configurations(sms, q0, motion),
+        q=q,
         v=velocities(motion),
         joint_positions=motion.joints[:, 0, nodes].T,
         joint_accelerations=np.diff(rates, axis=0) / problem.dt,
@@ -262,8 +257,8 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         cost=steps.cost(kappa),
         end_effector=motion.end_effector[:, 0, nodes].T,
         position_error=distance,
-        target=target[:, -1],
-        target_rotation=wanted,
+        target=motion.target_points[:, 0, -1],
+        target_rotation=place.at(base.translation, base.rotation).target_rotation,
         orientation_error=turned,
         kappa=kappa,
         reach=goal.reach,

@@ -67,7 +67,7 @@ class Motions:
     base_start, rotation_start : ndarray, shape (3,), (3, 3)
         Place of the base's centre of mass and attitude of the base at the start.
     target : ndarray, shape (3, K)
-        Where the goal's position is [m].
+        Where the goal's position is, in the axes `target_on` [m].
     mean_speed : float
         Scale of speeds: the mean speed of a straight way to the target [m/s].
     smoothing : Smoothing
@@ -79,6 +79,8 @@ class Motions:
         Their momenta, were the joints at rest [N m s].
     thrusters : Thrusters, optional
         Those that hold attitude or place, where thrusters do.
+    target_on : {"inertial", "base"}
+        The axes of `target`: inertial ones, or those of the base link, with which it moves.
     """
 
     stack: ArmStack
@@ -104,6 +106,7 @@ class Motions:
     wheels: ReactionWheels | None = None
     wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))
     thrusters: Thrusters | None = None
+    target_on: str = "inertial"
 
     @property
     def count(self) -> int:
@@ -161,9 +164,16 @@ class Motions:
         return self.com[:, None] + self.base_from_com
 
     @property
+    def target_points(self) -> FloatArray:
+        """Where the goal's position is (3, S, K), inertial axes [m]."""
+        if self.target_on == "inertial":
+            return self.target[:, None]
+        return self.com[:, None] + apply(self.base_attitude, self.target[:, None] - self.arm.com)
+
+    @property
     def to_target(self) -> FloatArray:
         """From the end effector to the goal's position (3, S, K) [m]."""
-        return self.target[:, None] - self.end_effector
+        return self.target_points - self.end_effector
 
     @cached_property
     def _entropy(self) -> tuple[FloatArray, FloatArray]:

@@ -1,11 +1,11 @@
-"""A frame of the robot other than its end effector, such as the tool of a second arm.
+"""A frame of the robot: its end effector, or another one such as the tool of a second arm.
 
 Where it is, and how that changes with the joints and with the base: what a limit or a term on it is made of.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,11 @@ from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 from ffsms_pin.system.mechanism import frame_index
 
-__all__ = ["FrameValues", "RobotFrame"]
+__all__ = ["BASE", "INERTIAL", "FrameValues", "RobotFrame"]
+
+# The axes that something is given in.
+INERTIAL, BASE = "inertial", "base"
+_ZERO, _EYE = np.zeros(3), np.eye(3)
 
 
 class FrameValues(NamedTuple):
@@ -52,6 +56,8 @@ class RobotFrame(NamedTuple):
         Its attitude in these axes.
     moves : ndarray, shape (n,)
         1 for joints that move it, else 0.
+    is_tip : bool
+        Whether it is the end effector's, which motions have at hand.
     """
 
     name: str
@@ -59,6 +65,12 @@ class RobotFrame(NamedTuple):
     offset: FloatArray
     turn: FloatArray
     moves: FloatArray
+    is_tip: bool = False
+
+    @classmethod
+    def tip(cls, stack: ArmStack) -> RobotFrame:
+        """The robot's end effector."""
+        return cls("end effector", -1, _ZERO, _EYE, stack.moves_tip, True)
 
     @classmethod
     def of(cls, sms: SpaceManipulator, name: str) -> RobotFrame:
@@ -90,10 +102,18 @@ class RobotFrame(NamedTuple):
 
     def of_arm(self, arm: ArmValues) -> FrameValues:
         """The frame of an arm that is evaluated already."""
+        if self.is_tip:
+            moves = self.moves.reshape(-1, *(1,) * (arm.axes.ndim - 2))
+            return FrameValues(arm.tip, arm.tip_rotation, arm.arm, arm.axes * moves)
         return self.seen(arm.rotations, arm.points, arm.axes, arm.velocities)
 
-    def poses(self, motions: Motions) -> tuple[FloatArray, FloatArray]:
-        """Positions (3, S, K) [m] and attitudes (3, 3, S, K) in motions, inertial axes."""
+    def poses(self, motions: Motions, on: str = INERTIAL) -> tuple[FloatArray, FloatArray]:
+        """Positions (3, S, K) [m] and attitudes (3, 3, S, K) in motions, in these axes."""
+        if on == BASE:
+            values = self.of_arm(motions.arm)
+            return values.position, values.rotation
+        if self.is_tip:
+            return motions.end_effector, motions.attitude
         R, values = motions.base_attitude, self.of_arm(motions.arm)
         position = motions.com[:, None] + apply(R, values.position - motions.arm.com)
         return position, apply(R, values.rotation)
@@ -101,30 +121,45 @@ class RobotFrame(NamedTuple):
     def slopes(
         self,
         motions: Motions,
-        where: tuple[Indices, Indices],
+        where: tuple[Any, Indices],
         by_place: FloatArray | None = None,
         by_turn: FloatArray | None = None,
+        on: str = INERTIAL,
     ) -> dict[str, FloatArray]:
-        """Slopes of V numbers at entries (motion, instant), by the names that `Residual` gives them.
+        """Slopes of numbers at entries (motion, instant), by the names that `Residual` gives them.
 
         Parameters
         ----------
         motions : Motions
-        where : (ndarray of int, ndarray of int), shape (V,) each
-        by_place, by_turn : ndarray, shape (3, V), optional
-            Their slopes by the frame's position, and by a turn of it (rotation vector), inertial axes.
+        where : (ndarray of int or slice, ndarray of int)
+            Of V entries, (V,) each; or all motions and the instants of a dense residual.
+        by_place, by_turn : ndarray, shape (3, V) or (3, S, K), optional
+            Their slopes by the frame's position, and by a turn of it (rotation vector).
+        on : str
+            The axes of these.
         """
-        R = motions.base_attitude[:, :, where[0], where[1]]
+        if self.is_tip and on == INERTIAL:
+            given = {"by_tip": by_place, "by_turn": by_turn}
+            return {name: slope for name, slope in given.items() if slope is not None}
         values = FrameValues(*(one[..., where[0], where[1]] for one in self.of_arm(motions.arm)))
-        joints = np.zeros((motions.stack.n, len(where[0])))
+        R = motions.base_attitude[:, :, where[0], where[1]]
+        joints: FloatArray = np.zeros(values.linear.shape[1:])
         found: dict[str, FloatArray] = {}
-        base_turn = np.zeros((3, len(where[0])))
+        for slope, columns in ((by_place, values.linear), (by_turn, values.angular)):
+            if slope is not None:
+                inward = slope if on == BASE else np.einsum("yx...,y...->x...", R, slope)
+                joints += dot(columns, inward[:, None])
+        if on == BASE:  # the base takes the place with it
+            return {"by_joints": joints}
+        base_turn = np.zeros_like(values.position)
         if by_place is not None:
-            joints += dot(values.linear, np.einsum("yxv,yv->xv", R, by_place)[:, None])
-            lever = apply(R, values.position - motions.stack.base_com[:, None])
-            base_turn += cross(lever, by_place)
+            lever = values.position - _along(motions.stack.base_com, values.position.ndim)
+            base_turn += cross(apply(R, lever), by_place)
             found["by_base"] = by_place
         if by_turn is not None:
-            joints += dot(values.angular, np.einsum("yxv,yv->xv", R, by_turn)[:, None])
             base_turn += by_turn
         return {**found, "by_joints": joints, "by_base_turn": base_turn}
+
+
+def _along(x: FloatArray, dimensions: int) -> FloatArray:
+    return x.reshape(-1, *(1,) * (dimensions - 1))

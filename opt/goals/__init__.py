@@ -1,20 +1,20 @@
 """Goals: where the end effector should be at the deadline, and how it should arrive."""
 
 from ffsms_pin.opt.goals.also import Also
+from ffsms_pin.opt.goals.changed import Changed
 from ffsms_pin.opt.goals.goal import (
     ORIENTATION_REACH,
     REACH,
     TOLERANCE,
     Goal,
     Moving,
-    Place,
     Pose,
     Position,
     as_goal,
     rotation_matrix,
 )
 from ffsms_pin.opt.goals.meet import Meet
-from ffsms_pin.opt.goals.shifted import Shifted
+from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.opt.goals.via import Via
 
 __all__ = [
@@ -22,13 +22,13 @@ __all__ = [
     "REACH",
     "TOLERANCE",
     "Also",
+    "Changed",
     "Goal",
     "Meet",
     "Moving",
     "Place",
     "Pose",
     "Position",
-    "Shifted",
     "Via",
     "as_goal",
     "rotation_matrix",

@@ -8,7 +8,8 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.goals.goal import Goal, Place
+from ffsms_pin.opt.goals.goal import Goal
+from ffsms_pin.opt.goals.place import Place
 
 __all__ = ["contact_velocity", "end_errors", "late", "missed"]
 

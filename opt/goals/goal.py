@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, number, positive, vector
 from ffsms_pin.checks import times as checked_times
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.goals.place import Place, checked_freedom, stacked_places
 
 if TYPE_CHECKING:
+    from ffsms_pin.client import Client, ClientEstimate
     from ffsms_pin.opt.limits.limit import Limit
 
 __all__ = [
@@ -23,7 +24,6 @@ __all__ = [
     "TOLERANCE",
     "Goal",
     "Moving",
-    "Place",
     "Pose",
     "Position",
     "as_goal",
@@ -37,24 +37,6 @@ ORIENTATION_REACH = 0.02  # [rad] ours: about a degree, as far as r_th turns an 
 TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] ours, at the deadline: a twentieth of r_th
 
 
-class Place(NamedTuple):
-    """What the end effector should do at one time, inertial axes; None where anything will do.
-
-    Attributes
-    ----------
-    position : ndarray, shape (3,)
-        [m]
-    rotation : ndarray, shape (3, 3), or None
-    velocity, spin : ndarray, shape (3,), or None
-        [m/s], [rad/s]
-    """
-
-    position: FloatArray
-    rotation: FloatArray | None = None
-    velocity: FloatArray | None = None
-    spin: FloatArray | None = None
-
-
 class Goal(ABC):
     """Where the end effector should be: at the deadline within `tolerance`, near it in the last tenth.
 
@@ -66,108 +48,111 @@ class Goal(ABC):
     reach, orientation_reach : float
         How far the end effector may be from its place in the last tenth of the time, the paper's r_th [m],
         and how far its attitude from the wanted one [rad].
+    moves : bool
+        Whether the place depends on the time.
+    exact : bool
+        Whether a plan has reached the goal only with an end within the tolerance, velocities included.
+    coupled : bool
+        Whether the paper's cost is a term by default. It asks for ways across the one to the goal, so not of
+        a goal that is approached along a line.
+    at_rest_with : Client, ClientEstimate or None
+        A body with which the robot should be at rest after it has taken hold of it: a problem that is given
+        no momentum takes the one for that, and a plan for another one says so in its note.
     """
 
     tolerance: float = TOLERANCE
     reach: float = REACH
     orientation_reach: float = ORIENTATION_REACH
+    moves: ClassVar[bool] = False
+    exact: ClassVar[bool] = False
+    coupled: ClassVar[bool] = True
+    at_rest_with: ClassVar[Client | ClientEstimate | None] = None
 
     @abstractmethod
     def place(self, t: float) -> Place:
         """Where the end effector should be at a time, the velocities counting at the deadline only."""
 
-    @property
-    def moves(self) -> bool:
-        """Whether the place depends on the time."""
-        return False
-
-    @property
-    def exact(self) -> bool:
-        """Whether a plan has reached the goal only with an end within the tolerance, velocities included."""
-        return False
-
-    @property
-    def coupled(self) -> bool:
-        """Whether the paper's cost is a term by default.
-
-        It asks for ways across the one to the goal, so not of a goal that is approached along a line.
-        """
-        return True
-
-    def positions(self, times: FloatArray) -> FloatArray:
-        """Positions (3, K) [m] at times (K,) [s]."""
-        instants = checked_times("times", times)
-        if not self.moves:
-            return np.repeat(self.place(0.0).position[:, None], len(instants), axis=1)
-        return np.array([self.place(t).position for t in instants.tolist()]).reshape(-1, 3).T
-
-    def rotations(self, times: FloatArray) -> FloatArray | None:
-        """Attitudes (3, 3, K), K = 1 where the goal stands still; None where any will do."""
-        instants = checked_times("times", times).tolist()
-        found = [self.place(t).rotation for t in (instants if self.moves else [0.0])]
-        wanted = [one for one in found if one is not None]
-        return np.stack(wanted, axis=-1) if wanted else None
+    def places(self, times: FloatArray) -> Place:
+        """Places without velocities at times (K,) [s], stacked: K of them, or one where the goal stays."""
+        instants = checked_times("times", times).tolist() if self.moves else [0.0]
+        return stacked_places([self.place(t) for t in instants])
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """Times [s] and places to come by before a deadline, in order, in motions to start a search from."""
         return []
-
-    def momentum(self, com: FloatArray) -> FloatArray | None:
-        """The robot's total momentum (6,) that the goal asks for; None: any.
-
-        `com` (3,) is the robot's centre of mass at time zero [m]. A problem that is given no momentum takes
-        this one; a plan for another one says so in its note.
-        """
-        return None
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
         """Limits that belong to the goal, for a motion to a deadline [s]; a problem takes them up."""
         return ()
 
 
+class Fixed(Goal):
+    """A goal that stays where it is, in its own axes."""
+
+    def _stay(self, place: Place) -> None:
+        object.__setattr__(self, "_place", place)
+        object.__setattr__(self, "_stack", stacked_places([place]))
+
+    def place(self, t: float) -> Place:
+        """The same at all times."""
+        number("t", t)
+        return self._place  # type: ignore[attr-defined, no-any-return]
+
+    def places(self, times: FloatArray) -> Place:
+        """A stack of one."""
+        return self._stack  # type: ignore[attr-defined, no-any-return]
+
+
 @dataclass(frozen=True, eq=False)
-class Position(Goal):
+class Position(Fixed):
     """The end effector at a place, in any attitude.
 
     Attributes
     ----------
     position : array_like, shape (3,)
-        Inertial axes [m].
+        [m]
     velocity : array_like, shape (3,), optional
-        Velocity of the end effector at the deadline [m/s]; default: the arm comes to rest.
+        Velocity of the end effector at the deadline, inertial axes [m/s]; default: the arm comes to rest.
     tolerance, reach : float
         See `Goal`.
+    on : {"inertial", "base"}
+        The axes of the position: inertial ones, or those of the base link's frame, with which the goal then
+        moves and turns.
     """
 
     position: Any
     velocity: Any = None
     tolerance: float = TOLERANCE
     reach: float = REACH
+    on: str = "inertial"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", frozen(vector("target", self.position, 3, "m")))
         check_reaches(self)
         if self.velocity is not None:
             object.__setattr__(self, "velocity", frozen(vector("goal.velocity", self.velocity, 3, "m/s")))
-
-    def place(self, t: float) -> Place:
-        """The same at all times."""
-        number("t", t)
-        return Place(self.position, None, self.velocity)
+        _, on = checked_freedom(None, self.on, self.velocity)
+        self._stay(Place(self.position, None, self.velocity, on=on))
 
 
 @dataclass(frozen=True, eq=False)
-class Pose(Goal):
+class Pose(Fixed):
     """The end-effector frame at a pose.
 
     Attributes
     ----------
     pose : pinocchio.SE3
-        Inertial axes.
     twist : array_like, shape (6,), optional
-        Velocity and angular velocity at the deadline [m/s; rad/s]; default: the arm comes to rest.
+        Velocity and angular velocity at the deadline, inertial axes [m/s; rad/s]; default: the arm comes to
+        rest.
     tolerance, reach, orientation_reach : float
         See `Goal`.
+    free_axis : array_like, shape (3,), optional
+        Axis of the end-effector frame, in its own axes, about which it may be turned by any angle: a tool
+        that is round about it. Its length does not matter. Default: none.
+    on : {"inertial", "base"}
+        The axes of the pose: inertial ones, or those of the base link's frame, with which the goal then moves
+        and turns.
     """
 
     pose: Any
@@ -175,7 +160,8 @@ class Pose(Goal):
     tolerance: float = TOLERANCE
     reach: float = REACH
     orientation_reach: float = ORIENTATION_REACH
-    _place: Place = field(init=False, repr=False)
+    free_axis: Any = None
+    on: str = "inertial"
 
     def __post_init__(self) -> None:
         check_reaches(self)
@@ -187,11 +173,8 @@ class Pose(Goal):
         if self.twist is not None:
             twist = frozen(vector("goal.twist", self.twist, 6))
             velocity, spin = twist[:3], twist[3:]
-        object.__setattr__(self, "_place", Place(position, rotation, velocity, spin))
-
-    def place(self, t: float) -> Place:
-        """The same at all times."""
-        return self._place
+        axis, on = checked_freedom(self.free_axis, self.on, velocity)
+        self._stay(Place(position, rotation, velocity, spin, axis, on))
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,8 +194,9 @@ class Moving(Goal):
     reach: float = REACH
     orientation_reach: float = ORIENTATION_REACH
 
+    moves: ClassVar[bool] = True
     # [s] Over which the velocity is a difference; positions then carry it to 1e-7 of theirs.
-    _STEP = 1e-3
+    _STEP: ClassVar[float] = 1e-3
 
     def __post_init__(self) -> None:
         check_reaches(self)
@@ -220,21 +204,18 @@ class Moving(Goal):
             raise InvalidValue("path", self.path, "must be a function of time [s]")
         self.place(0.0)
 
-    @property
-    def moves(self) -> bool:
-        """It does."""
-        return True
-
     def place(self, t: float) -> Place:
         """Where the path is, and how fast."""
         t = number("t", t)
-        here = as_goal(self.path(t)).place(t)
-        ahead, behind = (as_goal(self.path(t + h)).place(t) for h in (self._STEP, -self._STEP))
-        velocity = (ahead.position - behind.position) / (2.0 * self._STEP)
-        spin = None
-        if ahead.rotation is not None and behind.rotation is not None:
-            spin = pin.log3(ahead.rotation @ behind.rotation.T) / (2.0 * self._STEP)
-        return Place(here.position, here.rotation, velocity, spin)
+        here, ahead, behind = (self._where(t + h) for h in (0.0, self._STEP, -self._STEP))
+        return here.moving(behind, ahead, 2.0 * self._STEP)
+
+    def places(self, times: FloatArray) -> Place:
+        """Where the path is at times (K,) [s]."""
+        return stacked_places([self._where(t) for t in checked_times("times", times).tolist()])
+
+    def _where(self, t: float) -> Place:
+        return as_goal(self.path(t)).place(t)
 
 
 def as_goal(target: Any) -> Goal:
@@ -261,7 +242,7 @@ def resting_place(name: str, target: Any) -> Place:
     """
     goal = as_goal(target)
     place = None if goal.moves else goal.place(0.0)
-    if place is None or place.velocity is not None or place.spin is not None:
+    if place is None or not place.rests:
         raise InvalidValue(name, target, "must stand still: a position, or a pinocchio.SE3")
     return place
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
-from ffsms_pin.client import Client, ClientEstimate, rest_momentum
+from ffsms_pin.client import Client, ClientEstimate
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, Place, check_reaches
+from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, check_reaches
+from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.opt.limits.corridor import Corridor
 from ffsms_pin.opt.limits.limit import Limit
 
@@ -80,6 +81,8 @@ class Meet(Goal):
     reach: float = REACH
     orientation_reach: float = ATTITUDE_REACH
     rest_after: bool = False
+    moves: ClassVar[bool] = True  # a client that rests is a path too
+    exact: ClassVar[bool] = True  # a contact is no contact a centimetre away, nor one with a knock
 
     def __post_init__(self) -> None:
         if not isinstance(self.client, (Client, ClientEstimate)):
@@ -100,24 +103,11 @@ class Meet(Goal):
             "standoff": checks.at_least_zero("standoff", self.standoff, "m"),
             "half_angle": half_angle,
             "axis": frozen(axis / length),
+            "coupled": not self.standoff,  # a corridor sets the way
+            "at_rest_with": self.client if self.rest_after else None,
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
-
-    @property
-    def moves(self) -> bool:
-        """Always: a client that rests is a path too."""
-        return True
-
-    @property
-    def exact(self) -> bool:
-        """A contact is no contact a centimetre away, nor one with a knock."""
-        return True
-
-    @property
-    def coupled(self) -> bool:
-        """Only where no corridor sets the way."""
-        return self.standoff == 0.0
 
     def place(self, t: float) -> Place:
         """The grasp frame and its velocities."""
@@ -126,15 +116,11 @@ class Meet(Goal):
         velocity = twist[:3] + np.cross(twist[3:], grasp.translation - body.translation)
         return Place(grasp.translation, grasp.rotation, velocity, twist[3:])
 
-    def positions(self, times: FloatArray) -> FloatArray:
+    def places(self, times: FloatArray) -> Place:
         """All at once."""
         positions, attitudes = self.client.poses(times)
-        return np.asarray((positions + attitudes @ self.grasp.translation).T)
-
-    def rotations(self, times: FloatArray) -> FloatArray:
-        """All at once."""
-        _, attitudes = self.client.poses(times)
-        return np.moveaxis(attitudes @ self.grasp.rotation, 0, -1)
+        grasps = (positions + attitudes @ self.grasp.translation).T
+        return Place(grasps, np.moveaxis(attitudes @ self.grasp.rotation, 0, -1))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """From the mouth of the corridor along its axis, ever more slowly, where there is one."""
@@ -145,10 +131,6 @@ class Meet(Goal):
             pose = self.client.pose(t) * self.grasp * back
             found.append((t, Place(pose.translation, pose.rotation)))
         return found
-
-    def momentum(self, com: FloatArray) -> FloatArray | None:
-        """What leaves both at rest after the capture, where that is asked for."""
-        return rest_momentum(self.client, com) if self.rest_after else None
 
     def limits(self, duration: float) -> tuple[Limit, ...]:
         """The corridor, where there is one."""

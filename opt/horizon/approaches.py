@@ -12,13 +12,15 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import apply_rates
+from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.goals import Place
+from ffsms_pin.opt.horizon.shooting import GoalFromStart
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.starts import straight_moves
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.system.batch.stacks import apply, exp3, log3
+from ffsms_pin.system.batch.stacks import exp3
 
-__all__ = ["moves_to"]
+__all__ = ["missed_at", "moves_to"]
 
 _SAMPLES = 60  # instants at which the spline is fitted to a move
 _DAMPING = 1e-3  # of the least squares, in squares of the arm's length
@@ -41,15 +43,12 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
     approach = problem.goal.approach(problem.duration)
     if not approach or not len(goals):
         return straight_moves(problem, spline, goals)
-    end = problem.goal.place(problem.duration)
-    assert end.rotation is not None
+    end, arm = problem.goal.place(problem.duration), problem.stack.evaluate(goals.T)
     velocity, spin = (np.zeros(3) if one is None else one for one in (end.velocity, end.spin))
-    arm = problem.stack.evaluate(goals.T)
     # The base as it is turned where the tip is at the goal.
-    at = _Postures(goals, np.einsum("xy,zyk->xzk", end.rotation, arm.tip_rotation))
-    rates = [
-        _least_squares(_jacobian(problem, at), np.concatenate([velocity - problem.drift, spin]), problem)
-    ]
+    at = _Postures(goals, end.base_attitude(arm.tip_rotation))
+    J = missed_at(problem, end, problem.duration, *at)[1]
+    rates = [_least_squares(J, np.concatenate([velocity - problem.drift, spin]), problem)]
     times, places = [problem.duration], [goals]
     for t, place in reversed(approach):
         at = _back(problem, at, t, place)
@@ -68,38 +67,36 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
     return np.asarray(np.linalg.pinv(maps.free) @ (wanted - maps.fixed[:, None] * problem.joint_rates))
 
 
+def missed_at(
+    problem: Problem, place: Place, t: float, joints: FloatArray, base: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """What postures (K, n) on bases in attitudes (3, 3, K) miss of a place at t [s], (K, 6).
+
+    And how fast the joints make it up, the base reacting, (K, 6, n).
+    """
+    centre = problem.com0 + t * problem.drift
+    wanted = GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.tip(problem.stack))
+    error, columns = wanted.missed(problem.stack.evaluate(joints.T), base)
+    return error.T, columns.transpose(2, 0, 1) * problem.free
+
+
 def _back(problem: Problem, at: _Postures, t: float, place: Place) -> _Postures:
     """From postures to those with the end effector at a place: Newton's method, the base reacting."""
-    stack, (joints, base) = problem.stack, at
+    joints, base = at
     low, high = problem.sms.limits.lower, problem.sms.limits.upper
-    com = problem.com0 + t * problem.drift
     stuck = np.zeros(joints.shape, dtype=bool)
-    turn = _TURN * stack.length
     for _ in range(_NEWTON):
-        arm = stack.evaluate(joints.T)
-        missed = (place.position - com)[:, None] - apply(base, arm.rho)
-        if place.rotation is not None:
-            attitude = np.einsum("xyk,yzk->xzk", base, arm.tip_rotation)
-            turned = log3(np.einsum("xy,zyk->xzk", place.rotation, attitude))
-            missed = np.concatenate([missed, turn * turned])
-        J = _jacobian(problem, _Postures(joints, base))[:, : len(missed)] * ~stuck[:, None]
-        J[:, 3:] *= turn
-        step = _least_squares(J, missed.T, problem)
+        missed, J = missed_at(problem, place, t, joints, base)
+        weights = np.repeat([1.0, _TURN * problem.stack.length], [3, missed.shape[1] - 3])
+        step = _least_squares(weights[:, None] * J * ~stuck[:, None], weights * missed, problem)
         step *= np.minimum(1.0, _STEP / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
         wanted = joints + step
         stuck = (wanted < low) | (wanted > high)
         step = np.clip(wanted, low, high) - joints
-        base = np.einsum("xyk,yzk->xzk", base, exp3(apply_rates(arm.spin, step.T)))
+        spin = problem.stack.evaluate(joints.T).spin
+        base = np.einsum("xyk,yzk->xzk", base, exp3(apply_rates(spin, step.T)))
         joints = joints + step
     return _Postures(joints, base)
-
-
-def _jacobian(problem: Problem, at: _Postures) -> FloatArray:
-    """Of the end effector (K, 6, n), inertial axes, with the base reacting."""
-    arm = problem.stack.evaluate(at.joints.T)
-    turning = arm.spin + arm.axes * problem.stack.moves_tip[:, None]
-    J = np.concatenate([apply(at.base, arm.jstar), apply(at.base, turning)])
-    return np.asarray(J.transpose(2, 0, 1) * problem.free)
 
 
 def _least_squares(J: FloatArray, wanted: FloatArray, problem: Problem) -> FloatArray:

@@ -8,9 +8,10 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.orientation import orientation_residual
 from ffsms_pin.opt.batch.residual import Indices, Residual
+from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.goals import Goal
+from ffsms_pin.opt.goals.missed import shortened
 from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Arrival", "arrival"]
@@ -40,56 +41,55 @@ class Arrival(NamedTuple):
 
 def arrival(goal: Goal, motions: Motions) -> Arrival:
     """Residuals of the way to the goal beyond what is near enough."""
-    last = np.array([motions.last])
-    end, error = _position(motions, last, _END * goal.tolerance)
-    tail, worst = _distance(motions, motions.last_tenth, _TAIL * goal.reach)
-    error, worst = error / goal.tolerance, worst / goal.reach
-    place = goal.place(motions.duration)
-    if place.rotation is not None:
-        more, angle = _attitude(goal, motions, last, _END * goal.tolerance)
-        end, error = end + more, np.maximum(error, angle / goal.tolerance)
-        more, angle = _attitude(goal, motions, motions.last_tenth, _TAIL * goal.orientation_reach)
-        tail, worst = tail + more, np.maximum(worst, angle / goal.orientation_reach)
+    place, last, late = goal.place(motions.duration), np.array([motions.last]), motions.last_tenth
+    end, error = _missed(goal, motions, last, _END, (goal.tolerance, goal.tolerance))
+    tail, worst = _missed(goal, motions, late, _TAIL, (goal.reach, goal.orientation_reach))
     velocities = (("by_velocity", place.velocity, motions.velocity), ("by_spin", place.spin, motions.spin))
     for name, wanted, values in velocities:
         if wanted is not None:
             miss = values[..., last] - wanted[:, None, None]
             size = np.sqrt(dot(miss, miss))[:, 0]
             rows = np.broadcast_to(np.eye(3)[..., None, None], (3, 3, *miss.shape[1:]))
-            end = [*end, _components(miss, last, name, rows)]
+            slopes: dict[str, Any] = {name: _rows(rows)}
+            end = [*end, Residual(_flat(miss), np.tile(last, 3), over_time=False, **slopes)]
             error = np.maximum(error, size / goal.tolerance)
     return Arrival(end, tail, error, worst)
 
 
-def _position(motions: Motions, at: Indices, near: float) -> tuple[list[Residual], FloatArray]:
-    """The components of the way beyond `near`; its length (S,)."""
-    way = motions.to_target[..., at]
-    length = np.sqrt(dot(way, way))
-    short, unit = np.maximum(length - near, 0.0), way / np.maximum(length, 1e-9)
-    share = short / np.maximum(length, 1e-9)
-    slope = share * np.eye(3)[..., None, None] + ((short > 0.0) - share) * (unit[:, None] * unit)
-    return [_components(short * unit, at, "by_tip", -slope)], length[:, 0]
+def _missed(
+    goal: Goal, motions: Motions, at: Indices, share: float, allowed: tuple[float, float]
+) -> tuple[list[Residual], FloatArray]:
+    """What motions miss beyond a share of what is allowed [m, rad]; the largest share of it that they use."""
+    place, frame = goal.places(motions.times[at]), RobotFrame.tip(motions.stack)
+    missed = place.missed(*(one[..., at] for one in frame.poses(motions, place.on)))
+    ways = ("by_place", missed.way, None), ("by_turn", missed.turn, missed.by_turn())
+    found: list[Residual] = []
+    used = np.zeros(motions.count)
+    for (name, e, slope), most in zip(ways, allowed, strict=True):
+        if not len(e):
+            continue
+        length = np.sqrt(dot(e, e))
+        used = np.maximum(used, length.max(axis=1) / most)
+        if name == "by_place" and share == _TAIL:  # the distance alone
+            short = np.maximum(length - share * most, 0.0)
+            value, slope = (
+                short[None],
+                (np.where(short > 0.0, -1.0, 0.0) * e / np.maximum(length, 1e-9))[None],
+            )
+        else:
+            value, slope = shortened(e, slope, share * most)
+        instants = np.tile(at, len(value))
+        where = (slice(None), instants)
+        slopes: dict[str, Any] = frame.slopes(motions, where, on=place.on, **{name: _rows(slope)})
+        found.append(Residual(_flat(value), instants, over_time=False, **slopes))
+    return found, used
 
 
-def _distance(motions: Motions, at: Indices, near: float) -> tuple[list[Residual], FloatArray]:
-    """The distance beyond `near`; the largest (S,)."""
-    way = motions.to_target[..., at]
-    length = np.sqrt(dot(way, way))
-    excess = np.maximum(length - near, 0.0)
-    slope = np.where(excess > 0.0, -1.0, 0.0) * way / np.maximum(length, 1e-9)
-    return [Residual(excess, at, over_time=False, by_tip=slope)], length.max(axis=1)
+def _flat(value: FloatArray) -> FloatArray:
+    """The components of vectors (r, S, K), one after the other: (S, r K)."""
+    return value.transpose(1, 0, 2).reshape(value.shape[1], -1)
 
 
-def _attitude(goal: Goal, motions: Motions, at: Indices, near: float) -> tuple[list[Residual], FloatArray]:
-    """The components of the turn to the wanted attitude beyond `near`; the largest angle (S,)."""
-    wanted = goal.rotations(motions.times[at])
-    assert wanted is not None
-    value, by_turn, angle = orientation_residual(wanted[:, :, None], motions.attitude[..., at], near)
-    return [_components(value, at, "by_turn", by_turn)], angle.max(axis=1)
-
-
-def _components(value: FloatArray, at: Indices, by: str, slope: FloatArray) -> Residual:
-    """The components of vectors (3, S, K), with slopes (3, 3, S, K), value first, in one residual."""
-    count = value.shape[1]
-    slopes: dict[str, Any] = {by: slope.transpose(1, 2, 0, 3).reshape(3, count, -1)}
-    return Residual(value.transpose(1, 0, 2).reshape(count, -1), np.tile(at, 3), over_time=False, **slopes)
+def _rows(slope: FloatArray) -> FloatArray:
+    """Their slopes (r, 3, S, K), likewise: (3, S, r K)."""
+    return slope.transpose(1, 2, 0, 3).reshape(3, slope.shape[2], -1)

@@ -9,10 +9,9 @@ hand where it broke one.
 
 from __future__ import annotations
 
-import numpy as np
+import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.goals import Goal, Shifted
+from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.goals.contact import end_errors
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory
@@ -32,20 +31,20 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
     """The next goal, after a landing at `goal` gave this plan; None where the plan arrives."""
     if plan.reached and arrival_error(problem.goal, plan) <= problem.goal.tolerance:
         return None
-    offset: FloatArray = np.zeros(3)
-    turn: FloatArray = np.eye(3)
-    nearer = 1.0
-    if isinstance(goal, Shifted):
-        offset, turn, nearer = goal.offset, goal.turn, goal.nearer
-    place = problem.goal.place(problem.duration)
-    offset = offset + place.position - plan.end_effector[-1]
-    if place.rotation is not None:
-        turned = problem.sms.at(plan.q[-1]).end_effector_pose.rotation
-        turn = place.rotation @ turned.T @ turn
+    place, aimed = (one.place(problem.duration) for one in (problem.goal, goal))
+    missed = place.missed_from(problem.sms.at(plan.q[-1]).end_effector_pose, plan.q[-1])
+    offset = aimed.position - place.position + missed.way
+    turn = pin.exp3(missed.vector) @ aimed.turned_from(place)
+    nearer = goal.reach / problem.goal.reach
     late = _late_share(problem.goal, plan)
     if late > 1.0 and arrival_error(problem.goal, plan) <= problem.goal.tolerance:
         nearer *= _SPARE / late
-    return Shifted(problem.goal, offset, turn, nearer)
+    return Changed(
+        problem.goal,
+        lambda place: place.moved(offset, turn),
+        reach=nearer * problem.goal.reach,
+        orientation_reach=nearer * problem.goal.orientation_reach,
+    )
 
 
 def _late_share(goal: Goal, plan: Trajectory) -> float:

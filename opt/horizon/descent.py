@@ -47,8 +47,7 @@ class Model:
     @classmethod
     def make(cls, problem: Problem, grid: Grid) -> Model:
         """The problem on a spline so fine."""
-        place = problem.goal.place(problem.duration)
-        moving = place.velocity is not None or place.spin is not None
+        moving = not problem.goal.place(problem.duration).rests
         spline = rate_spline(problem.steps, problem.dt, grid, moving)
         return cls(problem, problem.goal, spline, ControlQP(problem, spline))
 

@@ -139,10 +139,15 @@ def within_workspace(problem: Problem) -> bool:
 
 
 def distances(problem: Problem) -> tuple[float, float, float]:
-    """Of the target from the system's centre of mass at the deadline, and the range that can be had [m]."""
-    place = problem.goal.place(problem.duration).position
-    way = place - problem.com0 - problem.duration * problem.drift
-    return float(np.linalg.norm(way)), *reach_range(problem)
+    """Of the target from the system's centre of mass at the deadline, and the range that can be had [m].
+
+    How far a goal on the base is from it depends on the joints: it counts as within.
+    """
+    place, (least, most) = problem.goal.place(problem.duration), reach_range(problem)
+    if place.moves_with_base:
+        return 0.5 * (least + most), least, most
+    way = place.position - problem.com0 - problem.duration * problem.drift
+    return float(np.linalg.norm(way)), least, most
 
 
 def reach_range(problem: Problem) -> tuple[float, float]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
@@ -126,8 +127,12 @@ def _between(nodes: FloatArray, rates: FloatArray) -> FloatArray:
 
 
 def cone_marches(problem: Problem, steps: int) -> FloatArray:
-    """Joint rates (S, steps, n) in the middles of steps: a march for each side of the cone, one straight."""
-    place = problem.goal.place(problem.duration)
+    """Joint rates (S, steps, n) in the middles of steps: a march for each side of the cone, one straight.
+
+    They are starts: a place that rides on the base, or is free about an axis, counts as seen from the start.
+    """
+    tip = pin.SE3(problem.rotation0 @ problem.arm0.tip_rotation[..., 0], problem.tip0)
+    place = problem.goal.place(problem.duration).aim(tip, problem.q0)
     low, high = joint_range(problem)
     most = np.where(problem.free, _SHARE * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]

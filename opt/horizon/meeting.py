@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.approaches import missed_at
 from ffsms_pin.opt.horizon.shooting import JointGoals
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.system.batch.stacks import apply
 
 __all__ = ["later_deadline", "time_within_reach", "too_fast"]
 
@@ -46,12 +46,10 @@ def too_fast(problem: Problem, goals: JointGoals) -> str:
     """What the joints would need to move with the goal at the deadline, where that is beyond their rates."""
     place = problem.goal.place(problem.duration)
     near = goals.joints[goals.distance <= 0.05 * problem.stack.length]
-    if place.velocity is None or place.spin is None or place.rotation is None or not len(near):
+    if place.velocity is None or place.spin is None or not len(near):
         return ""
-    arm = problem.stack.evaluate(near.T)
-    R = np.einsum("xy,zyk->xzk", place.rotation, arm.tip_rotation)
-    turning = arm.spin + arm.axes * problem.stack.moves_tip[:, None]
-    J = np.concatenate([apply(R, arm.jstar), apply(R, turning)]).transpose(2, 0, 1) * problem.free
+    base = place.base_attitude(problem.stack.evaluate(near.T).tip_rotation)
+    J = missed_at(problem, place, problem.duration, near, base)[1]
     wanted = np.concatenate([place.velocity - problem.drift, place.spin])
     rates = (np.linalg.pinv(J, rcond=1e-3) @ wanted[:, None])[..., 0]
     share = float(np.abs(rates / problem.sms.limits.velocity).max(axis=1).min())
@@ -73,6 +71,6 @@ def later_deadline(problem: Problem, least: float, most: float, attempt: Callabl
 def _within_reach(problem: Problem, least: float, most: float) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Times (K,) ahead, and whether the goal is within reach then."""
     t = np.linspace(0.0, max(_AHEAD * problem.duration, _LEAST_AHEAD), _TIMES)[1:]
-    way = problem.goal.positions(t) - problem.com0[:, None] - problem.drift[:, None] * t
+    way = problem.goal.places(t).position - problem.com0[:, None] - problem.drift[:, None] * t
     distance = np.linalg.norm(way, axis=0)
     return t, (distance >= least) & (distance <= most)

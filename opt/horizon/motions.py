@@ -70,6 +70,7 @@ def motions_of(
         base_start=problem.base_from[0],
         rotation_start=problem.base_from[1],
         target=target,
+        target_on=problem.goal.place(problem.duration).on,
         mean_speed=problem.mean_speed,
         smoothing=smoothing,
         lag=problem.dt,
@@ -80,5 +81,5 @@ def motions_of(
 
 
 def targets(goal: Goal, times: FloatArray) -> FloatArray:
-    """Where a goal's position is (3, K) at times (K,)."""
-    return goal.positions(times)
+    """Where a goal's position is (3, K) at times (K,), in the axes of its place."""
+    return np.broadcast_to(goal.places(times).position, (3, len(times)))

@@ -57,8 +57,7 @@ class Ranking:
     def __init__(self, problem: Problem, options: SearchOptions) -> None:
         self._problem, self._options = problem, options
         self.scale = max(1.0, problem.duration / REFERENCE_TIME)
-        place = problem.goal.place(problem.duration)
-        self._rests = place.velocity is None and place.spin is None
+        self._rests = problem.goal.place(problem.duration).rests
 
     def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
         """Whether a plan fails, whether it arrives poorly, and by how much it misses."""

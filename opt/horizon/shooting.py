@@ -10,9 +10,11 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import apply_rates
 from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.batch.slopes import velocity_slopes
+from ffsms_pin.opt.goals import Place
 from ffsms_pin.opt.horizon.starts import joint_range, straight_time
+from ffsms_pin.opt.limits.limit import End
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
 
 __all__ = ["GoalFromStart", "JointGoals", "joint_goals", "straight_ends", "too_short"]
@@ -49,20 +51,17 @@ class JointGoals(NamedTuple):
 
 
 class GoalFromStart(NamedTuple):
-    """A place for a motion without momentum, from the centre of mass, base axes of the start.
+    """A place for a motion without momentum: from the centre of mass, base axes of the start; or on the base.
 
     Attributes
     ----------
-    position : ndarray, shape (3,)
-        [m]
-    rotation : ndarray, shape (3, 3), or None
-    frame : RobotFrame or None
-        Whose place it is; None: the end effector's.
+    place : Place
+    frame : RobotFrame
+        Whose place it is.
     """
 
-    position: FloatArray
-    rotation: FloatArray | None
-    frame: RobotFrame | None = None
+    place: Place
+    frame: RobotFrame
 
     @classmethod
     def all_of(cls, problem: Problem) -> list[GoalFromStart]:
@@ -70,29 +69,26 @@ class GoalFromStart(NamedTuple):
 
         With momentum, turned back by about as much as the momentum turns the base.
         """
-        place, turn = problem.goal.place(problem.duration), problem.rotation0
+        turn = problem.rotation0
         if problem.momentum is not None:
             turn = turn @ exp3(
                 problem.duration * (problem.arm0.inverse[..., 0] @ (turn.T @ problem.momentum[3:]))
             )
         origin = problem.com0 + problem.duration * problem.drift
-        ends = [end for limit in problem.limits for end in limit.ends()]
-        wanted: list[tuple[FloatArray, FloatArray | None, RobotFrame | None]]
-        wanted = [(place.position, place.rotation, None)]
-        wanted += [(end.position, end.rotation, end.frame) for end in ends]
+        wanted = [End(RobotFrame.tip(problem.stack), problem.goal.place(problem.duration))]
+        wanted += [end for limit in problem.limits for end in limit.ends()]
         return [
-            cls(turn.T @ (position - origin), None if rotation is None else turn.T @ rotation, frame)
-            for position, rotation, frame in wanted
+            cls(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)
+            for frame, place in wanted
         ]
 
     def missed(
-        self, stack: ArmStack, arm: ArmValues, R: FloatArray, beyond: FloatArray | None = None
+        self, arm: ArmValues, R: FloatArray, beyond: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """What K motions miss at their end (3 or 6, K), and how fast joints make it up (3 or 6, n, K).
+        """What K motions miss at their end (3 to 6, K), and how fast joints make it up (3 to 6, n, K).
 
         Parameters
         ----------
-        stack : ArmStack
         arm : ArmValues
             At the end.
         R : ndarray, shape (3, 3, K)
@@ -100,24 +96,16 @@ class GoalFromStart(NamedTuple):
         beyond : ndarray, shape (3, n, K), optional
             What J* leaves out of how goals turn the base (see `straight_ends`).
         """
-        if self.frame is None:
-            rho, rotation = arm.rho, arm.tip_rotation
-            linear, angular = arm.jstar, arm.spin + arm.axes * stack.moves_tip[:, None]
-        else:
-            seen = self.frame.of_arm(arm)
-            rho, rotation = seen.position - arm.com, seen.rotation
-            linear = arm.root + cross(arm.spin, seen.position[:, None]) + seen.linear
-            angular = arm.spin + seen.angular
-        lever = apply(R, rho)
-        error, columns = self.position[:, None] - lever, apply(R, linear)
-        if beyond is not None:
-            columns = columns + cross(beyond, lever[:, None])
-        if self.rotation is not None:
-            turned = log3(np.einsum("xy,zyk->xzk", self.rotation, apply(R, rotation)))
-            error = np.concatenate([error, turned])
-            turning = apply(R, angular)
-            columns = np.concatenate([columns, turning if beyond is None else turning + beyond])
-        return error, columns
+        position, rotation, linear, angular = self.frame.of_arm(arm)
+        if not self.place.moves_with_base:
+            linear = apply(R, arm.root + cross(arm.spin, position[:, None]) + linear)
+            angular = apply(R, arm.spin + angular)
+            position, rotation = apply(R, position - arm.com), apply(R, rotation)
+            if beyond is not None:
+                linear = linear + cross(beyond, position[:, None])
+                angular = angular + beyond
+        missed = self.place.missed(position, rotation)
+        return np.concatenate([missed.way, missed.turn]), np.concatenate([linear, missed.along(angular)])
 
 
 def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:
@@ -144,7 +132,7 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
     for k in range(iterations):
         end, R, beyond = straight_ends(problem, goals, exact)
         exact = exact or (k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > _MUCH)
-        missed = [one.missed(arm, end, R, beyond) for one in wanted]
+        missed = [one.missed(end, R, beyond) for one in wanted]
         error = np.concatenate([one for one, _ in missed])
         columns = np.concatenate([one for _, one in missed])
         distance = np.sqrt(dot(error, error))

@@ -14,6 +14,7 @@ from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem_checks import asked_momentum
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.threads import one_blas_thread
 
@@ -85,7 +86,7 @@ def solve(
 
 def _momentum_note(problem: Problem) -> str:
     """How far the problem's momentum is from the one that its goal asks for; empty where it is that."""
-    asked = problem.goal.momentum(problem.com0)
+    asked = asked_momentum(problem.goal, problem.com0)
     if asked is None:
         return ""
     given = np.zeros(6) if problem.momentum is None else problem.momentum

@@ -261,13 +261,9 @@ def _is_near(problem: Problem) -> bool:
     """Whether const8 counts the start as arrived."""
     if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
         return False
-    place = problem.goal.place(problem.duration)
-    turned = 0.0
-    if place.rotation is not None:
-        start = problem.sms.at(problem.q0).end_effector_pose.rotation
-        turned = float(np.arccos(np.clip(0.5 * (np.trace(place.rotation @ start.T) - 1.0), -1, 1)))
-    far = float(np.linalg.norm(place.position - problem.tip0))
-    return bool(far <= problem.goal.reach) and turned <= problem.goal.orientation_reach
+    start = problem.sms.at(problem.q0).end_effector_pose
+    far, turned = problem.goal.place(problem.duration).error(start, problem.q0)
+    return bool(far <= problem.goal.reach and turned <= problem.goal.orientation_reach)
 
 
 def _is_hopeless(search: Search) -> bool:
@@ -280,7 +276,7 @@ def _is_hopeless(search: Search) -> bool:
 def _can_march(problem: Problem) -> bool:
     """Whether a march knows the goal."""
     place = problem.goal.place(problem.duration)
-    return not (problem.goal.moves or problem.locked) and place.velocity is None and place.spin is None
+    return not (problem.goal.moves or problem.locked) and bool(place.rests and place.plain)
 
 
 def _travels_far(search: Search, plan: Trajectory) -> bool:

@@ -13,6 +13,7 @@ from ffsms_pin.checks import FloatArray
 if TYPE_CHECKING:
     from ffsms_pin.opt.batch.motions import Motions
     from ffsms_pin.opt.batch.robot_frame import RobotFrame
+    from ffsms_pin.opt.goals.place import Place
     from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
     from ffsms_pin.opt.limits.step_state import StepState
     from ffsms_pin.opt.parts.reading import Formula
@@ -127,20 +128,16 @@ class Violation(NamedTuple):
 
 
 class End(NamedTuple):
-    """Where a limit wants a frame of the robot at the deadline, inertial axes.
+    """Where a limit wants a frame of the robot at the deadline.
 
     Attributes
     ----------
     frame : RobotFrame
-    position : ndarray, shape (3,)
-        [m]
-    rotation : ndarray, shape (3, 3), or None
-        None: any attitude will do.
+    place : Place
     """
 
     frame: RobotFrame
-    position: FloatArray
-    rotation: FloatArray | None
+    place: Place
 
 
 class Failed(NamedTuple):

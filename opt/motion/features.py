@@ -12,13 +12,13 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.robot_frame import RobotFrame
+from ffsms_pin.opt.batch.robot_frame import INERTIAL, RobotFrame
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.actuated import joint_torques, wheel_momenta, wheel_torques, wrench
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import EYE, Frame, carried
 from ffsms_pin.system.batch.arm import ArmValues
-from ffsms_pin.system.batch.stacks import apply
+from ffsms_pin.system.batch.stacks import apply, skew
 
 __all__ = ["Features", "Lazy", "features_of"]
 
@@ -189,8 +189,13 @@ class Features:
     @property
     def goal(self) -> Feature:
         """Where the goal's position is [m]."""
-        target = self.motions.target[:, None]
-        return Feature(np.broadcast_to(target, (3, *self.motions.rates.shape[1:])), None, self.where)
+        m = self.motions
+        target, still = m.target_points, m.target_on == INERTIAL
+        value = np.broadcast_to(target, (3, *m.rates.shape[1:]))
+        if still:
+            return Feature(value, None, self.where)
+        lever = target - m.base_position
+        return self.feature(value, lambda: {"by_base": EYE, "by_base_turn": -skew(lever)})
 
     def weighted(self) -> Features:
         """The same at the instants that have a weight in an integral over the motion."""

@@ -91,9 +91,11 @@ def _random_motion(problem: Problem, rates: FloatArray) -> Motions:
     """A finished motion of these rates at its nodes, as terms and limits see one."""
     sms, dt = problem.sms, problem.duration / _STEPS
     motion = rolled_out(sms, problem.stack, problem.q0, rates, dt, problem.momentum, _LATE)
+    goal = as_goal(problem.goal).places(motion.times)
     return replace(
         motion,
-        target=as_goal(problem.goal).positions(motion.times),
+        target=np.broadcast_to(goal.position, (3, len(motion.times))),
+        target_on=goal.on,
         mean_speed=problem.mean_speed,
         lag=problem.dt,
         wheels=problem.wheels,

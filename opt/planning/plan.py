@@ -197,6 +197,8 @@ def plan_problem(
         raise InvalidValue("method", method, "knows no obstacles that move; take another one")
     if method != "horizon" and (problem.goal.moves or problem.locked):
         raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
+    if method != "horizon" and not problem.goal.place(problem.duration).plain:
+        raise InvalidValue("method", method, "knows no goals on the base and no free axis; take 'horizon'")
     still = _stand_still(problem)
     if still is not None:
         return still
@@ -213,9 +215,9 @@ def _stand_still(problem: Problem) -> Trajectory | None:
     """The motion of an arm that is already there: none, whatever the paper's cost charges for it."""
     if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
         return None
-    place = problem.goal.place(0.0)
-    rests = place.velocity is None and place.spin is None
-    if not rests or np.linalg.norm(place.position - problem.tip0) >= ALREADY_THERE:
+    if not problem.goal.place(0.0).rests or (
+        np.linalg.norm(problem.place_now.position - problem.tip0) >= ALREADY_THERE
+    ):
         return None
     still = measure(
         problem,

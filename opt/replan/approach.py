@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.opt.goals import Place
-from ffsms_pin.opt.goals.of_another import OfAnother
+from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.terms.term import Term
 
-__all__ = ["Approach", "Narrower"]
+__all__ = ["Approach", "narrower"]
 
 _NEAR = 1e-3  # [m] nearer than this the direction to the goal is noise
 _SHARE = 0.1  # of the tolerance
@@ -42,18 +41,6 @@ class Approach(Term):
         return np.sqrt(self.weight) * np.maximum(growth, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Narrower(OfAnother):
+def narrower(goal: Goal) -> Goal:
     """The same goal with a tenth of its tolerance, which is left to what the model does not know."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "tolerance", _SHARE * self.goal.tolerance)
-
-    def place(self, t: float) -> Place:
-        """The other's."""
-        return self.goal.place(t)
-
-    def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """The other's."""
-        return self.goal.approach(duration)
+    return Changed(goal, tolerance=_SHARE * goal.tolerance)

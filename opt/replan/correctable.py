@@ -2,62 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.goals import Goal, Place
-from ffsms_pin.opt.goals.of_another import OfAnother
+from ffsms_pin.opt.goals import Changed, Goal, Place
 from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.stacks import apply, exp3
 
-__all__ = ["Correctable", "Projected"]
+__all__ = ["Correctable"]
 
 _SAMPLES = 8  # configurations that are looked at
 _WEAK = 1e-3  # what moves the end effector by less than this share of the strongest direction is no way
 _ROUNDING = 1e-6  # [m, rad] smaller errors that cannot be corrected are left alone
-
-
-@dataclass(frozen=True, eq=False)
-class Projected(OfAnother):
-    """A goal moved to where the arm can come: along what it cannot correct, it is where it is.
-
-    Attributes
-    ----------
-    goal : Goal
-    through : pinocchio.SE3
-        The end effector's pose now.
-    shifts, turns : ndarray, shape (3, 3)
-        Projections on the directions in which it can be moved, and about which it can be turned; inertial
-        axes.
-    """
-
-    through: pin.SE3
-    shifts: FloatArray
-    turns: FloatArray
-
-    def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """The other's, projected."""
-        return [(t, self._projected(place)) for t, place in self.goal.approach(duration)]
-
-    def place(self, t: float) -> Place:
-        """The other's, projected."""
-        return self._projected(self.goal.place(t))
-
-    def _projected(self, place: Place) -> Place:
-        here = self.through.translation
-        rotation = place.rotation
-        if rotation is not None:
-            turn = pin.log3(rotation @ self.through.rotation.T)
-            rotation = pin.exp3(self.turns @ turn) @ self.through.rotation
-        return Place(
-            here + self.shifts @ (place.position - here),
-            rotation,
-            None if place.velocity is None else self.shifts @ place.velocity,
-            None if place.spin is None else self.turns @ place.spin,
-        )
 
 
 class Correctable:
@@ -108,15 +68,23 @@ class Correctable:
         shifts, turns = (
             np.eye(3) if part is None else root @ part @ root.T for part in (self._shifts, self._turns)
         )
-        projected = Projected(goal, here, shifts, turns)
-        place, there = goal.place(t), projected.place(t)
+
+        def projected(place: Place) -> Place:
+            """Moved to where the arm can come: along what it cannot correct, it is where it is."""
+            missed = place.missed(here.translation, here.rotation)
+            turn = apply(exp3(turns @ missed.vector), exp3(-missed.vector))
+            moved = place.moved((shifts - np.eye(3)) @ missed.way, turn)
+            velocities = zip((shifts, turns), (place.velocity, place.spin), strict=True)
+            velocity, spin = (None if one is None else part @ one for part, one in velocities)
+            return replace(moved, velocity=velocity, spin=spin)
+
+        place = goal.place(t)
+        missed, there = place.missed(here.translation, here.rotation), projected(place)
         left = float(np.linalg.norm(place.position - there.position))
-        tilt = 0.0
-        if place.rotation is not None and there.rotation is not None:
-            tilt = float(np.linalg.norm(pin.log3(place.rotation @ there.rotation.T)))
+        tilt = float(np.linalg.norm(missed.vector - turns @ missed.vector))
         if max(left, tilt) < _ROUNDING:
             return goal, 0.0
-        return projected, left
+        return Changed(goal, projected), left
 
 
 def _range(J: FloatArray) -> FloatArray | None:

@@ -78,6 +78,8 @@ class Replanning:
             raise InvalidValue("hold", hold, "must be at least zero [s]")
         instance("problem", problem, Problem)
         instance("options", options, ReplanOptions, optional=True)
+        if problem.goal.place(0.0).moves_with_base:
+            raise InvalidValue("goal", problem.goal, "must not ride on the base: fly its plan instead")
         sms, n = problem.sms, problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + hold
@@ -105,7 +107,7 @@ class Replanning:
     def target(self) -> Any:
         """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one."""
         if (goal := self.problem.goal).moves:
-            return lambda t: goal.positions(np.array([t]))[:, 0]
+            return lambda t: goal.places(np.array([t])).position[:, 0]
         return goal.place(self.problem.duration).position
 
     @property
@@ -253,7 +255,7 @@ class Replanning:
             there, wanted = plan.sample(now + dt)
             wanted = wanted + options.return_rate * (there - self._start - dt * wanted)
         else:
-            position, rotation = aim(self.problem, goal, now)
+            position, rotation = aim(self.problem, goal, now, q)
             if self._jerk is not None and not goal.moves:
                 left = max(left, _JERKY * options.settle)
             if self.mode == "hold" and not goal.moves:

@@ -3,58 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
-from ffsms_pin.opt.goals import Goal, Place
-from ffsms_pin.opt.goals.of_another import OfAnother
+from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 
-__all__ = ["Later", "rest_of"]
-
-
-@dataclass(frozen=True, eq=False)
-class Later(OfAnother):
-    """A goal seen from a later time.
-
-    Attributes
-    ----------
-    goal : Goal
-    by : float
-        How much later [s].
-    """
-
-    by: float
-    # A descent asks for the same times in every iteration, and a path may be slow to tell.
-    _places: dict[float, Place] = field(default_factory=dict, repr=False)
-
-    def approach(self, duration: float) -> list[tuple[float, Place]]:
-        """The other's, as far as it still lies ahead."""
-        ahead = self.goal.approach(duration + self.by)
-        return [(t - self.by, place) for t, place in ahead if t > self.by]
-
-    def positions(self, times: FloatArray) -> FloatArray:
-        """The other's; those of a path one by one, which are kept."""
-        if type(self.goal).positions is Goal.positions:
-            return super().positions(times)
-        return self.goal.positions(times + self.by)
-
-    def rotations(self, times: FloatArray) -> FloatArray | None:
-        """Likewise."""
-        if type(self.goal).rotations is Goal.rotations:
-            return super().rotations(times)
-        return self.goal.rotations(times + self.by)
-
-    def place(self, t: float) -> Place:
-        """The other's place, `by` seconds later."""
-        if t not in self._places:
-            self._places[t] = self.goal.place(t + self.by)
-        return self._places[t]
+__all__ = ["rest_of"]
 
 
 def rest_of(
@@ -107,7 +67,7 @@ def rest_of(
         problem,
         sms=sms,
         q0=q0,
-        goal=Later(goal, t) if goal.moves else goal,
+        goal=Changed(goal, later=t) if goal.moves else goal,
         duration=(problem.steps - round(t / problem.dt)) * problem.dt,
         limits=[limit.later(t) for limit in problem.limits],
         joint_rates=rates,

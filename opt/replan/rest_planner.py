@@ -14,7 +14,7 @@ from ffsms_pin.opt.horizon.diagnosis import refused, within_workspace
 from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.replan.approach import Approach, Narrower
+from ffsms_pin.opt.replan.approach import Approach, narrower
 from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.reaction import ReactionEstimate
@@ -130,7 +130,7 @@ class RestPlanner:
         goal = rest.goal
         if not self._estimate.noisy or goal.exact or goal.moves:
             return rest
-        return replace(rest, goal=Narrower(goal), terms=[*rest.terms, Approach()])
+        return replace(rest, goal=narrower(goal), terms=[*rest.terms, Approach()])
 
     def _learn(self) -> None:
         """Take over the estimated masses, where they have changed."""

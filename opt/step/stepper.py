@@ -250,6 +250,8 @@ class Stepper:
                 )
             place = goal.place(time_left)
         q = self.sms.checked_configuration("q", q)
+        if not place.plain:
+            place = place.aim(self.sms.at(q).end_effector_pose, q)
         rates = vector("joint_rates", joint_rates, self.sms.n, "rad/s")
         return q, rates, place.position, time_left, place.rotation
 

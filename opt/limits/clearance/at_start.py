@@ -39,15 +39,15 @@ def check_obstacles(
             f"must keep clear of obstacles: {pair} overlap by {1e3 * depth:.1f} mm at the start; move "
             "the start or the obstacle",
         )
-    target = problem.goal.place(problem.duration).position
+    place = problem.goal.place(problem.duration)
     for obstacle in obstacles:
-        if obstacle.on_base:
+        if obstacle.on_base or place.moves_with_base:
             continue  # where the base will be is not known
-        depth = -obstacle.distance(target, problem.duration)
+        depth = -obstacle.distance(place.position, problem.duration)
         if depth > problem.goal.tolerance:
             raise InvalidValue(
                 "target",
-                target,
+                place.position,
                 f"must lie outside obstacles: it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move "
                 "the target or the obstacle",
             )

@@ -64,6 +64,21 @@ def test_a_pose_at_any_time(planar: ffsms.SpaceManipulator, q0: Any) -> None:
     assert passes(plan)
 
 
+def test_a_place_in_any_turn_about_an_axis(planar: ffsms.SpaceManipulator, q0: Any) -> None:
+    """With the tool's z free a place is passed in an attitude that the arm could not have there."""
+    turned = pin.exp3(np.array([0.0, 0.0, 2.5]))
+    wanted = pin.SE3(turned, np.array([0.65, 0.60, 0.0]))
+    plans = [
+        opt.solve(problem_with(planar, q0, opt.Via(opt.Pose(wanted, free_axis=axis), 3.0)), HASTY)
+        for axis in (None, [0.0, 0.0, 1.0])
+    ]
+    assert "via" in plans[0].broken
+    assert plans[1].reached, plans[1].note
+    end = planar.at(plans[1].q[300]).end_effector_pose
+    assert np.linalg.norm(end.translation - wanted.translation) <= 0.01
+    assert np.linalg.norm(pin.log3(end.rotation.T @ turned)) > 0.5
+
+
 def test_the_rest_of_a_motion_and_times(planar: ffsms.SpaceManipulator, q0: Any) -> None:
     via = opt.Via([0.65, 0.60, 0.0], name="a")
     plan = opt.solve(problem_with(planar, q0, via), HASTY)

@@ -11,7 +11,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.spline import Grid, rate_spline
 from ffsms_pin.opt.parts.reading import residuals_of
-from ffsms_pin.opt.replan.approach import Approach, Narrower
+from ffsms_pin.opt.replan.approach import Approach, narrower
 
 
 def test_slopes_of_a_retreat(planar: ffsms.SpaceManipulator) -> None:
@@ -35,10 +35,11 @@ def test_slopes_of_a_retreat(planar: ffsms.SpaceManipulator) -> None:
 
 def test_a_narrower_goal_is_the_same_place() -> None:
     goal = opt.Position([0.5, 0.2, 0.1])
-    narrower = Narrower(goal)
-    assert narrower.tolerance == 0.1 * goal.tolerance
-    assert narrower.reach == goal.reach
-    np.testing.assert_array_equal(narrower.place(1.0).position, goal.place(1.0).position)
-    np.testing.assert_array_equal(narrower.positions(np.arange(3.0)), goal.positions(np.arange(3.0)))
-    assert narrower.rotations(np.arange(3.0)) is None
-    assert narrower.approach(1.0) == []
+    narrow = narrower(goal)
+    assert narrow.tolerance == 0.1 * goal.tolerance
+    assert narrow.reach == goal.reach
+    np.testing.assert_array_equal(narrow.place(1.0).position, goal.place(1.0).position)
+    places, others = (one.places(np.arange(3.0)) for one in (narrow, goal))
+    np.testing.assert_array_equal(places.position, others.position)
+    assert places.rotation is None
+    assert narrow.approach(1.0) == []

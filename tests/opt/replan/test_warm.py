@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.opt.goals import Changed
 from ffsms_pin.opt.horizon.spline import Grid
 from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.replan.rest import Later, rest_of
+from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.replan.warm import replanned
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.simulation import perturb
@@ -160,7 +161,7 @@ def test_a_moving_goal_is_seen_from_the_later_time(planar: ffsms.SpaceManipulato
         asked.append(t)
         return np.array([0.7 + 0.01 * t, 0.3, 0.0])
 
-    goal = Later(opt.Moving(path), 2.0)
+    goal = Changed(opt.Moving(path), later=2.0)
     np.testing.assert_allclose(goal.place(1.0).position, [0.73, 0.3, 0.0])
     velocity = goal.place(1.0).velocity
     assert velocity is not None
