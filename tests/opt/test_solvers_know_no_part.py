@@ -164,7 +164,7 @@ def own_term(term: opt.Term) -> opt.Term:
         name = "my own"
 
         measures_cost, kappa, smooths = term.measures_cost, term.kappa, term.smooths
-        tie_breaker = term.tie_breaker  # type: ignore[assignment]
+        tie_breaker = term.tie_breaker
 
         def residual(self, motions: Any) -> Any:
             return term.residual(motions)
