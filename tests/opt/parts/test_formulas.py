@@ -269,4 +269,5 @@ def test_a_room_without_slopes_is_kept_in_steps_and_plans(planar: ffsms.SpaceMan
     assert isinstance(other, opt.Residual)
     np.testing.assert_allclose(one.value, other.value, atol=1e-12)
     assert one.by_tip is not None
+    assert other.by_tip is not None
     np.testing.assert_allclose(one.by_tip, other.by_tip, atol=1e-8)
