@@ -159,10 +159,6 @@ class Clearance(Limit):
         """What clearances lack of the asked one and the margin, in arm lengths."""
         return [one for stack in self._stacks for one in self._lack(stack, m.motions)]
 
-    def around_residual(self, motions: Motions) -> Residuals:
-        """The part of the residual that is due to obstacles."""
-        return [] if self._around is None else self._lack(self._around, motions)
-
     def _lack(self, stack: ClearanceStack, motions: Motions) -> Residuals:
         length = motions.stack.length
         # Bodies that are near each other in every posture cannot be asked for the whole margin.
