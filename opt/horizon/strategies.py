@@ -181,7 +181,7 @@ def marches(search: Search) -> None:
             break
 
 
-def straight_moves_that_end_there(search: Search, most: int) -> None:
+def straight_moves_that_end_there(search: Search, most: float = math.inf) -> None:
     """Where every cheap way round fails: straight moves that end at the goal, at most so many.
 
     First those that keep the limits, then the quickest. Where none does, more joint goals are looked for.
@@ -195,7 +195,7 @@ def straight_moves_that_end_there(search: Search, most: int) -> None:
         search.shoot(spread_postures(search.problem, search.drawn, more))
         search.drawn += more
         goals, _ = best_first(search.fine, search.goals.joints[search.there()])
-    for goal in goals[:most]:
+    for goal in goals[: int(min(most, search.options.straight_moves))]:
         _go_to(search, goal, STRAIGHT_STAGE.iterations)
         if search.arrived() or search.out_of_time():
             break
@@ -230,7 +230,7 @@ STRATEGIES = (
     Strategy("finest spline", finest_spline),
     Strategy("within limits", within_limits),
     Strategy("marches", marches),
-    Strategy("straight moves", partial(straight_moves_that_end_there, most=6)),
+    Strategy("straight moves", straight_moves_that_end_there),
     Strategy("finest spline", finest_spline),
     Strategy("within limits", within_limits),
     Strategy("straight line", straight_line),
