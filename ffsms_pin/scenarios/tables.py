@@ -133,6 +133,7 @@ TABLES: Mapping[str, Table] = {
             "clearance": Table(_CLEARANCE),
             "base": _BASE_LIMITS,
             "alpha-box": Table({}),
+            "torques": Table({}),
             "wheels": Table({}),
         },
     ),

@@ -81,7 +81,7 @@ def made(path: Path, **options: Any) -> opt.Problem:
 def test_parts_by_short_names_stand_in_for_the_defaults(tmp_path: Path) -> None:
     plain = made(write(tmp_path, QUICK))
     assert [term.name for term in plain.terms] == ["coupling", "smooth", "effort"]
-    assert [limit.name for limit in plain.limits] == ["joints", "clearance"]
+    assert [limit.name for limit in plain.limits] == ["joints", "torques", "clearance"]
     more = (
         '[[term]]\nuse = "coupling"\nkappa = 5.0\n[[term]]\nuse = "base-turn"\nweight = 0.2\n'
         '[[limit]]\nuse = "base"\nattitude_deg = 10.0\n[[limit]]\nuse = "alpha-box"\n'
@@ -90,7 +90,8 @@ def test_parts_by_short_names_stand_in_for_the_defaults(tmp_path: Path) -> None:
     problem = made(write(tmp_path, QUICK + more))
     assert problem.terms == (opt.Smooth(), opt.Effort(), opt.Coupling(5.0), opt.BaseTurn(0.2))
     assert problem.kappa == 5.0
-    joints, base, box, clearance = problem.limits
+    joints, torques, base, box, clearance = problem.limits
+    assert torques == opt.TorqueLimits()
     assert isinstance(joints, opt.JointLimits)
     assert isinstance(base, opt.BaseLimits)
     assert base.attitude == pytest.approx(np.radians(10.0))
