@@ -20,8 +20,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.models.arms import ARMS
-from ffsms_pin.opt.limits.body_stack import BodyStack
-from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
+from ffsms_pin.opt.limits.clearance.poses import Poses
 
 ROBOTS = (*(f"satellite_{arm}" for arm in ARMS), "space_arm_7")
 DT, CLEARANCE = 0.01, 0.01  # [s], [m]
@@ -47,13 +47,13 @@ class Judged(NamedTuple):
 
 def clear_postures(sms: ffsms.SpaceManipulator, count: int, seed: int) -> FloatArray:
     """Joint positions (count, n), 80 % of the joint box, within half a turn, with bodies well apart."""
-    rng, stack, arm = np.random.default_rng(seed), BodyStack(sms, "hulls", CLEARANCE), ArmStack(sms)
+    rng, stack = np.random.default_rng(seed), BodyStack(sms, "hulls", CLEARANCE)
     low, high = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
     middle, half = 0.5 * (low + high), 0.4 * (high - low)
     found: list[FloatArray] = []
     while len(found) < count:
         drawn = middle + half * rng.uniform(-1.0, 1.0, (32, sms.n))
-        least = stack.values(drawn.T, arm.evaluate(drawn.T), SPARE).min(axis=0)
+        least = stack.values(Poses.at(stack.arm, drawn.T), SPARE).min(axis=0)
         found += list(drawn[least >= SPARE])
     return np.array(found[:count])
 

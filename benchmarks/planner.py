@@ -13,8 +13,8 @@ from targets import CLEARANCE, Task, reachable_targets
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.clearance_stack import chosen_mode
-from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
+from ffsms_pin.opt.limits.clearance.points import PointStack
 
 DT = 0.01  # [s]
 
@@ -49,8 +49,10 @@ def apart_by(sms: ffsms.SpaceManipulator) -> Apart:
     The planner looks at convex parts, which are a little larger than the meshes.
     """
     if chosen_mode(sms) == "points":
-        points = Points(sms)
-        return lambda joints: bool(points.values(sms.configuration(joints)).min() >= CLEARANCE)
+        points = PointStack(sms)
+        return lambda joints: bool(
+            points.values(points.at(sms.configuration(joints), 0.0)).min() >= CLEARANCE
+        )
     meshes = Meshes(sms)
     return lambda joints: not meshes.collide(joints, near=True)
 

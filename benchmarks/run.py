@@ -26,6 +26,7 @@ import sizes
 import startup
 import state_floor
 import step_floor
+import strategies
 import table
 from planner import DT, paper_tasks, run_plans, smoothness
 
@@ -84,6 +85,9 @@ def parser() -> argparse.ArgumentParser:
         "--fine", type=int, default=2, help="of these, how many on the plan's own grid (default: 2)"
     )
     p.add_argument("--clear", type=int, default=40, help="targets of each satellite (default: 40)")
+    p.add_argument(
+        "--each", type=int, nargs=2, default=[12, 4], help="targets a kind, 3 and 7 joints (default: 12 4)"
+    )
     p.add_argument("--plans", type=int, default=200, help="plans over processes (default: 200)")
     p.add_argument("--out", default="results/bench.json", help="file for all numbers; tables beside it")
     return p
@@ -220,6 +224,11 @@ SECTIONS: dict[str, Section] = {
         "Plans called clear, judged on the meshes",
         lambda a: clearances.run(a.clear, a.seeds[0]),
         clearances.report,
+    ),
+    "strategies": (
+        "What each strategy of the search earns",
+        lambda a: strategies.run(tuple(a.each), a.seeds[0]),
+        strategies.report,
     ),
     "cost": ("The plan beside IPOPT", cost_section, lambda found: printed(print_costs, found)),
 }

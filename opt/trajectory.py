@@ -16,6 +16,7 @@ from ffsms_pin.opt.batch.thrusters import propellant
 from ffsms_pin.opt.batch.wheels import nodal_momentum, wheel_energy
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.contact import contact_velocity, end_errors, late, missed
+from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.system.batch.stacks import dot, log3
@@ -245,7 +246,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     distance, turned = np.linalg.norm(way, axis=0), turned[nodes]
     errors = end_errors(goal, float(distance[-1]), float(turned[-1]), contact, problem.duration)
     misses = missed(goal, errors)
-    found = [(limit.name, limit.violation(motion)) for limit in problem.limits]
+    found = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
     tail = motion.times[nodes] >= ARRIVAL_SHARE * problem.duration - 1e-9
     ends = misses or late(goal, float(distance[tail].max()), float(turned[tail].max()))
     notes = [note, ends, *(violation.note for _, violation in found)]

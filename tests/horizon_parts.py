@@ -6,12 +6,12 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
+from clearances_at import Points
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Problem, Trajectory
 from ffsms_pin.opt.horizon.spline import Grid, RateSpline, rate_spline
-from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.trajectory import measure
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "GOAL",
     "TINY",
     "check",
+    "integrated",
     "moving_problem",
     "node_rates",
     "planar_problem",
@@ -53,6 +54,17 @@ def same(first: Trajectory, second: Trajectory) -> None:
 def spline_of(problem: Problem, grid: Grid = COARSE, free_end: bool = False) -> RateSpline:
     """The spline for the problem's duration."""
     return rate_spline(problem.steps, problem.dt, grid, free_end)
+
+
+def integrated(spline: RateSpline, values: FloatArray) -> FloatArray:
+    """Integrals (K, ...) from the start of values (K, ...) at the instants, by the spline's quadrature."""
+    count, gauss = spline.integral_over.shape
+    parts = values[: spline.points].reshape(count, gauss, *values.shape[1:])
+    within = np.einsum("mij,mj...->mi...", spline.integral_to_points, parts)
+    over = np.einsum("mj,mj...->m...", spline.integral_over, parts)
+    before = np.concatenate([np.zeros_like(over[:1]), np.cumsum(over, axis=0)])
+    points = (before[:-1, None] + within).reshape(-1, *values.shape[1:])
+    return np.concatenate([points, before[[spline.late_interval, -1]]])
 
 
 def node_rates(problem: Problem, spline: RateSpline, p: FloatArray) -> FloatArray:

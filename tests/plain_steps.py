@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import daqp
 import numpy as np
+from clearances_at import Points
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.alpha_box import alpha_box_rows
 from ffsms_pin.opt.limits.limit import UNBOUNDED
-from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.step.direction import cone_direction, lateral_direction, reference_speed
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights

@@ -10,7 +10,9 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
-from ffsms_pin.opt.limits.clearance_rows import ClearanceModel, clearance_model, clearance_rows
+from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
+from ffsms_pin.opt.limits.clearance.rows import clearance_rows
+from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
@@ -61,11 +63,11 @@ class StepClearance(StepLimit):
 
     def __init__(self, kept: float = 0.01, collision: str = "points") -> None:
         self._kept, self._collision = kept, collision
-        self._model: ClearanceModel | None = None
+        self._model: ClearanceStack | None = None
 
     def for_robot(self, sms: ffsms.SpaceManipulator) -> StepClearance:
         made = StepClearance(self._kept, self._collision)
-        made._model = clearance_model(sms, self._collision)
+        made._model = clearance_stack(sms, self._collision)
         return made
 
     def rows(self, step: StepState) -> Rows | None:

@@ -32,13 +32,13 @@ def test_reprs() -> None:
     moving = opt.Problem(sms, q0, lambda t: [0.4 + 0.01 * t, 0.7, 0.0], duration=2.0)
     wanted = {
         repr(made["problem"]): "Problem(planar_3r to [0.45, 0.75, 0] m in 2 s, 20 steps; "
-        "terms: coupling, smooth, effort; limits: joints, clearance)",
+        "terms: coupling, smooth, effort; limits: joints, torques, clearance)",
         repr(posed): "Problem(planar_3r to [0, 0, 0] m in an attitude in 2 s, 200 steps; "
         "terms: none; limits: none)",
         repr(moving): "Problem(planar_3r to [0.42, 0.7, 0] m, moving, in 2 s, 200 steps; "
-        "terms: coupling, smooth, effort; limits: joints, clearance)",
+        "terms: coupling, smooth, effort; limits: joints, torques, clearance)",
         repr(opt.StepPlanner(sms)): "StepPlanner(planar_3r, dt=0.01 s, kappa=10; "
-        "joints, clearance, alpha box)",
+        "joints, torques, clearance, alpha box)",
         repr(ffsms.scenario("case-2")): "Scenario('case-2': planar_3r, plan of 12 s, sliding-mode)",
         repr(ffsms.SlidingModeController(sms)): "SlidingModeController(planar_3r, K_s=0.001, Gamma=10, "
         "boundary=0.02)",

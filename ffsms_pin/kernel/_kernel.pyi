@@ -37,11 +37,18 @@ def momentum_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: F
 def fixed_base_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: FloatArray) -> None: ...
 def coupling_slopes(tree: Tree, positions: FloatArray, by_coupling: FloatArray, out: FloatArray) -> None: ...
 
+# torques.hpp
+def joint_torques(
+    tree: Tree,
+    positions: FloatArray,
+    rates: FloatArray,
+    accelerations: FloatArray,
+    own_spin: FloatArray,
+    out: FloatArray,
+) -> None: ...
+
 # rollout.hpp
 def attitudes(start: FloatArray, omega: FloatArray, dt: float, out: FloatArray) -> None: ...
-def base_turns(
-    to_points: FloatArray, over: FloatArray, late: int, omega: FloatArray, out: FloatArray
-) -> None: ...
 def tumbling_attitudes(
     tree: Tree,
     start: FloatArray,
@@ -109,13 +116,60 @@ def refined(
     kept: float,
 ) -> tuple[FloatArray, FloatArray] | None: ...
 
+# quadrature.hpp
+def spline_attitudes(
+    quadrature: tuple[FloatArray, FloatArray, int],
+    arm: tuple[FloatArray, FloatArray, FloatArray],
+    start: FloatArray,
+    momentum: FloatArray | None,
+    attitude: FloatArray,
+    own: FloatArray,
+) -> None: ...
+
 # sums.hpp
 def sums(
-    spline: tuple[Any, ...],
+    tree: Tree,
+    maps: tuple[FloatArray, FloatArray, FloatArray],
+    quadrature: tuple[FloatArray, FloatArray, int],
     motions: tuple[Any, ...],
     residuals: Sequence[Any],
-    joints: Sequence[Any],
+    of_joints: Sequence[Any],
     chosen: Any,
     gradient: FloatArray,
     hessian: FloatArray,
 ) -> None: ...
+
+# cone_march.hpp
+def cone_marches(
+    tree: Tree,
+    steps: int,
+    duration: float,
+    kappa: float,
+    mean_speed: float,
+    arrival_power: float,
+    least_approach: float,
+    damping: float,
+    joints: FloatArray,
+    places: FloatArray,
+    attitude: FloatArray,
+    rotation: FloatArray | None,
+    sides: FloatArray,
+    rates: FloatArray,
+) -> None: ...
+
+# clearance.hpp
+def near_parts(
+    rotations: FloatArray,
+    origins: FloatArray,
+    columns: Any,
+    at: Any,
+    near: FloatArray,
+    bodies: FloatArray,
+    parts: FloatArray,
+    ends: Any,
+    starts: Any,
+    pairs: Any,
+    corners: FloatArray,
+    begins: Any,
+    directions: FloatArray,
+) -> tuple[FloatArray, Any, Any, FloatArray, Any, FloatArray, FloatArray]: ...

@@ -67,28 +67,11 @@ void tumbling(const Tree& tree, const In& start, const In& positions, const In& 
   }
 }
 
-// Attitudes (9, S K) of S motions of K = m g + 2 instants, from no turn on, of angular velocities (3, S K)
-// there: see `turns`. Weights (m g, g) and (m, g).
-void quadratures(const In& to_points, const In& over, Size late, const In& omega, const Out& out) {
-  const Quadrature at = {to_points.data(), over.data(), over.shape(0), over.shape(1)};
-  const Size each = at.intervals * at.points + 2, count = omega.shape(1);
-  expect_rows(to_points, static_cast<int>(at.intervals * at.points), at.points);
-  expect_rows(omega, 3, count);
-  expect_rows(out, 9, count);
-  expect(count % each == 0 && late >= 1 && late <= at.intervals, "an array has a wrong shape");
-  for (Size first = 0; first < count; first += each) {
-    turns(at, omega.data() + first, count, late,
-          [&](Size k, const Mat3<double>& R) { put(R, out, first + k); });
-  }
-}
-
 }  // namespace
 
 void bind_rollout(nb::module_& m) {
   const auto quiet = nb::call_guard<nb::gil_scoped_release>();
   m.def("attitudes", &attitudes, nb::arg("start"), nb::arg("omega"), nb::arg("dt"),
-        nb::arg("out").noconvert(), quiet);
-  m.def("base_turns", &quadratures, nb::arg("to_points"), nb::arg("over"), nb::arg("late"), nb::arg("omega"),
         nb::arg("out").noconvert(), quiet);
   m.def("tumbling_attitudes", &tumbling, nb::arg("tree"), nb::arg("start"), nb::arg("positions"),
         nb::arg("rates"), nb::arg("momentum"), nb::arg("dt"), nb::arg("out").noconvert(), quiet);

@@ -7,11 +7,12 @@ namespace ffsms {
 
 void bind_tree(nanobind::module_& m);
 void bind_arm(nanobind::module_& m);
+void bind_clearance(nanobind::module_& m);
 void bind_slopes(nanobind::module_& m);
 void bind_rollout(nanobind::module_& m);
 void bind_spectra(nanobind::module_& m);
+void bind_motions(nanobind::module_& m);
 void bind_torques(nanobind::module_& m);
 void bind_step(nanobind::module_& m);
-void bind_sums(nanobind::module_& m);
 
 }  // namespace ffsms

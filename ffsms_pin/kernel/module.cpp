@@ -5,10 +5,11 @@ NB_MODULE(_kernel, m) {
   m.doc() = "The compiled kernel; ffsms_pin.kernel is its face.";
   ffsms::bind_tree(m);
   ffsms::bind_arm(m);
+  ffsms::bind_clearance(m);
   ffsms::bind_slopes(m);
   ffsms::bind_rollout(m);
   ffsms::bind_spectra(m);
+  ffsms::bind_motions(m);
   ffsms::bind_torques(m);
   ffsms::bind_step(m);
-  ffsms::bind_sums(m);
 }

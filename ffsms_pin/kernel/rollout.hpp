@@ -4,8 +4,6 @@
 // H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Applied Numerical Mathematics 29 (1999).
 #pragma once
 
-#include <cstddef>
-
 #include "arm.hpp"
 
 namespace ffsms {
@@ -43,35 +41,6 @@ inline Mat3<double> turned_by_half(const Vec3<double>& first, const Vec3<double>
                                    const Vec3<double>& last, double dt) {
   const Vec3<double> mean = 5.0 * first + 8.0 * middle - last;
   return exp3((dt / 24.0) * mean + (dt * dt / 48.0) * cross(first, middle));
-}
-
-// How a motion is integrated from angular velocities at g points of each of m intervals, by weights that lie
-// in memory one after the other: up to the points (m, g, g), and over the interval (m, g).
-struct Quadrature {
-  const double *to_points, *over;
-  std::size_t intervals, points;
-};
-
-// Attitudes at all points, from no turn on, then after `late` intervals and at the end: put(index, attitude).
-// Angular velocities in base axes, components `apart` from each other.
-template <class Put>
-void turns(const Quadrature& at, const double* omega, std::size_t apart, std::size_t late, const Put& put) {
-  const std::size_t g = at.points, count = at.intervals * g;
-  Mat3<double> R = {{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}};
-  for (std::size_t k = 0; k < at.intervals; ++k) {
-    const auto turned = [&](const double* weights) {
-      Vec3<double> sum = zero3<double>();
-      for (std::size_t x = 0; x < 3; ++x) {
-        for (std::size_t j = 0; j < g; ++j) sum.v[x] += weights[j] * omega[x * apart + j];
-      }
-      return exp3(sum);
-    };
-    for (std::size_t i = 0; i < g; ++i) put(k * g + i, R * turned(at.to_points + (k * g + i) * g));
-    R = R * turned(at.over + k * g);
-    omega += g;
-    if (k + 1 == late) put(count, R);
-  }
-  put(count + 1, R);
 }
 
 // What decides the angular velocity at one instant, in base axes: that of the joint rates, and what the

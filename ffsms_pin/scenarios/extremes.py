@@ -10,7 +10,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.limits.clearance_rows import ClearanceModel
+from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
@@ -40,7 +40,7 @@ def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
     return every.min(axis=0), every.max(axis=0)
 
 
-def least_clearances(sms: SpaceManipulator, trajectory: Trajectory, model: ClearanceModel) -> FloatArray:
+def least_clearances(sms: SpaceManipulator, trajectory: Trajectory, stack: ClearanceStack) -> FloatArray:
     """Least value of each clearance (m,) [m], at the nodes and at places between them.
 
     The joints alone decide a clearance, so the base stays where it is here. Around the least sample of each
@@ -54,12 +54,12 @@ def least_clearances(sms: SpaceManipulator, trajectory: Trajectory, model: Clear
     def q_at(times: FloatArray) -> FloatArray:
         return np.array([sms.configuration(trajectory.sample(t)[0], home) for t in times.tolist()])
 
-    least, at = model.least(q_at(times))
+    least, at = stack.least(q_at(times))
     close: FloatArray = rough * np.linspace(-1.0, 1.0, _CLOSER)
     for i, k in enumerate(at):
         around: FloatArray = np.clip(times[k] + close, 0.0, trajectory.duration)
-        alone = np.where(np.arange(model.count) == i, least, -np.inf)  # the others are not looked for
-        least[i] = model.least(q_at(around), alone)[0][i]
+        alone = np.where(np.arange(len(least)) == i, least, -np.inf)  # the others are not looked for
+        least[i] = stack.least(q_at(around), alone)[0][i]
     return least
 
 

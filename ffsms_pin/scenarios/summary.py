@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.opt.limits.clearance_rows import clearance_model
-from ffsms_pin.opt.limits.clearance_stack import chosen_mode
+from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
+from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.described import described
 from ffsms_pin.scenarios.extremes import base_numbers, least_clearances, position_range
@@ -136,11 +136,11 @@ def _clearance(outcome: Outcome) -> dict[str, Any]:
     """Least clearances, of what the planner kept clear; nothing where that was switched off."""
     wanted, mode = outcome.scenario.clearance
     mode = chosen_mode(outcome.sms) if mode == "auto" else mode
-    model = clearance_model(outcome.sms, mode)
-    if model is None or model.count == 0:
+    stack = clearance_stack(outcome.sms, mode)
+    if stack is None:
         return {"checked": mode, "wanted_m": None, "least_m": None, "pairs_m": {}}
-    least = least_clearances(outcome.sms, outcome.trajectory, model)
-    pairs = dict(zip(model.names(), least.tolist(), strict=True))
+    least = least_clearances(outcome.sms, outcome.trajectory, stack)
+    pairs = dict(zip(stack.names, least.tolist(), strict=True))
     return {
         "checked": mode,
         "wanted_m": wanted,
@@ -152,12 +152,12 @@ def _clearance(outcome: Outcome) -> dict[str, Any]:
 def _tracked_clearance(outcome: Outcome) -> float | None:
     """Least clearance of the simulated motion, at every planning step: the loop does not follow the plan."""
     mode = outcome.scenario.clearance[1]
-    model = clearance_model(outcome.plant, chosen_mode(outcome.plant) if mode == "auto" else mode)
-    if model is None or model.count == 0:
+    stack = clearance_stack(outcome.plant, chosen_mode(outcome.plant) if mode == "auto" else mode)
+    if stack is None:
         return None
     tracking = outcome.tracking
     every = max(1, round(outcome.trajectory.dt / float(tracking.t[1] - tracking.t[0])))
-    return float(model.least(tracking.q[::every])[0].min())
+    return float(stack.least(tracking.q[::every])[0].min())
 
 
 def _timing(outcome: Outcome) -> dict[str, float]:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.limits.clearance.points import PointStack
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.colours import usage_colour
 from ffsms_pin.viewer.frames import Frames
@@ -44,7 +44,7 @@ class ClearanceLayer:
 
     def __init__(self, stage: Stage, frames: Frames) -> None:
         self._stage = stage
-        self._points = Points(frames.sms)
+        self._points = PointStack(frames.sms)
         self._data = frames.sms.model.createData()
         rod = tube(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 0.008 * stage.size)
         stage.mesh("clearance", rod, "#FFFFFF", flat=True)
@@ -53,7 +53,7 @@ class ClearanceLayer:
         """Place and colour the rod as in frame k: red at the paper's d_safe, blue from 100 mm on."""
         sms = frames.sms
         pin.framesForwardKinematics(sms.model, self._data, frames.q[k])
-        values = self._points.values(frames.q[k])
+        values = self._points.values(self._points.at(frames.q[k], 0.0))[:, 0]
         nearest = int(np.argmin(values))
         points = [np.array(self._data.oMi[j].translation) for j in range(2, sms.model.njoints)]
         points.append(np.array(self._data.oMf[sms.frame_id].translation))

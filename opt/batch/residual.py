@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -68,17 +68,6 @@ class Residual:
         named = {name: getattr(self, name) for name in _SLOPES}
         return {name: x for name, x in named.items() if x is not None}
 
-    def take(self, index: Indices) -> Residual:
-        """That of the motions at an ascending index (T,), numbered anew."""
-        if self.motion is None:
-            taken: dict[str, Any] = {name: slope[..., index, :] for name, slope in self.slopes().items()}
-            return replace(self, value=self.value[index], **taken)
-        kept = np.isin(self.motion, index)
-        taken = {name: slope[..., kept] for name, slope in self.slopes().items()}
-        where = self.instants[kept] if isinstance(self.instants, np.ndarray) else self.instants
-        motion = np.searchsorted(index, self.motion[kept])
-        return replace(self, value=self.value[kept], motion=motion, instants=where, **taken)
-
     def squares(self, weights: FloatArray, motions: int = 1) -> FloatArray:
         """Sum of squares (S,), integrated with the weights (of all instants) where it is over time."""
         square = self.value * self.value
@@ -108,13 +97,6 @@ class JointResidual:
     by_position: FloatArray | None = None
     by_rate: FloatArray | None = None
     by_acceleration: FloatArray | None = None
-
-    def take(self, index: Indices) -> JointResidual:
-        """That of the motions at an index."""
-        parts = (self.value, self.by_position, self.by_rate, self.by_acceleration)
-        taken = [x if x is None or x.shape[1] == 1 else x[:, index] for x in parts]
-        assert taken[0] is not None
-        return JointResidual(taken[0], *taken[1:])
 
     def squares(self, weights: FloatArray, motions: int = 1) -> FloatArray:
         """Sum of squares (S,), integrated over time."""

@@ -12,8 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.coupling.stacked import entropies, singular_values
-from ffsms_pin.opt.batch.motions import apply_rates
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.horizon.control_qp import at_rest
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.spline import RateSpline
@@ -25,8 +24,6 @@ from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system.base_motion import advance
-from ffsms_pin.system.batch.arm import ArmValues
-from ffsms_pin.system.batch.stacks import apply, dot, exp3, log3
 
 __all__ = [
     "cone_marches",
@@ -105,8 +102,8 @@ def reference_stepper(problem: Problem, method: str) -> Stepper:
 def marched(problem: Problem, stepper: Steps, progress: Progress | None = None) -> Trajectory:
     """The finished motion of single steps to the problem's goal."""
     place = problem.goal.place(problem.duration)
-    start, end = (problem.q0, problem.joint_rates), (place.position, problem.duration, place.rotation)
-    rates, note = march(stepper, *start, *end, progress)
+    q0, rates0, duration = problem.q0, problem.joint_rates, problem.duration
+    rates, note = march(stepper, q0, rates0, place.position, duration, place.rotation, progress)
     return measure(problem, rates, note)
 
 
@@ -130,68 +127,26 @@ def _between(nodes: FloatArray, rates: FloatArray) -> FloatArray:
 
 def cone_marches(problem: Problem, steps: int) -> FloatArray:
     """Joint rates (S, steps, n) in the middles of steps: a march for each side of the cone, one straight."""
-    stack, dt, kappa = problem.stack, problem.duration / steps, problem.kappa
     place = problem.goal.place(problem.duration)
     low, high = joint_range(problem)
-    most = np.where(problem.free, _SHARE * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)[:, None]
+    most = np.where(problem.free, _SHARE * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
-    sides = sides_across(place.position - problem.tip0, J)
-    straight = np.append(np.zeros(len(sides), dtype=bool), True)
-    lateral = np.array([*sides, np.ones(3)]).T  # of the straight one it does not matter
-    count = len(straight)
-    joints = np.repeat(problem.joints0[:, None], count, axis=1)
-    R = np.repeat(problem.rotation0[..., None], count, axis=2)
-    out, speed = np.zeros((count, steps, stack.n)), np.zeros(count)
-    for k in range(steps):
-        arm = stack.evaluate(joints)
-        com = problem.com0 + (k * dt) * problem.drift
-        way = place.position[:, None] - com[:, None] - apply(R, arm.rho)
-        distance = np.sqrt(dot(way, way)) + 1e-12
-        d = way / distance
-        cosine = np.where(straight, 1.0, _ideal_cosine(arm, kappa))
-        lateral = lateral - dot(lateral, d) * d
-        lateral = lateral / (np.sqrt(dot(lateral, lateral)) + 1e-12)
-        e = cosine * d + np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * lateral
-        left = problem.duration - k * dt
-        share = ARRIVAL_POWER / (left + 0.5 * ARRIVAL_POWER * dt)
-        speed = np.minimum(
-            share * distance / np.maximum(cosine, LEAST_APPROACH), speed + _gain(problem, steps, distance)
-        )
-        J, wanted = apply(R, arm.jstar), speed * e - problem.drift[:, None]
-        if place.rotation is not None:
-            turn = log3(np.einsum("xy,zyk->xzk", place.rotation, apply(R, arm.tip_rotation)))
-            turning = apply(R, arm.spin + arm.axes * stack.moves_tip[:, None])
-            J, wanted = np.concatenate([J, turning]), np.concatenate([wanted, share * turn])
-        u = _least_squares(J, wanted, _DAMPING * stack.length)
-        u *= np.minimum(1.0, 1.0 / np.maximum(np.abs(u / np.maximum(most, 1e-12)).max(axis=0), 1e-12))
-        u = np.clip(np.where(most > 0.0, u, 0.0), (low[:, None] - joints) / dt, (high[:, None] - joints) / dt)
-        out[:, k] = u.T
-        joints = joints + dt * u
-        R = apply(R, exp3(dt * apply_rates(arm.spin, u)))
-    return out
-
-
-def _gain(problem: Problem, steps: int, distance: FloatArray) -> FloatArray:
-    """How much the speed may rise in a step: over a tenth of the time to its mean [m/s]."""
-    return np.asarray(
-        10.0 / steps * np.maximum(problem.mean_speed, distance / problem.duration) * ARRIVAL_POWER
+    sides = np.array([*sides_across(place.position - problem.tip0, J), np.zeros(3)])
+    rates = np.empty((len(sides), steps, problem.sms.n))
+    kernel.cone_marches(
+        problem.stack.tree,
+        steps,
+        problem.duration,
+        problem.kappa,
+        problem.mean_speed,
+        ARRIVAL_POWER,
+        LEAST_APPROACH,
+        _DAMPING * problem.stack.length,
+        joints=np.stack([problem.joints0, low, high, most]),
+        places=np.stack([place.position, problem.com0, problem.drift]),
+        attitude=problem.rotation0,
+        rotation=place.rotation,
+        sides=sides,
+        rates=rates.reshape(len(sides), -1),
     )
-
-
-def _ideal_cosine(arm: ArmValues, kappa: float) -> FloatArray:
-    """The cosine c* of no cost, log(exp(kappa (1 - H)) - 1) / kappa, within [-1, 1]."""
-    sigma = singular_values(arm.coupling)
-    x = np.maximum(kappa * (1.0 - entropies(sigma, arm.jstar.shape[1])), 1e-9)
-    return np.asarray(np.clip((x + np.log(-np.expm1(-x))) / kappa, -1.0, 1.0))
-
-
-def _least_squares(J: FloatArray, wanted: FloatArray, damping: float) -> FloatArray:
-    """Least joint rates (n, S) with J u near to what is wanted (m, S), for Jacobians (m, n, S)."""
-    A = J.transpose(2, 0, 1)
-    At = A.swapaxes(1, 2)
-    square = A @ At + damping**2 * np.eye(len(wanted))
-    # Damping must not slow what can be done: one step of refinement takes most of it back.
-    first = np.linalg.solve(square, wanted.T[..., None])
-    rest = wanted.T[..., None] - A @ (At @ first)
-    u: FloatArray = (At @ (first + np.linalg.solve(square, rest)))[..., 0].T
-    return u
+    return rates

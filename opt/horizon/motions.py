@@ -1,7 +1,9 @@
 """From control points to motions: joints, base and end effector at a spline's instants.
 
 The base's attitude follows from the joints by the momentum equation: dR/dt = R [omega]x, with omega the sum
-of spin @ u and of what the total momentum adds, where there is one.
+of spin @ u and of what the total momentum adds, where there is one. What it adds depends on the attitude
+(Picard's iteration). How it changes with the control points is left out of the slopes; the values are exact,
+so a motion that arrives does arrive.
 """
 
 from __future__ import annotations
@@ -9,17 +11,13 @@ from __future__ import annotations
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.kernel import kernel, rows
-from ffsms_pin.opt.batch.motions import Motions, Smoothing, apply_rates
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.batch.motions import Motions, Smoothing
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.system.batch.stacks import apply
 
-__all__ = ["base_turns", "motions_of", "targets"]
-
-# Picard's iteration for the attitude of a tumbling base: at most so many times, until it changes by less.
-_PICARD, _SETTLED = 20, 1e-10
+__all__ = ["motions_of", "targets"]
 
 
 def motions_of(
@@ -44,12 +42,16 @@ def motions_of(
     )
     joints = problem.joints0[:, None, None] + joints
     arm = stack.evaluate(joints)
-    omega = apply_rates(arm.spin, rates)
-    rotation0, own = problem.rotation0, np.zeros_like(omega)
-    R = base_turns(spline, omega)
-    if problem.momentum is not None:
-        R, own = _drifting_turns(spline, omega, arm.inverse, rotation0.T @ problem.momentum[3:])
-    start = problem.com0
+    R, own = np.empty((3, 3, *joints.shape[1:])), np.empty((3, *joints.shape[1:]))
+    momentum, start = problem.momentum, problem.com0
+    kernel.spline_attitudes(
+        spline.quadrature,
+        (rates, arm.spin, arm.inverse),
+        problem.rotation0,
+        None if momentum is None else momentum[3:],
+        R.reshape(9, -1),
+        own.reshape(3, -1),
+    )
     return Motions(
         stack=stack,
         times=spline.times,
@@ -61,7 +63,7 @@ def motions_of(
         rates=rates,
         accelerations=accelerations,
         arm=arm,
-        base_attitude=np.einsum("xy,yz...->xz...", rotation0, R),
+        base_attitude=R,
         com=start[:, None] + problem.drift[:, None] * spline.times,
         drift=problem.drift,
         own_spin=own,
@@ -80,29 +82,3 @@ def motions_of(
 def targets(goal: Goal, times: FloatArray) -> FloatArray:
     """Where a goal's position is (3, K) at times (K,)."""
     return goal.positions(times)
-
-
-def base_turns(spline: RateSpline, omega: FloatArray) -> FloatArray:
-    """Base rotations (3, 3, S, Q + 2) from the start, of angular velocities (3, S, Q + 2) in base axes."""
-    R = np.empty((9, omega[0].size))
-    g = spline.integral_over.shape[1]
-    weights = spline.integral_to_points.reshape(-1, g), spline.integral_over
-    kernel.base_turns(*weights, spline.late_interval, rows(omega, 3), R)
-    return R.reshape(3, *omega.shape)
-
-
-def _drifting_turns(
-    spline: RateSpline, reaction: FloatArray, inverse: FloatArray, spin: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """The same with angular momentum `spin` (3,), axes of the start, and the angular velocity that this adds.
-
-    What it adds depends on the attitude: Picard's iteration. How it changes with the control points is left
-    out of the Jacobian; the values are exact, so a motion that arrives does arrive.
-    """
-    R = base_turns(spline, reaction)
-    for _ in range(_PICARD):
-        own = apply(inverse, np.einsum("yx...,y->x...", R, spin))
-        last, R = R, base_turns(spline, reaction + own)
-        if np.abs(R - last).max() < _SETTLED:
-            break
-    return R, own

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.correction import corrected_goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model
-from ffsms_pin.opt.horizon.judge import Found, Judge
 from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.ranking import Found, Ranking
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
 from ffsms_pin.opt.horizon.stages import EARLY_STAGES, FINE_STAGES, run, tighten
 from ffsms_pin.opt.problem import Problem
@@ -70,7 +70,7 @@ class Search:
         self.coarse, self.fine = (
             Model.make(problem, one) for one in (self.options.coarse, self.options.fine)
         )
-        self.judge = Judge(problem, self.options)
+        self.ranking = Ranking(problem, self.options)
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
         self.drawn, self._early = 0, False
         self.starts: FloatArray = np.empty(0)
@@ -93,7 +93,7 @@ class Search:
 
     def best(self) -> Found:
         """The best finished motion so far."""
-        return self.judge.best(self.found)
+        return self.ranking.best(self.found)
 
     def binding(self) -> list[tuple[str, int]]:
         """Joint limits that the best plan touches: kind and joint."""
@@ -157,7 +157,7 @@ class Search:
 
     def arrived(self, cost: float = np.inf) -> bool:
         """Whether there is a plan that arrives, as cheap as this [s]."""
-        least = self.judge.least_cost(self.found)
+        least = self.ranking.least_cost(self.found)
         return least <= cost and least < np.inf
 
     def out_of_time(self) -> bool:

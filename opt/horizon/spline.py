@@ -73,8 +73,6 @@ class RateSpline:
         Integration from an interval's start to its g points.
     integral_over : ndarray, shape (m, g)
         Integration over the interval.
-    sweep : ndarray, shape (Q + 2, Q)
-        Integration from the start to every point.
     late_interval : int
         The interval that begins at 0.9 T.
     acceleration_points, position_points, rate_points : Map
@@ -96,7 +94,6 @@ class RateSpline:
     weights: FloatArray
     integral_to_points: FloatArray
     integral_over: FloatArray
-    sweep: FloatArray
     late_interval: int
     acceleration_points: Map
     position_points: Map
@@ -120,6 +117,11 @@ class RateSpline:
     def last_rate(self) -> Map:
         """Joint rates at T."""
         return Map(self.rates.free[-1:], self.rates.fixed[-1:])
+
+    @property
+    def quadrature(self) -> tuple[FloatArray, FloatArray, int]:
+        """What the kernel integrates over time with."""
+        return self.integral_to_points, self.integral_over, self.late_interval
 
     @cached_property
     def over_time(self) -> FloatArray:
@@ -177,13 +179,6 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     spans = np.diff(stops)
     times = np.concatenate([(stops[:-1, None] + spans[:, None] * nodes).ravel(), [late_start, duration]])
     whole, part = spans[:, None] * (0.5 * w), spans[:, None, None] * inner
-    sweep = np.zeros((len(spans) * gauss + 2, len(spans) * gauss))
-    for k in range(len(spans)):
-        columns = slice(k * gauss, (k + 1) * gauss)
-        sweep[columns, columns] = part[k]
-        sweep[(k + 1) * gauss : -2, columns] = whole[k]
-        sweep[-2, columns] = whole[k] if k < late else 0.0
-        sweep[-1, columns] = whole[k]
 
     slope, sums = _difference(knots), _summation(knots)
     wide = np.concatenate([[knots[0]], knots, [knots[-1]]])
@@ -202,7 +197,6 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
         weights=whole.ravel(),
         integral_to_points=part,
         integral_over=whole,
-        sweep=sweep,
         late_interval=late,
         acceleration_points=accelerations,
         position_points=_cut(sums, free_end),
@@ -222,7 +216,7 @@ def embedded(coarse: RateSpline, fine: RateSpline, p: FloatArray, rates0: FloatA
 
 def _cut(columns: FloatArray, free_end: bool) -> Map:
     """A map of all control points, split into the first one and those that are free."""
-    return Map(columns[:, 1 : None if free_end else -1], columns[:, 0])
+    return Map(np.ascontiguousarray(columns[:, 1 : None if free_end else -1]), columns[:, 0])
 
 
 def _difference(knots: FloatArray) -> FloatArray:

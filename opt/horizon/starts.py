@@ -1,8 +1,8 @@
 """Where the search starts: straight joint-space moves that end at the target, and greedy marches.
 
-A descent finds the nearest minimum, so what decides is where it starts. A joint goal whose straight move
-ends at the target, the base reacting, gives a start that arrives; a spread_postures of goals gives the ways
-round that a single start would not see. A greedy march is free of cost wherever nothing stops it, and may
+A descent finds the nearest minimum, so what decides is where it starts. A joint goal whose straight move ends
+at the target, the base reacting, gives a start that arrives; goals from all over give the ways round
+that a single start would not see. A greedy march is free of cost wherever nothing stops it, and may
 arrive where no straight move does.
 """
 
@@ -28,7 +28,7 @@ _SHARE = 0.9  # of the joint range
 
 
 def halton(first: int, count: int, dimensions: int) -> FloatArray:
-    """Evenly spread_postures points (count, dimensions) in the unit cube, the same in every run.
+    """Evenly spread points (count, dimensions) in the unit cube, the same in every run.
 
     Reference: J. H. Halton, "On the efficiency of certain quasi-random sequences of points", 1960.
     """

@@ -17,10 +17,10 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.approaches import moves_to
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
-from ffsms_pin.opt.horizon.detours import among_obstacles, best_first, obstructed, pushed_aside
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
-from ffsms_pin.opt.horizon.judge import cost_of
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts, straight_march
+from ffsms_pin.opt.horizon.obstructed import among_obstacles, best_first, obstructed, pushed_aside
+from ffsms_pin.opt.horizon.ranking import cost_of
 from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.shooting import too_short
 from ffsms_pin.opt.horizon.spline import embedded
@@ -77,7 +77,7 @@ def straight_starts(
     """
     problem, options, first = search.problem, search.options, not search.drawn
     free, by_kappa = enough
-    most = search.judge.scale * (free + by_kappa * (math.log(2.0) / problem.kappa) ** 2)
+    most = search.ranking.scale * (free + by_kappa * (math.log(2.0) / problem.kappa) ** 2)
     most = most * (options.around_obstacles if among_obstacles(problem) else 1.0) if search.costed else np.inf
     if search.settled or search.hopeless or search.arrived(most):
         return
@@ -150,7 +150,7 @@ def within_limits(search: Search) -> None:
     """Where none of those found arrives: the nearest, taken back within the limits."""
     if not search.fresh or search.arrived():
         return
-    nearest = search.judge.best(search.fresh)
+    nearest = search.ranking.best(search.fresh)
     if nearest.plan.broken:
         weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
         model = replace(nearest.model, problem=search.problem, goal=search.problem.goal)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.opt.limits.settling import settled
 from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.parts.all_of import AllOf
 from ffsms_pin.opt.parts.inequality import Inequality
 
@@ -53,16 +54,16 @@ class _Most(Inequality):
             return self.most - (m.base - m.motions.base_start).norm()
         if self.name == "attitude_rate":
             return self.most - m.base_spin.norm()
-        return self._turn(m) - m.base_turn.norm()
+        return self._turn(m) - m.base.angle_from(m.motions.rotation_start)
 
-    def _turn(self, m: Features) -> Feature | FloatArray | float:
+    def _turn(self, m: Features) -> Any:
         """The turn that is allowed: one at the end counts there, and closes in as steps near the deadline."""
         if self.name == "attitude":
             return self.most
         if m.step is None:
             return np.where(m.motions.times >= m.duration, self.most, math.inf)[None]
         undone = np.maximum(m.duration - _UNDONE * m.step.dt - m.time, 0.0)
-        return self.most + _RETURN_RATE * undone  # type: ignore[no-any-return]
+        return self.most + _RETURN_RATE * undone
 
     def note(self, room: float, time: float) -> str:
         """What is broken, in words."""
@@ -116,7 +117,7 @@ class BaseLimits(AllOf):
         """Whether the attitude is limited, on the way or at the end."""
         return min(self.attitude, self.final_attitude) < math.inf
 
-    @property
+    @cached_property
     def parts(self) -> list[Inequality]:
         """One for each that is limited."""
         given = {field.name: getattr(self, field.name) for field in fields(self)}

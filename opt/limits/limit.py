@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,10 +12,10 @@ from ffsms_pin.checks import FloatArray
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.batch.motions import Motions
-    from ffsms_pin.opt.batch.residual import Residuals
     from ffsms_pin.opt.batch.robot_frame import RobotFrame
-    from ffsms_pin.opt.limits.obstacles.obstacle import Obstacle
+    from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
     from ffsms_pin.opt.limits.step_state import StepState
+    from ffsms_pin.opt.parts.reading import Formula
     from ffsms_pin.opt.problem import Problem
     from ffsms_pin.opt.trajectory import Trajectory
     from ffsms_pin.system import SpaceManipulator
@@ -220,8 +220,10 @@ class Limit(ABC):
         """Rows that keep the limit through one step of the paper's method; None: nothing to keep."""
 
     @abstractmethod
-    def residual(self, motions: Motions) -> Residuals:
+    def residual(self, m: Any) -> Formula:
         """By how much motions break the limit or use up its margin, at least zero; an empty list: by nothing.
+
+        Made of `m`, `opt.Features` of whole motions; with slopes by hand an `opt.Residual`.
 
         The unit is the limit's own over a scale that weighs like one arm's length of missed target.
         """

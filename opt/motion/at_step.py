@@ -15,6 +15,7 @@ from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features, Lazy
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import skew
 
 __all__ = ["Change", "StepFeatures"]
 
@@ -51,7 +52,7 @@ class StepFeatures(Features):
     """
 
     def __init__(self, step: StepState) -> None:
-        self.step = step
+        self.step = self.state = step
         stack, R = _arm_stack(step.sms, step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
         start = pin.XYZQUATToSE3(step.base_start)
         M, u, com = step.M, step.rates, step.sms.base_com
@@ -60,7 +61,7 @@ class StepFeatures(Features):
             centre = com
         # The base's centre of mass, the base's turn and the end effector: a joint rate each, and the drift.
         root = np.column_stack([step.reaction, step.drift])
-        self._base = R @ (root[:3] + np.cross(root[3:], com, axisa=0, axisc=0))
+        self._base = R @ (root[:3] - skew(com) @ root[3:])
         self._base_turn = R @ root[3:]
         self._tip = np.column_stack([step.J_star, step.tip_drift])
         at = np.append(u, 1.0)
@@ -99,12 +100,12 @@ class StepFeatures(Features):
 
     def _arm(self) -> ArmValues:
         if "whole" not in self.__dict__:
-            self.whole = self.motions.stack.evaluate(_one(self.step.joints))
+            self.whole = self.motions.stack.evaluate(_one(self.state.joints))
         return self.whole
 
     def change(self, feature: Feature) -> Change:
         """What the step's joint rates do to a feature of it."""
-        n, c = self.step.sms.n, feature.value.size
+        n, c = self.state.sms.n, feature.value.size
         flow, jump = np.zeros((c, n + 1)), np.zeros((c, n))
         for name, slope in _slopes(feature).items():
             if name in ("by_entropy", "by_coupling"):
@@ -124,7 +125,7 @@ class StepFeatures(Features):
             elif name == "by_base_spin":
                 jump += slope @ self._base_turn[:, :n]
             else:
-                jump += slope / (self.step.dt if name == "by_accelerations" else 1.0)
+                jump += slope / (self.state.dt if name == "by_accelerations" else 1.0)
         return Change(feature.value.reshape(c), flow[:, :n], flow[:, n], jump)
 
     def _by_coupling(self, slope: FloatArray, name: str) -> FloatArray:

@@ -113,6 +113,8 @@ class Feature(NDArrayOperatorsMixin):
 
     def _full(self, slope: FloatArray) -> FloatArray:
         """Of a vector: with all its components, even where they are alike."""
+        if len(slope) == len(self.value):
+            return slope
         return np.broadcast_to(slope, (len(self.value), *slope.shape[1:]))
 
     def _by(self) -> dict[str, FloatArray]:
@@ -129,13 +131,7 @@ class Feature(NDArrayOperatorsMixin):
         """Of a vector's components, a number."""
         if axis != 0 or self.value.ndim < 3:
             raise InvalidValue("axis", axis, "must be 0, of a vector: a feature adds up its components only")
-        found: dict[str, FloatArray] = {}
-        for name, slope in self.slopes.items():
-            full = self._full(slope)
-            full = full if name in _OWN else full.sum(axis=0)
-            name = _OWN.get(name, name)
-            found[name] = found[name] + full if name in found else full
-        return Feature(self.value.sum(axis=0), found, self.where)
+        return self.dot(np.ones(len(self.value)))
 
     def _mapped(self, matrix: FloatArray) -> Feature:
         """A matrix (r, c) times a vector of c components."""
@@ -144,8 +140,22 @@ class Feature(NDArrayOperatorsMixin):
 
     def dot(self, other: Any) -> Feature:
         """Scalar product with a vector (3,), or with another feature."""
-        product: Feature = self * other
-        return product.sum()
+        mine, its = self.value, _components(other)
+        found = self._along(its, {})
+        if isinstance(other, Feature):
+            found = other._along(mine, found)
+        return Feature(np.einsum("c...,c...->...", mine, its), found, self.where)
+
+    def _along(self, ways: FloatArray, found: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        """Slopes of the sum of components times ways (c, S, K), added to those found already."""
+        for name, slope in self.slopes.items():
+            full = self._full(slope)
+            if name in _OWN:
+                name, by = _OWN[name], full * ways
+            else:
+                by = np.einsum("c...,c...->...", full, _beside(ways, slope.ndim - 3))
+            found[name] = found[name] + by if name in found else by
+        return found
 
     def cross(self, other: Any) -> Feature:
         """Vector product with a vector (3,), or with another feature."""
@@ -155,8 +165,8 @@ class Feature(NDArrayOperatorsMixin):
 
     def norm(self, rounding: float = 1e-9) -> Feature:
         """Length of a vector, sqrt(x . x + rounding^2): its slopes are finite where it is zero, too."""
-        result: Feature = np.sqrt(self.dot(self) + rounding * rounding)
-        return result
+        size = np.sqrt(np.einsum("csk,csk->sk", self.value, self.value) + rounding * rounding)
+        return Feature(size, self._along(self.value / size, {}), self.where)
 
     def residuals(self, over_time: bool = True) -> Residuals:
         """As residuals: one of a number, one a component of a vector."""
@@ -206,5 +216,10 @@ def _times(slope: FloatArray, part: FloatArray | float | None, dimensions: int) 
     if part is None:
         return slope
     if isinstance(part, np.ndarray) and part.ndim == 3:
-        part = part.reshape(len(part), *(1,) * (slope.ndim - dimensions), *part.shape[1:])
+        part = _beside(part, slope.ndim - dimensions)
     return slope * part
+
+
+def _beside(values: FloatArray, moved: int) -> FloatArray:
+    """Values (c, S, K) with so many axes, of what moves, behind the first."""
+    return values.reshape(len(values), *(1,) * moved, *values.shape[1:]) if moved else values

@@ -118,7 +118,7 @@ class Features:
         slopes: Any = ({}, {})
         if self.slopes:
             slopes = carried(lever, apply(R, seen.linear), apply(R, seen.angular))
-        return Frame(m.base_position + lever, apply(R, seen.rotation), *slopes, self.where)
+        return Frame(m.base_position + lever, apply(R, seen.rotation), slopes[0], slopes[1], self.where)
 
     @property
     def velocity(self) -> Feature:

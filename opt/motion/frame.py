@@ -13,6 +13,7 @@ from ffsms_pin.system.batch.stacks import apply, dot, log3, skew
 
 __all__ = ["EYE", "Frame", "carried"]
 
+_ROUNDING = 1e-9  # [rad] keeps the slope of an angle finite where it is zero
 EYE = np.eye(3)[..., None, None]  # slopes of a vector by itself
 
 
@@ -55,13 +56,23 @@ class Frame(Feature):
 
     def turn_from(self, rotation: FloatArray) -> Feature:
         """Rotation vector (3, S, K), inertial axes, that takes an attitude (3, 3) or (3, 3, K) here [rad]."""
-        start = rotation.reshape(3, 3, 1, -1) if rotation.ndim < 4 else rotation
-        r = log3(np.einsum("xy...,zy...->xz...", self.rotation, np.broadcast_to(start, self.rotation.shape)))
+        r = self._from(rotation)
         # log(exp(phi) X) = r + J_l^-1(r) phi. Reference: J. Sola et al., "A micro Lie theory", 2018, eq. 146.
         angle = np.clip(np.sqrt(dot(r, r)), 1e-4, np.pi - 1e-3)
         factor = 1.0 / angle**2 - (1.0 + np.cos(angle)) / (2.0 * angle * np.sin(angle))
         R = skew(r)
         return self._turned(r, EYE - 0.5 * R + factor * apply(R, R))
+
+    def angle_from(self, rotation: FloatArray) -> Feature:
+        """Its length (S, K) [rad]: how far the frame has turned from an attitude."""
+        r = self._from(rotation)
+        angle = np.sqrt(dot(r, r) + _ROUNDING**2)
+        # Along its axis a turn adds to the angle, across it does not.
+        return Feature(angle, Feature(r, self._turns)._along(r / angle, {}), self.where)
+
+    def _from(self, rotation: FloatArray) -> FloatArray:
+        start = rotation.reshape(3, 3, 1, -1)
+        return log3(np.einsum("xy...,zy...->xz...", self.rotation, start))
 
     def _turned(self, value: FloatArray, slope: FloatArray) -> Feature:
         """A vector with its slopes (3, 3, S, K) by a turn of the frame."""

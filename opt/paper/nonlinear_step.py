@@ -13,6 +13,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.parts.reading import rows_of
 from ffsms_pin.opt.step.direction import reference_speed
 from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step.state import step_state
@@ -125,7 +126,7 @@ class NonlinearStepper:
         """The rows of all limits as G u >= least."""
         G, least = [np.zeros((0, self.sms.n))], [np.zeros(0)]
         for limit in self.limits:
-            rows = limit.rows(step)
+            rows = rows_of(limit, step)
             if rows is not None:
                 below, above = rows.lower > -UNBOUNDED, rows.upper < UNBOUNDED
                 G += [rows.G[below], -rows.G[above]]

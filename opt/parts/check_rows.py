@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
@@ -14,7 +12,7 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.opt.parts.inequality import Inequality
-from ffsms_pin.opt.parts.reading import asked, residuals_of
+from ffsms_pin.opt.parts.reading import residuals_of, rows_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.state import step_state
 from ffsms_pin.system.base_motion import advance
@@ -37,10 +35,9 @@ def check_rows(limit: Limit, problem: Problem, motion: Motions, tolerance: float
         if k == 0:  # at the start lengths that count from it are zero, and have no slopes
             continue
         state = _state(problem, q, motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))
-        rows = asked(limit, "rows", state)
+        rows = rows_of(limit, state)
         if rows is None:
             continue
-        _check_shapes(limit, rows, problem.sms.n)
         if isinstance(limit, Inequality):
             largest = max(largest, _flow_error(limit, problem, state, tolerance))
         else:
@@ -70,15 +67,6 @@ def _moved(problem: Problem, state: StepState, rates: FloatArray, by: float) -> 
     """The state a little later, on the way with these rates."""
     q, _ = advance(problem.sms, state.q, rates, np.zeros_like(rates), by, problem.momentum, problem.mode)
     return _state(problem, q, state.rates, state.time + by)
-
-
-def _check_shapes(limit: Any, rows: Rows, n: int) -> None:
-    if not isinstance(rows, Rows):
-        raise PartError(limit, "rows", f"must return opt.Rows or None; got {type(rows).__name__}")
-    k = len(rows.lower)
-    shapes = tuple(np.shape(x) for x in rows[:3])
-    if shapes != ((k, n), (k,), (k,)):
-        raise PartError(limit, "rows", f"must give G (k, {n}), lower (k,) and upper (k,); got {shapes}")
 
 
 def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance: float) -> float:

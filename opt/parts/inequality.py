@@ -82,7 +82,7 @@ class Inequality(Limit):
 
     def rows_at(self, seen: StepFeatures) -> Rows | None:
         """The same, of a step that is seen already."""
-        at, step = seen.change(self.rooms(seen)), seen.step
+        at, step = seen.change(self.rooms(seen)), seen.state
         asked = np.isfinite(at.value)
         if not asked.any():
             return None
@@ -130,11 +130,13 @@ class Inequality(Limit):
 
 def _stacked(rooms: list[Feature], m: Features) -> Feature:
     """Numbers and vectors one below the other, as one vector."""
+    if len(rooms) == 1:
+        (one,) = rooms
+        alone = {name: slope[None] for name, slope in one.slopes.items()}
+        return one if one.ndim == 3 else Feature(one.value[None], alone, one.where)
     rows: list[Feature] = []
     for one in rooms:
         rows.extend([one] if one.ndim == 2 else [one[i] for i in range(len(one))])
-    if len(rooms) == 1 and rooms[0].ndim == 3:
-        return rooms[0]
     names = list(dict.fromkeys(name for row in rows for name in row.slopes))
     shape = m.motions.rates.shape[1:]
     value = np.stack([row.value for row in rows]) if rows else np.zeros((0, *shape))

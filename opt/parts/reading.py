@@ -12,11 +12,13 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, PartError
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import JointResidual, Residual, Residuals
+from ffsms_pin.opt.limits.limit import Rows, Violation
+from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.feature import Feature, lost_slopes
 from ffsms_pin.opt.motion.features import Features, features_of
 from ffsms_pin.opt.motion.nudged import by_differences
 
-__all__ = ["Formula", "asked", "formulas", "residuals_of"]
+__all__ = ["Formula", "asked", "formulas", "residuals_of", "rows_of", "violation_of"]
 
 # What a part's formula may be.
 Formula: TypeAlias = "Feature | Residual | JointResidual | FloatArray | Sequence[Formula]"
@@ -35,6 +37,28 @@ def residuals_of(part: Any, motions: Motions) -> Residuals:
     found: Residuals = []
     for one in formulas(part, "residual", features_of(motions)):
         found.extend([one] if isinstance(one, (Residual, JointResidual)) else one.residuals())
+    return found
+
+
+def rows_of(limit: Any, step: StepState) -> Rows | None:
+    """Rows of a limit in a step; a `PartError` where they fail or have wrong shapes."""
+    rows = asked(limit, "rows", step)
+    if rows is None:
+        return None
+    if not isinstance(rows, Rows):
+        raise PartError(limit, "rows", f"must return opt.Rows or None; got {type(rows).__name__}")
+    k, n = len(rows.lower), len(step.rates)
+    shapes = tuple(np.shape(x) for x in rows[:3])
+    if shapes != ((k, n), (k,), (k,)):
+        raise PartError(limit, "rows", f"must give G (k, {n}), lower (k,) and upper (k,); got {shapes}")
+    return rows
+
+
+def violation_of(limit: Any, motion: Motions) -> Violation:
+    """What a finished motion makes of a limit; a `PartError` where it fails or says something else."""
+    found = asked(limit, "violation", motion)
+    if not isinstance(found, Violation):
+        raise PartError(limit, "violation", f"must return an opt.Violation; got {type(found).__name__}")
     return found
 
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residual, Residuals
 from ffsms_pin.opt.goals import Place
 from ffsms_pin.opt.goals.of_another import OfAnother
+from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.terms.term import Term
-from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Approach", "Narrower"]
 
@@ -36,22 +35,11 @@ class Approach(Term):
     weight: float = 100.0
     name = "approach"
 
-    def residual(self, motions: Motions) -> Residuals:
+    def residual(self, m: Features) -> Any:
         """The speed with which the distance grows [m/s], zero where it shrinks."""
-        way, velocity, root = motions.to_target, motions.velocity, np.sqrt(self.weight)
-        length = np.sqrt(dot(way, way) + _NEAR**2)
-        direction = way / length
-        growth = -dot(direction, velocity)
-        away = growth > 0.0
-        # The direction turns when the end effector moves: by the part of the way across it, over the length.
-        across = velocity + growth * direction
-        return [
-            Residual(
-                root * np.where(away, growth, 0.0),
-                by_velocity=np.where(away, -root * direction, 0.0),
-                by_tip=np.where(away, root * across / length, 0.0),
-            )
-        ]
+        way = m.goal - m.tip
+        growth = -way.dot(m.velocity) / way.norm(_NEAR)
+        return np.sqrt(self.weight) * np.maximum(growth, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from ffsms_pin.opt.goals import Place, as_goal
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.one_thread import OneThread, StepperInUse
+from ffsms_pin.opt.parts.reading import asked, rows_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.braking import braking, within
 from ffsms_pin.opt.step.direction import WantedMotion, wanted_motion, wanted_spin
@@ -298,7 +299,8 @@ class Stepper:
         else:
             effort = None if reference.effort is None else reference.effort(step)
             spin = None if rotation is None else wanted_spin(step, rotation)
-            shares = [share for term in self.terms if (share := term.step_objective(step)) is not None]
+            objectives = (asked(term, "step_objective", step) for term in self.terms)
+            shares = [share for share in objectives if share is not None]
             goal = objective(step, wanted, self.weights, effort, spin, shares)
-        rows = [rows for limit in self.limits if (rows := limit.rows(step)) is not None]
+        rows = [rows for limit in self.limits if (rows := rows_of(limit, step)) is not None]
         return _Build(step, wanted, goal, stacked_rows(step.V, rows))

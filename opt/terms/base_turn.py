@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import at_least_zero
-from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.terms.term import Term, time_scale
 
 __all__ = ["BaseTurn"]
@@ -33,6 +34,6 @@ class BaseTurn(Term):
     def __post_init__(self) -> None:
         at_least_zero("weight", self.weight)
 
-    def residual(self, m: Features) -> Feature:
+    def residual(self, m: Features) -> Any:
         """The angular velocity."""
-        return np.sqrt(_UNIT * self.weight) * time_scale(m) * m.base_spin  # type: ignore[no-any-return]
+        return np.sqrt(_UNIT * self.weight) * time_scale(m) * m.base_spin

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system.batch.stacks import dot
 
@@ -43,7 +44,7 @@ class Coupling(Term):
         positive("kappa", self.kappa)
         positive("weight", self.weight)
 
-    def residual(self, m: Features) -> Feature:
+    def residual(self, m: Features) -> Any:
         """C~ - (1 - H_norm), smoothed as `m.smoothing` says."""
         fade_speed, fade_distance = m.smoothing
         velocity = m.velocity
@@ -53,7 +54,7 @@ class Coupling(Term):
         exact = np.logaddexp(0.0, self.kappa * cosine) / self.kappa - (1.0 - m.entropy)
         near = length / np.hypot(length, fade_distance)
         fade = speed / np.hypot(speed, fade_speed * m.mean_speed)
-        return np.sqrt(self.weight) * near * fade * exact  # type: ignore[no-any-return]
+        return np.sqrt(self.weight) * near * fade * exact
 
     def cost(self, motions: Motions) -> FloatArray:
         """The paper's cost integral (S,) [s] times the weight, whatever the smoothing."""

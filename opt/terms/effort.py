@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import at_least_zero
-from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.terms.term import Term, time_scale
 
 __all__ = ["Effort"]
@@ -44,7 +45,7 @@ class Effort(Term):
         """Whether the weight is no greater than the default; a greater one is paid for with cost."""
         return self.weight <= _LIGHT
 
-    def residual(self, m: Features) -> Feature:
+    def residual(self, m: Features) -> Any:
         """The joint rates."""
         idle = np.where(m.stack.moves_tip == 0.0, np.sqrt(self.idle), 1.0)
-        return np.sqrt(self.weight) * time_scale(m) * idle * m.rates  # type: ignore[no-any-return]
+        return np.sqrt(self.weight) * time_scale(m) * idle * m.rates

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ffsms_pin.actuation.thrusters import STANDARD_GRAVITY
 from ffsms_pin.checks import at_least_zero, positive
 from ffsms_pin.opt.batch.thrusters import thruster_shares
-from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.motion.feature import root_of_size
 from ffsms_pin.opt.terms.term import Term, time_scale
 
@@ -40,11 +41,11 @@ class Propellant(Term):
         at_least_zero("weight", self.weight)
         positive("rounding", self.rounding, "N")
 
-    def residual(self, m: Features) -> Feature | list[Feature]:
+    def residual(self, m: Features) -> Any:
         """The square root of each thruster's flow, at instants that have a weight."""
         thrusters = m.motions.thrusters
         if thrusters is None:
             return []
         flow = 1e3 / (thrusters.specific_impulse * STANDARD_GRAVITY)  # [g/s] a newton
-        forces = thruster_shares(m.motions) @ m.weighted().wrench
+        forces: Any = thruster_shares(m.motions) @ m.weighted().wrench
         return np.sqrt(self.weight * flow) * time_scale(m) * root_of_size(forces, self.rounding)

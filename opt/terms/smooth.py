@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import at_least_zero
-from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.terms.term import Term, time_scale
 
 __all__ = ["Smooth"]
@@ -38,6 +39,6 @@ class Smooth(Term):
         """Whether the weight is no greater than the default; a greater one is paid for with cost."""
         return self.weight <= _LIGHT
 
-    def residual(self, m: Features) -> Feature:
+    def residual(self, m: Features) -> Any:
         """The joint accelerations."""
-        return np.sqrt(self.weight) * time_scale(m) ** 2 * m.accelerations  # type: ignore[no-any-return]
+        return np.sqrt(self.weight) * time_scale(m) ** 2 * m.accelerations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -65,12 +65,12 @@ class Term(ABC):
         return False
 
     @abstractmethod
-    def residual(self, m: Features) -> Formula:
+    def residual(self, m: Any) -> Formula:
         """What is to be small at every instant: its squares, integrated over time, times the weight.
 
-        A feature (S, K) or (c, S, K) of whole motions, or a list of these. The weight is in it as its square
-        root: `return np.sqrt(self.weight) * ...`. An array without slopes will do; it is differenced, which
-        is slow. Slopes by hand are an `opt.Residual`.
+        A feature (S, K) or (c, S, K) made of `m`, the `opt.Features` of whole motions, or a list of these.
+        The weight is in it as its square root: `return np.sqrt(self.weight) * ...`. An array without slopes
+        will do; it is differenced, which is slow. Slopes by hand are an `opt.Residual`.
         """
 
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import at_least_zero, positive
-from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.motion.feature import root_of_size
 from ffsms_pin.opt.terms.term import Term, time_scale
 
@@ -38,7 +39,7 @@ class WheelEnergy(Term):
         at_least_zero("weight", self.weight)
         positive("rounding", self.rounding, "W")
 
-    def residual(self, m: Features) -> Feature | list[Feature]:
+    def residual(self, m: Features) -> Any:
         """The square root of each wheel's power, at instants that have a weight."""
         wheels = m.motions.wheels
         if wheels is None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import at_least_zero
-from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.terms.term import Term, time_scale
 
 __all__ = ["WheelMomentum"]
@@ -29,6 +30,6 @@ class WheelMomentum(Term):
     def __post_init__(self) -> None:
         at_least_zero("weight", self.weight)
 
-    def residual(self, m: Features) -> Feature:
+    def residual(self, m: Features) -> Any:
         """The momentum of each wheel."""
-        return np.sqrt(self.weight) * time_scale(m) * m.wheels  # type: ignore[no-any-return]
+        return np.sqrt(self.weight) * time_scale(m) * m.wheels

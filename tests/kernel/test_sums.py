@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from horizon_parts import TINY, spline_of
+from horizon_parts import TINY, integrated, spline_of
 from slopes import motions
 
 import ffsms_pin as ffsms
@@ -68,7 +68,7 @@ def plain_rows(spline: RateSpline, at: Motions, residual: Residual, s: int) -> t
 
     spin, spin_slope = part(arm.spin), part(spin_q)
     d_omega = R @ (spin @ du + spin_slope @ dq)
-    turn = np.einsum("kl,lxc->kxc", spline.sweep, d_omega[: spline.points])
+    turn = integrated(spline, d_omega)
     rho, com = part(arm.tip - arm.com), part(arm.com)
     jstar, moves = part(arm.jstar), part(arm.axes) * stack.moves_tip
 

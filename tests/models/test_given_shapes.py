@@ -15,7 +15,7 @@ from motions import Array
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, GeometryError, InvalidValue, UnsupportedJoint
-from ffsms_pin.opt.limits.clearance_stack import chosen_mode
+from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
 from ffsms_pin.system.shapes import ShapeKind
 from ffsms_pin.urdf import model_path
 from ffsms_pin.viewer.robot import visual_shapes

@@ -37,7 +37,7 @@ def test_defaults_are_the_documented_ones(planar: ffsms.SpaceManipulator, q0: Fl
     problem = opt.Problem(planar, q0, GOAL)
     assert (problem.duration, problem.dt, problem.steps, problem.kappa) == (12.0, 0.01, 1200, 10.0)
     assert problem.terms == (opt.Coupling(), opt.Smooth(), opt.Effort())
-    assert [limit.name for limit in problem.limits] == ["joints", "clearance"]
+    assert [limit.name for limit in problem.limits] == ["joints", "torques", "clearance"]
     assert isinstance(problem.goal, opt.Position)
     assert problem.momentum is None
     assert not problem.joint_rates.any()

@@ -9,7 +9,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import GeometryError, InvalidValue
-from ffsms_pin.opt.limits.body_stack import BodyStack
+from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
 from ffsms_pin.urdf import model_path
 
 SRDF = """<?xml version="1.0"?>
@@ -20,7 +20,7 @@ SRDF = """<?xml version="1.0"?>
 
 
 def pairs(sms: ffsms.SpaceManipulator) -> set[str]:
-    return set(BodyStack(sms, "hulls", 0.0).names())
+    return set(BodyStack(sms, "hulls", 0.0).names)
 
 
 def test_disabled_pairs_are_left_out(tmp_path: Path) -> None:

@@ -99,7 +99,7 @@ def test_slopes_against_differences(robot: str, mode: str, rng: np.random.Genera
     def at(joints: Any, rates: Any, accelerations: Any) -> Any:
         return joint_torques(stack, joints, rates, accelerations, own)
 
-    slopes = torque_slopes(stack, *values, own)
+    slopes = torque_slopes(stack, values[0], values[1], values[2], own)
     for kind, slope in enumerate(slopes):
         for k in range(sms.n):
             step = np.zeros((sms.n, 1))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from horizon_parts import COARSE, TINY
+from horizon_parts import COARSE, TINY, integrated
 from scipy.integrate import quad
 
 from ffsms_pin.checks import FloatArray
@@ -61,9 +61,8 @@ def test_the_quadrature_integrates() -> None:
     late = spline.late_interval * COARSE.gauss
     assert spline.times[late] > 5.4 > spline.times[late - 1]
     np.testing.assert_array_equal(spline.last_tenth, [*range(late, count), count])
-    values = spline.times[:count] ** 2
-    np.testing.assert_allclose(spline.sweep @ values, spline.times**3 / 3.0, atol=0.02)
-    np.testing.assert_allclose(spline.sweep @ spline.times[:count], spline.times**2 / 2.0, atol=1e-12)
+    np.testing.assert_allclose(integrated(spline, spline.times**2), spline.times**3 / 3.0, atol=0.02)
+    np.testing.assert_allclose(integrated(spline, spline.times), spline.times**2 / 2.0, atol=1e-12)
     # Limits watch 0.9 T and the deadline as well; integrals do not.
     np.testing.assert_array_equal(spline.over_time[count:], [0.0, 0.0])
     np.testing.assert_array_equal(spline.limit_weights[count:], [6.0, 6.0])

@@ -10,11 +10,10 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.limits.between import along
-from ffsms_pin.opt.limits.body_stack import BodyStack
-from ffsms_pin.opt.limits.part_pairs import Poses
+from ffsms_pin.opt.limits.clearance.between import along
+from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
+from ffsms_pin.opt.limits.clearance.poses import Poses
 from ffsms_pin.opt.trajectory import measure
-from ffsms_pin.system.batch.arm import ArmStack
 
 
 @pytest.fixture(scope="module", params=ARMS)
@@ -23,10 +22,10 @@ def robot(request: pytest.FixtureRequest) -> ffsms.SpaceManipulator:
 
 
 def test_no_distance_changes_faster_than_its_bound(robot: ffsms.SpaceManipulator) -> None:
-    stack, arm = BodyStack(robot, "hulls", 0.01), ArmStack(robot)
+    stack = BodyStack(robot, "hulls", 0.01)
     rng, q = np.random.default_rng(4), places(robot, 60, 4)
     change = rng.uniform(-0.2, 0.2, q.shape)
-    before, after = (stack.values(place, arm.evaluate(place)) for place in (q, q + change))
+    before, after = (stack.values(Poses.at(stack.arm, place)) for place in (q, q + change))
     bound = stack.reaches @ np.abs(change)
     assert (np.abs(after - before) <= bound + 1e-6).all()
     assert (stack.reaches[stack.reaches > 0.0] < 3.0).all()
@@ -39,15 +38,15 @@ def test_little_is_measured_along_a_motion_and_nothing_is_lost(robot: ffsms.Spac
     q = start[:, None] + share * (end - start)[:, None]
     stack = BodyStack(robot, "hulls", 0.01)
     change = np.tile(stack.reaches @ np.abs(end - start)[:, None] / 199.0, (1, 199))
-    poses, asked = Poses.make(*ArmStack(robot).poses(q)), 0
+    poses, asked = Poses.at(stack.arm, q), 0
 
     def measure(pair: Indices, k: Indices, near: FloatArray) -> FloatArray:
         nonlocal asked
         asked += len(k)
-        return stack.distances_at(poses, (pair, k), near)
+        return stack.nearest(poses, (pair, k), near).distance
 
     near = 0.03
-    found, exact = along(change, near, measure), stack.pairs.values(poses, np.inf)
+    found, exact = along(change, near, measure), stack.values(poses)
     below = exact < near
     assert 0 < below.sum() < asked < 0.5 * exact.size
     np.testing.assert_allclose(found[below], exact[below], atol=1e-9)
@@ -61,13 +60,13 @@ def test_between_two_instants(name: str) -> None:
     sms = ffsms.load(name)
     limit = opt.Clearance(0.01, "hulls")
     rng = np.random.default_rng(6)
-    stack, arm, meshes = BodyStack(sms, "hulls", 0.01), ArmStack(sms), Meshes(sms)
+    stack, meshes = BodyStack(sms, "hulls", 0.01), Meshes(sms)
     for _ in range(2000):
         ends = places(sms, 2, int(rng.integers(1 << 30)))
         path = ends[:, :1] + np.linspace(0.0, 1.0, 41) * (ends[:, 1:] - ends[:, :1])
         watched = path[:, [0, 20, 40]]
-        if stack.values(watched, arm.evaluate(watched), 0.02).min() > 0.012:
-            least = stack.values(path, arm.evaluate(path), 0.02).min()
+        if stack.values(Poses.at(stack.arm, watched), 0.02).min() > 0.012:
+            least = stack.values(Poses.at(stack.arm, path), 0.02).min()
             if least < -0.01:
                 break
     assert least < -0.01
@@ -85,14 +84,14 @@ def test_between_two_instants(name: str) -> None:
 def test_plans_do_not_penetrate(name: str, turn: float) -> None:
     """Exact meshes at nodes and middles, of plans to places that the arm can be at."""
     sms, rng = ffsms.load(name), np.random.default_rng(7)
-    stack, arm, meshes = BodyStack(sms, "hulls", 0.01), ArmStack(sms), Meshes(sms)
+    stack, meshes = BodyStack(sms, "hulls", 0.01), Meshes(sms)
     drawn = places(sms, 200, 8)
-    start = drawn[:, stack.values(drawn, arm.evaluate(drawn), 0.05).min(axis=0) >= 0.015][:, 0]
+    start = drawn[:, stack.values(Poses.at(stack.arm, drawn), 0.05).min(axis=0) >= 0.015][:, 0]
     clear = 0
     for _ in range(100):
         goal = (start + rng.uniform(-turn, turn, sms.n))[:, None]
         inside = (goal[:, 0] > sms.limits.lower).all() and (goal[:, 0] < sms.limits.upper).all()
-        if not inside or stack.values(goal, arm.evaluate(goal), 0.05).min() < 0.015:
+        if not inside or stack.values(Poses.at(stack.arm, goal), 0.05).min() < 0.015:
             continue
         q0 = sms.configuration(start)
         target = sms.at(sms.configuration(goal[:, 0])).end_effector_pose.translation

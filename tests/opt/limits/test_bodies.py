@@ -8,14 +8,14 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from clearances_at import At
 from meshes import ARMS, Meshes, places
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.body_model import BodyModel
-from ffsms_pin.opt.limits.body_stack import BodyStack, body_pairs
-from ffsms_pin.opt.limits.clearance_stack import chosen_mode
-from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.opt.limits.clearance.bodies import body_pairs, chosen_mode
+from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
+from ffsms_pin.opt.limits.clearance.poses import Poses
 
 
 @pytest.fixture(scope="module", params=ARMS)
@@ -26,8 +26,8 @@ def robot(request: pytest.FixtureRequest) -> ffsms.SpaceManipulator:
 def test_parts_are_never_further_apart_than_shapes(robot: ffsms.SpaceManipulator) -> None:
     stack, meshes = BodyStack(robot, "hulls", 0.01), Meshes(robot)
     q = places(robot, 12, 1)
-    values = stack.values(q, ArmStack(robot).evaluate(q))
-    exact = np.array([meshes.distances(robot.configuration(row), stack.names()) for row in q.T]).T
+    values = stack.values(Poses.at(stack.arm, q))
+    exact = np.array([meshes.distances(robot.configuration(row), stack.names) for row in q.T]).T
     apart = exact > 0.0
     assert (values <= exact + 1e-6)[apart].all()
     assert (values[~apart] <= 1e-6).all()
@@ -36,14 +36,12 @@ def test_parts_are_never_further_apart_than_shapes(robot: ffsms.SpaceManipulator
 
 
 def test_screening_loses_nothing(robot: ffsms.SpaceManipulator) -> None:
-    stack, arm = BodyStack(robot, "hulls", 0.01), ArmStack(robot)
-    q = places(robot, 40, 2).reshape(robot.n, 5, 8)
-    evaluated = arm.evaluate(q)
-    screened = stack.values(q, evaluated, 0.05)
+    stack, q = BodyStack(robot, "hulls", 0.01), places(robot, 40, 2)
+    screened = stack.values(Poses.at(stack.arm, q), 0.05)
     # Brute force: every pair of parts of every pair of bodies by coal, placed by Pinocchio.
     model, data, parts = robot.model, robot.model.createData(), robot.convex_parts()
-    pairs, request = body_pairs(robot, parts), coal.DistanceRequest()
-    for k, row in enumerate(q.reshape(robot.n, -1).T[:15]):
+    pairs, request = body_pairs(robot, [part.body for part in parts]), coal.DistanceRequest()
+    for k, row in enumerate(q.T[:15]):
         base = np.zeros(robot.nq)
         base[:] = robot.configuration(row)
         pin.forwardKinematics(model, data, base)
@@ -59,7 +57,7 @@ def test_screening_loses_nothing(robot: ffsms.SpaceManipulator) -> None:
                 for j, other in enumerate(parts)
                 if (one.body, other.body) == (a, b)
             )
-            value = screened.reshape(len(pairs), -1)[m, k]
+            value = screened[m, k]
             if brute < 0.05 - 1e-6:
                 assert value == pytest.approx(brute, abs=1e-6)
             else:
@@ -68,11 +66,11 @@ def test_screening_loses_nothing(robot: ffsms.SpaceManipulator) -> None:
 
 @pytest.mark.parametrize("mode", ["hulls", "shapes"])
 def test_what_is_near_is_found_with_its_slopes(robot: ffsms.SpaceManipulator, mode: str) -> None:
-    stack, arm, near = BodyStack(robot, mode, 0.01), ArmStack(robot), 0.03
-    q = places(robot, 20, 4).reshape(robot.n, 4, 5)
-    evaluated = arm.evaluate(q)
-    everywhere = stack.values(q, evaluated)
-    where, value, slopes = stack.below(q, evaluated, np.full(len(stack.names()), near))
+    stack, near = BodyStack(robot, mode, 0.01), 0.03
+    poses = Poses.at(stack.arm, places(robot, 20, 4))
+    everywhere = stack.values(poses)
+    where, nearest = stack.below(poses, np.full(len(stack.names), near))
+    value, slopes = nearest.distance, stack.gradients(poses, where, nearest)
     assert value.size > 5
     # The same entries, in another order, and nothing else.
     found = np.zeros(everywhere.shape, dtype=bool)
@@ -80,15 +78,16 @@ def test_what_is_near_is_found_with_its_slopes(robot: ffsms.SpaceManipulator, mo
     np.testing.assert_array_equal(found, everywhere < near)
     apart = value > 0.0  # how deep meshes overlap depends on which triangles are looked at
     np.testing.assert_allclose(value[apart], everywhere[where][apart], atol=1e-9)
-    at = tuple(index[apart] for index in where)
-    np.testing.assert_allclose(slopes[:, apart], stack.gradients(arm, q, evaluated, at), atol=1e-4)
+    at = where[0][apart], where[1][apart]
+    alone = stack.gradients(poses, at, stack.nearest(poses, at))
+    np.testing.assert_allclose(slopes[:, apart], alone, atol=1e-4)
 
 
 def test_shapes_that_are_screened_are_measured_as_by_pinocchio(robot: ffsms.SpaceManipulator) -> None:
     stack, meshes, near = BodyStack(robot, "shapes", 0.01), Meshes(robot), 0.05
     q = places(robot, 12, 5)
-    values = stack.values(q, ArmStack(robot).evaluate(q), near)
-    exact = np.array([meshes.distances(robot.configuration(row), stack.names()) for row in q.T]).T
+    values = stack.values(Poses.at(stack.arm, q), near)
+    exact = np.array([meshes.distances(robot.configuration(row), stack.names) for row in q.T]).T
     close = exact < near - 1e-6
     assert close.sum() > 5
     assert (values[~close] >= near - 1e-6).all()
@@ -98,20 +97,20 @@ def test_shapes_that_are_screened_are_measured_as_by_pinocchio(robot: ffsms.Spac
 
 
 def test_gradients(robot: ffsms.SpaceManipulator) -> None:
-    stack, arm, h = BodyStack(robot, "hulls", 0.01), ArmStack(robot), 1e-5
-    q = places(robot, 12, 3).reshape(robot.n, 3, 4)
-    evaluated = arm.evaluate(q)
-    values = stack.values(q, evaluated)
+    stack, h = BodyStack(robot, "hulls", 0.01), 1e-5
+    q = places(robot, 12, 3)
+    poses = Poses.at(stack.arm, q)
+    values = stack.values(poses)
     where = np.nonzero((values > 1e-3) & (values < 0.3))
     assert where[0].size > 20
-    slopes = stack.gradients(arm, q, evaluated, where)
+    slopes = stack.gradients(poses, where, stack.nearest(poses, where))
     wrong = np.zeros(slopes.shape)
     for j in range(robot.n):
         ends = []
         for change in (h, -h):
             moved = q.copy()
             moved[j] += change
-            ends.append(stack.values(moved, arm.evaluate(moved))[where])
+            ends.append(stack.values(Poses.at(stack.arm, moved))[where])
         wrong[j] = np.abs((ends[0] - ends[1]) / (2.0 * h) - slopes[j])
     # Where nearest points jump, between faces or parts, a distance has a kink.
     assert np.mean(wrong.max(axis=0) < 1e-3) > 0.9
@@ -119,10 +118,11 @@ def test_gradients(robot: ffsms.SpaceManipulator) -> None:
 
 
 def test_rows_leave_out_only_what_cannot_bind(robot: ffsms.SpaceManipulator) -> None:
-    model = BodyModel(BodyStack(robot, "hulls", 0.01))
+    stack = BodyStack(robot, "hulls", 0.01)
+    model = At(stack)
     q, fastest = robot.configuration(places(robot, 1, 5)[:, 0]), np.full(robot.n, 0.2)
     value, gradient = model.gradients(q)
-    near_value, near_gradient = model.gradients(q, 0.012 + model.reaches @ fastest / 2.0)
+    near_value, near_gradient = model.gradients(q, 0.012 + stack.reaches @ fastest / 2.0)
     same = np.abs(near_gradient - gradient).max(axis=1) < 1e-12
     assert same.any()
     assert not same.all()
@@ -132,23 +132,17 @@ def test_rows_leave_out_only_what_cannot_bind(robot: ffsms.SpaceManipulator) -> 
 
 @pytest.mark.parametrize("mode", ["hulls", "shapes"])
 def test_one_configuration_is_measured_as_a_stack_of_them(robot: ffsms.SpaceManipulator, mode: str) -> None:
-    """By other code: bounds from balls, and poses and Jacobians from Pinocchio, wherever the base is."""
-    stack, arm = BodyStack(robot, mode, 0.01), ArmStack(robot)
-    model, count = BodyModel(stack), len(stack.names())
-    joints = places(robot, 8, 9)
-    evaluated = arm.evaluate(joints)
-    values, base = stack.values(joints, evaluated), pin.SE3.Random()
-    columns, at = (index.ravel() for index in np.indices(values.shape))
-    slopes = stack.gradients(arm, joints, evaluated, (columns, at)).T.reshape(count, -1, robot.n)
-    smooth = 0
+    """To the bit, wherever the base is."""
+    stack, joints, base = BodyStack(robot, mode, 0.01), places(robot, 8, 9), pin.SE3.Random()
+    poses = Poses.at(stack.arm, joints)
+    every = stack.every(poses)
+    nearest = stack.nearest(poses, every)
+    shape = len(joints.T), len(stack.names)
+    slopes = stack.gradients(poses, every, nearest).reshape(-1, *shape)
     for k, row in enumerate(joints.T):
-        value, gradient = model.gradients(robot.configuration(row, base))
-        apart = values[:, k] > 1e-3  # how deep meshes overlap depends on which triangles are looked at
-        np.testing.assert_allclose(value[apart], values[apart, k], atol=1e-6)
-        assert (value[~apart] < 2e-3).all()
-        smooth += int((np.abs(gradient - slopes[:, k])[apart].max(axis=1) < 1e-6).sum())
-    # Where two places are as near as each other, rounding decides.
-    assert smooth > 0.95 * (values > 1e-3).sum()
+        value, gradient = At(stack).gradients(robot.configuration(row, base))
+        np.testing.assert_allclose(value, nearest.distance.reshape(shape)[k], rtol=0.0, atol=1e-14)
+        np.testing.assert_allclose(gradient, slopes[:, k].T, rtol=0.0, atol=1e-9)
 
 
 def test_the_mode_that_is_chosen(robot: ffsms.SpaceManipulator) -> None:
@@ -180,7 +174,5 @@ def test_robots_of_other_masses_share_what_was_made_of_the_shapes(robot: ffsms.S
     assert replace(limit, collision="points").for_robot(robot)._stack is not limit._stack
     joints, kept = places(robot, 3, 5), limit._stack
     assert kept is not None
-    arm = ArmStack(robot).evaluate(joints)
-    np.testing.assert_array_equal(
-        kept.values(joints, arm), BodyStack(heavier, "hulls", 0.01).values(joints, arm)
-    )
+    poses = Poses.at(kept.arm, joints)
+    np.testing.assert_array_equal(kept.values(poses), BodyStack(heavier, "hulls", 0.01).values(poses))

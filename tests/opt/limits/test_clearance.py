@@ -4,35 +4,33 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from clearances_at import Points
 from horizon_parts import planar_problem
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.clearance_stack import clearance_stack
-from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
+from ffsms_pin.opt.limits.clearance.poses import Poses
 from ffsms_pin.opt.trajectory import measure
-from ffsms_pin.system.batch.arm import ArmStack
 
 
 @pytest.mark.parametrize("collision", ["points", "shapes"])
 def test_stacked_clearances(planar: ffsms.SpaceManipulator, collision: str) -> None:
-    stack, arm_stack = clearance_stack(planar, collision), ArmStack(planar)
+    stack = clearance_stack(planar, collision)
     assert stack is not None
     joints, h = np.array([[0.9, 1.6, 1.3], [-0.4, -2.1, -0.6]]).T, 1e-6
-    arm = arm_stack.evaluate(joints)
-    values = stack.values(joints, arm)
+    poses = Poses.at(stack.arm, joints)
+    values, every = stack.values(poses), stack.every(poses)
     if collision == "points":
         for k in range(2):
             expected = Points(planar).values(planar.configuration(joints[:, k]))
             np.testing.assert_allclose(values[:, k], expected, atol=1e-12)
-    gradients = stack.gradients(arm_stack, joints, arm, tuple(i.ravel() for i in np.indices(values.shape)))
+    gradients = stack.gradients(poses, every, stack.nearest(poses, every))
     for j in range(3):
         ahead, behind = joints + h * np.eye(3)[:, [j]], joints - h * np.eye(3)[:, [j]]
-        slope = stack.values(ahead, arm_stack.evaluate(ahead)) - stack.values(
-            behind, arm_stack.evaluate(behind)
-        )
-        np.testing.assert_allclose(gradients[j], slope.ravel() / (2.0 * h), atol=1e-5)
+        slope = stack.values(Poses.at(stack.arm, ahead)) - stack.values(Poses.at(stack.arm, behind))
+        np.testing.assert_allclose(gradients[j], slope[every] / (2.0 * h), atol=1e-5)
 
 
 def test_off_keeps_nothing_apart(planar: ffsms.SpaceManipulator) -> None:

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from clearances_at import At, Points
 from motions import random_pose
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.clearance_rows import clearance_model, clearance_rows
-from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
+from ffsms_pin.opt.limits.clearance.rows import clearance_rows
 from ffsms_pin.opt.step.state import step_state
 
 
@@ -80,8 +81,9 @@ def test_points_are_those_of_plane_geometry_and_ignore_the_base_pose(planar: ffs
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
 def test_gradients_are_finite_differences(name: str, mode: str) -> None:
     sms, rng, h = ffsms.load(name), np.random.default_rng(3), 1e-6
-    model = clearance_model(sms, mode)
-    assert model is not None
+    stack = clearance_stack(sms, mode)
+    assert stack is not None
+    model = Points(sms) if mode == "points" else At(stack)
     checked = 0
     for _ in range(6):
         joints, base = rng.uniform(sms.limits.lower, sms.limits.upper), random_pose(rng)
@@ -121,9 +123,9 @@ def test_gradients_on_branched_arms(random_tree: Callable[..., Any], kinds: tupl
 
 
 def test_shapes_that_one_joint_connects_do_not_count(panda: ffsms.SpaceManipulator) -> None:
-    model = clearance_model(panda, "shapes")
-    assert model is not None
-    names, joined = model.names(), set()
+    stack = clearance_stack(panda, "shapes")
+    assert stack is not None
+    names, joined = stack.names, set()
     body = panda.layout.body_name
     for j in range(2, panda.model.njoints):
         joined.add(f"{body(panda.model, int(panda.model.parents[j]))} - {body(panda.model, j)}")
@@ -137,8 +139,9 @@ def test_what_was_found_stays_when_more_is_asked(panda: ffsms.SpaceManipulator) 
     first, second = (
         panda.configuration(rng.uniform(panda.limits.lower, panda.limits.upper)) for _ in range(2)
     )
-    for model in (Points(panda), clearance_model(panda, "hulls")):
-        assert model is not None
+    bodies = clearance_stack(panda, "hulls")
+    assert bodies is not None
+    for model in (Points(panda), At(bodies)):
         found = model.gradients(first)
         kept = [array.copy() for array in found]
         model.gradients(second)
@@ -149,26 +152,11 @@ def test_what_was_found_stays_when_more_is_asked(panda: ffsms.SpaceManipulator) 
                 np.testing.assert_array_equal(before, again)
 
 
-def test_points_move_where_pinocchio_gives_copies(planar: ffsms.SpaceManipulator) -> None:
-    q = planar.configuration([0.3, -0.8, 1.1], base=random_pose(np.random.default_rng(4)))
-    expected = Points(planar).gradients(q)
-    pin.sharedMemory(False)
-    try:
-        points = Points(planar)
-        points.gradients(planar.configuration(np.zeros(3)))
-        found = points.gradients(q)
-        assert not pin.sharedMemory()
-    finally:
-        pin.sharedMemory(True)
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
 def test_rows_let_a_clearance_shrink_by_a_share_of_what_is_left(panda: ffsms.SpaceManipulator) -> None:
     q = panda.configuration(0.5 * (panda.limits.lower + panda.limits.upper))
     points = Points(panda)
     value, gradient = points.gradients(q)
-    rows = clearance_rows(points, 0.01, step_state(panda, q, np.zeros(7), 0.01, 5.0))
+    rows = clearance_rows(points.stack, 0.01, step_state(panda, q, np.zeros(7), 0.01, 5.0))
     np.testing.assert_array_equal(rows.G, gradient)
     np.testing.assert_allclose(rows.lower, -2.0 * (value - 0.012), rtol=0.0, atol=1e-14)
     assert (rows.upper >= 1e20).all()
@@ -180,5 +168,5 @@ def test_what_cannot_be_measured_is_said(planar: ffsms.SpaceManipulator) -> None
     with pytest.raises(InvalidValue, match="base_size"):
         Points(bare)
     with pytest.raises(InvalidValue, match="collision"):
-        clearance_model(planar, "spheres")
-    assert clearance_model(planar, "off") is None
+        clearance_stack(planar, "spheres")
+    assert clearance_stack(planar, "off") is None

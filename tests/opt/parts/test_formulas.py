@@ -17,6 +17,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, PartError
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.trajectory import measure
 
 AT, NORMAL, HEIGHT = (1.0, 1.2, 0.0), (-0.456, -0.890, 0.0), -0.885
 
@@ -75,16 +76,19 @@ def test_rows_of_a_formula_are_those_by_hand(
     step = step_state(planar, q, rng.normal(size=3), 0.01, 3.0, momentum)
     by_hand, formula = Above(NORMAL, HEIGHT).rows(step), AboveFormula().rows(step)
     assert formula is not None
-    for one, other in zip(formula, by_hand, strict=True):
+    for one, other in zip(formula[:3], by_hand[:3], strict=True):
         np.testing.assert_allclose(one, other, atol=1e-12)
+    assert formula.give == by_hand.give
 
 
+ELBOWS = {3: "link_3", 7: "panda_link5"}
 FORMULAS: dict[str, Callable[[opt.Features], Any]] = {
     "frame": lambda m: m.frame(ELBOWS[m.stack.n]) - [0.1, 0.2, 0.3],
     "frame's axis": lambda m: m.frame(ELBOWS[m.stack.n]).axis([0.6, 0.0, 0.8]),
     "base's axis": lambda m: m.base.axis([0.6, 0.0, 0.8]).cross(m.tip),
     "turn": lambda m: m.frame(ELBOWS[m.stack.n]).turn_from(np.eye(3)),
     "turn of the end effector": lambda m: m.tip.turn_from(np.eye(3)).norm(),
+    "angle of a frame": lambda m: m.frame(ELBOWS[m.stack.n]).angle_from(np.eye(3)),
     "turn of the base": lambda m: m.base_turn,
     "speeds": lambda m: [m.velocity.norm() / (0.1 + m.spin.norm()), m.base_spin],
     "entropy": lambda m: np.log(m.entropy) * m.rates + np.exp(-m.time),
@@ -93,7 +97,6 @@ FORMULAS: dict[str, Callable[[opt.Features], Any]] = {
     "numpy": lambda m: np.maximum(m.tip[0], m.tip[1]) + np.arctan2(m.tip[1], m.tip[0]) - abs(m.tip[2] - 1),
     "goal": lambda m: (m.goal - m.tip).norm() / np.hypot(m.velocity[0], 0.1),
 }
-ELBOWS = {3: "link_3", 7: "panda_link5"}
 
 
 @pytest.mark.parametrize("robot", ["planar_3r", "satellite_panda"])
@@ -192,6 +195,43 @@ def test_mistakes_name_the_part(
         assert (found.value.part, found.value.method) == ("Formula", "residual")
 
 
+class Wrong(opt.Limit):
+    """A limit that gives something of no use."""
+
+    name = "wrong"
+
+    def __init__(self, given: Any) -> None:
+        self.given = given
+
+    def residual(self, m: Any) -> list[opt.Residual]:
+        return []
+
+    def rows(self, step: Any) -> Any:
+        return self.given() if callable(self.given) else self.given
+
+    def violation(self, motion: opt.Motions) -> Any:
+        return self.rows(None)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        (3.0, "must return opt.Rows or None; got float"),
+        (opt.Rows(np.zeros((1, 2)), np.zeros(1), np.ones(1)), r"must give G \(k, 3\), .* got \(\(1, 2\)"),
+        (lambda: [1, 2][3], "failed with IndexError: list index out of range"),
+    ],
+)
+def test_mistakes_in_rows_name_the_limit(planar: ffsms.SpaceManipulator, given: Any, text: str) -> None:
+    planner = opt.StepPlanner(planar, limits=[Wrong(given)])
+    with pytest.raises(PartError, match=rf"Wrong\.rows {text}"):
+        planner.step(planar.configuration(np.zeros(3)), np.zeros(3), [0.7, 0.5, 0.0], 4.0)
+
+
+def test_mistakes_in_verdicts_name_the_limit(planar: ffsms.SpaceManipulator) -> None:
+    with pytest.raises(PartError, match=r"Wrong\.violation must return an opt\.Violation; got float"):
+        measure(problem_of(planar, limits=[Wrong(3.0)]), np.zeros((301, 3)))
+
+
 def test_slopes_by_hand_may_read_features_as_arrays(planar: ffsms.SpaceManipulator) -> None:
     """Speed beyond a limit, as it was written with plain arrays."""
 
@@ -207,3 +247,26 @@ def test_slopes_by_hand_may_read_features_as_arrays(planar: ffsms.SpaceManipulat
     assert opt.check(Speed(), problem_of(planar)) < 1e-5
     for one in residuals_of(Speed(), finished(problem_of(planar), 0.1 * np.ones((9, 3)))):
         assert type(one.value) is np.ndarray
+
+
+def test_a_room_without_slopes_is_kept_in_steps_and_plans(planar: ffsms.SpaceManipulator) -> None:
+    class Plain(AboveFormula):
+        def room(self, m: opt.Features) -> Any:
+            return np.einsum("x,xsk->sk", NORMAL, m.end_effector) - HEIGHT
+
+    step = step_state(planar, planar.configuration([0.4, 0.7, -0.5]), np.array([0.1, 0.2, -0.1]), 0.01, 3.0)
+    with pytest.warns(FfsmsWarning, match="slow"):
+        plain = Plain().rows(step)
+    exact = AboveFormula().rows(step)
+    assert plain is not None
+    assert exact is not None
+    np.testing.assert_allclose(plain.G, exact.G, atol=1e-8)
+    np.testing.assert_allclose(plain.lower, exact.lower, atol=1e-8)
+    problem = problem_of(planar)
+    motion = finished(problem, 0.3 * np.ones((problem.steps + 1, 3)))
+    (one,), (other,) = residuals_of(Plain(), motion), residuals_of(AboveFormula(), motion)
+    assert isinstance(one, opt.Residual)
+    assert isinstance(other, opt.Residual)
+    np.testing.assert_allclose(one.value, other.value, atol=1e-12)
+    assert one.by_tip is not None
+    np.testing.assert_allclose(one.by_tip, other.by_tip, atol=1e-8)

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from clearances_at import Points
 from scipy.integrate import solve_ivp
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue, ResultError
-from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.step.stepper import Stepper
 
 CASES = {"case-1": [1.00, 0.15, 0.0], "case-2": [0.45, 0.65, 0.0]}

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from clearances_at import Points
 from horizon_parts import check
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.system.base_motion import roll_out
 
 START = np.deg2rad([1.0, 1.0, 1.0])

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from clearances_at import At, Points
 from step_parts import TARGET, StepClearance, make_stepper, marched, missed, path
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.step.march import start_sides
 
 
@@ -88,7 +87,9 @@ def test_clearances_are_kept_with_their_rows_and_lost_without(
     )
     start = planar.configuration(np.deg2rad(degrees))
     target = planar.at(start).base_pose.act(np.array(goal))
-    model: Any = StepClearance(0.01, mode).for_robot(planar)._model
+    stack = StepClearance(0.01, mode).for_robot(planar)._model
+    assert stack is not None
+    model = At(stack)
 
     def least(collision: str) -> float:
         done = marched(make_stepper(planar, 0.02, collision=collision), start, target, 6.0)

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from clearances_at import Points
 from plain_steps import plain_programme
 from step_parts import StepJoints, StepRows, make_stepper
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
-from ffsms_pin.opt.limits.points import Points
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.programme import Objective, build_step, stacked_rows
 from ffsms_pin.opt.step.state import step_state

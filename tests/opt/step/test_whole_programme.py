@@ -7,24 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from clearances_at import At, Points
 from plain_steps import by_daqp, plain_programme
 
 import ffsms_pin as ffsms
-from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits
-from ffsms_pin.opt.limits.body_stack import BodyStack
-from ffsms_pin.opt.limits.points import Points
+from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import advance
-from ffsms_pin.system.batch.arm import ArmStack
-
-
-def of_bodies(bodies: BodyStack, arm: ArmStack, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """All clearances and their gradients, as whole motions have them."""
-    joints = bodies.sms.layout.positions(q)[:, None]
-    every = np.arange(len(bodies.names())), np.zeros(len(bodies.names()), dtype=np.intp)
-    evaluated = arm.evaluate(joints)
-    return bodies.values(joints, evaluated)[:, 0], bodies.gradients(arm, joints, evaluated, every).T
 
 
 @pytest.mark.parametrize("case", ["freely", "into the base", "bodies"])
@@ -39,7 +29,7 @@ def test_steps_are_those_of_the_whole_programme(case: str) -> None:
         joints, steps = 0.5 * (sms.limits.lower + sms.limits.upper), 200
         way = np.array([-0.5, 0.1, -0.3])  # towards the base
         target = sms.at(sms.configuration(joints)).end_effector_pose.translation + way
-    bodies, arm = BodyStack(sms, "hulls", 0.01) if case == "bodies" else None, ArmStack(sms)
+    clearances = At(BodyStack(sms, "hulls", 0.01)) if case == "bodies" else Points(sms)
     stepper = Stepper(sms, dt, 10.0, [JointLimits(), AlphaBox(), Clearance(0.01)])
     q, rates, bound = sms.configuration(joints), np.zeros(sms.n), 0
     for k in range(steps):
@@ -47,7 +37,7 @@ def test_steps_are_those_of_the_whole_programme(case: str) -> None:
         stepper.side = np.zeros(3)  # that of the present motion
         step = stepper.step(q, rates, target, left)
         assert step.solved
-        value, gradient = Points(sms).gradients(q) if bodies is None else of_bodies(bodies, arm, q)
+        value, gradient = clearances.gradients(q)
         problem = plain_programme(sms, q, rates, target, left, (value, gradient))
         x = by_daqp(problem)
         np.testing.assert_allclose(step.alpha, x[: sms.n], rtol=0.0, atol=1e-9)

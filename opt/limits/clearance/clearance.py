@@ -11,34 +11,32 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, number, one_of, pose
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Indices, Residual, Residuals
-from ffsms_pin.opt.limits.between import TOLERANCE, Least, least_of_bodies
-from ffsms_pin.opt.limits.body_model import BodyModel
-from ffsms_pin.opt.limits.body_stack import BodyStack
-from ffsms_pin.opt.limits.clearance_rows import clearance_rows
-from ffsms_pin.opt.limits.clearance_stack import ClearanceStack, chosen_mode, clearance_stack
+from ffsms_pin.opt.batch.residual import Residual, Residuals
+from ffsms_pin.opt.limits.clearance.at_start import check_obstacles
+from ffsms_pin.opt.limits.clearance.between import Least, least_of
+from ffsms_pin.opt.limits.clearance.bodies import chosen_mode, payload_part
+from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
+from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, checked_obstacles, convex_shape
+from ffsms_pin.opt.limits.clearance.points import PointStack
+from ffsms_pin.opt.limits.clearance.rows import clearance_rows
+from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.opt.limits.limit import Failed, Limit, Rows, Violation, stacked
-from ffsms_pin.opt.limits.obstacles.at_start import check_obstacles
-from ffsms_pin.opt.limits.obstacles.bodies import payload_part
-from ffsms_pin.opt.limits.obstacles.judged import least_of_obstacles
-from ffsms_pin.opt.limits.obstacles.obstacle import Obstacle, checked_obstacles, convex_shape
-from ffsms_pin.opt.limits.obstacles.rows import obstacle_rows
-from ffsms_pin.opt.limits.obstacles.stack import ObstacleStack
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion import Features
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.stacks import apply, cross
+from ffsms_pin.system.convex_parts import Part
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.problem import Problem
 
-__all__ = ["Clearance", "CollisionMode"]
+__all__ = ["Clearance", "CollisionMode", "clearance_stack"]
 
 CollisionMode = str
 MODES = ("auto", "points", "hulls", "shapes", "off")
 
-# [m] Clearances of finished motions are looked at twice a step; what they can lose in between is a few
-# micrometres.
-_BETWEEN = 1e-5
 _BODY_MARGIN = 3e-3  # [arm lengths] `Clearance.margin` between bodies
+_LEAST_LACK = 1e-5  # [m] a clearance that counts as broken lacks at least so much
 _BINDING = 1e-3  # [m] with less than this left beside the margin the limit binds
 
 
@@ -73,8 +71,7 @@ class Clearance(Limit):
     name = "clearance"
     blocks = True
     _stack: ClearanceStack | None = field(default=None, repr=False)
-    _model: Any = field(default=None, repr=False)
-    _around: ObstacleStack | None = field(default=None, repr=False)
+    _around: BodyStack | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         number("clearance", self.clearance)
@@ -90,24 +87,28 @@ class Clearance(Limit):
     def for_robot(self, sms: SpaceManipulator) -> Clearance:
         """With the robot's points or shapes."""
         held = None if self.payload is None else payload_part(sms, *self.payload)
-        around = ObstacleStack(sms, self.obstacles, self.collision, held) if self.obstacles else None
+        around = None
+        if self.obstacles:
+            around = BodyStack(sms, self.collision, self.clearance, held, self.obstacles)
+            around = around if around.names else None
         last = self._stack
         if (
             isinstance(last, BodyStack)
             and self.collision in ("auto", last.mode)
             and last.serves(sms, self.clearance, held)
         ):
-            # Planned again: the masses are others, the shapes are not. A model is for one thread.
-            return replace(self, _model=BodyModel(last), _around=around)
+            # Planned again: the masses are others, the shapes are not.
+            return replace(self, _around=around)
         mode = chosen_mode(sms) if self.collision == "auto" else self.collision
         stack = clearance_stack(sms, mode, self.clearance, held)
-        if stack is None:
-            return replace(self, _stack=None, _model=None, _around=around)
-        model = BodyModel(stack) if isinstance(stack, BodyStack) else stack.points
         # Neighbours but one are hardly further apart than this in any posture, so bodies are given less than
         # points.
         margin = _BODY_MARGIN if isinstance(stack, BodyStack) else self.margin
-        return replace(self, _stack=stack, _model=model, margin=margin, _around=around)
+        return replace(self, _stack=stack, margin=margin, _around=around)
+
+    @property
+    def _stacks(self) -> list[ClearanceStack]:
+        return [stack for stack in (self._stack, self._around) if stack is not None]
 
     @property
     def left_out(self) -> list[str]:
@@ -125,21 +126,17 @@ class Clearance(Limit):
     def least(self, motions: Motions) -> tuple[float, str]:
         """The least clearance [m] of motions, and between what; infinite where nothing is kept apart."""
         found = [(np.inf, "")]
-        if self._stack is not None:
-            values = self._stack.values(motions.joints, motions.arm).min(axis=(1, 2))
-            found.append((float(values.min()), self._stack.names()[int(np.argmin(values))]))
-        if self._around is not None:
-            values = self._around.values(motions).min(axis=(1, 2))
-            found.append((float(values.min()), self._around.names()[int(np.argmin(values))]))
+        for stack in self._stacks:
+            values = stack.values(stack.seen(motions)).min(axis=1)
+            found.append((float(values.min()), stack.names[int(np.argmin(values))]))
         return min(found)
 
     def contact(self, q: FloatArray) -> tuple[float, str] | None:
         """The deepest overlap [m] of the robot at q (nq,) with an obstacle at time zero, and with which."""
         if self._around is None:
             return None
-        distances = self._around.distances(q, 0.0)
-        which = int(np.argmin(distances))
-        return (-float(distances[which]), self._around.names()[which]) if distances[which] < 0.0 else None
+        depth, name = self._around.overlap(q)
+        return (depth, name) if depth > 0.0 else None
 
     def check_start(self, problem: Problem, begin: Motions) -> str:
         """Whether bodies are too near to each other at the start, or a goal is inside an obstacle."""
@@ -156,60 +153,43 @@ class Clearance(Limit):
 
     def rows(self, step: StepState) -> Rows | None:
         """A clearance may shrink at most at a rate proportional to what is left of it."""
-        found = []
-        if self._model is not None:
-            found.append(clearance_rows(self._model, self.clearance, step))
-        if self._around is not None:
-            found.append(obstacle_rows(self._around, self.clearance, step))
-        return stacked(found)
+        return stacked([clearance_rows(stack, self.clearance, step) for stack in self._stacks])
 
-    def residual(self, motions: Motions) -> Residuals:
+    def residual(self, m: Features) -> Residuals:
         """What clearances lack of the asked one and the margin, in arm lengths."""
-        return [*self._own_residual(motions), *self.around_residual(motions)]
-
-    def _own_residual(self, motions: Motions) -> Residuals:
-        if self._stack is None:
-            return []
-        length = motions.stack.length
-        kept: FloatArray = np.full(len(self._stack.names()), self.clearance + self.margin * length)
-        if isinstance(self._stack, BodyStack):
-            # Bodies that are near each other in every posture cannot be asked for the whole margin.
-            kept = np.minimum(kept, 0.5 * (self.clearance + self._stack.largest))
-            close, value, slope = self._stack.below(motions.joints, motions.arm, kept)
-            return _lacking((kept[close[0]] - value) / length, close, by_joints=-slope / length)
-        lack = kept[:, None, None] - self._stack.values(motions.joints, motions.arm, kept)
-        where = np.nonzero(lack > 0.0)
-        if not where[0].size:
-            return []
-        slope = self._stack.gradients(motions.stack, motions.joints, motions.arm, where)
-        return _lacking(lack[where] / length, where, by_joints=-slope / length)
+        return [one for stack in self._stacks for one in self._lack(stack, m.motions)]
 
     def around_residual(self, motions: Motions) -> Residuals:
         """The part of the residual that is due to obstacles."""
-        if self._around is None:
-            return []
+        return [] if self._around is None else self._lack(self._around, motions)
+
+    def _lack(self, stack: ClearanceStack, motions: Motions) -> Residuals:
         length = motions.stack.length
-        kept = self.clearance + self.margin * length
-        where, value, slopes = self._around.below(motions, kept)
-        by = {name: -slope / length for name, slope in slopes.items()}
-        return _lacking((kept - value) / length, where, **by)
+        # Bodies that are near each other in every posture cannot be asked for the whole margin.
+        kept = np.minimum(self.clearance + self.margin * length, 0.5 * (self.clearance + stack.largest))
+        poses = stack.seen(motions)
+        (columns, at), found = stack.below(poses, kept)
+        if not columns.size:
+            return []
+        slopes: dict[str, Any] = {"by_joints": stack.gradients(poses, (columns, at), found)}
+        motion, instants = np.unravel_index(at, motions.joints.shape[1:])
+        if stack.obstacles:
+            # When the base moves, the nearest point of the body moves with it and that of the obstacle stays.
+            R = motions.base_attitude[:, :, motion, instants]
+            normal = stack.passes[columns] * apply(R, found.normal)
+            lever = apply(R, found.here - motions.stack.base_com[:, None])
+            slopes |= {"by_base": -normal, "by_base_turn": -cross(lever, normal)}
+        slopes = {name: -slope / length for name, slope in slopes.items()}
+        value = (kept[columns] - found.distance) / length
+        return [Residual(value, motion=motion, instants=instants, **slopes)]
 
     def violation(self, motion: Motions) -> Violation:
         """The largest lack of clearance at the nodes, in the middles, and between shapes everywhere."""
         near = self.margin * motion.stack.length + _BINDING
         found: list[tuple[Least, str, float]] = []
-        if isinstance(self._stack, BodyStack):
-            least = least_of_bodies(self._stack, motion, self.clearance, near)
-            found.append((least, self._stack.names()[least.pair], TOLERANCE))
-        elif self._stack is not None:
-            values = self._stack.values(motion.joints, motion.arm)[:, 0]
-            which, k = np.unravel_index(int(np.argmin(values)), values.shape)
-            instants = motion.times[values.min(axis=0) < self.clearance + near]
-            least = Least(float(values[which, k]), int(which), float(motion.times[k]), instants)
-            found.append((least, self._stack.names()[least.pair], -_BETWEEN))
-        if self._around is not None:
-            least = least_of_obstacles(self._around, motion, self.clearance, near)
-            found.append((least, self._around.names()[least.pair], TOLERANCE))
+        for stack in self._stacks:
+            least = least_of(stack, motion, self.clearance, near)
+            found.append((least, stack.names[least.pair], stack.tolerance))
         if not found:
             return Violation()
         instants = np.unique(np.concatenate([least.near for least, _, _ in found]))
@@ -221,9 +201,32 @@ class Clearance(Limit):
             f"a clearance is broken: {pair} is {1e3 * worst.value:.1f} mm at "
             f"{worst.time:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
         )
-        return Violation(max(self.clearance - worst.value, _BETWEEN), instants, note)
+        return Violation(max(self.clearance - worst.value, _LEAST_LACK), instants, note)
 
 
-def _lacking(value: FloatArray, where: tuple[Indices, ...], **slopes: Any) -> Residuals:
-    """The residual of entries (clearance, motion, instant), or none."""
-    return [Residual(value, motion=where[1], instants=where[2], **slopes)] if value.size else []
+def clearance_stack(
+    sms: SpaceManipulator, collision: str, clearance: float = 0.0, payload: Part | None = None
+) -> ClearanceStack | None:
+    """What a mode keeps apart of a robot itself; None for "off", and where nothing can come near anything.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    collision : {"points", "hulls", "shapes", "off"}
+        See `Clearance`; "auto" is chosen by `chosen_mode`.
+    clearance : float
+        What is asked for: pairs of bodies that are always nearer are left out [m].
+    payload : Part, optional
+        What the end effector holds; for "hulls" and "shapes".
+
+    Raises
+    ------
+    InvalidValue
+        The mode is not known, or the robot has no base box ("points") or no shapes that can meet.
+    """
+    if collision == "off":
+        return None
+    if collision not in MODES or collision == "auto":
+        raise InvalidValue("collision", collision, 'must be "points", "hulls", "shapes" or "off"')
+    stack = PointStack(sms) if collision == "points" else BodyStack(sms, collision, clearance, payload)
+    return stack if stack.names else None

@@ -1,4 +1,9 @@
-"""What bodies keep apart of a finished motion: at its instants, and proven between them."""
+"""What bodies keep apart of a finished motion: at its instants, and proven between them.
+
+Between two instants a distance changes by no more than the joints' way times their reach, and by what the
+obstacle moves and turns as the base sees it. Where that leaves a clearance in question, the interval is
+halved.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +15,18 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.limits.body_stack import BodyStack
-from ffsms_pin.opt.limits.part_pairs import Poses
+from ffsms_pin.opt.limits.clearance.poses import Poses
+from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 
-__all__ = ["TOLERANCE", "Least", "along", "joints_after", "least_between", "least_of_bodies"]
+__all__ = ["Least", "along", "least_between", "least_of"]
 
-TOLERANCE = 1e-5  # [m] So much less than the asked clearance counts as kept.
 # How often an interval between two instants is halved, and how many clearances are measured in between at
 # most.
 _HALVINGS, _MOST = 12, 5000
 _STRIDE = 16  # of the instants that are measured first
+# The chord of an obstacle's way from one instant to the next, over which it turns by a few hundredths of a
+# radian, is shorter than the way itself by less than this share.
+_CHORD = 0.02
 
 
 class Least(NamedTuple):
@@ -43,36 +50,60 @@ class Least(NamedTuple):
     near: FloatArray
 
 
-def least_of_bodies(stack: BodyStack, motion: Motions, clearance: float, binding: float) -> Least:
+def least_of(stack: ClearanceStack, motion: Motions, clearance: float, binding: float) -> Least:
     """The least clearance of one motion at its nodes, in the middles, and between them.
 
-    Between two instants a distance changes by no more than the joints' way times their reach; where that
-    leaves the clearance in question, the interval is halved. What convex parts find broken is measured on the
-    shapes.
+    What convex parts find broken is measured on the shapes.
     """
-    times, u = motion.times, motion.rates[:, 0]
-    step = np.diff(times)
-    # Rates are linear in between, so no joint goes further than this.
-    way = step * np.maximum(np.abs(u[:, :-1]), np.abs(u[:, 1:]))
-    change = stack.reaches @ way
-    most = 0.5 * float(change.max(initial=0.0))
-    near, floor = clearance + binding + most, clearance - TOLERANCE
-    poses = Poses.of(motion.arm)
-    values = along(change, near, lambda pair, k, near: stack.distances_at(poses, (pair, k), near))
+    times, poses = motion.times, stack.seen(motion)
+    if stack.reaches is None:  # not bounded
+        values = stack.values(poses)
+        which, k = np.unravel_index(int(np.argmin(values)), values.shape)
+        close = times[values.min(axis=0) < clearance + binding]
+        return Least(float(values[which, k]), int(which), float(times[k]), close)
+    change = changes(stack, motion, poses)
+    near, floor = clearance + binding + 0.5 * float(change.max(initial=0.0)), clearance - stack.tolerance
+    values = along(change, near, lambda pair, k, near: stack.nearest(poses, (pair, k), near).distance)
     low = np.nonzero(values < floor)
     if low[0].size:
-        values[low] = stack.at(motion.joints[:, 0, low[1]], low[0], floor)
+        values[low] = stack.exact(poses, low, floor)
     which, k = np.unravel_index(int(np.argmin(values)), values.shape)
     close = times[values.min(axis=0) < clearance + binding]
     least = Least(float(values[which, k]), int(which), float(times[k]), close)
     if least.value < floor:
         return least
+    # How far a base that turns evenly between two instants is from where it is: the error of the angle is at
+    # most the change of the angular velocity times the time over 8.
+    turn = np.linalg.norm(np.diff(motion.base_spin[:, 0]), axis=0) * np.diff(times) / 8.0
+    bend = (stack.passes * (stack.arm.length + stack.sizes[:, 0]))[:, None] * turn
 
     def measure(pair: Indices, k: Indices, after: FloatArray) -> FloatArray:
-        return stack.at(joints_after(motion, k, after), pair, floor)
+        here, lost = stack.between(motion, k, after), bend[pair, k]
+        found = stack.exact(here, (pair, np.arange(len(pair))), floor + float(lost.max(initial=0.0)))
+        return np.asarray(found - lost)
 
     between = least_between(times, values, change, floor, measure)
     return least if between is None else between._replace(near=close)
+
+
+def changes(stack: ClearanceStack, motion: Motions, poses: Poses) -> FloatArray:
+    """The most that distances change from one instant of a motion to the next (m, K - 1) [m]."""
+    u = motion.rates[:, 0]
+    # Rates are linear in between, so no joint goes further than this.
+    change = stack.reaches @ (np.diff(motion.times) * np.maximum(np.abs(u[:, :-1]), np.abs(u[:, 1:])))
+    if stack.passes.any():
+        index = stack.bodies[stack.passes, 1]
+        far = stack.sizes[stack.passes, 1:]
+        # Places and, as chords of points at a unit distance, turns.
+        ways = [np.diff(poses.origins[:, index]), np.diff(poses.rotations[:, :, index]) / np.sqrt(2.0)]
+        bends = [np.diff(one) for one in ways]
+        way, bend = (
+            np.linalg.norm(a, axis=0) + far * np.linalg.norm(b, axis=(0, 1)) for a, b in (ways, bends)
+        )
+        # The largest speed exceeds the mean one by half of what a velocity changes in between.
+        bend = np.pad(bend, ((0, 0), (1, 1)))
+        change[stack.passes] += (1.0 + _CHORD) * way + 0.5 * np.maximum(bend[:, 1:], bend[:, :-1])
+    return np.asarray(change)
 
 
 def along(
@@ -109,13 +140,6 @@ def along(
     k, pair = np.nonzero(asked.T)
     values[pair, k] = measure(pair, k, np.full(len(k), near))
     return values
-
-
-def joints_after(motion: Motions, k: Indices, after: FloatArray) -> FloatArray:
-    """Joint positions (n, V) of one motion `after` (V,) seconds after the instants k (V,)."""
-    u = motion.rates[:, 0]
-    slope = (u[:, k + 1] - u[:, k]) / (motion.times[k + 1] - motion.times[k])
-    return np.asarray(motion.joints[:, 0, k] + after * (u[:, k] + 0.5 * after * slope))
 
 
 def least_between(

@@ -15,7 +15,7 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms.term import REFERENCE_TIME
 from ffsms_pin.opt.trajectory import Trajectory
 
-__all__ = ["Found", "Judge", "cost_of"]
+__all__ = ["Found", "Ranking", "cost_of"]
 
 
 class Found(NamedTuple):
@@ -40,7 +40,7 @@ def cost_of(problem: Problem, plan: Trajectory) -> float:
     return sum(plan.shares[term.name] for term in problem.cost_terms or problem.terms)
 
 
-class Judge:
+class Ranking:
     """Ranks finished motions of one problem.
 
     Parameters

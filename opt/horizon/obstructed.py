@@ -17,6 +17,7 @@ from ffsms_pin.opt.horizon.merit import linearise
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.stages import STRAIGHT_STAGE
 from ffsms_pin.opt.horizon.starts import halton, straight_time
+from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory
 
@@ -105,7 +106,7 @@ def _lack(model: Model, p: FloatArray) -> FloatArray:
     motions = motions_of(problem, spline, p, EXACT, targets(model.goal, spline.times))
     lack = np.zeros(len(p))
     for limit in (one for one in problem.limits if one.obstacles):
-        for residual in limit.residual(motions):
+        for residual in residuals_of(limit, motions):
             lack += residual.squares(motions.limit_weights, len(p))
     return lack
 

@@ -11,8 +11,8 @@ from horizon_parts import planar_problem
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.descent import Model
-from ffsms_pin.opt.horizon.judge import Found, Judge
 from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.ranking import Found, Ranking
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def chosen(problem: opt.Problem, plan: opt.Trajectory, shares: list[dict[str, fl
     options = SearchOptions()
     model = Model.make(problem, options.coarse)
     found = [Found(dataclasses.replace(plan, shares=one), np.zeros((1, 3)), model) for one in shares]
-    best = Judge(problem, options).best(found)
+    best = Ranking(problem, options).best(found)
     return next(i for i, one in enumerate(found) if one is best)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.obstacles.obstacle import Obstacle
+from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.problem import Problem

@@ -1,0 +1,43 @@
+"""Clearances at one configuration, as tests ask for them: a stack of one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import ffsms_pin as ffsms
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.clearance.points import PointStack
+from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
+
+__all__ = ["At", "Points"]
+
+
+class At:
+    """A stack of clearances at single configurations q (nq,)."""
+
+    def __init__(self, stack: ClearanceStack) -> None:
+        self.stack, self.count = stack, len(stack.names)
+
+    def names(self) -> list[str]:
+        """What each clearance is between."""
+        return self.stack.names
+
+    def values(self, q: FloatArray) -> FloatArray:
+        """Clearances (m,) [m]."""
+        return self.gradients(q)[0]
+
+    def gradients(self, q: FloatArray, near: FloatArray | float = np.inf) -> tuple[FloatArray, FloatArray]:
+        """Clearances (m,) [m] and their gradients (m, n) by the joints; bounds beyond `near`."""
+        poses = self.stack.at(q, 0.0)
+        where = np.arange(self.count), np.zeros(self.count, dtype=np.intp)
+        found = self.stack.nearest(poses, where, near)
+        return found.distance, self.stack.gradients(poses, where, found).T
+
+
+class Points(At):
+    """The paper's points."""
+
+    def __init__(self, sms: ffsms.SpaceManipulator) -> None:
+        points = PointStack(sms)
+        super().__init__(points)
+        self.first, self.second, self.outside = points.first, points.second, points.outside
