@@ -18,7 +18,7 @@ constexpr int kMostSweeps = 20;
 template <class T>
 bool rotate(int n, int p, int q, T negligible, Square<T>& A, Square<T>& V) {
   const T off = A[p][q], first = A[p][p], last = A[q][q];
-  const auto left = (off * off > 1e-33 * magnitude(first * last)) & (magnitude(off) > negligible);
+  const auto left = both(off * off > 1e-33 * magnitude(first * last), magnitude(off) > negligible);
   if (!any(left)) {
     A[p][q] = A[q][p] = T{};
     return false;

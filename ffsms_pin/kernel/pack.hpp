@@ -81,17 +81,18 @@ FFSMS_COMPARISON(<)
 FFSMS_COMPARISON(>)
 #undef FFSMS_COMPARISON
 
-FFSMS_INLINE Mask operator&(const Mask& a, const Mask& b) {
-  Mask out;
-  for (int i = 0; i < kPairs; ++i) out.p[i] = a.p[i] & b.p[i];
-  return out;
-}
-
 // -- what differs between a double and a pack, by one name
 FFSMS_INLINE double select(bool which, double yes, double no) { return which ? yes : no; }
 FFSMS_INLINE Pack select(const Mask& which, const Pack& yes, const Pack& no) {
   Pack out;
   for (int i = 0; i < kPairs; ++i) out.p[i] = which.p[i] ? yes.p[i] : no.p[i];
+  return out;
+}
+
+FFSMS_INLINE bool both(bool a, bool b) { return a && b; }
+FFSMS_INLINE Mask both(const Mask& a, const Mask& b) {
+  Mask out;
+  for (int i = 0; i < kPairs; ++i) out.p[i] = a.p[i] & b.p[i];
   return out;
 }
 
