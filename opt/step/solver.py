@@ -101,10 +101,13 @@ class StepSolver:
         if start is None or (start[0].shape, start[1].shape) != (nothing[0].shape, nothing[1].shape):
             start = nothing
         found = self._solve(goal, rows, start)
-        self.cold = start is not nothing and not found.solved
+        exact = _refined(goal, rows, found)
+        # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.
+        self.cold = start is not nothing and exact is None
         if self.cold:
             found = self._solve(goal, rows, nothing)
-        return _refined(goal, rows, found) if found.solved else found
+            exact = _refined(goal, rows, found)
+        return found if exact is None else exact
 
     def _solve(self, goal: Objective, rows: AllRows, start: tuple[FloatArray, FloatArray]) -> Solution:
         size = rows.A.shape
@@ -125,12 +128,14 @@ class StepSolver:
         return Solution(x, z, solved)
 
 
-def _refined(goal: Objective, rows: AllRows, found: Solution) -> Solution:
+def _refined(goal: Objective, rows: AllRows, found: Solution) -> Solution | None:
     """The exact solution of the equations of the rows that the multipliers say are active.
 
     ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory lies:
     over a march of a thousand steps that shows. The equations have no memory. Their solution is taken where
-    it keeps all rows and its multipliers have the right signs, which makes it the programme's; else ProxQP's.
+    it keeps all rows and its multipliers have the right signs, which makes it the programme's; else None.
     """
+    if not found.solved:
+        return None
     exact = _kernel.refined(goal.H, goal.g, rows.A, rows.low, rows.up, found.z, TOLERANCE, _KEPT)
-    return found if exact is None else Solution(*exact, True)
+    return None if exact is None else Solution(*exact, True)
