@@ -126,8 +126,9 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
     low, high = joint_range(problem)
     inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
     goals = np.where(problem.free, joints, start)
-    # Of the moves that arrive, rather those that leave the base as it was.
-    steady = any(limit.holds_attitude for limit in problem.limits)
+    # Of the moves that arrive, rather those that leave the base as it was; of the rest of a motion, whose
+    # base turned before, that says nothing.
+    steady = problem.base_start is None and any(limit.holds_attitude for limit in problem.limits)
     exact = False
     for k in range(iterations):
         end, R, beyond = straight_ends(problem, goals, exact)

@@ -64,7 +64,8 @@ def solve(
         return stays
 
     def again(other: Problem) -> Trajectory:
-        return Search(other, options).run(QUICK)
+        quick = replace(options or SearchOptions(), straight_moves=2)  # it is asked many times
+        return Search(other, quick).run(QUICK)
 
     search = None
     try:

@@ -181,8 +181,8 @@ def marches(search: Search) -> None:
             break
 
 
-def straight_moves_that_end_there(search: Search, most: float = math.inf) -> None:
-    """Where every cheap way round fails: straight moves that end at the goal, at most so many.
+def straight_moves_that_end_there(search: Search) -> None:
+    """Where every cheap way round fails: straight moves that end at the goal, `SearchOptions.straight_moves`.
 
     First those that keep the limits, then the quickest. Where none does, more joint goals are looked for.
     """
@@ -195,15 +195,15 @@ def straight_moves_that_end_there(search: Search, most: float = math.inf) -> Non
         search.shoot(spread_postures(search.problem, search.drawn, more))
         search.drawn += more
         goals, _ = best_first(search.fine, search.goals.joints[search.there()])
-    for goal in goals[: int(min(most, search.options.straight_moves))]:
+    for goal in goals[: search.options.straight_moves]:
         _go_to(search, goal, STRAIGHT_STAGE.iterations)
         if search.arrived() or search.out_of_time():
             break
 
 
 def straight_line(search: Search) -> None:
-    """Where nothing else arrives: straight to the target by single steps, as method "resolved-rate" goes."""
-    if not search.arrived() and _can_march(search.problem):
+    """Where nothing else reaches: straight to the target by single steps, as method "resolved-rate" goes."""
+    if not any(one.plan.reached for one in search.found) and _can_march(search.problem):
         plan = straight_march(search.problem)
         if plan.reached:
             search.keep_plan(plan)
@@ -243,7 +243,7 @@ QUICK = (
     Strategy("descent", partial(descend_from_starts, keep=(1, 1, 1), repeats=2)),
     Strategy("finest spline", finest_spline),
     Strategy("within limits", within_limits),
-    Strategy("straight moves", partial(straight_moves_that_end_there, most=2)),
+    Strategy("straight moves", straight_moves_that_end_there),
     Strategy("finest spline", finest_spline),
     Strategy("within limits", within_limits),
 )

@@ -82,7 +82,7 @@ class ReplanOptions:
     short: Grid = _SHORT
     cost_until: float = 0.1
     iterations: int = 3
-    corrections: int = 2
+    corrections: int = 3
     weights: Weights = _WEIGHTS
     damping: float = 0.03
     handover: float = 0.1
