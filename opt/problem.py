@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import FloatArray, frozen, number, one_of, positive, vector
+from ffsms_pin.checks import FloatArray, frozen, matrix, number, one_of, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.rollout import rolled_out
@@ -214,6 +214,7 @@ class Problem:
     def motion(self, rates: FloatArray) -> Motions:
         """The motion of joint rates (N + 1, n) at the nodes, and in the middles between."""
         q0, dt = self.q0, self.dt
+        rates = matrix("rates", rates, self.steps + 1, self.sms.n)
         motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum, ARRIVAL_SHARE)
         goal, (place, attitude) = self.goal.places(motion.times), self.base_from
         return replace(

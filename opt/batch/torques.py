@@ -44,8 +44,8 @@ def joint_torques(
         What the total momentum adds to the base's angular velocity, base axes [rad/s].
     """
     out = np.empty((stack.n, positions[0].size))
-    given = (rows(one, stack.n) for one in (positions, rates, accelerations))
-    kernel.joint_torques(stack.tree, *given, rows(own_spin, 3), out)
+    joints, moving, pushed = (rows(one, stack.n) for one in (positions, rates, accelerations))
+    kernel.joint_torques(stack.tree, joints, moving, pushed, rows(own_spin, 3), out)
     return out.reshape(positions.shape)
 
 

@@ -119,7 +119,7 @@ def test_a_tree_goes_to_other_processes(robot: ffsms.SpaceManipulator, rng: np.r
     found = [np.empty((12 * robot.n + 3, 3)) for _ in range(2)]
     for one, out in zip((tree, pickle.loads(pickle.dumps(tree))), found, strict=True):
         kernel.coupled(one, joints, out)
-    np.testing.assert_array_equal(*found)
+    np.testing.assert_array_equal(found[0], found[1])
 
 
 def test_wrong_shapes_are_refused() -> None:

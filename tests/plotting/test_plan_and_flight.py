@@ -22,10 +22,10 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
 
 
 def other_flight(outcome: Outcome) -> Outcome:
-    """The same with a recording that ends 5 degrees off at every joint, and 3 at the base."""
+    """The same with a recording that ends 10 degrees off at every joint, and 3 at the base."""
     q = outcome.tracking.q.copy()
     share = np.linspace(0.0, 1.0, len(q))
-    q[:, 7:] += np.radians(5.0) * share[:, None]
+    q[:, 7:] += np.radians(10.0) * share[:, None]
     turn = 2.0 * np.arctan2(q[:, 5], q[:, 6]) + np.radians(3.0) * share
     q[:, 5], q[:, 6] = np.sin(0.5 * turn), np.cos(0.5 * turn)
     return replace(outcome, tracking=replace(outcome.tracking, q=q))

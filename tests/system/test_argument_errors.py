@@ -115,6 +115,7 @@ def test_limits_are_checked(
 ONE_OF_EACH = [
     errors.FfsmsError("one\n two"),
     errors.InvalidValue("q", np.arange(100), "must be shorter"),
+    errors.PartError("a part", "room", "gives\nnothing"),
     errors.ModelNotFound("a", ["b", "c"]),
     errors.InvalidUrdf("a.urdf", "is\nbroken"),
     errors.InvalidInertia("a.urdf", "arm", "has no mass"),

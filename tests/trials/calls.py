@@ -29,7 +29,7 @@ PACKAGES = (ffsms, opt, control, simulation, inspection)
 NOT_CALLED = {
     "State", "Tracking", "Trajectory", "Scenario", "Step", "StepProblem", "JointLaw", "Controller",
     "Reference", "Change", "Fault", "JointReport", "LinkReport", "Report", "view",
-    "Goal", "Limit", "Rows", "Term", "Violation", "BaseLaw",
+    "Goal", "Limit", "Inequality", "Features", "Rows", "Term", "Violation", "BaseLaw",
 }  # fmt: skip
 CONDITIONS = {
     "friction": simulation.JointFriction, "actuator": simulation.Actuator, "sensors": simulation.Sensors,

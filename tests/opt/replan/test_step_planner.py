@@ -11,7 +11,7 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits
+from ffsms_pin.opt.limits import AlphaBox, BaseLimits, Clearance, JointLimits, TorqueLimits
 from ffsms_pin.opt.step.stepper import Stepper
 
 TARGET = np.array([0.45, 0.75, 0.0])
@@ -19,7 +19,7 @@ TARGET = np.array([0.45, 0.75, 0.0])
 
 def test_it_is_the_stepper_with_the_limits_of_the_paper(planar: ffsms.SpaceManipulator) -> None:
     q, rates = planar.configuration([0.4, 0.7, -0.5]), np.array([0.1, -0.1, 0.2])
-    limits = [JointLimits(), Clearance(0.02), AlphaBox(), BaseLimits(attitude=0.1)]
+    limits = [JointLimits(), TorqueLimits(), Clearance(0.02), BaseLimits(attitude=0.1), AlphaBox()]
     stepper = Stepper(planar, 0.02, 5.0, limits, momentum=0.01 * np.ones(6))
     planner = opt.StepPlanner(
         planar, 0.02, 5.0, 0.02, base_limits=opt.BaseLimits(attitude=0.1), momentum=0.01 * np.ones(6)
@@ -66,7 +66,7 @@ def test_tracking_takes_over_the_settings(planar: ffsms.SpaceManipulator) -> Non
     problem = reference.problem
     assert reference.duration == 4.0
     assert (problem.duration, problem.dt, problem.kappa) == (3.0, 0.02, 5.0)
-    assert [limit.name for limit in problem.limits] == ["joints", "clearance", "alpha box", "base"]
+    assert [limit.name for limit in problem.limits] == ["joints", "torques", "clearance", "base", "alpha box"]
     np.testing.assert_array_equal(reference.momentum, np.ones(6))
     np.testing.assert_array_equal(reference.target, TARGET)
     moving = planner.track(lambda t: TARGET + 0.01 * t, 3.0)
