@@ -52,7 +52,7 @@ def test_attitudes_are_products_of_rotations(rng: np.random.Generator) -> None:
 def test_attitude_at_the_end_by_small_steps(momentum: FloatArray | None, rng: np.random.Generator) -> None:
     """The end of a motion on many intervals, by 3000 midpoint steps of the momentum equation."""
     problem, spline, at = moved(FINE, momentum, rng)
-    p = np.linalg.lstsq(spline.rates.free, at.rates[:, 0].T, rcond=None)[0]
+    p = np.asarray(np.linalg.lstsq(spline.rates.free, at.rates[:, 0].T, rcond=None)[0], dtype=np.float64)
     steps = 3000
     times = np.asarray((np.arange(steps) + 0.5) * problem.duration / steps, dtype=np.float64)
     rates = spline.rates_at(times).of(p, problem.joint_rates).T

@@ -12,7 +12,6 @@ from ffsms_pin.checks import FloatArray
 __all__ = [
     "apply",
     "cross",
-    "cross_rows",
     "diagonal",
     "dot",
     "exp3",
@@ -20,12 +19,10 @@ __all__ = [
     "log3",
     "products",
     "quaternions",
-    "row_lengths",
     "skew",
 ]
 
 _TINY = 1e-150  # added to angles: sin(x) / x is then one at zero
-_ONES = np.ones(3)
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
 _FIRST, _SECOND = np.append(_NEXT, _AFTER), np.append(_AFTER, _NEXT)  # the products of a cross product
 
@@ -45,16 +42,6 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """A x b of stacks (3, ...), broadcast against each other."""
     both: FloatArray = a.take(_FIRST, 0) * b.take(_SECOND, 0)
     return both[:3] - both[3:]
-
-
-def row_lengths(a: FloatArray) -> FloatArray:
-    """Lengths (m,) of the rows of a matrix (m, 3), of few rows: numpy's norm takes three times as long."""
-    return np.asarray(np.sqrt((a * a).dot(_ONES)))
-
-
-def cross_rows(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross products of the rows of two matrices (m, 3), of few rows: numpy's own takes ten times as long."""
-    return a.take(_NEXT, 1) * b.take(_AFTER, 1) - a.take(_AFTER, 1) * b.take(_NEXT, 1)
 
 
 def skew(v: FloatArray) -> FloatArray:
