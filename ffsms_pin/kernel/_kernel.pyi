@@ -157,6 +157,17 @@ def cone_marches(
     rates: FloatArray,
 ) -> None: ...
 
+# points.hpp
+def point_clearances(
+    tree: Tree,
+    positions: FloatArray,
+    there: Any,
+    here: Any,
+    moves: FloatArray,
+    holds: FloatArray,
+    box: FloatArray,
+) -> tuple[FloatArray, FloatArray]: ...
+
 # clearance.hpp
 def near_parts(
     rotations: FloatArray,

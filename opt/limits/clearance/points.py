@@ -12,6 +12,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.clearance.distances import Nearest
 from ffsms_pin.opt.limits.clearance.poses import Poses
@@ -78,6 +79,11 @@ class PointStack(ClearanceStack):
         behind = np.concatenate([self._carriers[self.second], np.full(len(self.outside), -1)])
         self.bodies = np.stack([behind, self._carriers[self._ends]], axis=1)
         self.carried = np.vstack([arm.carries.T, np.zeros((1, n))])
+        # For the kernel: ends, what they are apart from (-1: the box), and the joints that carry each.
+        apart = np.concatenate([self.second, np.full(len(self.outside), -1)])
+        carried = (self.carried[self.bodies[:, i]] for i in (1, 0))
+        box = np.vstack([self._rotation, self._centre, self._half])
+        self._pairs = (self._ends.astype(np.int64), apart.astype(np.int64), *carried, box)
         points = [*sms.joint_names, sms.end_effector]
         self.names = [f"{points[i]} - {points[j]}" for i, j in zip(self.first, self.second, strict=True)]
         self.names += [f"{points[i]} - base box" for i in self.outside]
@@ -105,6 +111,10 @@ class PointStack(ClearanceStack):
         sign = np.where(np.take_along_axis(place, axis[None], axis=0) < 0.0, -1.0, 1.0)
         normal[:, boxed] = sign * self._rotation[:, axis]
         return Nearest(value, here, there, normal)
+
+    def now(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Distances (m,) and their gradients (m, n) at joint positions (n,)."""
+        return kernel.point_clearances(self.arm.tree, joints, *self._pairs)
 
     def _points(self, poses: Poses) -> FloatArray:
         """The points (3, n + 1, B), base axes."""

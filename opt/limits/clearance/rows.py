@@ -33,6 +33,8 @@ def clearance_rows(stack: ClearanceStack, kept: float, step: StepState) -> Rows:
     step : StepState
     """
     limits, count, moved = step.sms.limits, len(stack.names), None
+    if (now := stack.now(step.joints)) is not None:
+        return Rows(now[1], CLOSING_RATE * (kept + MARGIN - now[0]), np.full(count, UNBOUNDED), give=1.0)
     poses = stack.at(step.q, step.time)
     near: FloatArray = np.full(count, np.inf)
     if stack.reaches is not None:

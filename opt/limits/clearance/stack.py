@@ -100,6 +100,10 @@ class ClearanceStack(ABC):
         first, second = self.bodies[where[0]].T
         return by_joints(poses, where[1], found, self.carried[first], self.carried[second])
 
+    def now(self, joints: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Distances (m,) and their gradients (m, n) at joint positions (n,), where they are quick to say."""
+        return None
+
     def every(self, poses: Poses) -> tuple[Indices, ...]:
         """All entries, configuration by configuration."""
         pairs, count = len(self.names), poses.joints.shape[-1]

@@ -157,7 +157,8 @@ def test_rows_let_a_clearance_shrink_by_a_share_of_what_is_left(panda: ffsms.Spa
     points = Points(panda)
     value, gradient = points.gradients(q)
     rows = clearance_rows(points.stack, 0.01, step_state(panda, q, np.zeros(7), 0.01, 5.0))
-    np.testing.assert_array_equal(rows.G, gradient)
+    # Of one configuration the kernel says them, of stacks numpy: two routes.
+    np.testing.assert_allclose(rows.G, gradient, rtol=0.0, atol=1e-14)
     np.testing.assert_allclose(rows.lower, -2.0 * (value - 0.012), rtol=0.0, atol=1e-14)
     assert (rows.upper >= 1e20).all()
     assert rows.give == 1.0
