@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +18,6 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.aim import aim
 from ffsms_pin.opt.replan.correctable import Correctable
 from ffsms_pin.opt.replan.dead_band import DeadBand
-from ffsms_pin.opt.replan.failed_joints import without
 from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest_planner import RestPlanner
@@ -31,6 +31,7 @@ __all__ = ["Replanning"]
 # Ten times a step's own price of redundant motion: a goal at the edge of the workspace is not worth fast
 # joints.
 _GENTLE = StepWeights(effort=1e-5)
+_STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
 _JERKY = 5.0  # times the time to settle: an error that is closed faster than the jerk allows swings
 _DEADLINE = 0.5  # steps before the deadline that count as the deadline
 
@@ -277,7 +278,9 @@ class Replanning:
         base_start, failed = self._stepper.base_start, self._planner.failed
         robot = self._robot = self._planner.robot
         if failed.any():
-            robot = without(robot, failed)
+            velocity, acceleration = robot.limits.velocity.copy(), robot.limits.acceleration.copy()
+            velocity[failed] = acceleration[failed] = _STILL
+            robot = robot.with_limits(replace(robot.limits, velocity=velocity, acceleration=acceleration))
         self._stepper = self._stepper.like(sms=robot)
         self._stepper.reset(base_start=base_start, deadline=self.problem.duration)
 

@@ -42,8 +42,6 @@ __all__ = ["Stepper"]
 
 
 class _Build(NamedTuple):
-    """A programme, and what it was written from."""
-
     step: StepState
     wanted: WantedMotion
     goal: Objective
@@ -66,8 +64,7 @@ class Stepper:
     side it is on, and finds alpha and the speed s with J*_v V alpha = s e as nearly as the limits allow
     (docs/convex-step.md). Where the programme is not solved the arm brakes within its limits.
 
-    It remembers the side of the cone, the last solution, and where the base started. It is for one thread;
-    `like()` makes another.
+    It remembers the last step, and is for one thread; `like()` makes another.
 
     Parameters
     ----------
@@ -97,8 +94,7 @@ class Stepper:
     base_start : ndarray, shape (7,), or None
         Root pose that turn and shift of the base count from; None: where it is at the next step.
     deadline : float or None
-        Of the motion, in the time that obstacles which move are given in [s]; None: that time begins with the
-        next step.
+        Of the motion, in the time of obstacles that move [s]; None: that begins with the next step.
     """
 
     def __init__(
@@ -245,9 +241,7 @@ class Stepper:
         else:
             goal = as_goal(target)
             if goal.moves:
-                raise InvalidValue(
-                    "target", target, "must stand still for a step: give the place where it is now"
-                )
+                raise InvalidValue("target", target, "must stand still for a step: give its place of now")
             place = goal.place(time_left)
         q = self.sms.checked_configuration("q", q)
         if not place.plain:
