@@ -214,7 +214,7 @@ class Problem:
     def motion(self, rates: FloatArray) -> Motions:
         """The motion of joint rates (N + 1, n) at the nodes, and in the middles between."""
         q0, dt = self.q0, self.dt
-        rates = matrix("rates", rates, self.steps + 1, self.sms.n)
+        rates = matrix("rates", rates, max(2, *np.shape(rates)[:1], 0), self.sms.n)
         motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum, ARRIVAL_SHARE)
         goal, (place, attitude) = self.goal.places(motion.times), self.base_from
         return replace(

@@ -2,6 +2,7 @@
 #include "bindings.hpp"
 
 NB_MODULE(_kernel, m) {
+  nanobind::set_leak_warnings(false);  // what Python's own caches still hold at its end is no leak
   m.doc() = "The compiled kernel; ffsms_pin.kernel is its face.";
   ffsms::bind_tree(m);
   ffsms::bind_arm(m);
