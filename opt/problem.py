@@ -211,9 +211,9 @@ class Problem:
         taken = wheel_shares(self.wheels) @ held_momentum(self.arm0)[..., 0] @ self.joint_rates
         return np.asarray(self.wheel_momentum + taken)
 
-    def motion(self, rates: FloatArray) -> Motions:
-        """The motion of joint rates (N + 1, n) at the nodes, and in the middles between."""
-        q0, dt = self.q0, self.dt
+    def motion(self, rates: FloatArray, dt: float | None = None) -> Motions:
+        """The motion of joint rates (N + 1, n) at nodes `dt` [s] apart, and in the middles between."""
+        q0, dt = self.q0, self.dt if dt is None else dt
         rates = matrix("rates", rates, max(2, *np.shape(rates)[:1], 0), self.sms.n)
         motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum, ARRIVAL_SHARE)
         goal, (place, attitude) = self.goal.places(motion.times), self.base_from

@@ -2,9 +2,9 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
-#include <stdexcept>
 #include <vector>
 
+#include "arrays.hpp"
 #include "bindings.hpp"
 #include "clearance.hpp"
 #include "points.hpp"
@@ -91,25 +91,20 @@ nb::tuple near_parts(Array<double, 3, 3, -1, -1> rotations, Array<double, 3, -1,
                         given(ways, {close, 3}));
 }
 
-Vec3<double> triple(const double* x) { return {{x[0], x[1], x[2]}}; }
-
 // Distances (m) and gradients (m, n) at joint positions (n); `box` (5, 3): three rows of its rotation, its
 // centre, half of its sides.
 nb::tuple points(const Tree& tree, Array<double, -1> positions, Array<Index, -1> there, Array<Index, -1> here,
                  Array<double, -1, -1> moves, Array<double, -1, -1> holds, Array<double, 5, 3> box) {
   const std::size_t count = there.shape(0), n = static_cast<std::size_t>(tree.n);
-  if (positions.shape(0) != n || here.shape(0) != count || moves.shape(0) != count || moves.shape(1) != n ||
-      holds.shape(0) != count || holds.shape(1) != n) {
-    throw std::invalid_argument("an array has a wrong shape");
-  }
+  expect(positions.shape(0) == n && here.shape(0) == count && moves.shape(0) == count &&
+             moves.shape(1) == n && holds.shape(0) == count && holds.shape(1) == n,
+         "an array has a wrong shape");
   Arm<double> arm;
   evaluate(tree, positions.data(), arm);
   Box around;
-  for (int x = 0; x < 3; ++x) {
-    for (int y = 0; y < 3; ++y) around.rotation[x][y] = box.data()[3 * x + y];
-  }
-  around.centre = triple(box.data() + 9);
-  around.half = triple(box.data() + 12);
+  std::memcpy(around.rotation.m, box.data(), sizeof around.rotation.m);
+  std::memcpy(around.centre.v, box.data() + 9, sizeof around.centre.v);
+  std::memcpy(around.half.v, box.data() + 12, sizeof around.half.v);
   std::vector<double> distance(count), gradient(count * n);
   point_clearances(tree, arm, there.data(), here.data(), moves.data(), holds.data(), around,
                    static_cast<int>(count), distance.data(), gradient.data());

@@ -65,6 +65,12 @@ Array lateral_direction(const Vector& towards, const Vector& hint) {
   return lateral;
 }
 
+Array cone_direction(const Vector& towards, const Vector& lateral, double cosine) {
+  auto direction = new_array(3);
+  step::cone_direction(towards.data(), lateral.data(), cosine, direction.data());
+  return direction;
+}
+
 // H (n + 2, n + 2) and g (n + 2,) of direction, speed, effort, change and slack.
 nb::tuple objective(const Matrix& J, const Matrix& V, const Vector& rates, const Vector& drift,
                     const Vector& direction, double speed, const Vector& weights, bool plain_effort) {
@@ -201,6 +207,7 @@ void ffsms::bind_step(nb::module_& m) {
   m.def("scheduled", &scheduled);
   m.def("reference_speed", &reference_speed);
   m.def("lateral_direction", &lateral_direction);
+  m.def("cone_direction", &cone_direction);
   m.def("objective", &objective);
   m.def("stacked_rows", &stacked_rows);
   m.def("refined", &refined);

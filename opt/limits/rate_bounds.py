@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen
-from ffsms_pin.kernel import _kernel
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.limit import Rows
 from ffsms_pin.system import JointLimits
 
@@ -35,7 +35,7 @@ class RateBounds:
 
     def at(self, joints: FloatArray, rates: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
         """As `rate_bounds`, for these limits."""
-        lower, upper = _kernel.rate_bounds(self._limits, joints, rates, dt)
+        lower, upper = kernel.rate_bounds(self._limits, joints, rates, dt)
         return lower, upper
 
 

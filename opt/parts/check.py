@@ -12,9 +12,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.batch.residual import JointResidual, Residual
-from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.batch.slopes import coupling_slopes
-from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
@@ -30,7 +28,6 @@ __all__ = ["check"]
 
 _STEPS = 5  # of a random motion
 _SPEEDS = (0.1, 0.3, 1.0)  # [rad/s] of its joints, times a normal random number
-_LATE = 0.9  # share of the time from which on instants count as late
 _OWN = {"by_joints": "by_position", "by_rates": "by_rate", "by_accelerations": "by_acceleration"}
 
 
@@ -89,19 +86,7 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
 
 def _random_motion(problem: Problem, rates: FloatArray) -> Motions:
     """A finished motion of these rates at its nodes, as terms and limits see one."""
-    sms, dt = problem.sms, problem.duration / _STEPS
-    motion = rolled_out(sms, problem.stack, problem.q0, rates, dt, problem.momentum, _LATE)
-    goal = as_goal(problem.goal).places(motion.times)
-    return replace(
-        motion,
-        target=np.broadcast_to(goal.position, (3, len(motion.times))),
-        target_on=goal.on,
-        mean_speed=problem.mean_speed,
-        lag=problem.dt,
-        wheels=problem.wheels,
-        wheel_total=problem.wheel_total,
-        thrusters=problem.thrusters,
-    )
+    return replace(problem.motion(rates, problem.duration / _STEPS), lag=problem.dt)
 
 
 def _dense(part: Any, method: str, motions: Motions) -> list[Feature]:

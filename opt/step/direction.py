@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.kernel import _kernel
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.step_state import StepState
 
 __all__ = [
@@ -79,7 +79,7 @@ def wanted_motion(step: StepState, target: FloatArray, cosine: float, side: Floa
         Vector whose part across the way to the target is the side to move on; zero: as the end effector
         moves now.
     """
-    found = _kernel.wanted_motion(
+    found = kernel.wanted_motion(
         _SCHEDULE,
         target - step.pose.translation,
         step.J_star[:3],
@@ -112,7 +112,7 @@ def wanted_spin(step: StepState, rotation: FloatArray) -> FloatArray:
     spin = J_w.dot(step.rates) + step.tip_drift[3:]
     # Asking for more than the joints can add in a step would buy speed with direction.
     acceleration, speed = step.sms.limits.acceleration, float(axis.dot(spin))
-    wanted: FloatArray = axis * _kernel.scheduled(
+    wanted: FloatArray = axis * kernel.scheduled(
         _SCHEDULE, angle, speed, axis.dot(J_w), acceleration, step.time_left, step.dt
     )
     return wanted
@@ -133,7 +133,7 @@ def reference_speed(path_left: float, speed: float, time_left: float, dt: float)
         Step [s].
     """
     # speed_next = p (path left at the step's end) / (time left at the step's end), solved for speed_next.
-    return float(_kernel.reference_speed(_SCHEDULE, path_left, speed, time_left, dt))
+    return float(kernel.reference_speed(_SCHEDULE, path_left, speed, time_left, dt))
 
 
 def lateral_direction(towards: FloatArray, hint: FloatArray) -> FloatArray:
@@ -146,9 +146,9 @@ def lateral_direction(towards: FloatArray, hint: FloatArray) -> FloatArray:
     hint : ndarray, shape (3,)
         The side to take; where it has no part across `towards`, any side is taken.
     """
-    return _kernel.lateral_direction(towards, hint)
+    return kernel.lateral_direction(towards, hint)
 
 
 def cone_direction(towards: FloatArray, lateral: FloatArray, cosine: float) -> FloatArray:
     """Unit vector (3,) at the angle acos(cosine) to `towards`, on the side `lateral`."""
-    return cosine * towards + math.sqrt(max(0.0, 1.0 - cosine * cosine)) * lateral
+    return kernel.cone_direction(towards, lateral, cosine)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.kernel import _kernel
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.direction import WantedMotion
@@ -159,7 +159,7 @@ def objective(
     """
     n, V, w = step.V.shape[0], step.V, weights
     sizes = np.array([w.direction, w.speed, w.effort, w.change, w.clearance])
-    H, g = _kernel.objective(
+    H, g = kernel.objective(
         step.J_star[:3], V, step.rates, step.tip_drift, wanted.direction, wanted.speed, sizes, effort is None
     )
     added = list(terms)
@@ -195,7 +195,7 @@ def stacked_rows(V: FloatArray, rows: Sequence[Rows]) -> AllRows:
         Right singular vectors of C_bm: u = V alpha.
     rows : sequence of Rows
     """
-    return AllRows(*_kernel.stacked_rows(V, rows))
+    return AllRows(*kernel.stacked_rows(V, rows))
 
 
 def build_step(goal: Objective, rows: AllRows) -> StepProblem:

@@ -13,7 +13,7 @@ import numpy as np
 from proxsuite import proxqp
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.kernel import _kernel
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.step.programme import AllRows, Objective, StepProblem
 
 __all__ = ["Solution", "StepSolver", "new_solver"]
@@ -137,5 +137,5 @@ def _refined(goal: Objective, rows: AllRows, found: Solution) -> Solution | None
     """
     if not found.solved:
         return None
-    exact = _kernel.refined(goal.H, goal.g, rows.A, rows.low, rows.up, found.z, TOLERANCE, _KEPT)
+    exact = kernel.refined(goal.H, goal.g, rows.A, rows.low, rows.up, found.z, TOLERANCE, _KEPT)
     return None if exact is None else Solution(*exact, True)
