@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.horizon.descent import Model
 from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
 from ffsms_pin.opt.horizon.obstructed import keep_limits
@@ -16,6 +15,7 @@ from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import JointGoals, too_short
 from ffsms_pin.opt.horizon.starts import joint_range, spread_postures, straight_time
 from ffsms_pin.opt.limits.limit import Failed
+from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 

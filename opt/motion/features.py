@@ -10,13 +10,13 @@ from typing import Any, cast
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.robot_frame import INERTIAL, RobotFrame
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.actuated import joint_torques, wheel_momenta, wheel_torques, wrench
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import EYE, Frame, carried
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Indices
+from ffsms_pin.opt.motion.robot_frame import INERTIAL, RobotFrame
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, skew
 
