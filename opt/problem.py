@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray, frozen, matrix, number, one_of, positive, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.rollout import rolled_out
-from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.goals import Place, as_goal
 from ffsms_pin.opt.limits import (
     AlphaBox,
@@ -29,6 +26,9 @@ from ffsms_pin.opt.limits import (
     WheelLimits,
 )
 from ffsms_pin.opt.limits.limit import prepared
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.motion.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.problem_checks import (
     check_joints,
     check_locked,

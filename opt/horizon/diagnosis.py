@@ -10,8 +10,6 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.horizon.descent import Model
 from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
 from ffsms_pin.opt.horizon.obstructed import keep_limits
@@ -21,6 +19,8 @@ from ffsms_pin.opt.horizon.starts import joint_range, spread_postures, straight_
 from ffsms_pin.opt.limits.limit import Limit, Violation
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure

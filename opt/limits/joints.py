@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import RateBounds
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.system import JointLimits as Limits
 from ffsms_pin.system import SpaceManipulator
 

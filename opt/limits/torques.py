@@ -7,12 +7,12 @@ from typing import cast
 
 import numpy as np
 
-from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.limits.wheel_rows import reachable
 from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import reduced_effects, reduced_inertia, velocity_effects

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.slopes import coupling_slopes
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features, Lazy
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.slopes import coupling_slopes
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import skew
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.limits.step_state import StepState
 
 __all__ = ["Change", "StepFeatures", "arm_stack"]
 

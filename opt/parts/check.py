@@ -10,13 +10,13 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import JointResidual, Residual
-from ffsms_pin.opt.batch.slopes import coupling_slopes
 from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.nudged import difference, movers
+from ffsms_pin.opt.motion.residual import JointResidual, Residual
+from ffsms_pin.opt.motion.slopes import coupling_slopes
 from ffsms_pin.opt.parts.all_of import AllOf
 from ffsms_pin.opt.parts.check_rows import check_rows
 from ffsms_pin.opt.parts.inequality import Inequality

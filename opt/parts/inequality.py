@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features, features_of
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.reading import formulas
 
 __all__ = ["Inequality"]

@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.limits.limit import Limit
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.at_step import arm_stack
+from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.system.base_motion import advance
 

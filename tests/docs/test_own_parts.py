@@ -17,8 +17,8 @@ import pytest
 from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
-from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.limits.limit import tightened
+from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios import scenario
 

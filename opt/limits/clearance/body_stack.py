@@ -9,7 +9,6 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.clearance.bodies import (
     BASE,
     PAYLOAD,
@@ -22,6 +21,7 @@ from ffsms_pin.opt.limits.clearance.distances import Nearest, PartPairs
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
 from ffsms_pin.opt.limits.clearance.poses import Poses
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
+from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import Part
 

@@ -10,8 +10,6 @@ import numpy as np
 
 from ffsms_pin.checks import number, one_of, pose
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residual, Residuals
 from ffsms_pin.opt.limits.clearance.between import least_of
 from ffsms_pin.opt.limits.clearance.bodies import chosen_mode, payload_part
 from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
@@ -22,6 +20,8 @@ from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion import Features
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Residual, Residuals
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross
 from ffsms_pin.system.convex_parts import Part

@@ -15,10 +15,10 @@ from slopes import by_differences, by_slopes, motions
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.residual import Residuals
-from ffsms_pin.opt.batch.rollout import configurations, rolled_out
 from ffsms_pin.opt.goals import Changed, Place
 from ffsms_pin.opt.horizon.arrival import arrival
+from ffsms_pin.opt.motion.residual import Residuals
+from ffsms_pin.opt.motion.rollout import configurations, rolled_out
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.trajectory import measure

@@ -12,10 +12,10 @@ from motions import HASTY
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FrameNotFound, InvalidValue
-from ffsms_pin.opt.batch.robot_frame import RobotFrame
-from ffsms_pin.opt.batch.rollout import configurations, rolled_out
 from ffsms_pin.opt.horizon.shooting import joint_goals
 from ffsms_pin.opt.horizon.starts import spread_postures
+from ffsms_pin.opt.motion.robot_frame import RobotFrame
+from ffsms_pin.opt.motion.rollout import configurations, rolled_out
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.trajectory import measure
 
