@@ -101,14 +101,6 @@ class Via(Limit):
         near = Near(arm, RobotFrame.tip(arm), self.place)
         return replace(self, margin=(1.0 - _NEAR) * self.reach / arm.length, _near=near)
 
-    def tightened(self, by: float) -> Via:
-        """Nearer by so much [m, rad]."""
-        return replace(self, reserve=self.reserve + by)
-
-    def later(self, by: float) -> Via:
-        """For the rest of a motion: one whose time has passed asks for nothing more."""
-        return replace(self, began=self.began + by)
-
     def timed(self, plan: Trajectory) -> Via:
         """With the time at which a plan comes nearest: for re-planning, which cannot see what was passed."""
         if self.place.rotation is not None:

@@ -76,7 +76,7 @@ class GoalFromStart(NamedTuple):
             )
         origin = problem.com0 + problem.duration * problem.drift
         wanted = [End(RobotFrame.tip(problem.stack), problem.goal.place(problem.duration))]
-        wanted += [end for limit in problem.limits for end in limit.ends()]
+        wanted += [end for limit in problem.limits for end in limit.ends]
         return [
             cls(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)
             for frame, place in wanted

@@ -19,9 +19,9 @@ from ffsms_pin.system.batch.stacks import skew
 if TYPE_CHECKING:
     from ffsms_pin.opt.limits.step_state import StepState
 
-__all__ = ["Change", "StepFeatures"]
+__all__ = ["Change", "StepFeatures", "arm_stack"]
 
-_arm_stack = lru_cache(maxsize=16)(ArmStack)
+arm_stack = lru_cache(maxsize=16)(ArmStack)
 
 
 class Change(NamedTuple):
@@ -55,7 +55,7 @@ class StepFeatures(Features):
 
     def __init__(self, step: StepState) -> None:
         self.step = self.state = step
-        stack, R = _arm_stack(step.sms, step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
+        stack, R = arm_stack(step.sms, step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
         start = pin.XYZQUATToSE3(step.base_start)
         M, u, com = step.M, step.rates, step.sms.base_com
         centre = np.array([M[1, 5], M[2, 3], M[0, 4]]) / M[0, 0]

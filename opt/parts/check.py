@@ -10,7 +10,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
-from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
@@ -61,7 +61,7 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
     if not isinstance(part, (Term, Limit)):
         raise InvalidValue("part", part, "must be an opt.Term or an opt.Limit")
     if isinstance(part, Limit):
-        part = part.for_robot(problem.sms)
+        part = prepared(part, problem.sms)
     if isinstance(part, AllOf):
         return max((check(one, problem, tolerance, seed) for one in part.parts), default=0.0)
     method = "room" if isinstance(part, Inequality) else "residual"

@@ -148,11 +148,9 @@ class BodyStack(ClearanceStack):
             found[low] = np.where(shapes > 0.0, np.maximum(found[low], exact), np.minimum(found[low], exact))
         return np.asarray(found)
 
-    def overlap(self, q: FloatArray) -> tuple[float, str]:
-        """How deep the bodies of a pair overlap at most at q (nq,) and time zero [m], and which."""
-        every = np.arange(len(self.names))
-        found = -self._margins - self.exact(self.at(q, 0.0), (every, np.zeros_like(every)), 0.0)
-        return float(found.max()), self.names[int(np.argmax(found))]
+    def overlap(self, pair: int, clearance: float) -> float:
+        """How deep the bodies of a pair overlap where their clearance is so much [m]."""
+        return -clearance - float(self._margins[pair])
 
     def _paired(self, pairs: list[tuple[Body, Body]], whole: Any) -> PartPairs:
         """Pairs of bodies by their parts, or, where asked for, by their whole shapes."""

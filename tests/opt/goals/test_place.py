@@ -279,7 +279,7 @@ def test_another_frame_at_a_goal_on_the_base() -> None:
     assert np.linalg.norm(moved - pin.XYZQUATToSE3(q0[:7]).act(wanted.translation)) > 1e-3
     problem = opt.Problem(sms, q0, left, duration=10.0, limits=[opt.Also("right_tool", also["right_tool"])])
     rest = rest_of(problem, sms, 4.0, q0, problem.joints0, np.zeros(14), q0[:7])
-    assert any(end.place.moves_with_base for limit in rest.limits for end in limit.ends())
+    assert any(end.place.moves_with_base for limit in rest.limits for end in limit.ends)
 
 
 def test_what_cannot_be_a_place(planar: ffsms.SpaceManipulator) -> None:

@@ -138,7 +138,7 @@ def test_the_rest_of_a_problem_keeps_both_goals(sms: ffsms.SpaceManipulator, q0:
     plan = opt.solve(problem, HASTY)
     k = 400
     rest = rest_of(problem, sms, 4.0, plan.q[k], plan.joint_positions[k], plan.joint_rates[k], plan.q[0, :7])
-    assert any(limit.ends() for limit in rest.limits)
+    assert any(limit.ends for limit in rest.limits)
     again = opt.solve(rest, HASTY)
     assert again.reached, again.note
     assert np.linalg.norm(tool(sms, again.q[-1]).translation - right.translation) <= 1e-3
