@@ -93,7 +93,7 @@ Out attitudes(const Matrix& start, const Matrix& omega, double dt) {
 // The same of a system with angular momentum (3): attitudes (9, N + 1) after N steps, of joint positions and
 // rates (n, 2 N + 1) at their nodes and middles.
 Out tumbling(const Tree& tree, const Matrix& start, const Matrix& positions, const Matrix& rates,
-               const Vector& momentum, double dt) {
+             const Vector& momentum, double dt) {
   const Size count = positions.shape(1), n = static_cast<Size>(tree.n), nodes = count / 2 + 1;
   expect(positions.shape(0) == n && rates.shape(0) == n && rates.shape(1) == count,
          "an array has a wrong shape");
@@ -135,7 +135,7 @@ Quadrature quadrature_of(Given& given, const nb::tuple& from) {
 // Attitudes (9) of the base along S motions of a spline, and what momentum adds to its angular velocity (3):
 // rows (12, S K). Given that of the joint rates (3, S, K) and the inverse inertia (3, 3, S, K).
 Out spline_attitudes(const nb::tuple& quadrature, const In& omega, const In& inverse, const Matrix& start,
-                       const std::optional<Vector>& momentum) {
+                     const std::optional<Vector>& momentum) {
   Given given;
   const Quadrature by = quadrature_of(given, quadrature);
   const Size K = static_cast<Size>(by.instants()), count = omega.size() / 3;
@@ -264,9 +264,9 @@ nb::tuple sums(const Tree& tree, const nb::tuple& maps, const nb::tuple& quadrat
 // Joint rates (S, steps, n) of marches to the sides (S, 3). `joints` are positions, limits and greatest rates
 // (4, n); `places` the target, the centre of mass and its drift (3, 3).
 Out cone_marches(const Tree& tree, int steps, double duration, double kappa, double mean_speed,
-                   double arrival_power, double least_approach, double damping, const Matrix& joints,
-                   const Matrix& places, const Matrix& attitude, const std::optional<Matrix>& rotation,
-                   const Matrix& sides) {
+                 double arrival_power, double least_approach, double damping, const Matrix& joints,
+                 const Matrix& places, const Matrix& attitude, const std::optional<Matrix>& rotation,
+                 const Matrix& sides) {
   const Size n = static_cast<Size>(tree.n), count = sides.shape(0);
   expect(joints.shape(0) == 4 && joints.shape(1) == n && sides.shape(1) == 3, "an array has a wrong shape");
   expect(places.size() == 9 && attitude.size() == 9 && (!rotation || rotation->size() == 9),
@@ -291,8 +291,7 @@ Out cone_marches(const Tree& tree, int steps, double duration, double kappa, dou
   by.high = by.low + n;
   by.most = by.high + n;
   for (Size s = 0; s < count; ++s) {
-    cone_march(tree, by, vector_at(sides.data() + 3 * s),
-               rates.data() + s * static_cast<Size>(steps) * n);
+    cone_march(tree, by, vector_at(sides.data() + 3 * s), rates.data() + s * static_cast<Size>(steps) * n);
   }
   return rates;
 }
@@ -302,8 +301,7 @@ Out cone_marches(const Tree& tree, int steps, double duration, double kappa, dou
 void bind_motions(nb::module_& m) {
   m.def("attitudes", &attitudes);
   m.def("tumbling_attitudes", &tumbling);
-  m.def("spline_attitudes", &spline_attitudes, nb::arg(), nb::arg(), nb::arg(), nb::arg(),
-        nb::arg().none());
+  m.def("spline_attitudes", &spline_attitudes, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none());
   m.def("sums", &sums);
   m.def("cone_marches", &cone_marches, nb::arg("tree"), nb::arg("steps"), nb::arg("duration"),
         nb::arg("kappa"), nb::arg("mean_speed"), nb::arg("arrival_power"), nb::arg("least_approach"),

@@ -8,6 +8,7 @@ namespace {
 
 // Of a joint's axis, as Pinocchio's Jacobian gives it.
 constexpr double kAxisRounding = 1e-14;
+constexpr double kTiny = 1e-300;  // nothing is divided by less
 
 // Which axis of its own frame a joint turns about; -1: none of them. The axis is made exact.
 int own_axis(Vec3<double>& axis) {
@@ -216,7 +217,7 @@ Out couplings(const Tree& tree, const In& positions, const In& by_coupling) {
 
 // Torques of the joints (n), force and moment (6) that hold the base.
 Out forces(const Tree& tree, const In& positions, const In& rates, const In& accelerations,
-             const In& own_spin) {
+           const In& own_spin) {
   expect_size(accelerations, positions.size());
   const Size count = positions.size() / static_cast<Size>(tree.n);
   expect_size(own_spin, 3 * count);
@@ -263,7 +264,12 @@ Out singular_values(const In& matrices, bool vectors) {
     for (int i = 0; i < r; ++i) {
       for (int j = 0; j < c; ++j) read.next(&A[by_rows ? i * m + j : j * m + i], 1);
     }
+    // So that no square overflows, or vanishes.
+    auto largest = same<std::decay_t<decltype(work.value)>>(kTiny);
+    for (int i = 0; i < r * c; ++i) largest = larger(largest, magnitude(A[i]));
+    for (int i = 0; i < r * c; ++i) A[i] = A[i] / largest;
     decompose(m, k, A, m, V, work.sigma);
+    for (int i = 0; i < k; ++i) work.sigma[i] = largest * work.sigma[i];
     sort(k, work.sigma, V);
     write.put(work.sigma, k);
     for (int i = 0; vectors && i < k; ++i) {
@@ -276,10 +282,9 @@ Out singular_values(const In& matrices, bool vectors) {
 
 void bind_stacks(nb::module_& m) {
   nb::class_<Tree>(m, "Tree", "The robot in plain numbers.")
-      .def("__init__", [](Tree* self, const Matrix& joints, const Matrix& bodies, const Matrix& tip, int last,
-                          bool moves, bool turns_freely) {
-        new (self) Tree(made(joints, bodies, tip, last, moves, turns_freely));
-      })
+      .def("__init__",
+           [](Tree* self, const Matrix& joints, const Matrix& bodies, const Matrix& tip, int last, bool moves,
+              bool turns_freely) { new (self) Tree(made(joints, bodies, tip, last, moves, turns_freely)); })
       .def_ro("n", &Tree::n)
       .def("__getstate__", [](const Tree& self) { return nb::bytes(&self, sizeof self); })
       .def("__setstate__", [](Tree& self, const nb::bytes& state) {

@@ -13,8 +13,8 @@
 
 namespace ffsms {
 
-// Torques (n), then force and moment about the base's centre of mass. `own_spin`: what the total momentum adds
-// to the base's angular velocity.
+// Torques (n), then force and moment about the base's centre of mass. `own_spin`: what the total momentum
+// adds to the base's angular velocity.
 template <class T>
 void dynamics(const Tree& tree, const Arm<T>& arm, const T* rates, const T* accelerations,
               const Vec3<T>& own_spin, T* torques, Vec3<T>& held_force, Vec3<T>& held_moment) {

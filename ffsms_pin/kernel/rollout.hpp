@@ -1,4 +1,5 @@
-// How the base turns under given joint motion: steps of order 4 on the rotations, and quadrature along splines.
+// How the base turns under given joint motion: steps of order 4 on the rotations, and quadrature along
+// splines.
 //
 // References: A. Iserles, H. Munthe-Kaas, S. Norsett, A. Zanna, "Lie-group methods", Acta Numerica 9 (2000);
 // H. Munthe-Kaas, "High order Runge-Kutta methods on manifolds", Applied Numerical Mathematics 29 (1999).

@@ -131,9 +131,7 @@ def _attitudes(rotation0: FloatArray, omega: FloatArray, dt: float) -> FloatArra
     Over a step the turn is that of Simpson's rule and one bracket; over its first half that of the parabola
     through the same three points.
     """
-    R = np.empty((9, omega.shape[1]))
-    kernel.attitudes(rotation0, omega, dt, R)
-    return R.reshape(3, 3, -1)
+    return kernel.attitudes(rotation0, omega, dt).reshape(3, 3, -1)
 
 
 def _tumbling(
@@ -155,6 +153,5 @@ def _tumbling(
     a, h = accelerations[:, :-1], 0.5 * dt
     positions[:, 1::2] = joints[:, :-1] + h * (u[:, :-1] + 0.5 * h * a)
     rates[:, 1::2] = u[:, :-1] + h * a
-    R = np.empty((9, count))
-    kernel.tumbling_attitudes(stack.tree, rotation0, positions, rates, momentum[:, None], dt, R)
+    R = kernel.tumbling_attitudes(stack.tree, rotation0, positions, rates, momentum, dt)
     return R.reshape(3, 3, -1)
