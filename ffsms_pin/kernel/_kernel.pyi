@@ -47,14 +47,8 @@ def joint_torques(
 
 # rollout.hpp
 def attitudes(start: FloatArray, omega: FloatArray, dt: float, out: FloatArray) -> None: ...
-def tumbling_attitudes(
-    tree: Tree,
-    start: FloatArray,
-    positions: FloatArray,
-    rates: FloatArray,
-    momentum: FloatArray,
-    dt: float,
-    out: FloatArray,
+def roll_out(
+    tree: Tree, accelerations: FloatArray, momentum: FloatArray, dt: float, states: FloatArray
 ) -> None: ...
 
 # entropy.hpp, singular.hpp

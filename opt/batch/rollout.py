@@ -69,7 +69,7 @@ def rolled_out(
         R = _attitudes(rotation0, omega, dt)
         drift = drift if momentum is None else momentum[:3] / stack.mass
     else:
-        R = _tumbling(stack, rotation0, joints, u, accelerations, 0.5 * dt, momentum[3:])
+        R = _tumbling(stack, rotation0, joints, u, accelerations, 0.5 * dt, momentum)
         drift = momentum[:3] / stack.mass
         own = apply(arm.inverse, np.einsum("yxk,y->xk", R, momentum[3:]))
     simpson = np.full(count, dt / 3.0)
@@ -145,16 +145,12 @@ def _tumbling(
     dt: float,
     momentum: FloatArray,
 ) -> FloatArray:
-    """The same (3, 3, K) of a system with angular momentum (3,), at instants dt apart.
+    """The same (3, 3, K) of a system with momentum (6,), at instants dt apart.
 
-    Of joint positions, rates and accelerations (n, K) there: see `ffsms_pin.system.tumbling`.
+    Of joint positions, rates and accelerations (n, K) there: see `ffsms_pin.system.base_motion`.
     """
     n, count = u.shape
-    positions, rates = np.empty((n, 2 * count - 1)), np.empty((n, 2 * count - 1))
-    positions[:, ::2], rates[:, ::2] = joints, u
-    a, h = accelerations[:, :-1], 0.5 * dt
-    positions[:, 1::2] = joints[:, :-1] + h * (u[:, :-1] + 0.5 * h * a)
-    rates[:, 1::2] = u[:, :-1] + h * a
-    R = np.empty((9, count))
-    kernel.tumbling_attitudes(stack.tree, rotation0, positions, rates, momentum[:, None], dt, R)
-    return R.reshape(3, 3, -1)
+    states = np.empty((12 + 2 * n, count))
+    states[:, 0] = np.concatenate([rotation0.ravel(), np.zeros(3), joints[:, 0], u[:, 0]])
+    kernel.roll_out(stack.tree, np.ascontiguousarray(accelerations[:, :-1]), momentum[:, None], dt, states)
+    return states[:9].reshape(3, 3, -1)

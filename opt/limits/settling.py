@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.system.base_motion import advance, held_velocity
+from ffsms_pin.system.base_motion import advance
 
 __all__ = ["BaseBounds", "settled"]
 
@@ -93,9 +93,6 @@ def _used(limits: BaseBounds, step: StepState, q: FloatArray, rates: FloatArray)
     shift = float(np.linalg.norm(now.act(com) - start.act(com)))
     used = max(turn / limits.attitude, shift / limits.translation)
     if limits.attitude_rate < math.inf:
-        if step.mode == "floating":
-            spin = step.sms.velocity(q, rates, step.momentum)[3:6]
-        else:
-            spin = held_velocity(step.sms, q, rates, step.momentum, step.mode)[3:6]
+        spin = step.sms.velocity(q, rates, step.momentum, step.mode)[3:6]
         used = max(used, float(np.linalg.norm(spin)) / limits.attitude_rate)
     return used
