@@ -100,7 +100,7 @@ class SpaceManipulator(Mechanism):
             raise InvalidValue("acceleration", acceleration, "is part of `limits`; give one of the two")
         elif not isinstance(limits, JointLimits) or limits.lower.shape != (self.n,):
             raise InvalidValue("limits", limits, f"must be JointLimits of {self.n} joints")
-        self.limits = limits
+        self.limits = limits.within_turns(self.layout.turns)
         self.base_size = _box(base_size)
         box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement
         pose("base_box_placement", box)
