@@ -9,7 +9,6 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.clearance.bodies import (
     BASE,
     PAYLOAD,
@@ -22,6 +21,7 @@ from ffsms_pin.opt.limits.clearance.distances import Nearest, PartPairs
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
 from ffsms_pin.opt.limits.clearance.poses import Poses
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
+from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import Part
 
@@ -148,11 +148,9 @@ class BodyStack(ClearanceStack):
             found[low] = np.where(shapes > 0.0, np.maximum(found[low], exact), np.minimum(found[low], exact))
         return np.asarray(found)
 
-    def overlap(self, q: FloatArray) -> tuple[float, str]:
-        """How deep the bodies of a pair overlap at most at q (nq,) and time zero [m], and which."""
-        every = np.arange(len(self.names))
-        found = -self._margins - self.exact(self.at(q, 0.0), (every, np.zeros_like(every)), 0.0)
-        return float(found.max()), self.names[int(np.argmax(found))]
+    def overlap(self, pair: int, clearance: float) -> float:
+        """How deep the bodies of a pair overlap where their clearance is so much [m]."""
+        return -clearance - float(self._margins[pair])
 
     def _paired(self, pairs: list[tuple[Body, Body]], whole: Any) -> PartPairs:
         """Pairs of bodies by their parts, or, where asked for, by their whole shapes."""

@@ -16,8 +16,8 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.clearance.poses import Poses
+from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import cross, dot
 from ffsms_pin.system.convex_parts import Part

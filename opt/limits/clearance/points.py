@@ -13,10 +13,10 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.clearance.distances import Nearest
 from ffsms_pin.opt.limits.clearance.poses import Poses
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
+from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import dot
 

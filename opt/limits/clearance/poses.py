@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, Track
+from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.system.batch.arm import ArmStack
 
 __all__ = ["Poses"]

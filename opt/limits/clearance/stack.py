@@ -9,11 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.clearance.distances import Nearest, by_joints
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, Track
 from ffsms_pin.opt.limits.clearance.poses import Poses
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, exp3, log3

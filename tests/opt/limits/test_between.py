@@ -9,10 +9,10 @@ from meshes import ARMS, Meshes, places
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.clearance.between import along
 from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
 from ffsms_pin.opt.limits.clearance.poses import Poses
+from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.opt.trajectory import measure
 
 

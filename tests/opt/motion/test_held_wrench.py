@@ -12,8 +12,8 @@ from motions import random_pose
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.thrusters import held_wrench, wrench_slopes
 from ffsms_pin.opt.motion.feature import Feature, root_of_size
+from ffsms_pin.opt.motion.thrusters import held_wrench, wrench_slopes
 from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmStack
 
