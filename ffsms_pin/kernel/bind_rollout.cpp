@@ -8,21 +8,6 @@ namespace nb = nanobind;
 namespace ffsms {
 namespace {
 
-Vec3<double> column(const In& array, Size k) {
-  Vec3<double> out;
-  Reader(array, k).next(out.v, 3);
-  return out;
-}
-
-Mat3<double> matrix(const In& array) {
-  expect_rows(array, 3, 3);
-  Mat3<double> out;
-  std::memcpy(out.m, array.data(), sizeof out.m);
-  return out;
-}
-
-void put(const Mat3<double>& R, const Out& attitudes, Size k) { Writer(attitudes, k).put(&R, 1); }
-
 // Joint positions and rates dt later, under constant accelerations.
 void accelerate(int n, const double* accelerations, double dt, double* positions, double* rates) {
   for (int j = 0; j < n; ++j) {
@@ -31,19 +16,23 @@ void accelerate(int n, const double* accelerations, double dt, double* positions
   }
 }
 
-// Attitudes (9, 2 N + 1) at the nodes and in the middles of N steps, of angular velocities (3, 2 N + 1)
-// there.
-void attitudes(const In& start, const In& omega, double dt, const Out& out) {
+// Attitudes (9, 2 N + 1) at the nodes and in the middles of N steps, of angular velocities (3, 2 N + 1) in
+// base axes there: Simpson's rule and one bracket, and over a first half the parabola through the same
+// points. The first column is where it starts.
+void attitudes(const In& omega, double dt, const Out& out) {
   const Size count = omega.shape(1);
   expect_rows(omega, 3, count);
   expect_rows(out, 9, count);
-  Mat3<double> R = matrix(start);
-  put(R, out, 0);
+  Mat3<double> R, middle;
+  Reader start(In(out), 0);
+  for (int i = 0; i < 3; ++i) start.next(R[i], 3);
   for (Size k = 0; k + 2 < count; k += 2) {
-    const Vec3<double> first = column(omega, k), middle = column(omega, k + 1), last = column(omega, k + 2);
-    put(R * turned_by_half(first, middle, last, dt), out, k + 1);
-    R = R * turned_by(first, middle, last, dt);
-    put(R, out, k + 2);
+    Vec3<double> w[3];
+    for (Size i = 0; i < 3; ++i) Reader(omega, k + i).next(w[i].v, 3);
+    middle = R * exp3((dt / 24.0) * (5.0 * w[0] + 8.0 * w[1] - w[2]) + (dt * dt / 48.0) * cross(w[0], w[1]));
+    R = R * exp3((dt / 6.0) * (w[0] + 4.0 * w[1] + w[2]) + (dt * dt / 12.0) * cross(w[0], w[2]));
+    Writer(out, k + 1).put(&middle, 1);
+    Writer(out, k + 2).put(&R, 1);
   }
 }
 
@@ -92,8 +81,7 @@ void roll_out(const Tree& tree, const In& accelerations, const In& momentum, dou
 
 void bind_rollout(nb::module_& m) {
   const auto quiet = nb::call_guard<nb::gil_scoped_release>();
-  m.def("attitudes", &attitudes, nb::arg("start"), nb::arg("omega"), nb::arg("dt"),
-        nb::arg("out").noconvert(), quiet);
+  m.def("attitudes", &attitudes, nb::arg("omega"), nb::arg("dt"), nb::arg("out").noconvert(), quiet);
   m.def("roll_out", &roll_out, nb::arg("tree"), nb::arg("accelerations"), nb::arg("momentum"), nb::arg("dt"),
         nb::arg("states").noconvert(), quiet);
 }
