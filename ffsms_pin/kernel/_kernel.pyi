@@ -34,14 +34,8 @@ def singular_values(matrices: FloatArray, vectors: bool, /) -> FloatArray: ...
 
 # bind_motions.cpp
 def attitudes(start: FloatArray, omega: FloatArray, dt: float, /) -> FloatArray: ...
-def tumbling_attitudes(
-    tree: Tree,
-    start: FloatArray,
-    joints: FloatArray,
-    rates: FloatArray,
-    momentum: FloatArray,
-    dt: float,
-    /,
+def roll_out(
+    tree: Tree, start: FloatArray, accelerations: FloatArray, momentum: FloatArray, dt: float, /
 ) -> FloatArray: ...
 def spline_attitudes(
     quadrature: tuple[FloatArray, FloatArray, int],

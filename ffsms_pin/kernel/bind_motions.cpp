@@ -70,51 +70,66 @@ class Given {
 
 // -- attitudes
 
-// Attitudes (9, 2 N + 1) at the nodes and in the middles of N steps, of angular velocities (3, 2 N + 1)
-// there.
+// Attitudes (9, 2 N + 1) at the nodes and in the middles of N steps, of angular velocities (3, 2 N + 1) in
+// base axes there: Simpson's rule and one bracket, and over a first half the parabola through the same
+// points.
 Out attitudes(const Matrix& start, const Matrix& omega, double dt) {
   const Size count = omega.shape(1);
-  expect(start.size() == 9, "an array has a wrong shape");
-  expect(omega.shape(0) == 3, "an array has a wrong shape");
+  expect(omega.shape(0) == 3 && start.size() == 9, "an array has a wrong shape");
   Out out = new_array(9, count);
-  const auto spin = [&](Size k) -> Vec3<double> { return {{omega(0, k), omega(1, k), omega(2, k)}}; };
   const auto put = [&](const Mat3<double>& R, Size k) { Writer{out.data() + k, count}.put(&R, 1); };
   Mat3<double> R = matrix_at(start.data());
   put(R, 0);
   for (Size k = 0; k + 2 < count; k += 2) {
-    const Vec3<double> first = spin(k), middle = spin(k + 1), last = spin(k + 2);
-    put(R * turned_by_half(first, middle, last, dt), k + 1);
-    R = R * turned_by(first, middle, last, dt);
+    Vec3<double> w[3];
+    for (Size i = 0; i < 3; ++i) Reader{omega.data() + k + i, count}.next(w[i].v, 3);
+    put(R * exp3((dt / 24.0) * (5.0 * w[0] + 8.0 * w[1] - w[2]) + (dt * dt / 48.0) * cross(w[0], w[1])),
+        k + 1);
+    R = R * exp3((dt / 6.0) * (w[0] + 4.0 * w[1] + w[2]) + (dt * dt / 12.0) * cross(w[0], w[2]));
     put(R, k + 2);
   }
   return out;
 }
 
-// The same of a system with angular momentum (3): attitudes (9, N + 1) after N steps, of joint positions and
-// rates (n, 2 N + 1) at their nodes and middles.
-Out tumbling(const Tree& tree, const Matrix& start, const Matrix& positions, const Matrix& rates,
-             const Vector& momentum, double dt) {
-  const Size count = positions.shape(1), n = static_cast<Size>(tree.n), nodes = count / 2 + 1;
-  expect(positions.shape(0) == n && rates.shape(0) == n && rates.shape(1) == count,
+// A system under joint accelerations (n, N), each held for dt, with momentum (6) in inertial axes, the
+// angular part about its centre of mass. States (12 + 2 n, N + 1) at the nodes: attitude and place of the
+// root, joint positions and rates; `start` is the first.
+Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations, const Vector& momentum,
+             double dt) {
+  const int n = tree.n, rows = 12 + 2 * n;
+  const Size joints = static_cast<Size>(n), steps = accelerations.shape(1), nodes = steps + 1;
+  expect(accelerations.shape(0) == joints && momentum.size() == 6 && start.size() == 12 + 2 * joints,
          "an array has a wrong shape");
-  expect(momentum.size() == 3, "an array has a wrong shape");
-  expect(start.size() == 9, "an array has a wrong shape");
-  Out out = new_array(9, nodes);
-  Arm<double> arm;
-  double q[kMostJoints] = {}, u[kMostJoints] = {};
-  const auto spin = [&](Size k) {
-    Reader{positions.data() + k, count}.next(q, tree.n);
-    Reader{rates.data() + k, count}.next(u, tree.n);
-    return spin_at(tree, q, u, arm);
-  };
-  const auto put = [&](const Mat3<double>& R, Size k) { Writer{out.data() + k, nodes}.put(&R, 1); };
+  Out out = new_array(rows, nodes);
   Mat3<double> R = matrix_at(start.data());
-  put(R, 0);
-  Spin first = spin(0);
-  for (Size k = 0; k + 2 < count; k += 2) {
-    const Spin middle = spin(k + 1), last = spin(k + 2);
-    R = tumbled(R, first, middle, last, vector_at(momentum.data()), dt);
-    put(R, k / 2 + 1);
+  const Vec3<double> linear = vector_at(momentum.data()), angular = vector_at(momentum.data() + 3);
+  double q[kMostJoints] = {}, u[kMostJoints] = {}, a[kMostJoints] = {};
+  std::copy_n(start.data() + 12, n, q);
+  std::copy_n(start.data() + 12 + n, n, u);
+  Writer{out.data(), nodes}.put(start.data(), rows);
+  const auto half_a_step = [&] {
+    for (int j = 0; j < n; ++j) {
+      q[j] += 0.5 * dt * (u[j] + 0.25 * dt * a[j]);
+      u[j] += 0.5 * dt * a[j];
+    }
+  };
+  Arm<double> arm;
+  Spin first = spin_at(tree, q, u, arm);
+  Vec3<double> com = vector_at(start.data() + 9) + R * arm.com;
+  for (Size k = 0; k < steps; ++k) {
+    Reader{accelerations.data() + k, steps}.next(a, n);
+    half_a_step();
+    const Spin middle = spin_at(tree, q, u, arm);
+    half_a_step();
+    const Spin last = spin_at(tree, q, u, arm);
+    R = tumbled(R, first, middle, last, angular, dt);
+    com += dt * tree.inverse_mass * linear;
+    const Vec3<double> place = com - R * arm.com;
+    Writer write = {out.data() + k + 1, nodes};
+    write.put(&R, 1);
+    write.put(&place, 1);
+    write.put(q, n);
+    write.put(u, n);
     first = last;
   }
   return out;
@@ -300,7 +315,7 @@ Out cone_marches(const Tree& tree, int steps, double duration, double kappa, dou
 
 void bind_motions(nb::module_& m) {
   m.def("attitudes", &attitudes);
-  m.def("tumbling_attitudes", &tumbling);
+  m.def("roll_out", &roll_out);
   m.def("spline_attitudes", &spline_attitudes, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none());
   m.def("sums", &sums);
   m.def("cone_marches", &cone_marches, nb::arg("tree"), nb::arg("steps"), nb::arg("duration"),
