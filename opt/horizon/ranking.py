@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.correction import arrival_error
+from ffsms_pin.opt.horizon.arrival import arrival_error
 from ffsms_pin.opt.horizon.descent import Model
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.problem import Problem

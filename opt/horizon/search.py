@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.correction import corrected_goal
+from ffsms_pin.opt.horizon.arrival import corrected_goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.ranking import Found, Ranking
