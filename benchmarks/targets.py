@@ -17,7 +17,7 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.problem import ARRIVAL_SHARE
 from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.batch.arm import ArmStack

@@ -1,6 +1,5 @@
 """Coupling-informed planning: problems made of terms and limits, and solvers that only stack them."""
 
-from ffsms_pin.opt.batch import JointResidual, Motions, Residual
 from ffsms_pin.opt.goals import Also, Goal, Meet, Moving, Pose, Position, Via
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.limits import (
@@ -17,7 +16,7 @@ from ffsms_pin.opt.limits import (
     Violation,
     WheelLimits,
 )
-from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion import Feature, Features, JointResidual, Motions, Residual
 from ffsms_pin.opt.parts.check import check
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.planning.many import plan_each, plan_many

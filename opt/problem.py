@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray, frozen, matrix, number, one_of, positive, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.rollout import rolled_out
-from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.goals import Place, as_goal
 from ffsms_pin.opt.limits import (
     AlphaBox,
@@ -28,6 +25,10 @@ from ffsms_pin.opt.limits import (
     TorqueLimits,
     WheelLimits,
 )
+from ffsms_pin.opt.limits.limit import prepared
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.motion.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.problem_checks import (
     check_joints,
     check_locked,
@@ -136,7 +137,7 @@ class Problem:
             "duration": duration,
             "dt": dt,
             "terms": tuple(terms),
-            "limits": tuple(limit.for_robot(self.sms) for limit in limits),
+            "limits": tuple(prepared(limit, self.sms) for limit in limits),
             "joint_rates": frozen(rates),
             "momentum": None if momentum is None else frozen(momentum),
             "locked": tuple(self.locked),
@@ -146,8 +147,9 @@ class Problem:
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
-        if any(limit.bounds_joints for limit in self.limits):
-            check_joints(self.sms, self.q0)
+        for limit in self.limits:
+            if limit.joint_bounds is not None:
+                check_joints(self.sms, limit.joint_bounds, self.q0)
 
     def __repr__(self) -> str:
         moving = ", moving," if self.goal.moves else ""
@@ -191,7 +193,7 @@ class Problem:
     @cached_property
     def stack(self) -> ArmStack:
         """The robot, prepared for stacks of configurations."""
-        return ArmStack(self.sms, self.mode)
+        return self.sms.arm_stack(self.mode)
 
     @property
     def wheels(self) -> ReactionWheels | None:

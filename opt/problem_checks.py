@@ -12,7 +12,7 @@ from ffsms_pin.checks import FloatArray, frozen, positive, vector
 from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
-from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system import JointLimits, SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 
 __all__ = [
@@ -101,14 +101,14 @@ def wheels_at_start(sms: SpaceManipulator, mode: str, given: Any) -> FloatArray:
     return frozen(vector("wheel_momentum", given, len(wheels), "N m s"))
 
 
-def check_joints(sms: SpaceManipulator, q0: FloatArray) -> None:
-    """Raise `InvalidValue` where a start is outside the joint limits."""
+def check_joints(sms: SpaceManipulator, limits: JointLimits, q0: FloatArray) -> None:
+    """Raise `InvalidValue` where a start is outside joint limits."""
     positions = sms.layout.positions(q0)
-    outside = sms.limits.violation(positions)
+    outside = limits.violation(positions)
     if outside.any():
         i = int(np.argmax(outside))
         raise InvalidValue(
             f"q0: joint '{sms.joint_names[i]}'",
             round(float(positions[i]), 6),
-            f"must start within [{sms.limits.lower[i]:.6g}, {sms.limits.upper[i]:.6g}] rad",
+            f"must start within [{limits.lower[i]:.6g}, {limits.upper[i]:.6g}] rad",
         )

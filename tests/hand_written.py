@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -57,12 +57,13 @@ class Above(opt.Limit):
     def rows(self, step: Any) -> opt.Rows:
         G = np.array(self.normal) @ step.J_star[:3]
         drifting = np.array(self.normal) @ step.tip_drift[:3]
-        least = -2.0 * (self.over(step.pose.translation) - 0.002) - drifting
+        left = self.over(step.pose.translation) - self.reserve - 0.002
+        least = -2.0 * left - drifting
         return opt.Rows(G[None], np.array([least]), np.array([opt.UNBOUNDED]), give=1.0)
 
     def residual(self, motions: Any) -> list[opt.Residual]:
         length = motions.stack.length
-        lack = self.margin - self.over(motions.end_effector) / length
+        lack = self.margin + (self.reserve - self.over(motions.end_effector)) / length
         slope = -np.array(self.normal)[:, None, None] * (lack > 0.0) / length
         return [opt.Residual(np.maximum(lack, 0.0), by_tip=slope)]
 
@@ -74,7 +75,3 @@ class Above(opt.Limit):
             return opt.Violation(0.0, near)
         note = f"the end effector is {-1e3 * over[k]:.2f} mm below the plane at {motion.times[k]:.3g} s"
         return opt.Violation(-over[k], near, note)
-
-    def tightened(self, by: float) -> Above:
-        """With more in hand: the planner asks for it where a finished motion broke the limit a little."""
-        return replace(self, height=self.height + by)

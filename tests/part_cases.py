@@ -15,11 +15,11 @@ from own_parts import AbovePlane, LookAt
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residuals
-from ffsms_pin.opt.batch.rollout import rolled_out
-from ffsms_pin.opt.batch.wheels import wheel_torque
 from ffsms_pin.opt.limits.base import BaseLimits
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Residuals
+from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.motion.wheels import wheel_torque
 from ffsms_pin.opt.step.march import march
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure

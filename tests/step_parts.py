@@ -78,15 +78,11 @@ class StepBase(StepLimit):
     """Limits on the base's motion."""
 
     def __init__(self, bounds: Any) -> None:
-        self._bounds = bounds
+        self._bounds, self.in_braking = bounds, bounds.in_braking
 
     def rows(self, step: StepState) -> Rows | None:
         rows: Rows | None = self._bounds.rows(step)
         return rows
-
-    def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
-        settled: FloatArray = self._bounds.settle(step, rates, braking)
-        return settled
 
 
 class StepRows(StepLimit):

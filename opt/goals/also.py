@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residuals
-from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.goals.goal import Goal, as_goal, resting_place
 from ffsms_pin.opt.goals.near import Near
 from ffsms_pin.opt.limits.limit import End, Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Residuals
+from ffsms_pin.opt.motion.robot_frame import RobotFrame
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 
@@ -47,6 +48,8 @@ class Also(Limit):
         See `Limit`; set for each robot.
     name : str
         Key of `Trajectory.binding`; by default "also FRAME".
+    ends : sequence of End
+        See `Limit`; set for each robot.
 
     Raises
     ------
@@ -61,6 +64,7 @@ class Also(Limit):
     reserve: float = 0.0
     margin: float = 0.0
     name: str = ""
+    ends: Sequence[End] = ()
     of_paper = False
     _near: Near = None  # type: ignore[assignment]  # for_robot gives it
 
@@ -77,15 +81,7 @@ class Also(Limit):
         arm = ArmStack(sms)
         margin = (1.0 - _END) * self.goal.tolerance / arm.length
         near = Near(arm, RobotFrame.of(sms, self.frame), self.goal.place(0.0))
-        return replace(self, margin=margin, _near=near)
-
-    def tightened(self, by: float) -> Also:
-        """Nearer by so much [m, rad]."""
-        return replace(self, reserve=self.reserve + by)
-
-    def ends(self) -> list[End]:
-        """The frame's place."""
-        return [End(self._near.frame, self._near.place)]
+        return replace(self, margin=margin, ends=[End(near.frame, near.place)], _near=near)
 
     def rows(self, step: StepState) -> Rows | None:
         """The frame comes as fast as it must: within reach before the last tenth, then to its place."""

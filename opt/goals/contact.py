@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.goals.place import Place
+from ffsms_pin.opt.motion.motions import Motions
 
 __all__ = ["contact_velocity", "end_errors", "late", "missed"]
 

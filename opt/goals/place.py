@@ -14,8 +14,8 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, one_of, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.robot_frame import BASE, INERTIAL
 from ffsms_pin.opt.goals.missed import Missed
+from ffsms_pin.opt.motion.robot_frame import BASE, INERTIAL
 from ffsms_pin.system.batch.stacks import apply, cross, dot, log3
 
 __all__ = ["Place", "checked_freedom", "stacked_places"]

@@ -9,15 +9,15 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, at_least_zero, positive
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Indices, Residuals
-from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, resting_place
 from ffsms_pin.opt.goals.missed import Missed
 from ffsms_pin.opt.goals.near import Near
 from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Indices, Residuals
+from ffsms_pin.opt.motion.robot_frame import RobotFrame
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, dot, exp3
@@ -100,14 +100,6 @@ class Via(Limit):
         arm = ArmStack(sms)
         near = Near(arm, RobotFrame.tip(arm), self.place)
         return replace(self, margin=(1.0 - _NEAR) * self.reach / arm.length, _near=near)
-
-    def tightened(self, by: float) -> Via:
-        """Nearer by so much [m, rad]."""
-        return replace(self, reserve=self.reserve + by)
-
-    def later(self, by: float) -> Via:
-        """For the rest of a motion: one whose time has passed asks for nothing more."""
-        return replace(self, began=self.began + by)
 
     def timed(self, plan: Trajectory) -> Via:
         """With the time at which a plan comes nearest: for re-planning, which cannot see what was passed."""

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Indices, Residual
-from ffsms_pin.opt.batch.robot_frame import RobotFrame
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.goals.missed import shortened
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Indices, Residual
+from ffsms_pin.opt.motion.robot_frame import RobotFrame
 from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Arrival", "arrival"]

@@ -12,13 +12,15 @@ using recursive LDL^T updates", IEEE Transactions on Automatic Control 67 (2022)
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import daqp
 import numpy as np
 from scipy.linalg import lapack
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.limits.limit import UNBOUNDED, ControlMaps, ControlRows
+from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.problem import Problem
 
 __all__ = ["AT_REST", "ControlQP", "at_rest", "braking"]
@@ -31,6 +33,31 @@ _RESERVE = 1e-6
 _TOLERANCE = 1e-7
 _TOUCHED = 1e-5  # A row with less room than this is at its limit.
 _OPTIONS = {"primal_tol": _TOLERANCE, "iter_limit": 1000}  # a few dozen are usual
+
+
+class _Kind(NamedTuple):
+    """Rows lower <= matrix p_j + fixed_j <= upper for the control points p_j (M,) of every joint j.
+
+    A spline lies within the range of its control points, so bounds on these hold at every instant.
+
+    Attributes
+    ----------
+    kind : str
+        "rate", "acceleration", "position", "rest": for messages.
+    scale : float
+        Makes rows of different kinds alike in size.
+    matrix : ndarray, shape (k, M)
+    fixed : ndarray, shape (k, n)
+        What the state at the start adds.
+    lower, upper : ndarray, shape (n,)
+    """
+
+    kind: str
+    scale: float
+    matrix: FloatArray
+    fixed: FloatArray
+    lower: FloatArray
+    upper: FloatArray
 
 
 class ControlQP:
@@ -169,21 +196,29 @@ def braking(problem: Problem, spline: RateSpline) -> FloatArray:
     return np.asarray(np.sign(rates) * np.maximum(slower, 0.0))
 
 
-def _kinds(problem: Problem, spline: RateSpline) -> list[ControlRows]:
-    """The rows of all limits, and those that ask for rest at the end."""
+def _kinds(problem: Problem, spline: RateSpline) -> list[_Kind]:
+    """The rows of joint bounds, and those that ask for rest at the end."""
     rates0, joints0 = problem.joint_rates, problem.joints0
-    maps = ControlMaps(
-        spline.rate_points.free,
-        spline.acceleration_points.free,
-        spline.position_points.free,
-        spline.rate_points.fixed[:, None] * rates0,
-        spline.acceleration_points.fixed[:, None] * rates0,
-        spline.position_points.fixed[:, None] * rates0 + joints0,
-        problem.dt,
-    )
-    kinds = [row for limit in problem.limits for row in limit.control_rows(maps)]
+    rates, hard, position = spline.rate_points, spline.acceleration_points, spline.position_points
+    fast, quick, there = (one.fixed[:, None] * rates0 for one in (rates, hard, position))
+    kinds = []
+    for bounds in (limit.joint_bounds for limit in problem.limits):
+        if bounds is None:
+            continue
+        velocity, acceleration = np.broadcast_to(bounds.velocity, len(rates0)), bounds.acceleration
+        # The nodes join the spline's rates by straight lines; the positions differ by less than this. The
+        # trapezoidal rule errs by dt^2 / 12 times the variation of the acceleration, a few times its limit.
+        guard = np.minimum(2.0 * problem.dt**2 * acceleration, 0.1 * (bounds.upper - bounds.lower))
+        guard = np.where(np.isfinite(guard), guard, 0.0)
+        low, high = bounds.lower + guard, bounds.upper - guard
+        # Rows of like size: rates over 1 s, accelerations over 0.8 s^2, positions over 3 s.
+        kinds += [
+            _Kind("rate", 1.0, rates.free, fast, -velocity, velocity),
+            _Kind("acceleration", 0.8, hard.free, quick, -acceleration, acceleration),
+            _Kind("position", 0.3, position.free, there + joints0, low, high),
+        ]
     if not spline.free_end:
         rest = at_rest(problem)
         last = spline.last_rate
-        kinds.append(ControlRows("rest", 1.0, last.free, last.fixed[:, None] * rates0, -rest, rest))
+        kinds.append(_Kind("rest", 1.0, last.free, last.fixed[:, None] * rates0, -rest, rest))
     return kinds

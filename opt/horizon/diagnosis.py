@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.horizon.descent import Model
 from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
 from ffsms_pin.opt.horizon.obstructed import keep_limits
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import JointGoals, too_short
 from ffsms_pin.opt.horizon.starts import joint_range, spread_postures, straight_time
-from ffsms_pin.opt.limits.limit import Failed
+from ffsms_pin.opt.limits.limit import Limit, Violation
+from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
@@ -32,14 +38,45 @@ _LONGER, _DOUBLINGS = 1.25, 3  # than the failed duration; how often a duration 
 
 
 def refused(problem: Problem) -> Trajectory | None:
-    """A plan that stays where it is, where a limit says that no motion keeps it from this start."""
+    """A plan that stays where it is, where no motion from this start keeps the limits.
+
+    Raises
+    ------
+    InvalidValue
+        The start overlaps an obstacle, or the target lies inside one.
+    """
     still = np.zeros((problem.steps + 1, problem.sms.n))
     q0, dt = problem.q0, problem.dt
     begin = rolled_out(problem.sms, problem.stack, q0, still[:2], dt, None, ARRIVAL_SHARE)
-    notes = [note for limit in problem.limits if (note := limit.check_start(problem, begin))]
+    found = [(limit, violation_of(limit, begin)) for limit in problem.limits if limit.refusal]
+    for _, one in found:
+        if one.overlap:
+            raise InvalidValue(
+                "q0",
+                problem.joints0.round(6),
+                f"must keep clear of obstacles: {one.overlap} at the start; move the start or the obstacle",
+            )
+    _check_target(problem)
+    notes = [limit.refusal.format(note=one.note) for limit, one in found if one.amount > 0.0]
     if not notes:
         return None
     return replace(measure(problem, still), clear=False, note="; ".join(notes))
+
+
+def _check_target(problem: Problem) -> None:
+    """Raise where the target lies inside an obstacle at the deadline."""
+    place = problem.goal.place(problem.duration)
+    for began, obstacle in ((held.began, one) for held in problem.limits for one in held.obstacles):
+        if obstacle.on_base or place.moves_with_base:
+            continue  # where the base will be is not known
+        depth = -obstacle.distance(place.position, began + problem.duration)
+        if depth > problem.goal.tolerance:
+            raise InvalidValue(
+                "target",
+                place.position,
+                f"must lie outside obstacles: it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move "
+                "the target or the obstacle",
+            )
 
 
 def with_limits_said(
@@ -53,11 +90,44 @@ def with_limits_said(
     plan : Trajectory
         That has not reached.
     again : callable
-        Plans another problem.
+        Plans another problem, in a short search.
     """
-    failed = Failed(problem, plan, problem.motion(plan.joint_rates), again)
-    said = [limit.explain(failed) for limit in problem.limits if limit.name in plan.binding]
-    return replace(plan, note="; ".join(filter(None, [plan.note, *said])))
+    motion, said = problem.motion(plan.joint_rates), [plan.note]
+    for limit in (one for one in problem.limits if one.name in plan.binding):
+        nearest = violation_of(limit, motion).nearest
+        if nearest:
+            said.append(f"blocked by {nearest}")
+        elif limit.eased_by_time and limit.name not in plan.broken:
+            said.append(_held_back(problem, limit, again))
+    return replace(plan, note="; ".join(filter(None, said)))
+
+
+class _Nothing(Limit):
+    """Asks for nothing, in the place of the limit of this name."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def rows(self, step: StepState) -> None:
+        return None
+
+    def residual(self, m: Features) -> list[Any]:
+        return []
+
+    def violation(self, motion: Motions) -> Violation:
+        return Violation()
+
+
+def _held_back(problem: Problem, limit: Limit, again: Callable[[Problem], Trajectory]) -> str:
+    """What a limit lacks, where a motion that it does not hold back reaches; empty where none does.
+
+    A planner that cannot have both ends within the limit and short of the goal. Then nothing is broken, and
+    only such a motion tells what it takes.
+    """
+    free = again(
+        replace(problem, limits=[_Nothing(one.name) if one is limit else one for one in problem.limits])
+    )
+    return violation_of(limit, problem.motion(free.joint_rates)).note if free.reached else ""
 
 
 def explain(
@@ -109,7 +179,7 @@ def explain(
     if fast:
         words.append(fast)
     binds = [limit for limit in problem.limits if limit.name in plan.binding]
-    others = [limit.name for limit in binds if not limit.bounds_joints]
+    others = [limit.name for limit in binds if limit.joint_bounds is None]
     if others:
         words.append(f"binding: {', '.join(others)}")
     if binding:

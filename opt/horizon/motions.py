@@ -12,9 +12,9 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.batch.motions import Motions, Smoothing
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.motion.motions import Motions, Smoothing
 from ffsms_pin.opt.problem import Problem
 
 __all__ = ["motions_of", "targets"]

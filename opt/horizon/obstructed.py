@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import EXACT
 from ffsms_pin.opt.horizon.approaches import moves_to
 from ffsms_pin.opt.horizon.descent import Model
 from ffsms_pin.opt.horizon.merit import linearise
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.stages import STRAIGHT_STAGE
 from ffsms_pin.opt.horizon.starts import halton, straight_time
+from ffsms_pin.opt.motion.motions import EXACT
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory

@@ -17,6 +17,7 @@ from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.ranking import Found, Ranking
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
 from ffsms_pin.opt.horizon.stages import EARLY_STAGES, FINE_STAGES, run, tighten
+from ffsms_pin.opt.limits.limit import tightened
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
@@ -131,7 +132,7 @@ class Search:
             aim = model.problem
             if broken:
                 spare = self.options.limit_reserve * problem.stack.length
-                limits = [one.tightened(broken.get(one.name, -spare) + spare) for one in aim.limits]
+                limits = [tightened(one, broken.get(one.name, -spare) + spare) for one in aim.limits]
                 aim = replace(aim, limits=limits)
             model = replace(model, problem=aim, goal=goal or model.goal)
             motion = Candidates.start(model, motion.p, FINE_STAGES[-1].weights, motion.damping)

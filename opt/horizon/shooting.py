@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import apply_rates
-from ffsms_pin.opt.batch.robot_frame import RobotFrame
-from ffsms_pin.opt.batch.slopes import velocity_slopes
 from ffsms_pin.opt.goals import Place
 from ffsms_pin.opt.horizon.starts import joint_range, straight_time
 from ffsms_pin.opt.limits.limit import End
+from ffsms_pin.opt.motion.motions import apply_rates
+from ffsms_pin.opt.motion.robot_frame import RobotFrame
+from ffsms_pin.opt.motion.slopes import velocity_slopes
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
@@ -76,7 +76,7 @@ class GoalFromStart(NamedTuple):
             )
         origin = problem.com0 + problem.duration * problem.drift
         wanted = [End(RobotFrame.tip(problem.stack), problem.goal.place(problem.duration))]
-        wanted += [end for limit in problem.limits for end in limit.ends()]
+        wanted += [end for limit in problem.limits for end in limit.ends]
         return [
             cls(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)
             for frame, place in wanted

@@ -68,7 +68,7 @@ def spread_postures(problem: Problem, first: int, count: int, radius: float = np
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     spread = middle + _SHARE * half * (2.0 * halton(first, count, problem.sms.n) - 1.0)
     carrying = problem.stack.moves_tip > 0.0
-    for end in (end for limit in problem.limits for end in limit.ends()):
+    for end in (end for limit in problem.limits for end in limit.ends):
         carrying = carrying | (end.frame.moves > 0.0)
     return np.where(carrying, spread, start)
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Indices, JointResidual, Residual
 from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Indices, JointResidual, Residual
 
 __all__ = ["Weighted", "sums"]
 

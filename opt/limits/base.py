@@ -9,9 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, positive
-from ffsms_pin.opt.limits.settling import settled
-from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.checks import positive
 from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.parts.all_of import AllOf
 from ffsms_pin.opt.parts.inequality import Inequality
@@ -29,6 +27,7 @@ _SCALE = 0.03
 # degree would be too stiff for a motion that is still finding its way.
 _NARROW = 0.02
 _STEP_SHARE = 0.03  # of a limit, kept in single steps against what happens within them
+_BRAKED = 0.985  # share of a limit that an arm that stops may use: half of what rows keep is left
 # [rad/m] Of a row in a step: a turn of the base is dearer than the loss of a clearance, because moving the
 # arm by as much turns it by far less.
 _GIVE = 0.1
@@ -117,6 +116,15 @@ class BaseLimits(AllOf):
         """Whether the attitude is limited, on the way or at the end."""
         return min(self.attitude, self.final_attitude) < math.inf
 
+    @property
+    def in_braking(self) -> BaseLimits | None:  # type: ignore[override]  # plain elsewhere
+        """A fast motion in the reaction null space needs the arm's acceleration to stay there.
+
+        The rows do not see how much; nothing looks ahead to the end.
+        """
+        most = [_BRAKED * one for one in (self.attitude, self.attitude_rate, self.translation)]
+        return BaseLimits(*most) if min(most) < math.inf else None
+
     @cached_property
     def parts(self) -> list[Inequality]:
         """One for each that is limited."""
@@ -126,7 +134,3 @@ class BaseLimits(AllOf):
     def told(self, notes: list[str]) -> str:
         """What is broken, in words."""
         return f"the base limit is broken: {'; '.join(notes)}"
-
-    def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
-        """Rates from which the arm can still stop with the base within its limits."""
-        return settled(self, step, rates, braking)

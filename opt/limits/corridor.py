@@ -7,22 +7,19 @@ its ways to the cone and out of the ball.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residual, Residuals
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Residual, Residuals
 from ffsms_pin.system.batch.stacks import dot
-
-if TYPE_CHECKING:
-    from ffsms_pin.opt.problem import Problem
 
 __all__ = ["Corridor"]
 
@@ -61,7 +58,9 @@ class Corridor(Limit):
         Whole motions are looked for that are in the corridor for so long before the deadline [s]: which
         instants belong into it is then settled, and none is pushed out of the ball on the wrong side.
     reserve : float
-        What they keep in hand beyond the margin [m].
+        What they keep in hand beyond the margin, at the cone and round the ball [m].
+    began : float
+        See `Limit`; the client's time is counted from the start of the whole motion [s].
     """
 
     client: Client | ClientEstimate
@@ -73,26 +72,11 @@ class Corridor(Limit):
     slack: float
     inside: float
     reserve: float = 0.0
+    began: float = 0.0
     of_goal: bool = True
     name = "corridor"
+    refusal = "the start is beside the corridor: {note}; move the start, or take a shorter standoff"
     margin = 4e-3  # [arm lengths] between two instants a path may cut the mouth's edge
-
-    def tightened(self, by: float) -> Corridor:
-        """With so much more [m] in hand at the cone and round the ball, in whole motions."""
-        return replace(self, reserve=self.reserve + by)
-
-    def later(self, by: float) -> Corridor:
-        """The same: it counts in the client's time. What is left of a problem keeps it, whatever its goal."""
-        return replace(self, of_goal=False)
-
-    def check_start(self, problem: Problem, begin: Motions) -> str:
-        """Whether the start is beside the corridor already."""
-        if replace(self, deadline=begin.duration).violation(begin).amount == 0.0:
-            return ""
-        return (
-            f"the start is beside the corridor, within {self.length:g} m of the grasp; "
-            "move the start, or take a shorter standoff"
-        )
 
     def rows(self, step: StepState) -> Rows | None:
         """Seen from the client, the end effector goes no deeper than its depth allows: a row of one plane."""
@@ -134,7 +118,7 @@ class Corridor(Limit):
 
     def _times(self, motions: Motions) -> FloatArray:
         """Of the client, at a motion's instants."""
-        return np.asarray(self.deadline - motions.duration + motions.times)
+        return np.asarray(self.began + motions.times)
 
     def _frames(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions of the grasp and directions of approach (3, K), inertial axes."""

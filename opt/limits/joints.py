@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residuals
-from ffsms_pin.opt.limits.limit import ControlMaps, ControlRows, Limit, Rows, Violation
+from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import RateBounds
 from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.system import JointLimits as Limits
 from ffsms_pin.system import SpaceManipulator
 
@@ -30,8 +30,7 @@ class JointLimits(Limit):
     """
 
     name = "joints"
-    bounds_joints = True
-    _limits: Limits | None = field(default=None, repr=False)
+    joint_bounds: Limits | None = field(default=None, repr=False)
     _joint_names: tuple[str, ...] = field(default=(), repr=False)
     _bounds: RateBounds | None = field(default=None, repr=False, compare=False)
 
@@ -39,7 +38,7 @@ class JointLimits(Limit):
         """With the robot's limits."""
         return replace(
             self,
-            _limits=sms.limits,
+            joint_bounds=sms.limits,
             _joint_names=tuple(sms.joint_names),
             _bounds=RateBounds(sms.limits),
         )
@@ -47,9 +46,9 @@ class JointLimits(Limit):
     @property
     def limits(self) -> Limits:
         """The robot's limits."""
-        if self._limits is None:
+        if self.joint_bounds is None:
             raise ValueError("JointLimits.for_robot comes first")
-        return self._limits
+        return self.joint_bounds
 
     def rows(self, step: StepState) -> Rows:
         """Bounds on the joint rates that leave room to brake."""
@@ -60,30 +59,6 @@ class JointLimits(Limit):
     def residual(self, motions: Motions) -> Residuals:
         """None: the control points keep the limits."""
         return []
-
-    def control_rows(self, maps: ControlMaps) -> list[ControlRows]:
-        """Bounds on rates, accelerations and positions."""
-        limits, n = self.limits, len(self.limits.velocity)
-        # The nodes join the spline's rates by straight lines; the positions differ by less than this. The
-        # trapezoidal rule errs by dt^2 / 12 times the variation of the acceleration, a few times its limit.
-        guard = np.minimum(2.0 * maps.dt**2 * limits.acceleration, 0.1 * (limits.upper - limits.lower))
-        guard = np.where(np.isfinite(guard), guard, 0.0)
-        velocity, acceleration = np.broadcast_to(limits.velocity, n), limits.acceleration
-        # Rows of like size: rates over 1 s, accelerations over 0.8 s^2, positions over 3 s.
-        return [
-            ControlRows("rate", 1.0, maps.rates, maps.rates_fixed, -velocity, velocity),
-            ControlRows(
-                "acceleration", 0.8, maps.accelerations, maps.accelerations_fixed, -acceleration, acceleration
-            ),
-            ControlRows(
-                "position",
-                0.3,
-                maps.positions,
-                maps.positions_fixed,
-                limits.lower + guard,
-                limits.upper - guard,
-            ),
-        ]
 
     def violation(self, motion: Motions) -> Violation:
         """The largest excess of a joint's rate, acceleration or position, between nodes too."""

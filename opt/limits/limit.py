@@ -2,35 +2,34 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 
 if TYPE_CHECKING:
-    from ffsms_pin.opt.batch.motions import Motions
-    from ffsms_pin.opt.batch.robot_frame import RobotFrame
     from ffsms_pin.opt.goals.place import Place
     from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
     from ffsms_pin.opt.limits.step_state import StepState
+    from ffsms_pin.opt.motion.motions import Motions
+    from ffsms_pin.opt.motion.robot_frame import RobotFrame
     from ffsms_pin.opt.parts.reading import Formula
-    from ffsms_pin.opt.problem import Problem
-    from ffsms_pin.opt.trajectory import Trajectory
-    from ffsms_pin.system import SpaceManipulator
+    from ffsms_pin.system import JointLimits, SpaceManipulator
 
 __all__ = [
     "UNBOUNDED",
-    "ControlMaps",
-    "ControlRows",
     "End",
-    "Failed",
     "Limit",
     "Rows",
     "Violation",
+    "later",
+    "prepared",
     "stacked",
+    "tightened",
 ]
 
 # What stands for "no bound" in a quadratic programme; finite, so that sums stay numbers.
@@ -64,51 +63,6 @@ def stacked(rows: list[Rows]) -> Rows | None:
     return Rows(G, lower, upper, max(one.give for one in rows))
 
 
-class ControlMaps(NamedTuple):
-    """Linear maps from a joint's M free control points to those of its motion, plus what is fixed.
-
-    A spline lies within the range of its control points, so bounds on these hold at every instant.
-
-    Attributes
-    ----------
-    rates, accelerations, positions : ndarray, shape (k, M)
-    rates_fixed, accelerations_fixed, positions_fixed : ndarray, shape (k, n)
-        What the state at the start adds.
-    dt : float
-        Step of the finished motion [s].
-    """
-
-    rates: FloatArray
-    accelerations: FloatArray
-    positions: FloatArray
-    rates_fixed: FloatArray
-    accelerations_fixed: FloatArray
-    positions_fixed: FloatArray
-    dt: float
-
-
-class ControlRows(NamedTuple):
-    """Rows lower <= matrix p_j + fixed_j <= upper for the control points p_j (M,) of every joint j.
-
-    Attributes
-    ----------
-    kind : str
-        "rate", "acceleration", "position": for messages.
-    scale : float
-        Makes rows of different kinds alike in size.
-    matrix : ndarray, shape (k, M)
-    fixed : ndarray, shape (k, n)
-    lower, upper : ndarray, shape (n,)
-    """
-
-    kind: str
-    scale: float
-    matrix: FloatArray
-    fixed: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-
-
 class Violation(NamedTuple):
     """What a finished motion makes of a limit.
 
@@ -120,11 +74,17 @@ class Violation(NamedTuple):
         Times at which the limit binds: where less than a small share of it is left, or it is broken [s].
     note : str
         What is broken, with values and units, in words; empty where the limit is kept.
+    nearest : str
+        What comes nearest to what, in words, of a limit that `blocks`: for a plan that it holds back.
+    overlap : str
+        What is inside an obstacle, in words: no motion can start like that.
     """
 
     amount: float = 0.0
     instants: FloatArray = np.empty(0)
     note: str = ""
+    nearest: str = ""
+    overlap: str = ""
 
 
 class End(NamedTuple):
@@ -138,25 +98,6 @@ class End(NamedTuple):
 
     frame: RobotFrame
     place: Place
-
-
-class Failed(NamedTuple):
-    """A plan that does not reach.
-
-    Attributes
-    ----------
-    problem : Problem
-    plan : Trajectory
-    motion : Motions
-        The plan at its nodes and the middles between.
-    again : callable
-        Plans another problem, in a short search.
-    """
-
-    problem: Problem
-    plan: Trajectory
-    motion: Motions
-    again: Callable[[Problem], Trajectory]
 
 
 class Limit(ABC):
@@ -173,6 +114,22 @@ class Limit(ABC):
         What the residual keeps in hand, in the residual's unit: a penalty gives way a little, and whole
         motions are watched at some instants only. A motion whose residual is below half of it counts as one
         that keeps the limit.
+    reserve : float
+        What rows and residual keep in hand beyond that, in the limit's own unit: a search raises it where a
+        finished motion broke the limit a little (`tightened`).
+    began : float
+        When the motion began, counted as the limit's own times are [s]: above zero for the rest of a motion
+        (`later`).
+    ends : sequence of End
+        Where frames of the robot must be at the deadline, for motions that a search starts from.
+    joint_bounds : JointLimits or None
+        Rates, accelerations and positions that it keeps: whole motions never leave them, and a start outside
+        is an error.
+    in_braking : Limit or None
+        What a step keeps also were the arm to stop after it, where rows of one step do not see far enough.
+    refusal : str
+        What to say of a start that breaks it, where no motion from there will do; "{note}" is the
+        violation's. Empty: the search tries.
     of_goal : bool
         Whether a problem has the limit from its goal (`Goal.limits`); with another goal it goes.
     blocks : bool
@@ -182,8 +139,6 @@ class Limit(ABC):
         What it keeps clear of. Where there are any, a search looks for ways round.
     holds_attitude : bool
         Whether it holds the base's attitude: a search then starts from motions that leave it as it was.
-    bounds_joints : bool
-        Whether it keeps the joints within the robot's limits: a start outside is an error then.
     eased_by_time : bool
         Whether a slower motion takes less of it: where it holds a plan back, a longer duration may do.
     of_paper : bool
@@ -192,24 +147,21 @@ class Limit(ABC):
 
     name: str
     margin: float = 0.0
+    reserve: float = 0.0
+    began: float = 0.0
+    ends: Sequence[End] = ()
+    joint_bounds: JointLimits | None = None
+    in_braking: Limit | None = None
+    refusal: str = ""
     of_goal: bool = False
     blocks: bool = False
     obstacles: Sequence[Obstacle] = ()
     holds_attitude: bool = False
-    bounds_joints: bool = False
     eased_by_time: bool = False
     of_paper: bool = True
 
     def for_robot(self, sms: SpaceManipulator) -> Limit:
         """The limit, prepared for a robot; called once by each solver. Default: itself."""
-        return self
-
-    def tightened(self, by: float) -> Limit:
-        """The same limit with so much more in hand, in its own unit; default: the limit itself."""
-        return self
-
-    def later(self, by: float) -> Limit:
-        """The same limit for a motion that begins `by` seconds later; default: the limit itself."""
         return self
 
     @abstractmethod
@@ -229,43 +181,30 @@ class Limit(ABC):
     def violation(self, motion: Motions) -> Violation:
         """What a finished motion makes of it; `motion` is one, at its nodes and the middles between."""
 
-    def ends(self) -> list[End]:
-        """Where frames of the robot must be at the deadline, for motions that a search starts from."""
-        return []
 
-    def control_rows(self, maps: ControlMaps) -> list[ControlRows]:
-        """Rows that the control points of whole motions keep strictly: for what is linear in them."""
-        return []
+_L = TypeVar("_L", bound=Limit)
 
-    def check_start(self, problem: Problem, begin: Motions) -> str:
-        """Why no motion keeps it from this start, in words; empty where one may.
 
-        Parameters
-        ----------
-        problem : Problem
-        begin : Motions
-            A motion that stays at the start for a step.
+def tightened(limit: _L, by: float) -> _L:
+    """The same limit with so much more in hand, in its own unit."""
+    return _changed(limit, reserve=limit.reserve + by)
 
-        Raises
-        ------
-        InvalidValue
-            Where the problem itself must be mended.
-        """
-        return ""
 
-    def explain(self, failed: Failed) -> str:
-        """What to say of it, in words, where it binds in a plan that does not reach; default: nothing."""
-        return ""
+def later(limit: _L, by: float) -> _L:
+    """The same limit for the rest of a motion, from `by` seconds on; also where that has another goal."""
+    return _changed(limit, began=limit.began + by, of_goal=False)
 
-    def settle(self, step: StepState, rates: FloatArray, braking: FloatArray) -> FloatArray:
-        """Joint rates (n,) to take instead of the chosen `rates`, where rows alone do not see far enough.
 
-        Parameters
-        ----------
-        step : StepState
-        rates : ndarray, shape (n,)
-            The solution of the step's programme [rad/s].
-        braking : ndarray, shape (n,)
-            Rates at the step's end of an arm that brakes as fast as its joints may [rad/s].
-        """
-        return rates
+def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
+    """The limit for a robot (`Limit.for_robot`), with what it was told before."""
+    told = {name: getattr(limit, name) for name in ("reserve", "began", "of_goal")}
+    made = limit.for_robot(sms)
+    return made if all(getattr(made, name) == one for name, one in told.items()) else _changed(made, **told)
+
+
+def _changed(limit: _L, **values: Any) -> _L:
+    """A copy with other attributes."""
+    made = copy.copy(limit)
+    for name, value in values.items():
+        object.__setattr__(made, name, value)
+    return made

@@ -7,12 +7,12 @@ from typing import cast
 
 import numpy as np
 
-from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.limits.wheel_rows import reachable
 from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import reduced_effects, reduced_inertia, velocity_effects
@@ -41,16 +41,13 @@ class TorqueLimits(Inequality):
     margin = _SCALE * _SHARE
     scale = 1.0 / _SCALE
     in_hand = _SHARE
+    most_reserve = _MOST_IN_HAND - _SHARE
     eased_by_time = True
 
     def room(self, m: Features) -> Feature | list[Feature]:
         """Shares of the torques that are left."""
         most = _robot(m.motions).limits.torque
         return [1.0 - abs(m.torques) / most] if np.isfinite(most).any() else []
-
-    def tightened(self, by: float) -> Inequality:
-        """With so much more in hand, at most half of the limit."""
-        return super().tightened(min(max(by, 0.0), _MOST_IN_HAND - _SHARE - self._more))
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows of unit length, in rad/s: H_q (u - u_0) / dt + C_q, linear in the rates u at the step's end.
@@ -65,7 +62,7 @@ class TorqueLimits(Inequality):
         velocity = np.concatenate([step.reaction @ step.rates + step.drift, step.rates])
         H, C = reduced_inertia(step.M, N), reduced_effects(velocity_effects(sms, step.q, velocity), N)
         low, high = rate_bounds(step.joints, step.rates, sms.limits, dt)
-        allowed = (1.0 - _SHARE - self._more) * most
+        allowed = (1.0 - _SHARE - self.kept) * most
         largest = np.abs(C) + np.abs(H) @ np.maximum(high - step.rates, step.rates - low) / dt
         near = np.flatnonzero(largest > allowed)
         if not near.size:

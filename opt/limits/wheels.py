@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.wheels import arm_momentum, wheel_momentum, wheel_shares, wheel_torque
-from ffsms_pin.opt.limits.limit import Failed, Rows, Violation
+from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.limits.wheel_rows import wheel_rows
 from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.wheels import arm_momentum, wheel_momentum, wheel_shares, wheel_torque
 from ffsms_pin.opt.parts.inequality import Inequality
 
 __all__ = ["WheelLimits"]
@@ -30,7 +30,7 @@ class WheelLimits(Inequality):
     """The wheels' largest torques and momenta, where wheels hold the attitude (mode "rotation-floating").
 
     Momentum follows from the conservation of angular momentum, torque is its rate, with the friction of the
-    bearings made good (`opt.batch.wheels`). In other modes the wheels stand still, and the limit asks for
+    bearings made good (`opt.motion.wheels`). In other modes the wheels stand still, and the limit asks for
     nothing. A problem in that mode, of a robot with wheels, has this limit of itself.
 
     Its unit is a share of what the wheel has: a violation of 0.3 asks for 30 % more.
@@ -40,6 +40,7 @@ class WheelLimits(Inequality):
     margin = _SCALE * _SHARE
     scale = 1.0 / _SCALE
     in_hand = _SHARE
+    most_reserve = _MOST_IN_HAND - _SHARE
     eased_by_time = True
 
     def room(self, m: Features) -> list[Feature]:
@@ -49,29 +50,9 @@ class WheelLimits(Inequality):
             return []
         return [1.0 - abs(m.wheels) / wheels.momentum, 1.0 - abs(m.wheel_torques) / wheels.torque]
 
-    def tightened(self, by: float) -> Inequality:
-        """With so much more in hand, at most half of the limit."""
-        return super().tightened(min(max(by, 0.0), _MOST_IN_HAND - _SHARE - self._more))
-
-    def explain(self, failed: Failed) -> str:
-        """Which wheel lacks what, where stronger wheels would reach the goal.
-
-        A planner that cannot have both ends within the wheels' limits and short of the goal. Then nothing is
-        broken, and only a motion that the wheels do not hold back tells what it takes.
-        """
-        problem = failed.problem
-        if self.name in failed.plan.broken or problem.wheels is None:
-            return ""
-        strong = replace(problem.wheels, torque=np.inf, momentum=np.inf)
-        robot = problem.sms.with_actuators(wheels=strong, thrusters=problem.sms.thrusters)
-        free = failed.again(replace(problem, sms=robot))
-        if not free.reached:
-            return ""
-        return self.violation(problem.motion(free.joint_rates)).note
-
     def rows(self, step: StepState) -> Rows | None:
         """Rows of the wheels' momenta at the step's end and of their torques in it."""
-        return wheel_rows(step, _SHARE + self._more)
+        return wheel_rows(step, _SHARE + self.kept)
 
     def violation(self, motion: Motions) -> Violation:
         """The largest share by which a wheel lacks momentum or torque, and what would do."""

@@ -1,6 +1,8 @@
-"""Motions as parts see them: features, which carry their slopes, and frames of the robot."""
+"""Motions of the arm at stacks of configurations, and features of them: what parts are formulas of."""
 
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import JointResidual, Residual, Residuals
 
-__all__ = ["Feature", "Features"]
+__all__ = ["Feature", "Features", "JointResidual", "Motions", "Residual", "Residuals"]

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.thrusters import held_wrench, wrench_slopes
-from ffsms_pin.opt.batch.torques import torque_slopes
-from ffsms_pin.opt.batch.wheels import (
+from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.thrusters import held_wrench, wrench_slopes
+from ffsms_pin.opt.motion.torques import torque_slopes
+from ffsms_pin.opt.motion.wheels import (
     TorqueSlopes,
     friction_slope,
     momentum_slopes_by_joints,
@@ -17,7 +18,6 @@ from ffsms_pin.opt.batch.wheels import (
     wheel_shares,
     wheel_torque,
 )
-from ffsms_pin.opt.motion.feature import Feature
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.motion.features import Features

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.slopes import coupling_slopes
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features, Lazy
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.slopes import coupling_slopes
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import skew
 
-__all__ = ["Change", "StepFeatures"]
+if TYPE_CHECKING:
+    from ffsms_pin.opt.limits.step_state import StepState
 
-_arm_stack = lru_cache(maxsize=16)(ArmStack)
+__all__ = ["Change", "StepFeatures", "arm_stack"]
+
+arm_stack = lru_cache(maxsize=16)(ArmStack)
 
 
 class Change(NamedTuple):
@@ -53,7 +55,7 @@ class StepFeatures(Features):
 
     def __init__(self, step: StepState) -> None:
         self.step = self.state = step
-        stack, R = _arm_stack(step.sms, step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
+        stack, R = arm_stack(step.sms, step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
         start = pin.XYZQUATToSE3(step.base_start)
         M, u, com = step.M, step.rates, step.sms.base_com
         centre = np.array([M[1, 5], M[2, 3], M[0, 4]]) / M[0, 0]

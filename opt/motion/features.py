@@ -5,20 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, lru_cache
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.robot_frame import INERTIAL, RobotFrame
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.actuated import joint_torques, wheel_momenta, wheel_torques, wrench
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import EYE, Frame, carried
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Indices
+from ffsms_pin.opt.motion.robot_frame import INERTIAL, RobotFrame
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, skew
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.limits.step_state import StepState
 
 __all__ = ["Features", "Lazy", "features_of"]
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system.batch.stacks import apply, dot, log3, skew
 
 __all__ = ["EYE", "Frame", "carried"]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
 from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.system.batch.stacks import apply, exp3
 
 __all__ = ["by_differences", "difference", "movers", "nudged"]

@@ -10,7 +10,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit
+from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.parts.reading import rows_of
@@ -54,7 +54,7 @@ class NonlinearStepper:
         wheel_total: FloatArray | None = None,
     ) -> None:
         self.sms, self.dt, self.kappa = sms, positive("dt", dt, "s"), positive("kappa", kappa)
-        self.limits = tuple(limit.for_robot(sms) for limit in limits)
+        self.limits = tuple(prepared(limit, sms) for limit in limits)
         self.momentum: FloatArray | None = None
         self.mode, self.wheel_total = mode, wheel_total
         self._data = sms.model.createData()

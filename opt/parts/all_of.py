@@ -6,12 +6,12 @@ from abc import abstractmethod
 
 import numpy as np
 
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.parts.reading import residuals_of
 

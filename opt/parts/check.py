@@ -10,13 +10,13 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import JointResidual, Residual
-from ffsms_pin.opt.batch.slopes import coupling_slopes
-from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.nudged import difference, movers
+from ffsms_pin.opt.motion.residual import JointResidual, Residual
+from ffsms_pin.opt.motion.slopes import coupling_slopes
 from ffsms_pin.opt.parts.all_of import AllOf
 from ffsms_pin.opt.parts.check_rows import check_rows
 from ffsms_pin.opt.parts.inequality import Inequality
@@ -61,7 +61,7 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
     if not isinstance(part, (Term, Limit)):
         raise InvalidValue("part", part, "must be an opt.Term or an opt.Limit")
     if isinstance(part, Limit):
-        part = part.for_robot(problem.sms)
+        part = prepared(part, problem.sms)
     if isinstance(part, AllOf):
         return max((check(one, problem, tolerance, seed) for one in part.parts), default=0.0)
     method = "room" if isinstance(part, Inequality) else "residual"

@@ -6,11 +6,11 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import PartError
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.rollout import configurations
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.at_step import StepFeatures
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.rollout import configurations
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.parts.reading import residuals_of, rows_of
 from ffsms_pin.opt.problem import Problem

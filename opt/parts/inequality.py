@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import copy
 from abc import abstractmethod
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features, features_of
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.reading import formulas
 
 __all__ = ["Inequality"]
@@ -51,6 +50,8 @@ class Inequality(Limit):
     give : float
         How far a row of a step gives way per unit of the step's slack, in room's unit per metre; 1 weighs
         a lack of room in metres like one of clearance. 0: never; only for what can always be kept.
+    most_reserve : float
+        Of `reserve` (see `Limit`) no more than this is kept, in room's unit.
     """
 
     unit: str = "m"
@@ -60,17 +61,16 @@ class Inequality(Limit):
     rate: float = 2.0
     step_margin: float = 2e-3
     give: float = 1.0
-    _more: float = 0.0  # in hand, after `tightened`
+    most_reserve: float = np.inf
 
     @abstractmethod
     def room(self, m: Features) -> Any:
         """What is left at every instant: a `Feature` (S, K) or (c, S, K), or a list of these."""
 
-    def tightened(self, by: float) -> Inequality:
-        """The same with so much more in hand, in room's unit."""
-        tighter = copy.copy(self)
-        object.__setattr__(tighter, "_more", self._more + by)
-        return tighter
+    @property
+    def kept(self) -> float:
+        """What of `reserve` is kept, in room's unit."""
+        return min(self.reserve, self.most_reserve)
 
     def rooms(self, m: Features) -> Feature:
         """What is left, all of it one below the other, (c, S, K)."""
@@ -87,7 +87,7 @@ class Inequality(Limit):
         if not asked.any():
             return None
         value, flow, drift, jump = (x[asked] for x in at)
-        left = value - self._more - self.step_margin
+        left = value - self.kept - self.step_margin
         jumps = jump.any(axis=1)
         # With u: flow . u + drift >= -rate left; or left + dt (flow . u + drift) + jump . (u - rates) >= 0.
         share = np.where(jumps, step.dt, 1.0)
@@ -98,7 +98,7 @@ class Inequality(Limit):
     def residual(self, m: Features) -> Residuals:
         """What room lacks of what is kept in hand, over `scale`, where it lacks some."""
         scale, least = self._kept(m.motions)
-        least += self._more
+        least += self.kept
         left = self.rooms(features_of(m.motions, slopes=False)).value
         lacking = np.nonzero((left < least).any(axis=0))
         if not lacking[0].size:

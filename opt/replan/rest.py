@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.goals import Changed, Goal
+from ffsms_pin.opt.limits.limit import later
+from ffsms_pin.opt.motion.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
@@ -53,7 +54,7 @@ def rest_of(
         Momenta of the wheels that hold the attitude, were all else at rest [N m s]. Default: the problem's.
     """
     goal = problem.goal if goal is None else goal
-    if any(limit.bounds_joints for limit in problem.limits):
+    if any(limit.joint_bounds is not None for limit in problem.limits):
         joints = np.clip(joints, sms.limits.lower, sms.limits.upper)
     q0 = q.copy()
     sms.layout.set_positions(q0, joints)
@@ -69,7 +70,7 @@ def rest_of(
         q0=q0,
         goal=Changed(goal, later=t) if goal.moves else goal,
         duration=(problem.steps - round(t / problem.dt)) * problem.dt,
-        limits=[limit.later(t) for limit in problem.limits],
+        limits=[later(limit, t) for limit in problem.limits],
         joint_rates=rates,
         locked=tuple(locked),
         wheel_momentum=now,

@@ -12,12 +12,12 @@ from ffsms_pin.checks import FloatArray, instance, number, one_of, positive, vec
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Place, as_goal
-from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.one_thread import OneThread, StepperInUse
 from ffsms_pin.opt.parts.reading import asked, rows_of
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.braking import braking, within
+from ffsms_pin.opt.step.braking import braking, stoppable, within
 from ffsms_pin.opt.step.direction import WantedMotion, wanted_motion, wanted_spin
 from ffsms_pin.opt.step.programme import (
     AllRows,
@@ -126,9 +126,8 @@ class Stepper:
         self.base_start: FloatArray | None = None
         self.deadline: float | None = None
         self._given = tuple(limits)
-        self.limits = tuple(limit.for_robot(sms) for limit in limits)
-        # Those that have a say in what the programme has chosen.
-        self._settling = [limit for limit in self.limits if type(limit).settle is not Limit.settle]
+        self.limits = tuple(prepared(limit, sms) for limit in limits)
+        self._in_braking = [one for limit in self.limits if (one := limit.in_braking) is not None]
         self._data, self._solver, self._alone = sms.model.createData(), StepSolver(), OneThread(StepperInUse)
         self._last: _Last | None = None
 
@@ -263,11 +262,9 @@ class Stepper:
             # Within the solver's tolerance already; this makes the limits hold to the last bit.
             chosen, slack = within(step.V.dot(found.x[:n]), bounds), max(0.0, float(found.x[n + 1]))
             self._last = _Last(chosen, found.x[n:], found.z)
-            if self._settling:
+            if self._in_braking:
                 slower = within(braking(step), bounds)
-                for limit in self._settling:
-                    chosen = limit.settle(step, chosen, slower)
-                chosen = within(chosen, bounds)
+                chosen = within(stoppable(self._in_braking, step, chosen, slower), bounds)
         else:
             chosen, slack, self._last = within(braking(step), bounds), 0.0, None
         velocity = step.J_star[:3].dot(chosen) + step.tip_drift[:3]

@@ -17,7 +17,8 @@ import pytest
 from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
-from ffsms_pin.opt.batch.rollout import rolled_out
+from ffsms_pin.opt.limits.limit import tightened
+from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios import scenario
 
@@ -122,7 +123,7 @@ def test_the_step_takes_both(page: SimpleNamespace) -> None:
     joints = np.zeros(3)
     tip = page.sms.at(page.q0).end_effector_pose.translation
     over = float(np.array(page.above.normal) @ tip) - page.above.height
-    raised = page.above.tightened(over + 0.05)
+    raised = tightened(page.above, over + 0.05)
     pushed = opt.StepPlanner(page.sms, limits=[*page.parts[:3], raised]).step(page.q0, joints, page.goal, 8.0)
     free = opt.StepPlanner(page.sms, limits=page.parts[:3]).step(page.q0, joints, page.goal, 8.0)
     up = np.array(page.above.normal) @ page.sms.at(page.q0).J_star[:3]

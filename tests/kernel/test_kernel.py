@@ -12,8 +12,8 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.kernel import kernel, rows
-from ffsms_pin.opt.batch.entropy import entropy_and_gradient
-from ffsms_pin.opt.batch.slopes import coupling_slopes, velocity_slopes
+from ffsms_pin.opt.motion.entropy import entropy_and_gradient
+from ffsms_pin.opt.motion.slopes import coupling_slopes, velocity_slopes
 from ffsms_pin.system.base_reaction import MODES, mode_coupling
 from ffsms_pin.system.batch import ArmStack
 

@@ -12,11 +12,11 @@ from slopes import motions
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import JointResidual, Residual
-from ffsms_pin.opt.batch.slopes import coupling_slopes, spin_slopes, velocity_slopes
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.sums import Weighted, sums
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import JointResidual, Residual
+from ffsms_pin.opt.motion.slopes import coupling_slopes, spin_slopes, velocity_slopes
 
 ROBOTS = ("planar_3r", "satellite_panda")
 MOTIONS = 3

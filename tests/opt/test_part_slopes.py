@@ -26,8 +26,8 @@ from slopes import by_differences, by_slopes, motions
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.batch.motions import Motions, Smoothing
-from ffsms_pin.opt.batch.residual import Residuals
+from ffsms_pin.opt.motion.motions import Motions, Smoothing
+from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.reading import residuals_of
 
 SPOTS = ("via", "via at any time", "also")

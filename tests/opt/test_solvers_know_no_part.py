@@ -16,6 +16,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.opt.limits.limit import later, tightened
 
 ROOT = Path(opt.__file__).parent
 # What users call, and what hands over to the solvers: these build parts from arguments, and ask none.
@@ -94,10 +95,15 @@ def test_no_solver_knows_a_part(path: Path) -> None:
 # What a limit says of itself beside its methods.
 ASKED = (
     "margin",
+    "reserve",
+    "began",
+    "ends",
+    "joint_bounds",
+    "in_braking",
+    "refusal",
     "blocks",
     "obstacles",
     "holds_attitude",
-    "bounds_joints",
     "eased_by_time",
     "of_paper",
 )
@@ -113,37 +119,20 @@ def own_limit(limit: opt.Limit) -> opt.Limit:
                 setattr(self, name, getattr(inner, name))
 
         def for_robot(self, sms: ffsms.SpaceManipulator) -> opt.Limit:
-            return Own(self.inner.for_robot(sms))
+            return Own(self._now().for_robot(sms))
 
-        def tightened(self, by: float) -> opt.Limit:
-            return Own(self.inner.tightened(by))
-
-        def later(self, by: float) -> opt.Limit:
-            return Own(self.inner.later(by))
+        def _now(self) -> opt.Limit:
+            now = tightened(self.inner, self.reserve - self.inner.reserve)
+            return later(now, self.began - now.began)
 
         def rows(self, step: Any) -> Any:
-            return self.inner.rows(step)
+            return self._now().rows(step)
 
         def residual(self, motions: Any) -> Any:
-            return self.inner.residual(motions)
+            return self._now().residual(motions)
 
         def violation(self, motion: Any) -> opt.Violation:
-            return self.inner.violation(motion)
-
-        def ends(self) -> Any:
-            return self.inner.ends()
-
-        def control_rows(self, maps: Any) -> Any:
-            return self.inner.control_rows(maps)
-
-        def check_start(self, problem: opt.Problem, begin: Any) -> str:
-            return self.inner.check_start(problem, begin)
-
-        def explain(self, failed: Any) -> str:
-            return self.inner.explain(failed)
-
-        def settle(self, step: Any, rates: Any, braking: Any) -> Any:
-            return self.inner.settle(step, rates, braking)
+            return self._now().violation(motion)
 
     return Own(limit)
 

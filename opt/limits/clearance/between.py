@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.clearance.distances import Poses
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Indices
 
 __all__ = ["Least", "least_of"]
 
@@ -79,7 +79,8 @@ class _Search:
         # at most the change of the angular velocity times the time over 8.
         turn = np.linalg.norm(np.diff(motion.base_spin[:, 0]), axis=0) * self.steps / 8.0
         self.bend = (stack.passes * (stack.arm.length + stack.sizes[:, 0]))[:, None] * turn
-        self.worst, self.close = (np.inf, 0, 0.0), np.zeros(len(motion.times), dtype=bool)
+        self.worst: tuple[float, int, float] = (np.inf, 0, 0.0)
+        self.close = np.zeros(len(motion.times), dtype=bool)
 
     def least(self) -> Least:
         """Halves intervals until all is decided."""
@@ -94,10 +95,9 @@ class _Search:
         while True:
             change = self.went(pair, spans[:, 1]) - self.went(pair, spans[:, 0])
             low, high = (0.5 * (spans[:, 2] + spans[:, 3] + side * change) for side in (-1.0, 1.0))
-            # Between two instants nothing is asked but that the clearance is kept; and of one that is broken,
-            # how far at most.
+            # Between two instants nothing is asked but that the clearance is kept.
             inside = spans[:, 1] - spans[:, 0] > 1.0
-            sure = inside & (high < self.near) & (low >= min(self.floor, self.worst[0]))
+            sure = inside & (high < self.near) & (low >= self.worst[0])
             for first, last in spans[sure, :2].astype(np.intp):
                 self.close[first:last] = True
             asked = np.where(inside, (low < self.near) & ~sure, low < self.floor)
@@ -107,8 +107,8 @@ class _Search:
             pair, spans, change, low = pair[asked], spans[asked], change[asked], low[asked]
             measured += int(np.count_nonzero(~inside[asked]))
             if measured > _MOST:
-                at = int(np.argmin(low))
-                self.worst = (float(low[at]), int(pair[at]), float(spans[at, 0]))
+                which = int(np.argmin(low))
+                self.worst = (float(low[which]), int(pair[which]), float(spans[which, 0]))
                 break
             middle = 0.5 * (spans[:, 0] + spans[:, 1])
             middle = np.where(inside[asked], np.floor(middle), middle)
@@ -118,8 +118,7 @@ class _Search:
             pair, spans = np.concatenate([pair, pair]), np.concatenate([before, after])
         value, which, at = self.worst
         times = self.motion.times
-        time = float(np.interp(at, np.arange(count), times))
-        return Least(value, which, time, times[self.close])
+        return Least(value, which, float(np.interp(at, np.arange(count), times)), times[self.close])
 
     def went(self, pair: Indices, place: FloatArray) -> FloatArray:
         """By how much distances of pairs (V,) can have changed from the start to places (V,) [m]."""
@@ -136,7 +135,7 @@ class _Search:
             poses, at, lost = self.poses, k[some], np.zeros(len(some))
             if between[some[0]]:
                 poses = stack.between(self.motion, at, (place[some] - at) * self.steps[at])
-                at, lost = np.arange(len(some)), self.bend[pair[some], at]
+                lost, at = self.bend[pair[some], at], np.arange(len(some))
             found = stack.nearest(poses, (pair[some], at), near[some] + lost).distance
             low = np.flatnonzero(found - lost < self.floor)
             found[low] = stack.refined(poses, (pair[some][low], at[low]), found[low])

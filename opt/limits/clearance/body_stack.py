@@ -10,7 +10,6 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.residual import Indices
 from ffsms_pin.opt.limits.clearance.bodies import (
     BASE,
     PAYLOAD,
@@ -19,7 +18,7 @@ from ffsms_pin.opt.limits.clearance.bodies import (
     obstacle_bodies,
     robot_bodies,
 )
-from ffsms_pin.opt.limits.clearance.distances import Nearest, PartPairs, Poses
+from ffsms_pin.opt.limits.clearance.distances import Entries, Nearest, PartPairs, Poses
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.system import SpaceManipulator
@@ -137,7 +136,7 @@ class BodyStack(ClearanceStack):
         # Only robots that differ in what moves no shape have the same ones, read once.
         return of.geometry("collision") is sms.geometry("collision")
 
-    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray | float = np.inf) -> Nearest:
+    def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`."""
         margins = self._margins[where[0]]
         most = near + margins
@@ -149,23 +148,18 @@ class BodyStack(ClearanceStack):
                 values[low] = better
         return found._replace(distance=found.distance - margins)
 
-    def refined(self, poses: Poses, where: tuple[Indices, ...], values: FloatArray) -> FloatArray:
+    def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
         """As `ClearanceStack.refined`: by the shapes."""
         if not self.refines:
             return values
         found = self._shapes.nearest(poses, where).distance
         exact = found - self._margins[where[0]]
         # Shapes that overlap may be measured as touching.
-        return np.where(found > 0.0, np.maximum(values, exact), np.minimum(values, exact))
+        return np.asarray(np.where(found > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
 
-    def overlap(self, q: FloatArray) -> tuple[float, str]:
-        """How deep the bodies of a pair overlap at most at q (nq,) and time zero [m], and which."""
-        poses = self.at(q, 0.0)
-        values = self.values(poses)[:, 0]
-        low = np.flatnonzero(values < 0.0)
-        values[low] = self.refined(poses, (low, np.zeros_like(low)), values[low])
-        worst = int(np.argmin(values))
-        return -float(values[worst]), self.names[worst]
+    def overlap(self, pair: int, clearance: float) -> float:
+        """How deep the bodies of a pair overlap where their clearance is so much [m]."""
+        return -clearance - float(self._margins[pair])
 
     def _postures(self) -> Poses:
         """The arm at zero, in its middle posture, and in some that are drawn."""
@@ -188,7 +182,8 @@ class BodyStack(ClearanceStack):
             whole = self._paired([pairs[k] for k in doubtful], np.ones(len(doubtful), dtype=bool))
             every = np.indices((len(doubtful), values.shape[1])).reshape(2, -1)
             exact[doubtful] = whole.nearest(poses, (every[0], every[1])).distance.reshape(len(doubtful), -1)
-        kept, by_shapes = (exact >= clearance).any(axis=1), (overlap & (exact > 0.0)).any(axis=1)
+        kept: Any = (exact >= clearance).any(axis=1)
+        by_shapes: Any = (overlap & (exact > 0.0)).any(axis=1)
         self.left_out = [name for name, keep in zip(names, kept, strict=True) if not keep]
         self.by_shapes = [name for name, one in zip(names, by_shapes, strict=True) if one]
         by_shapes &= self.mode == "hulls"

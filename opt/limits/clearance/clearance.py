@@ -4,31 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, number, one_of, pose
+from ffsms_pin.checks import number, one_of, pose
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Residual, Residuals
-from ffsms_pin.opt.limits.clearance.at_start import check_obstacles
-from ffsms_pin.opt.limits.clearance.between import Least, least_of
+from ffsms_pin.opt.limits.clearance.between import least_of
 from ffsms_pin.opt.limits.clearance.bodies import chosen_mode, payload_part
 from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, checked_obstacles, convex_shape
 from ffsms_pin.opt.limits.clearance.points import PointStack
 from ffsms_pin.opt.limits.clearance.rows import clearance_rows
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
-from ffsms_pin.opt.limits.limit import Failed, Limit, Rows, Violation, stacked
+from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion import Features
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Residual, Residuals
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross
 from ffsms_pin.system.convex_parts import Part
-
-if TYPE_CHECKING:
-    from ffsms_pin.opt.problem import Problem
 
 __all__ = ["Clearance", "CollisionMode", "clearance_stack"]
 
@@ -60,6 +56,8 @@ class Clearance(Limit):
     payload : (coal shape, pinocchio.SE3), optional
         What the end effector holds, convex, and where it is in the end-effector frame. It is kept from
         obstacles, and from the robot's own bodies as a part of the one that holds it.
+    reserve, began : float
+        See `Limit` [m], [s]: obstacles that move are seen from when the motion began.
     """
 
     clearance: float = 0.01
@@ -68,8 +66,11 @@ class Clearance(Limit):
     margin: float = 0.01
     obstacles: Sequence[Obstacle] = ()
     payload: tuple[Any, Any] | None = None
+    reserve: float = 0.0
+    began: float = 0.0
     name = "clearance"
     blocks = True
+    refusal = "the start breaks the clearance: {note}; move the start, or ask for less"
     _stack: ClearanceStack | None = field(default=None, repr=False)
     _around: BodyStack | None = field(default=None, repr=False)
 
@@ -89,7 +90,8 @@ class Clearance(Limit):
         held = None if self.payload is None else payload_part(sms, *self.payload)
         around = None
         if self.obstacles:
-            around = BodyStack(sms, self.collision, self.clearance, held, self.obstacles)
+            seen = [one.later(self.began) for one in self.obstacles]
+            around = BodyStack(sms, self.collision, self.clearance, held, seen)
             around = around if around.names else None
         last = self._stack
         if (
@@ -115,14 +117,6 @@ class Clearance(Limit):
         """Pairs of bodies that are nearer than the clearance by construction, and so are not kept apart."""
         return list(self._stack.left_out) if isinstance(self._stack, BodyStack) else []
 
-    def tightened(self, by: float) -> Clearance:
-        """With a greater clearance."""
-        return replace(self, clearance=self.clearance + by)
-
-    def later(self, by: float) -> Clearance:
-        """With obstacles that move seen from a later time."""
-        return replace(self, obstacles=[one.later(by) for one in self.obstacles], _around=None)
-
     def least(self, motions: Motions) -> tuple[float, str]:
         """The least clearance [m] of motions, and between what; infinite where nothing is kept apart."""
         found = [(np.inf, "")]
@@ -131,29 +125,10 @@ class Clearance(Limit):
             found.append((float(values.min()), stack.names[int(np.argmin(values))]))
         return min(found)
 
-    def contact(self, q: FloatArray) -> tuple[float, str] | None:
-        """The deepest overlap [m] of the robot at q (nq,) with an obstacle at time zero, and with which."""
-        if self._around is None:
-            return None
-        depth, name = self._around.overlap(q)
-        return (depth, name) if depth > 0.0 else None
-
-    def check_start(self, problem: Problem, begin: Motions) -> str:
-        """Whether bodies are too near to each other at the start, or a goal is inside an obstacle."""
-        check_obstacles(problem, self.contact(problem.q0), self.obstacles)
-        note = self.violation(begin).note
-        if not note:
-            return ""
-        return f"the start breaks the clearance: {note}; move the start, or ask for less"
-
-    def explain(self, failed: Failed) -> str:
-        """What comes nearest to what."""
-        distance, pair = self.least(failed.motion)
-        return f"blocked by {pair}, which come within {1e3 * distance:.1f} mm" if pair else ""
-
     def rows(self, step: StepState) -> Rows | None:
         """A clearance may shrink at most at a rate proportional to what is left of it."""
-        return stacked([clearance_rows(stack, self.clearance, step) for stack in self._stacks])
+        asked = self.clearance + self.reserve
+        return stacked([clearance_rows(stack, asked, step) for stack in self._stacks])
 
     def residual(self, m: Features) -> Residuals:
         """What clearances lack of the asked one and the margin, in arm lengths."""
@@ -162,7 +137,8 @@ class Clearance(Limit):
     def _lack(self, stack: ClearanceStack, motions: Motions) -> Residuals:
         length = motions.stack.length
         # Bodies that are near each other in every posture cannot be asked for the whole margin.
-        kept = np.minimum(self.clearance + self.margin * length, 0.5 * (self.clearance + stack.largest))
+        asked = self.clearance + self.reserve
+        kept = np.minimum(asked + self.margin * length, 0.5 * (asked + stack.largest))
         poses = stack.seen(motions)
         (columns, at), found = stack.below(poses, kept)
         if not columns.size:
@@ -183,22 +159,24 @@ class Clearance(Limit):
     def violation(self, motion: Motions) -> Violation:
         """The largest lack of clearance at the nodes, in the middles, and between shapes everywhere."""
         near = self.margin * motion.stack.length + _BINDING
-        found: list[tuple[Least, str, float]] = []
-        for stack in self._stacks:
-            least = least_of(stack, motion, self.clearance, near)
-            found.append((least, stack.names[least.pair], stack.tolerance))
+        found = [(least_of(stack, motion, self.clearance, near), stack) for stack in self._stacks]
         if not found:
             return Violation()
-        instants = np.unique(np.concatenate([least.near for least, _, _ in found]))
-        broken = [(least, pair) for least, pair, most in found if self.clearance - least.value > most]
+        instants = np.unique(np.concatenate([least.near for least, _ in found]))
+        broken = [one for one in found if self.clearance - one[0].value > one[1].tolerance]
+        worst, stack = min(broken or found, key=lambda one: one[0].value)
+        pair, distance = stack.names[worst.pair], 1e3 * worst.value
+        kept = Violation(0.0, instants, nearest=f"{pair}, which come within {distance:.1f} mm")
         if not broken:
-            return Violation(0.0, instants)
-        worst, pair = min(broken, key=lambda one: one[0].value)
+            return kept
         note = (
-            f"a clearance is broken: {pair} is {1e3 * worst.value:.1f} mm at "
+            f"a clearance is broken: {pair} is {distance:.1f} mm at "
             f"{worst.time:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
         )
-        return Violation(max(self.clearance - worst.value, _LEAST_LACK), instants, note)
+        deep = 1e3 * self._around.overlap(worst.pair, worst.value) if stack is self._around else 0.0
+        overlap = f"{pair} overlap by {deep:.1f} mm" if deep > 0.0 else ""
+        amount = max(self.clearance - worst.value, _LEAST_LACK)
+        return kept._replace(amount=amount, note=note, overlap=overlap)
 
 
 def clearance_stack(

@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import coal
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.batch.residual import Indices
+from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.convex_parts import Part
 
-__all__ = ["Nearest", "PartPairs", "Poses"]
+__all__ = ["Entries", "Nearest", "PartPairs", "Poses"]
+
+Entries: TypeAlias = tuple[Indices, ...]  # pairs (V,), and at which configurations
 
 _TOUCHING = 1e-9  # [m] nearer than this two points have no direction from one to the other
 
@@ -106,19 +108,20 @@ class PartPairs:
             np.array([round for _, round in corners]),
         )
 
-    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray | float = np.inf) -> Nearest:
+    def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """Nearest points at V entries (pair of bodies, configuration), in axes of the first body.
 
         Where bodies are no nearer than `near`, one number or (V,), the distance is a bound from below that is
         no nearer either, and there are no points.
         """
         most = np.ascontiguousarray(np.broadcast_to(near, where[0].shape), dtype=np.float64)
-        distance, close, seen = kernel.near_parts(self.arm.tree, *poses, *where, most, *self._table)
+        columns, at = where
+        distance, close, seen = kernel.near_parts(self.arm.tree, *poses, columns, at, most, *self._table)
         points = np.zeros((len(distance), 3, 3))
         parts, pairs = self._parts, self._pairs
         request, result = coal.DistanceRequest(), coal.DistanceResult()
-        for (v, least, candidates), at in zip(close, seen, strict=True):
-            second = coal.Transform3s(at[:3], at[3])
+        for (v, least, candidates), placed in zip(close, seen, strict=True):
+            second = coal.Transform3s(placed[:3], placed[3])
             for bound, pair in candidates:
                 if bound >= least:
                     break

@@ -126,7 +126,7 @@ class Obstacle:
 
     def later(self, by: float) -> Obstacle:
         """The same obstacle for times that are counted from `by` seconds later."""
-        return replace(self, on=Delayed(self.on, by)) if self.moves else self
+        return replace(self, on=Delayed(self.on, by)) if by and self.moves else self
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,9 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.limits.clearance.distances import Nearest, Poses
+from ffsms_pin.opt.limits.clearance.distances import Entries, Nearest, Poses
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
+from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["PointStack"]
@@ -88,6 +88,8 @@ class PointStack(ClearanceStack):
     def __reduce__(self) -> tuple[Any, ...]:
         return PointStack, (self.sms,)
 
-    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray | float = np.inf) -> Nearest:
+    def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`: pairs of points, and how far points are outside the box."""
-        return Nearest(*kernel.near_points(self.arm.tree, poses.joints, *where, self._ends, self._box))
+        columns, at = where
+        found = kernel.near_points(self.arm.tree, poses.joints, columns, at, self._ends, self._box)
+        return Nearest(*found)

@@ -10,10 +10,10 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.batch.motions import Motions
-from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.limits.clearance.distances import Nearest, Poses
+from ffsms_pin.opt.limits.clearance.distances import Entries, Nearest, Poses
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, Track
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, exp3, log3
@@ -70,18 +70,18 @@ class ClearanceStack(ABC):
         self._tracks: dict[bytes, list[Track]] = {}
 
     @abstractmethod
-    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray | float = np.inf) -> Nearest:
+    def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """Distances and nearest points at V entries (pair, configuration).
 
         Where a distance is not below `near`, one number or (V,), a bound from below that is not either will
         do.
         """
 
-    def refined(self, poses: Poses, where: tuple[Indices, ...], values: FloatArray) -> FloatArray:
+    def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
         """Distances that were found at entries (V,), as exactly as can be."""
         return values
 
-    def below(self, poses: Poses, near: FloatArray) -> tuple[tuple[Indices, ...], Nearest]:
+    def below(self, poses: Poses, near: FloatArray) -> tuple[Entries, Nearest]:
         """Entries whose distance is below `near` (m,), and nearest points there."""
         columns, at = self.every(poses)
         asked = np.tile(near, poses.joints.shape[1])
@@ -95,9 +95,7 @@ class ClearanceStack(ABC):
         asked = np.tile(np.broadcast_to(near, pairs), count)
         return self.nearest(poses, self.every(poses), asked).distance.reshape(count, pairs).T
 
-    def slopes(
-        self, poses: Poses, where: tuple[Indices, ...], found: Nearest
-    ) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, poses: Poses, where: Entries, found: Nearest) -> tuple[FloatArray, FloatArray]:
         """Gradients (n, V) of distances by the joints, base held still, and what was found in base axes.
 
         The latter (3, 3, V): the nearest points on the first body and on the second, and the normal.
@@ -106,7 +104,7 @@ class ClearanceStack(ABC):
         bodies, axes = self.bodies[columns], self.axes[columns]
         return kernel.distance_slopes(self.arm.tree, poses.joints, bodies, at, axes, found.points)
 
-    def every(self, poses: Poses) -> tuple[Indices, ...]:
+    def every(self, poses: Poses) -> Entries:
         """All entries, configuration by configuration."""
         pairs, count = len(self.names), poses.joints.shape[1]
         return np.tile(np.arange(pairs), count), np.repeat(np.arange(count), pairs)

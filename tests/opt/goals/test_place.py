@@ -15,10 +15,10 @@ from slopes import by_differences, by_slopes, motions
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.batch.residual import Residuals
-from ffsms_pin.opt.batch.rollout import configurations, rolled_out
 from ffsms_pin.opt.goals import Changed, Place
 from ffsms_pin.opt.horizon.arrival import arrival
+from ffsms_pin.opt.motion.residual import Residuals
+from ffsms_pin.opt.motion.rollout import configurations, rolled_out
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.trajectory import measure
@@ -279,7 +279,7 @@ def test_another_frame_at_a_goal_on_the_base() -> None:
     assert np.linalg.norm(moved - pin.XYZQUATToSE3(q0[:7]).act(wanted.translation)) > 1e-3
     problem = opt.Problem(sms, q0, left, duration=10.0, limits=[opt.Also("right_tool", also["right_tool"])])
     rest = rest_of(problem, sms, 4.0, q0, problem.joints0, np.zeros(14), q0[:7])
-    assert any(end.place.moves_with_base for limit in rest.limits for end in limit.ends())
+    assert any(end.place.moves_with_base for limit in rest.limits for end in limit.ends)
 
 
 def test_what_cannot_be_a_place(planar: ffsms.SpaceManipulator) -> None:

@@ -12,10 +12,10 @@ from motions import HASTY
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FrameNotFound, InvalidValue
-from ffsms_pin.opt.batch.robot_frame import RobotFrame
-from ffsms_pin.opt.batch.rollout import configurations, rolled_out
 from ffsms_pin.opt.horizon.shooting import joint_goals
 from ffsms_pin.opt.horizon.starts import spread_postures
+from ffsms_pin.opt.motion.robot_frame import RobotFrame
+from ffsms_pin.opt.motion.rollout import configurations, rolled_out
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.trajectory import measure
 
@@ -138,7 +138,7 @@ def test_the_rest_of_a_problem_keeps_both_goals(sms: ffsms.SpaceManipulator, q0:
     plan = opt.solve(problem, HASTY)
     k = 400
     rest = rest_of(problem, sms, 4.0, plan.q[k], plan.joint_positions[k], plan.joint_rates[k], plan.q[0, :7])
-    assert any(limit.ends() for limit in rest.limits)
+    assert any(limit.ends for limit in rest.limits)
     again = opt.solve(rest, HASTY)
     assert again.reached, again.note
     assert np.linalg.norm(tool(sms, again.q[-1]).translation - right.translation) <= 1e-3

@@ -12,8 +12,8 @@ from slopes import by_differences, by_slopes, motions
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.batch.residual import Residuals
 from ffsms_pin.opt.horizon.arrival import arrival
+from ffsms_pin.opt.motion.residual import Residuals
 
 
 @pytest.fixture(scope="module", params=["planar_3r", "satellite_panda"])

@@ -10,11 +10,10 @@ from meshes import ARMS, Meshes, places
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.rollout import rolled_out
 from ffsms_pin.opt.limits.clearance.between import least_of
 from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
-from ffsms_pin.opt.limits.clearance.distances import Nearest, Poses
+from ffsms_pin.opt.limits.clearance.distances import Entries, Nearest, Poses
+from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.trajectory import measure
 
 
@@ -38,7 +37,7 @@ class Counted(BodyStack):
 
     asked = 0
 
-    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: Any = np.inf) -> Nearest:
+    def nearest(self, poses: Poses, where: Entries, near: Any = np.inf) -> Nearest:
         self.asked += len(where[0])
         return super().nearest(poses, where, near)
 

@@ -14,6 +14,7 @@ from by_coal import GOAL, START, ByCoal
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.limit import later
 from ffsms_pin.opt.trajectory import measure
 
 
@@ -76,7 +77,7 @@ def test_distances_are_those_of_coal(rng: np.random.Generator) -> None:
 
 
 def motion_of(problem: opt.Problem, rates: FloatArray) -> opt.Motions:
-    from ffsms_pin.opt.batch.rollout import rolled_out
+    from ffsms_pin.opt.motion.rollout import rolled_out
 
     return rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum, 0.9)
 
@@ -139,7 +140,7 @@ def test_an_obstacle_on_a_client(planar: ffsms.SpaceManipulator, free: opt.Traje
     near = [by_coal(q, shape, client.pose(t)) for q, t in zip(plan.q, plan.t, strict=True)]
     assert min(near) >= 0.01 - 2e-5
     # Seen from a time at which it has passed.
-    after = opt.Clearance(obstacles=[obstacle]).later(6.0)
+    after = later(opt.Clearance(obstacles=[obstacle]), 6.0)
     assert (
         "clearance"
         not in measure(
@@ -182,9 +183,8 @@ def test_points_mode_keeps_the_lines_clear(planar: ffsms.SpaceManipulator) -> No
     limit = opt.Clearance(
         0.01, "points", obstacles=[opt.Obstacle(coal.Sphere(0.01), pin.SE3(np.eye(3), between))]
     )
-    depth, pair = limit.for_robot(planar).contact(q) or (0.0, "")
-    assert depth == pytest.approx(0.01, abs=1e-4)
-    assert pair.endswith("sphere 1")
+    still = opt.Problem(planar, q, GOAL).motion(np.zeros((2, 3)))
+    assert limit.for_robot(planar).violation(still).overlap.endswith("sphere 1 overlap by 10.0 mm")
 
 
 def test_a_blocked_plan_names_the_pair(planar: ffsms.SpaceManipulator) -> None:

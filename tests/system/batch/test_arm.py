@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.batch.slopes import coupling_slopes, spin_slopes, velocity_slopes
+from ffsms_pin.opt.motion.slopes import coupling_slopes, spin_slopes, velocity_slopes
 from ffsms_pin.system.batch.arm import ArmStack
 
 

@@ -8,9 +8,9 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.entropy import entropy_and_gradient
-from ffsms_pin.opt.batch.slopes import coupling_slopes, momentum_slopes, velocity_slopes
-from ffsms_pin.opt.batch.wheels import TorqueSlopes, held_momentum
+from ffsms_pin.opt.motion.entropy import entropy_and_gradient
+from ffsms_pin.opt.motion.slopes import coupling_slopes, momentum_slopes, velocity_slopes
+from ffsms_pin.opt.motion.wheels import TorqueSlopes, held_momentum
 from ffsms_pin.system.base_reaction import MODES, mode_coupling
 from ffsms_pin.system.batch import ArmStack, ArmValues
 

@@ -18,8 +18,8 @@ import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions, apply_rates
-from ffsms_pin.opt.batch.slopes import momentum_slopes
+from ffsms_pin.opt.motion.motions import Motions, apply_rates
+from ffsms_pin.opt.motion.slopes import momentum_slopes
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import cross

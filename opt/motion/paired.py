@@ -8,11 +8,11 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling.stacked import entropies, singular_values
-from ffsms_pin.opt.batch.entropy import singular
+from ffsms_pin.opt.motion.entropy import singular
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 
 if TYPE_CHECKING:
-    from ffsms_pin.opt.batch.motions import Motions
+    from ffsms_pin.opt.motion.motions import Motions
 
 __all__ = ["Paired", "paired", "principal_rates"]
 

@@ -7,7 +7,7 @@ the system's, m the system's mass, and w = spin u the angular velocity of a base
     both held                   force (L u)',                 moment about the base's centre of mass
     place held                  force p' + w x p,             no moment,   p = L u + m w x r
 
-A prime is the rate of change seen from the base. All of it follows from the slopes in `opt.batch.slopes`.
+A prime is the rate of change seen from the base. All of it follows from the slopes in `opt.motion.slopes`.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ import numpy as np
 
 from ffsms_pin.actuation.allocation import ThrusterAllocation
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.motions import Motions, apply_rates
-from ffsms_pin.opt.batch.slopes import fixed_base_slopes, momentum_slopes, velocity_slopes
-from ffsms_pin.opt.batch.wheels import held_momentum
+from ffsms_pin.opt.motion.motions import Motions, apply_rates
+from ffsms_pin.opt.motion.slopes import fixed_base_slopes, momentum_slopes, velocity_slopes
+from ffsms_pin.opt.motion.wheels import held_momentum
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import cross
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.batch.entropy import entropy_and_gradient
-from ffsms_pin.opt.batch.paired import Paired, paired
-from ffsms_pin.opt.batch.residual import Indices
-from ffsms_pin.opt.batch.torques import joint_torques
+from ffsms_pin.opt.motion.entropy import entropy_and_gradient
+from ffsms_pin.opt.motion.paired import Paired, paired
+from ffsms_pin.opt.motion.residual import Indices
+from ffsms_pin.opt.motion.torques import joint_torques
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross
 

@@ -1,0 +1,131 @@
+"""Terms of the base and of what acts on it: its turning, wheels that hold its attitude, propellant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ffsms_pin.actuation.thrusters import STANDARD_GRAVITY
+from ffsms_pin.checks import at_least_zero, positive
+from ffsms_pin.opt.motion import Features
+from ffsms_pin.opt.motion.feature import root_of_size
+from ffsms_pin.opt.motion.thrusters import thruster_shares
+from ffsms_pin.opt.terms.term import Term, time_scale
+
+__all__ = ["BaseTurn", "Propellant", "WheelEnergy", "WheelMomentum"]
+
+_UNIT = 32.0  # [s^2/rad^2] of BaseTurn's weight: 0.01 s of cost for 0.05 rad in 8 s
+
+
+@dataclass(frozen=True)
+class BaseTurn(Term):
+    """Little turning of the base.
+
+    Attributes
+    ----------
+    weight : float
+        On the integral of the squared angular velocity of the base [32 s^2/rad^2, for a motion of 8 s]. With
+        1 a base that turns evenly by 0.05 rad costs as much as 0.01 s of the paper's cost integral: enough to
+        choose between motions that are nearly free.
+    """
+
+    weight: float = 1.0
+    name = "base turn"
+
+    def __post_init__(self) -> None:
+        at_least_zero("weight", self.weight)
+
+    def residual(self, m: Features) -> Any:
+        """The angular velocity."""
+        return np.sqrt(_UNIT * self.weight) * time_scale(m) * m.base_spin
+
+
+@dataclass(frozen=True)
+class WheelMomentum(Term):
+    """Little momentum of the wheels that hold the attitude; nothing where no wheels do.
+
+    Attributes
+    ----------
+    weight : float
+        On the integral of the wheels' squared momenta [1/(N m s)^2 1/s, for a motion of 8 s].
+    """
+
+    weight: float = 1.0
+    name = "wheel momentum"
+
+    def __post_init__(self) -> None:
+        at_least_zero("weight", self.weight)
+
+    def residual(self, m: Features) -> Any:
+        """The momentum of each wheel."""
+        return np.sqrt(self.weight) * time_scale(m) * m.wheels
+
+
+@dataclass(frozen=True)
+class WheelEnergy(Term):
+    """Little energy of the wheels that hold the attitude; nothing where no wheels do.
+
+    The energy is the integral of the sum of |motor torque x wheel speed|: wheels win nothing back in braking
+    (`Trajectory.wheel_energy`). Its slopes take a call of Pinocchio an instant, which makes a search slower.
+
+    Attributes
+    ----------
+    weight : float
+        On the energy [s/J, for a motion of 8 s].
+    rounding : float
+        Power of a wheel below which its size is rounded off [W]: the share is less than the energy by at most
+        so much a wheel.
+    """
+
+    weight: float = 1.0
+    rounding: float = 1e-3
+    name = "wheel energy"
+
+    def __post_init__(self) -> None:
+        at_least_zero("weight", self.weight)
+        positive("rounding", self.rounding, "W")
+
+    def residual(self, m: Features) -> Any:
+        """The square root of each wheel's power, at instants that have a weight."""
+        wheels = m.motions.wheels
+        if wheels is None:
+            return []
+        at = m.weighted()
+        power = at.wheel_torques * at.wheels / wheels.inertia
+        return np.sqrt(self.weight) * time_scale(m) ** 1.5 * root_of_size(power, self.rounding)
+
+
+@dataclass(frozen=True)
+class Propellant(Term):
+    """Little propellant of the thrusters that hold attitude or place; nothing where no thrusters do.
+
+    Forces follow from the force and the moment that hold the base (`opt.motion.thrusters`), shared by the
+    pseudo-inverse; each force that a thruster would have to pull counts as if an opposed one pushed it. For
+    thrusters in opposed pairs that is what `Trajectory.propellant` says; for others it is a smooth stand-in.
+
+    Attributes
+    ----------
+    weight : float
+        On the propellant [s/g, for a motion of 8 s].
+    rounding : float
+        Force of a thruster below which its size is rounded off [N].
+    """
+
+    weight: float = 0.1
+    rounding: float = 1e-3
+    name = "propellant"
+
+    def __post_init__(self) -> None:
+        at_least_zero("weight", self.weight)
+        positive("rounding", self.rounding, "N")
+
+    def residual(self, m: Features) -> Any:
+        """The square root of each thruster's flow, at instants that have a weight."""
+        thrusters = m.motions.thrusters
+        if thrusters is None:
+            return []
+        flow = 1e3 / (thrusters.specific_impulse * STANDARD_GRAVITY)  # [g/s] a newton
+        forces: Any = thruster_shares(m.motions) @ m.weighted().wrench
+        return np.sqrt(self.weight * flow) * time_scale(m) * root_of_size(forces, self.rounding)
