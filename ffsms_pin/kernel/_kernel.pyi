@@ -155,7 +155,7 @@ def near_points(
     tree: Tree, joints: FloatArray, columns: Any, at: Any, ends: Any, box: FloatArray
 ) -> tuple[FloatArray, FloatArray]: ...
 def distance_slopes(
-    tree: Tree, joints: FloatArray, bodies: Any, at: Any, axes: Any, points: FloatArray
+    tree: Tree, joints: FloatArray, bodies: Any, columns: Any, at: Any, points: FloatArray
 ) -> tuple[FloatArray, FloatArray]: ...
 def near_parts(
     tree: Tree,

@@ -167,10 +167,11 @@ nb::tuple near_points(const Tree& tree, In joints, Indices columns, Indices at, 
   return nb::make_tuple(distance, points);
 }
 
-// Gradients (n, V) of distances by the joints, base held still, and the nearest points (3, 3, V) in base
-// axes: on the first body, on the second, and the normal. Points (V, 3, 3) are in axes of `axes` (V), a body.
-nb::tuple distance_slopes(const Tree& tree, In joints, Table<Index, -1, 2> bodies, Indices at, Indices axes,
-                          Table<double, -1, 3, 3> points) {
+// Gradients (n, V) of distances of pairs by the joints, base held still, and the nearest points (3, 3, V) in
+// base axes: on the first body, on the second, and the normal. Points (V, 3, 3) are in axes of the body that
+// the third of `bodies` (m, 3) says; the first two are the pairs.
+nb::tuple distance_slopes(const Tree& tree, In joints, Table<Index, -1, 3> bodies, Indices columns,
+                          Indices at, Table<double, -1, 3, 3> points) {
   ArmAt seen(tree, joints);
   const Size size = at.shape(0);
   const auto count = static_cast<Index>(size);
@@ -178,15 +179,16 @@ nb::tuple distance_slopes(const Tree& tree, In joints, Table<Index, -1, 2> bodie
   std::fill_n(gradient.data(), gradient.size(), 0.0);
   for (Size v = 0; v < size; ++v) {
     seen.move(at(v));
+    const Index* pair = bodies.data() + 3 * columns(v);
     Nearest found;
-    std::memcpy(&found, &points(v, 0, 0), sizeof found);
-    const Placed body = seen.body(axes(v));
+    std::memcpy(&found, points.data() + 9 * v, sizeof found);
+    const Placed body = seen.body(pair[2]);
     found = {body.origin + body.turn * found.here, body.origin + body.turn * found.there,
              body.turn * found.normal};
-    add_slopes(tree, seen.arm, bodies(v, 1), found.there, found.normal, 1.0, gradient.data() + v, count);
-    add_slopes(tree, seen.arm, bodies(v, 0), found.here, found.normal, -1.0, gradient.data() + v, count);
+    add_slopes(tree, seen.arm, pair[1], found.there, found.normal, 1.0, gradient.data() + v, count);
+    add_slopes(tree, seen.arm, pair[0], found.here, found.normal, -1.0, gradient.data() + v, count);
     const Vec3<double>* rows = &found.here;
-    for (int i = 0; i < 9; ++i) placed.data()[static_cast<Size>(i) * size + v] = rows[i / 3][i % 3];
+    for (Size i = 0; i < 9; ++i) placed.data()[i * size + v] = rows[i / 3][static_cast<int>(i % 3)];
   }
   return nb::make_tuple(gradient, placed);
 }
@@ -197,7 +199,7 @@ void bind_clearance(nb::module_& m) {
   m.def("near_points", &near_points, nb::arg("tree"), nb::arg("joints"), nb::arg("columns"), nb::arg("at"),
         nb::arg("ends"), nb::arg("box"));
   m.def("distance_slopes", &distance_slopes, nb::arg("tree"), nb::arg("joints"), nb::arg("bodies"),
-        nb::arg("at"), nb::arg("axes"), nb::arg("points"));
+        nb::arg("columns"), nb::arg("at"), nb::arg("points"));
   m.def(
       "near_parts", &near_parts, nb::arg("tree"), nb::arg("joints"), nb::arg("turns"), nb::arg("origins"),
       nb::arg("columns"), nb::arg("at"), nb::arg("near"), nb::arg("bodies"), nb::arg("parts"),

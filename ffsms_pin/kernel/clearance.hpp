@@ -64,7 +64,16 @@ struct Corners {
   const Vec3<double>& furthest(const Vec3<double>& way) const {
     const Vec3<double>* best = begin;
     double most = -kInfinity;
-    for (const Vec3<double>* x = begin; x != begin + count; ++x) {
+    const Vec3<double>* x = begin;
+    for (; x + 4 <= begin + count; x += 4) {
+      const double a = dot(way, x[0]), b = dot(way, x[1]), c = dot(way, x[2]), d = dot(way, x[3]);
+      const double ab = a > b ? a : b, cd = c > d ? c : d, m = ab > cd ? ab : cd;
+      if (m > most) {
+        most = m;
+        best = m == a ? x : m == b ? x + 1 : m == c ? x + 2 : x + 3;
+      }
+    }
+    for (; x != begin + count; ++x) {
       const double along = dot(way, *x);
       if (along > most) {
         most = along;

@@ -75,7 +75,8 @@ class BodyStack(ClearanceStack):
         own = robot_bodies(sms, mode, [] if obstacles else held)
         #: Whether shapes can tell more than their parts.
         self.refines = not all(part.convex for body in own for part in body.whole)
-        self._screens = False
+        # For "shapes", distances of parts are bounds, and quicker: what they leave in question is measured.
+        self._screens = mode == "shapes" and self.refines
         self.left_out: list[str] = []
         self.by_shapes: list[str] = []
         if obstacles:
@@ -92,24 +93,19 @@ class BodyStack(ClearanceStack):
                     sum(len(body.whole) for body in own),
                     "must give at least one pair of bodies that can meet",
                 )
-            self._judge(clearance)
-        # For "shapes", distances of parts are bounds, and quicker: what they leave in question is measured.
-        self._screens = mode == "shapes" and self.refines
+        self.largest = np.full(len(self.names), np.inf) if obstacles else self._judged(clearance)
         limits = sms.limits
         slides = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
         self.reaches = self._parts.reaches(np.where(np.isfinite(slides), slides, 0.0))
-        self.largest = np.full(len(self.names), np.inf)
-        if not obstacles:
-            self.largest = self.values(self._postures(), clearance + _FAR).max(axis=1)
 
     def _take(self, pairs: list[tuple[Body, Body]], by_shapes: Any = ()) -> None:
         """Pairs of bodies to keep apart, some (m,) judged by their shapes."""
         self._bodies, self.names = pairs, [f"{a.name} - {b.name}" for a, b in pairs]
         exact = by_shapes if len(by_shapes) else [False] * len(pairs)
         self._parts = self._paired(pairs, exact)
-        self.bodies, self.sizes = self._parts.bodies, self._parts.sizes
-        self.axes, n = self.bodies[:, 0].copy(), self.sms.n
-        met = [self.obstacles[other - n] if self.obstacles else None for other in self.bodies[:, 1]]
+        first, second = self._parts.bodies.T
+        self.bodies, self.sizes, n = np.stack([first, second, first], axis=1), self._parts.sizes, self.sms.n
+        met = [self.obstacles[other - n] if self.obstacles else None for other in second]
         self.passes = np.array([one is not None and not one.on_base for one in met], dtype=bool)
         self._margins = np.array([0.0 if one is None else one.margin for one in met])
 
@@ -170,18 +166,22 @@ class BodyStack(ClearanceStack):
         drawn = rng.uniform(low, high, (_SAMPLES, len(low)))
         return Poses.of(np.concatenate([rest, drawn]).T)
 
-    def _judge(self, clearance: float) -> None:
-        """Leave pairs out that cannot be apart, and find those that need the shapes themselves."""
+    def _judged(self, clearance: float) -> FloatArray:
+        """How large distances can be (m,); leaves pairs out that cannot be apart.
+
+        Finds those that need the shapes themselves, too.
+        """
         poses, pairs, names = self._postures(), self._bodies, self.names
-        values = self.values(poses, clearance)
+        values = self.values(poses, clearance + _FAR)
         overlap = values < 0.0
         overlap[:, 2:] = False  # these were drawn
         doubtful = np.flatnonzero((values < clearance).all(axis=1) | overlap.any(axis=1))
-        exact = np.full(values.shape, np.inf)
-        if doubtful.size:
-            whole = self._paired([pairs[k] for k in doubtful], np.ones(len(doubtful), dtype=bool))
-            every = np.indices((len(doubtful), values.shape[1])).reshape(2, -1)
-            exact[doubtful] = whole.nearest(poses, (every[0], every[1])).distance.reshape(len(doubtful), -1)
+        if not doubtful.size:
+            return np.asarray(values.max(axis=1))
+        exact, count = np.full(values.shape, np.inf), values.shape[1]
+        whole = self._paired([pairs[k] for k in doubtful], [True] * len(doubtful))
+        every = np.indices((len(doubtful), count)).reshape(2, -1)
+        exact[doubtful] = whole.nearest(poses, (every[0], every[1]), clearance).distance.reshape(-1, count)
         kept: Any = (exact >= clearance).any(axis=1)
         by_shapes: Any = (overlap & (exact > 0.0)).any(axis=1)
         self.left_out = [name for name, keep in zip(names, kept, strict=True) if not keep]
@@ -189,3 +189,5 @@ class BodyStack(ClearanceStack):
         by_shapes &= self.mode == "hulls"
         if not kept.all() or by_shapes.any():
             self._take([pair for pair, keep in zip(pairs, kept, strict=True) if keep], by_shapes[kept])
+            values = self.values(poses, clearance + _FAR)
+        return np.asarray(values.max(axis=1))

@@ -80,9 +80,9 @@ class PointStack(ClearanceStack):
         """Points, and what they are apart from: another point, or the box (-1)."""
         points = [*self.sms.joint_names, self.sms.end_effector]
         carriers = np.array([*range(self.sms.n), self.arm.last, -1], dtype=np.int64)
-        self._ends, self.bodies = ends, np.ascontiguousarray(carriers[ends[:, ::-1]])
+        self._ends, base = ends, np.full(len(ends), -1)
+        self.bodies = np.stack([carriers[ends[:, 1]], carriers[ends[:, 0]], base], axis=1)
         self.names = [f"{points[j]} - {points[i]}" if j >= 0 else f"{points[i]} - base box" for i, j in ends]
-        self.axes = np.full(len(ends), -1)
         self.largest = np.full(len(ends), np.inf)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -33,7 +33,7 @@ def clearance_rows(stack: ClearanceStack, kept: float, step: StepState) -> Rows:
     """
     limits, count = step.sms.limits, len(stack.names)
     poses, moved = stack.at(step.q, step.time), None
-    near: FloatArray = np.full(count, np.inf)
+    near: FloatArray | float = np.inf
     if stack.reaches is not None:
         fastest = np.minimum(np.abs(step.rates) + limits.acceleration * step.dt, limits.velocity)
         closing = stack.reaches @ fastest

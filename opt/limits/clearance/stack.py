@@ -35,10 +35,9 @@ class ClearanceStack(ABC):
         What is kept apart, see `Clearance`.
     names : list of str
         What each distance is between.
-    bodies : ndarray of int, shape (m, 2)
-        Of each pair: links by their joints, obstacles after them, the base is -1.
-    axes : ndarray of int, shape (m,)
-        The body in whose axes nearest points are.
+    bodies : ndarray of int, shape (m, 3)
+        Of each pair: links by their joints, obstacles after them, the base is -1. The third is the body in
+        whose axes nearest points are.
     largest : ndarray, shape (m,)
         How large distances can be, as far as it is known [m].
     reaches : ndarray, shape (m, n), or None
@@ -57,7 +56,6 @@ class ClearanceStack(ABC):
     mode: str
     names: list[str]
     bodies: Indices
-    axes: Indices
     largest: FloatArray
     reaches: Any = None
     obstacles: tuple[Obstacle, ...] = ()
@@ -101,13 +99,14 @@ class ClearanceStack(ABC):
         The latter (3, 3, V): the nearest points on the first body and on the second, and the normal.
         """
         columns, at = where
-        bodies, axes = self.bodies[columns], self.axes[columns]
-        return kernel.distance_slopes(self.arm.tree, poses.joints, bodies, at, axes, found.points)
+        return kernel.distance_slopes(self.arm.tree, poses.joints, self.bodies, columns, at, found.points)
 
     def every(self, poses: Poses) -> Entries:
         """All entries, configuration by configuration."""
-        pairs, count = len(self.names), poses.joints.shape[1]
-        return np.tile(np.arange(pairs), count), np.repeat(np.arange(count), pairs)
+        pairs, count = np.arange(len(self.names)), poses.joints.shape[1]
+        if count == 1:
+            return pairs, np.zeros_like(pairs)
+        return np.tile(pairs, count), np.repeat(np.arange(count), len(pairs))
 
     def least(self, q: FloatArray, below: FloatArray | None = None) -> tuple[FloatArray, Indices]:
         """The least of each distance (m,) over configurations (k, nq) at time zero, and at which (m,).
