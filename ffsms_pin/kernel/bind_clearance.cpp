@@ -2,7 +2,6 @@
 #include <vector>
 
 #include "arrays.hpp"
-#include "bindings.hpp"
 #include "clearance.hpp"
 #include "dense.hpp"
 #include "points.hpp"

@@ -1,8 +1,7 @@
 // Python's view of step.hpp: plain arrays in, new arrays out.
 #include <vector>
 
-#include "bindings.hpp"
-#include "dense.hpp"
+#include "arrays.hpp"
 #include "step.hpp"
 
 namespace {
@@ -59,13 +58,13 @@ double reference_speed(const Vector& s, double path_left, double speed, double t
   return step::reference_speed(schedule_of(s), path_left, speed, time_left, dt);
 }
 
-Array lateral_direction(const Vector& towards, const Vector& hint) {
+Out lateral_direction(const Vector& towards, const Vector& hint) {
   auto lateral = new_array(3);
   step::lateral_direction(towards.data(), hint.data(), lateral.data());
   return lateral;
 }
 
-Array cone_direction(const Vector& towards, const Vector& lateral, double cosine) {
+Out cone_direction(const Vector& towards, const Vector& lateral, double cosine) {
   auto direction = new_array(3);
   step::cone_direction(towards.data(), lateral.data(), cosine, direction.data());
   return direction;

@@ -12,8 +12,8 @@ from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion import Feature, Features
-from ffsms_pin.opt.motion.entropy import singular
 from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.slopes import singular
 from ffsms_pin.opt.parts.inequality import Inequality
 
 __all__ = ["AlphaBox", "alpha_box_rows"]

@@ -1,7 +1,7 @@
 """Rows of a step that keep the wheels within their momenta and torques while they hold the attitude.
 
-With D the angular momentum a joint rate (`opt.motion.wheels`), b its part of the rate of D u that belongs to
-the joint rates alone, u_0 the joint rates at the step's start and u those at its end,
+With D the angular momentum a joint rate (`opt.motion.actuated`), b its part of the rate of D u that
+belongs to the joint rates alone, u_0 the joint rates at the step's start and u those at its end,
 
     h = h_total - A^+ (D + dt D') u,    h' = -A^+ (D (u - u_0) / dt + b),    D' u_0 = b:
 
@@ -17,7 +17,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.motion.wheels import wheel_shares
+from ffsms_pin.opt.motion.actuated import wheel_shares
 
 __all__ = ["held_reaction", "reachable", "wheel_rows"]
 

@@ -10,8 +10,8 @@ from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.limits.wheel_rows import wheel_rows
 from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion.actuated import arm_momentum, wheel_momentum, wheel_shares, wheel_torque
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.wheels import arm_momentum, wheel_momentum, wheel_shares, wheel_torque
 from ffsms_pin.opt.parts.inequality import Inequality
 
 __all__ = ["WheelLimits"]
@@ -30,7 +30,7 @@ class WheelLimits(Inequality):
     """The wheels' largest torques and momenta, where wheels hold the attitude (mode "rotation-floating").
 
     Momentum follows from the conservation of angular momentum, torque is its rate, with the friction of the
-    bearings made good (`opt.motion.wheels`). In other modes the wheels stand still, and the limit asks for
+    bearings made good (`opt.motion.actuated`). In other modes the wheels stand still, and the limit asks for
     nothing. A problem in that mode, of a robot with wheels, has this limit of itself.
 
     Its unit is a share of what the wheel has: a violation of 0.3 asks for 30 % more.
