@@ -3,7 +3,6 @@
 
 #include "arrays.hpp"
 #include "clearance.hpp"
-#include "dense.hpp"
 #include "points.hpp"
 
 namespace ffsms {
@@ -17,18 +16,18 @@ using Indices = Table<Index, -1>;
 // The arm at one after the other of many joint positions (n, count).
 struct ArmAt {
   const Tree& tree;
-  const In& joints;
+  const Matrix& joints;
   Arm<double> arm;
   Index last = -1;
 
-  ArmAt(const Tree& robot, const In& positions) : tree(robot), joints(positions) {
+  ArmAt(const Tree& robot, const Matrix& positions) : tree(robot), joints(positions) {
     expect(joints.shape(0) == static_cast<Size>(tree.n), "an array has a wrong shape");
   }
   // Whether the arm is another one than before.
   bool move(Index k) {
     if (k == last) return false;
     double positions[kMostJoints];
-    Reader(joints, static_cast<Size>(k)).next(positions, tree.n);
+    Reader{joints.data() + k, joints.shape(1)}.next(positions, tree.n);
     pose(tree, positions, arm);
     last = k;
     return true;
@@ -62,7 +61,7 @@ struct Candidate {
   double bound;
 };
 
-nb::tuple near_parts(const Tree& tree, In joints, Table<double, 3, 3, -1, -1> turns,
+nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1> turns,
                      Table<double, 3, -1, -1> origins, Indices columns, Indices at, Vector near,
                      Table<double, -1, 17> bodies, Table<double, -1, 17> parts, Table<Index, -1, 2> ends,
                      Indices starts, Table<Index, -1, 2> pairs, Table<double, -1, 3> corners, Indices begins,
@@ -79,7 +78,7 @@ nb::tuple near_parts(const Tree& tree, In joints, Table<double, 3, 3, -1, -1> tu
   std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), zero3<double>());
   std::vector<Candidate> found;
   const Size size = columns.shape(0);
-  Array distance = new_array(size);
+  Out distance = new_array(size);
   nb::list entries;
   for (Size v = 0; v < size; ++v) {
     const Index m = columns(v), one = ends(m, 0), other = ends(m, 1);
@@ -136,7 +135,7 @@ nb::tuple near_parts(const Tree& tree, In joints, Table<double, 3, 3, -1, -1> tu
     entries.append(nb::make_tuple(v, near(v), close));
     seen.push_back(relative);
   }
-  Array as_seen = new_array(seen.size(), 4, 3);
+  Out as_seen = new_array(seen.size(), 4, 3);
   std::memcpy(as_seen.data(), seen.data(), seen.size() * sizeof(Placed));
   return nb::make_tuple(distance, entries, as_seen);
 }
@@ -144,13 +143,13 @@ nb::tuple near_parts(const Tree& tree, In joints, Table<double, 3, 3, -1, -1> tu
 // Distances (V) and nearest points (V, 3, 3) of the paper's points: `ends` are joints' origins in their
 // order, then the end effector, and what they are apart from is another point, or the box (-1). `box` (5, 3):
 // three rows of its rotation, its centre, half of its sides.
-nb::tuple near_points(const Tree& tree, In joints, Indices columns, Indices at, Table<Index, -1, 2> ends,
+nb::tuple near_points(const Tree& tree, Matrix joints, Indices columns, Indices at, Table<Index, -1, 2> ends,
                       Table<double, 5, 3> box) {
   ArmAt seen(tree, joints);
   Box around;
   std::memcpy(&around, box.data(), sizeof around);
   const Size size = columns.shape(0);
-  Array distance = new_array(size), points = new_array(size, 3, 3);
+  Out distance = new_array(size), points = new_array(size, 3, 3);
   for (Size v = 0; v < size; ++v) {
     seen.move(at(v));
     const auto point = [&](Index i) {
@@ -169,12 +168,12 @@ nb::tuple near_points(const Tree& tree, In joints, Indices columns, Indices at, 
 // Gradients (n, V) of distances of pairs by the joints, base held still, and the nearest points (3, 3, V) in
 // base axes: on the first body, on the second, and the normal. Points (V, 3, 3) are in axes of the body that
 // the third of `bodies` (m, 3) says; the first two are the pairs.
-nb::tuple distance_slopes(const Tree& tree, In joints, Table<Index, -1, 3> bodies, Indices columns,
+nb::tuple distance_slopes(const Tree& tree, Matrix joints, Table<Index, -1, 3> bodies, Indices columns,
                           Indices at, Table<double, -1, 3, 3> points) {
   ArmAt seen(tree, joints);
   const Size size = at.shape(0);
   const auto count = static_cast<Index>(size);
-  Array gradient = new_array(tree.n, size), placed = new_array(3, 3, size);
+  Out gradient = new_array(tree.n, size), placed = new_array(3, 3, size);
   std::fill_n(gradient.data(), gradient.size(), 0.0);
   for (Size v = 0; v < size; ++v) {
     seen.move(at(v));
