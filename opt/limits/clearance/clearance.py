@@ -16,12 +16,11 @@ from ffsms_pin.opt.limits.clearance.distances import Entries, Nearest, Poses
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, checked_obstacles, convex_shape
 from ffsms_pin.opt.limits.clearance.points import PointStack
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
-from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, Violation, stacked
+from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacked
 from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residual, Residuals
-from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 from ffsms_pin.system.convex_parts import Part, part_of
@@ -37,7 +36,7 @@ _STEP = 1e-3  # [s] over which the velocity of an obstacle that moves is a diffe
 
 
 @dataclass(frozen=True)
-class Clearance(Inequality):
+class Clearance(Limit):
     """Distances within the arm, from the arm to the base, and from both to obstacles.
 
     Attributes
@@ -58,6 +57,9 @@ class Clearance(Inequality):
         obstacles, and from the robot's own bodies as a part of the one that holds it.
     reserve, began : float
         See `Limit` [m], [s]: obstacles that move are seen from when the motion began.
+    rate, step_margin, give : float
+        See `Inequality` [1/s], [m]: slow enough for the arm to brake (the paper's stops an end effector from
+        0.2 m/s within a second), fast enough to pass near.
     """
 
     clearance: float = 0.01
@@ -69,6 +71,7 @@ class Clearance(Inequality):
     reserve: float = 0.0
     began: float = 0.0
     name = "clearance"
+    rate, step_margin, give = 2.0, 2e-3, 1.0
     blocks = True
     refusal = "the start breaks the clearance: {note}; move the start, or ask for less"
     _stack: ClearanceStack | None = field(default=None, repr=False)
@@ -139,14 +142,14 @@ class Clearance(Inequality):
         value = by_pairs(found.distance) - self.clearance
         return Feature(value, {name: by_pairs(slope) for name, slope in slopes.items()}, m.where)
 
-    # What follows from `room` is worked out of what is near alone, which takes a fraction of the time.
+    # What an `opt.Inequality` makes of `room` is worked out of what is near alone, in a fraction of the time.
 
     def rows(self, step: StepState) -> Rows | None:
         """A clearance may shrink at most at a rate proportional to what is left of it."""
         return stacked([self._rows(stack, step) for stack in self._stacks])
 
     def _rows(self, stack: ClearanceStack, step: StepState) -> Rows:
-        kept, limits = self.clearance + self.kept + self.step_margin, step.sms.limits
+        kept, limits = self.clearance + self.reserve + self.step_margin, step.sms.limits
         poses, moved = stack.at(step.q, step.time), None
         near: FloatArray | float = np.inf
         if stack.reaches is not None:
@@ -172,7 +175,7 @@ class Clearance(Inequality):
         return [one for stack in self._stacks for one in self._lack(stack, m.motions)]
 
     def _lack(self, stack: ClearanceStack, motions: Motions) -> Residuals:
-        length, asked = motions.stack.length, self.clearance + self.kept
+        length, asked = motions.stack.length, self.clearance + self.reserve
         # Bodies that are near each other in every posture cannot be asked for the whole margin.
         kept = np.minimum(asked + self.margin * length, 0.5 * (asked + stack.largest))
         poses = stack.seen(motions)

@@ -130,7 +130,7 @@ class ClearanceStack(ABC):
         if not self.obstacles:
             return Poses.of(motions.joints)
         R, count = motions.base_attitude, motions.count
-        root = (motions.com[:, None] - apply(R, motions.arm.com)).reshape(3, -1)
+        root = (motions.base_position - apply(R, motions.stack.base_com[:, None, None])).reshape(3, -1)
         key = motions.times.tobytes()  # a descent asks for the same in every iteration
         if key not in self._tracks:
             self._tracks[key] = [one.track(motions.times) for one in self.obstacles]
