@@ -118,7 +118,7 @@ class Near(NamedTuple):
                 more = {"by_velocity" if name == "by_place" else "by_spin": h * by}
                 if name == "by_turn":
                     by = np.einsum("yxv,yv->xv", exp3(h * motions.spin[:, s, k]), by)
-            slopes = self.frame.slopes(motions, (s, k), on=self.place.on, **{name: by})
+            slopes: dict[str, Any] = self.frame.slopes(motions, (s, k), on=self.place.on, **{name: by})
             values = scale * value.ravel()
             found.append(Residual(values, motion=s, instants=k, over_time=False, **slopes, **more))
         return found

@@ -53,8 +53,9 @@ def sums(
             single.append((weight, residual.value, *slopes))
         elif residual.value.size:
             where = every[residual.instants]
-            rest.append((where, residual.motion, weight, residual.value, residual.slopes()))
-            if residual.by_entropy is not None:
+            by = residual.slopes()
+            rest.append((where, residual.motion, weight, residual.value, by))
+            if "by_entropy" in by:
                 entropy = motions.entropy_slope
     maps = (spline.rates.free, spline.travel.free, spline.accelerations.free)
     given = (motions.joints, motions.rates, motions.base_attitude, motions.own_spin, entropy)

@@ -6,7 +6,8 @@ Forward differentiation by whole arrays, in the language of `opt.Residual`: a sl
 from __future__ import annotations
 
 import threading
-from typing import Any, SupportsIndex
+from collections.abc import Callable
+from typing import Any, SupportsIndex, TypeAlias
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
@@ -16,7 +17,10 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.derivatives import DERIVATIVES, FLAT
 from ffsms_pin.opt.motion.residual import Indices, JointResidual, Residual, Residuals
 
-__all__ = ["Feature", "lost_slopes", "root_of_size"]
+__all__ = ["Feature", "Slopes", "lost_slopes", "root_of_size"]
+
+# Slopes by what moves, or what makes them once they are wanted.
+Slopes: TypeAlias = "dict[str, FloatArray] | Callable[[], dict[str, FloatArray]]"
 
 # Components of these each depend on their own joint alone, so their slopes need no axis of their own.
 _OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
@@ -40,9 +44,10 @@ class Feature(NDArrayOperatorsMixin):
     ----------
     value : ndarray, shape (S, K), or (c, S, K)
         At K instants of S motions; components come first.
-    slopes : dict of str to ndarray
+    slopes : dict of str to ndarray, or a function that makes it
         By the names of `Residual`: the value's components first, if any, then those of what moves it, then S
-        and K, or 1 in their place. Also "by_time", of what moves by itself, for single steps; and
+        and K, or 1 in their place. A function is called once, where slopes are wanted: a search that only
+        compares motions wants none. Also "by_time", of what moves by itself, for single steps; and
         "own_joint", "own_rate", "own_acceleration", of the value's shape: of component j by joint j alone.
     where : tuple of ndarray, shape (V,) each, optional
         Motions and instants of the V values, for one of shape (1, V) or (c, 1, V). Default: all.
@@ -51,15 +56,21 @@ class Feature(NDArrayOperatorsMixin):
     def __init__(
         self,
         value: FloatArray,
-        slopes: dict[str, FloatArray] | None = None,
+        slopes: Slopes | None = None,
         where: tuple[Indices, Indices] | None = None,
     ) -> None:
-        self.value = value
-        self.slopes: dict[str, FloatArray] = {} if slopes is None else slopes
-        self.where = where
+        self.value, self.where = value, where
+        self._slopes: Slopes = {} if slopes is None else slopes
 
     def __repr__(self) -> str:
         return f"Feature{self.value.shape} moved by {', '.join(self.slopes) or 'nothing'}"
+
+    @property
+    def slopes(self) -> dict[str, FloatArray]:
+        """By what moves it."""
+        if callable(self._slopes):
+            self._slopes = self._slopes()
+        return self._slopes
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -75,7 +86,7 @@ class Feature(NDArrayOperatorsMixin):
         return len(self.value)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
-        if self.slopes:
+        if self._slopes:
             _lost.count = lost_slopes() + 1
         return np.array(self.value, dtype=dtype, copy=copy)
 
@@ -89,27 +100,31 @@ class Feature(NDArrayOperatorsMixin):
             return getattr(ufunc, method)(*plain, **options)
         values = [_components(x) for x in inputs]
         result = ufunc(*values)
-        found: dict[str, FloatArray] = {}
-        where = None
-        for x, rule in zip(inputs, rules, strict=True):
-            if not isinstance(x, Feature):
-                continue
-            where = x.where if where is None else where
-            part = rule(result, *values) if x.slopes else None
-            for name, slope in x.slopes.items():
-                if result.ndim > x.value.ndim:
-                    slope = slope[None]
-                slope = _times(slope, part, result.ndim)
-                found[name] = found[name] + slope if name in found else slope
-        return Feature(result, found, where)
+        features = [(x, rule) for x, rule in zip(inputs, rules, strict=True) if isinstance(x, Feature)]
+        where = next((x.where for x, _ in features if x.where is not None), None)
+
+        def slopes() -> dict[str, FloatArray]:
+            found: dict[str, FloatArray] = {}
+            for x, rule in features:
+                part = rule(result, *values) if x.slopes else None
+                for name, slope in x.slopes.items():
+                    if result.ndim > x.value.ndim:
+                        slope = slope[None]
+                    slope = _times(slope, part, result.ndim)
+                    found[name] = found[name] + slope if name in found else slope
+            return found
+
+        return Feature(result, slopes if any(x._slopes for x, _ in features) else None, where)
 
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, tuple) or index is None or index is Ellipsis:
             return np.asarray(self)[index]
         if self.value.ndim < 3:
             raise InvalidValue("index", index, "must be of a vector, and this feature is a number")
-        slopes = {name: self._full(slope) for name, slope in self._by().items()}
-        return Feature(self.value[index], {name: x[index] for name, x in slopes.items()}, self.where)
+        return Feature(self.value[index], lambda: self._mapped_by(lambda slope: slope[index]), self.where)
+
+    def _mapped_by(self, mapping: Callable[[FloatArray], FloatArray]) -> dict[str, FloatArray]:
+        return {name: mapping(self._full(slope)) for name, slope in self._by().items()}
 
     def _full(self, slope: FloatArray) -> FloatArray:
         """Of a vector: with all its components, even where they are alike."""
@@ -135,16 +150,21 @@ class Feature(NDArrayOperatorsMixin):
 
     def _mapped(self, matrix: FloatArray) -> Feature:
         """A matrix (r, c) times a vector of c components."""
-        slopes = {name: np.einsum("rc,c...->r...", matrix, self._full(x)) for name, x in self._by().items()}
-        return Feature(np.einsum("rc,csk->rsk", matrix, self.value), slopes, self.where)
+
+        def mapped(values: FloatArray) -> FloatArray:
+            return np.asarray(np.einsum("rc,c...->r...", matrix, values))
+
+        return Feature(mapped(self.value), lambda: self._mapped_by(mapped), self.where)
 
     def dot(self, other: Any) -> Feature:
         """Scalar product with a vector (3,), or with another feature."""
         mine, its = self.value, _components(other)
-        found = self._along(its, {})
-        if isinstance(other, Feature):
-            found = other._along(mine, found)
-        return Feature(np.einsum("c...,c...->...", mine, its), found, self.where)
+
+        def slopes() -> dict[str, FloatArray]:
+            found = self._along(its, {})
+            return other._along(mine, found) if isinstance(other, Feature) else found
+
+        return Feature(np.einsum("c...,c...->...", mine, its), slopes, self.where)
 
     def _along(self, ways: FloatArray, found: dict[str, FloatArray]) -> dict[str, FloatArray]:
         """Slopes of the sum of components times ways (c, S, K), added to those found already."""
@@ -166,7 +186,7 @@ class Feature(NDArrayOperatorsMixin):
     def norm(self, rounding: float = 1e-9) -> Feature:
         """Length of a vector, sqrt(x . x + rounding^2): its slopes are finite where it is zero, too."""
         size = np.sqrt(np.einsum("csk,csk->sk", self.value, self.value) + rounding * rounding)
-        return Feature(size, self._along(self.value / size, {}), self.where)
+        return Feature(size, lambda: self._along(self.value / size, {}), self.where)
 
     def residuals(self, over_time: bool = True) -> Residuals:
         """As residuals: one of a number, one a component of a vector."""
@@ -177,20 +197,15 @@ class Feature(NDArrayOperatorsMixin):
         return [self[i]._residual(over_time) for i in range(len(self.value))]
 
     def _residual(self, over_time: bool) -> Residual:
-        value, where = self.value, self.where
-        slopes: dict[str, Any] = {
-            name: np.broadcast_to(x, (*x.shape[:-2], *value.shape))
-            for name, x in self.slopes.items()
-            if name != "by_time"
-        }
-        if where is None and "by_accelerations" not in slopes:
-            return Residual(value, over_time=over_time, **slopes)
-        if where is None:
-            motion, instants = (x.reshape(-1) for x in np.indices(value.shape))
-        else:
-            motion, instants = where
-        slopes = {name: x.reshape(*x.shape[:-2], -1) for name, x in slopes.items()}
-        return Residual(value.reshape(-1), instants, motion, over_time, **slopes)
+        """Of a number; its slopes wait until they are wanted."""
+        if self.where is None:
+            return Residual(self.value, over_time=over_time, later=lambda: _without_time(self.slopes))
+        motion, instants = self.where
+
+        def slopes() -> dict[str, FloatArray]:
+            return {name: x.reshape(*x.shape[:-2], -1) for name, x in _without_time(self.slopes).items()}
+
+        return Residual(self.value.reshape(-1), instants, motion, over_time, later=slopes)
 
 
 def root_of_size(x: Feature, rounding: float) -> Feature:
@@ -201,6 +216,10 @@ def root_of_size(x: Feature, rounding: float) -> Feature:
     """
     result: Feature = x / np.sqrt(np.hypot(x, rounding) + rounding)
     return result
+
+
+def _without_time(slopes: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    return {name: slope for name, slope in slopes.items() if name != "by_time"}
 
 
 def _components(x: Any) -> FloatArray:
