@@ -17,10 +17,12 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.derivatives import DERIVATIVES, FLAT
 from ffsms_pin.opt.motion.residual import Indices, JointResidual, Residual, Residuals
 
-__all__ = ["Feature", "Slopes", "lost_slopes", "root_of_size"]
+__all__ = ["Feature", "Slopes", "Where", "during", "lost_slopes", "root_of_size"]
 
 # Slopes by what moves, or what makes them once they are wanted.
 Slopes: TypeAlias = "dict[str, FloatArray] | Callable[[], dict[str, FloatArray]]"
+# Motions, or None for all of them, and instants.
+Where: TypeAlias = "tuple[Indices | None, Indices]"
 
 # Components of these each depend on their own joint alone, so their slopes need no axis of their own.
 _OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
@@ -49,15 +51,16 @@ class Feature(NDArrayOperatorsMixin):
         and K, or 1 in their place. A function is called once, where slopes are wanted: a search that only
         compares motions wants none. Also "by_time", of what moves by itself, for single steps; and
         "own_joint", "own_rate", "own_acceleration", of the value's shape: of component j by joint j alone.
-    where : tuple of ndarray, shape (V,) each, optional
-        Motions and instants of the V values, for one of shape (1, V) or (c, 1, V). Default: all.
+    where : tuple of ndarray, optional
+        Motions and instants, (V,) each, of the V values of one of shape (1, V) or (c, 1, V); or None and the
+        instants (K,) of all motions. Default: all.
     """
 
     def __init__(
         self,
         value: FloatArray,
         slopes: Slopes | None = None,
-        where: tuple[Indices, Indices] | None = None,
+        where: Where | None = None,
     ) -> None:
         self.value, self.where = value, where
         self._slopes: Slopes = {} if slopes is None else slopes
@@ -156,6 +159,15 @@ class Feature(NDArrayOperatorsMixin):
 
         return Feature(mapped(self.value), lambda: self._mapped_by(mapped), self.where)
 
+    def during(self, span: slice) -> Feature:
+        """The same at some of its instants, one after the other; of all motions."""
+        value, slopes, where = self._during(span)
+        return Feature(value, slopes, where)
+
+    def _during(self, span: slice) -> tuple[FloatArray, Slopes, Where]:
+        instants = np.arange(self.value.shape[-1]) if self.where is None else self.where[1]
+        return self.value[..., span], during(lambda: self.slopes, span), (None, instants[span])
+
     def dot(self, other: Any) -> Feature:
         """Scalar product with a vector (3,), or with another feature."""
         mine, its = self.value, _components(other)
@@ -194,18 +206,37 @@ class Feature(NDArrayOperatorsMixin):
             return [self._residual(over_time)]
         if over_time and self.where is None and self.slopes and self.slopes.keys() <= _OWN.keys():
             return [JointResidual(self.value, **{_JOINT[name]: x for name, x in self.slopes.items()})]
+        if self.where is not None and not over_time:
+            return [self._one_after_the_other(*self.where)._residual(over_time)]
         return [self[i]._residual(over_time) for i in range(len(self.value))]
+
+    def _one_after_the_other(self, motion: Indices | None, instants: Indices) -> Feature:
+        """The components of a vector at some instants (c, S, K) as a number at c times as many (S, c K)."""
+        count, motions, _ = self.value.shape
+
+        def slopes() -> dict[str, FloatArray]:
+            found = {}
+            for name, slope in self._by().items():
+                full = np.broadcast_to(slope, (count, *slope.shape[1:-2], *self.value.shape[1:]))
+                found[name] = np.moveaxis(full, 0, -2).reshape(*full.shape[1:-2], motions, -1)
+            return found
+
+        value = self.value.transpose(1, 0, 2).reshape(motions, -1)
+        motion = None if motion is None else np.tile(motion, count)
+        return Feature(value, slopes, (motion, np.tile(instants, count)))
 
     def _residual(self, over_time: bool) -> Residual:
         """Of a number; its slopes wait until they are wanted."""
-        if self.where is None:
-            return Residual(self.value, over_time=over_time, later=lambda: _without_time(self.slopes))
-        motion, instants = self.where
+        motion, instants = (None, slice(None)) if self.where is None else self.where
 
         def slopes() -> dict[str, FloatArray]:
-            return {name: x.reshape(*x.shape[:-2], -1) for name, x in _without_time(self.slopes).items()}
+            found = {name: slope for name, slope in self.slopes.items() if name != "by_time"}
+            if motion is None:
+                return found
+            return {name: slope.reshape(*slope.shape[:-2], -1) for name, slope in found.items()}
 
-        return Residual(self.value.reshape(-1), instants, motion, over_time, later=slopes)
+        value = self.value if motion is None else self.value.reshape(-1)
+        return Residual(value, instants, motion, over_time, later=slopes)
 
 
 def root_of_size(x: Feature, rounding: float) -> Feature:
@@ -218,8 +249,14 @@ def root_of_size(x: Feature, rounding: float) -> Feature:
     return result
 
 
-def _without_time(slopes: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    return {name: slope for name, slope in slopes.items() if name != "by_time"}
+def during(slopes: Slopes, span: slice) -> Slopes:
+    """Slopes at some instants; those that are alike at all times as they are."""
+
+    def there() -> dict[str, FloatArray]:
+        found = slopes() if callable(slopes) else slopes
+        return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in found.items()}
+
+    return there
 
 
 def _components(x: Any) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
@@ -19,11 +20,11 @@ from ffsms_pin.opt.motion.actuated import (
     wheel_shares,
     wheel_torque,
 )
-from ffsms_pin.opt.motion.feature import Feature, Slopes
+from ffsms_pin.opt.motion.feature import Feature, Slopes, Where
 from ffsms_pin.opt.motion.frame import EYE, Frame
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.opt.motion.robot_frame import INERTIAL, RobotFrame
+from ffsms_pin.opt.motion.robot_frame import BASE, INERTIAL, RobotFrame
 from ffsms_pin.opt.motion.slopes import momentum_slopes
 from ffsms_pin.system.batch.stacks import apply, skew
 
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 __all__ = ["Features"]
 
 _ONE = np.ones((1, 1))
+_OF_MOTIONS = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
+_OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
 _robot_frame = lru_cache(maxsize=64)(RobotFrame.of)
 
 
@@ -80,7 +83,7 @@ class Features:
         self,
         motions: Motions,
         duration: float | None = None,
-        where: tuple[Indices, Indices] | None = None,
+        where: Where | None = None,
     ) -> None:
         self.motions, self.where = motions, where
         self.duration = motions.duration if duration is None else duration
@@ -106,8 +109,10 @@ class Features:
         m = self.motions
         return Frame(m.base_position, m.base_attitude, {"by_base": EYE}, {"by_base_turn": EYE}, self.where)
 
-    def frame(self, name: str) -> Frame:
+    def frame(self, name: str, on: str = INERTIAL) -> Frame:
         """Position of any frame of the robot, a `Frame`; "tip" is the end effector.
+
+        On the "base" it is seen from the base link's frame, in its axes.
 
         Raises
         ------
@@ -115,9 +120,14 @@ class Features:
             It names the frames that there are.
         """
         m = self.motions
-        if name in ("tip", m.stack.robot.end_effector):
+        is_tip = name in ("tip", m.stack.robot.end_effector)
+        if is_tip and on == INERTIAL:
             return self.tip
-        R, seen = m.base_attitude, _robot_frame(m.stack.robot, name).of_arm(m.arm)
+        frame = RobotFrame.tip(m.stack) if is_tip else _robot_frame(m.stack.robot, name)
+        R, seen = m.base_attitude, frame.of_arm(m.arm)
+        if on == BASE:
+            moved, turned = {"by_joints": seen.linear}, {"by_joints": seen.angular}
+            return Frame(seen.position, seen.rotation, moved, turned, self.where)
         lever = apply(R, seen.position - m.stack.base_com[:, None, None])
 
         def place() -> dict[str, FloatArray]:
@@ -239,16 +249,26 @@ class Features:
 
     def at(self, motion: Indices, instants: Indices) -> Features:
         """The same at V instants of motions, as one motion of V instants: where something costs much."""
-        whole = self.motions
 
         def pick(values: FloatArray) -> FloatArray:
             return np.ascontiguousarray(values[..., motion, instants])[..., None, :]
 
-        stacked = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
-        of_instants = ("times", "weights", "limit_weights", "com", "target")
-        values: dict[str, Any] = {name: pick(getattr(whole, name)) for name in stacked}
-        values.update({name: getattr(whole, name)[..., instants] for name in of_instants})
-        return Features(replace(whole, evaluated=None, **values), self.duration, (motion, instants))
+        return self._picked(pick, (motion, instants), instants)
+
+    def during(self, first: int, last: int) -> Features:
+        """The same from one instant to another, by index: for what counts only then."""
+        span = slice(first, last + 1)
+        found = self._picked(lambda values: values[..., span], (None, np.arange(first, last + 1)), span)
+        found.tip = self.tip.during(span)
+        return found
+
+    def _picked(
+        self, pick: Callable[[FloatArray], FloatArray], where: Where, instants: Indices | slice
+    ) -> Features:
+        whole = self.motions
+        values: dict[str, Any] = {name: pick(getattr(whole, name)) for name in _OF_MOTIONS}
+        values.update({name: getattr(whole, name)[..., instants] for name in _OF_INSTANTS})
+        return Features(replace(whole, evaluated=None, **values), self.duration, where)
 
 
 def _shared(wheels: ReactionWheels, slopes: dict[str, FloatArray]) -> dict[str, FloatArray]:
