@@ -10,10 +10,9 @@ import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.alpha_box import alpha_box_rows
 from ffsms_pin.opt.limits.limit import UNBOUNDED
-from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.step.direction import cone_direction, lateral_direction, reference_speed
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState, rate_bounds
 from ffsms_pin.opt.terms.cost import ideal_cosine
 
 __all__ = ["by_daqp", "plain_programme"]
@@ -32,7 +31,7 @@ def plain_programme(
     `clearances` and their gradients are those of the paper's points where not given.
     """
     dt, w, n = 0.01, StepWeights(), sms.n
-    step = step_state(sms, q, rates, dt, left)
+    step = StepState(sms, q, rates, dt, left)
     V, J_v = step.V, step.J_star[:3]
     velocity, way = J_v @ rates, target - step.pose.translation
     distance = float(np.linalg.norm(way))

@@ -62,8 +62,17 @@ def entropies(rows: int, n: int, coupling: FloatArray, value: FloatArray, gradie
 def singular_values(rows: int, columns: int, matrices: FloatArray, sigma: FloatArray) -> None: ...
 
 # step.hpp
+def step_state(
+    tree: Tree, root: FloatArray, joints: FloatArray, momentum: FloatArray | None
+) -> tuple[FloatArray, ...]: ...
 def rate_bounds(
-    limits: FloatArray, joints: FloatArray, rates: FloatArray, dt: float
+    lower: FloatArray,
+    upper: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    joints: FloatArray,
+    rates: FloatArray,
+    dt: float,
 ) -> tuple[FloatArray, FloatArray]: ...
 def wanted_motion(
     schedule: FloatArray,

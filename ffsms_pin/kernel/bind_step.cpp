@@ -1,6 +1,10 @@
 // Python's view of step.hpp: plain arrays in, new arrays out.
+#include <nanobind/stl/optional.h>
+
 #include <vector>
 
+#include "arm.hpp"
+#include "arrays.hpp"
 #include "bindings.hpp"
 #include "dense.hpp"
 #include "step.hpp"
@@ -11,11 +15,71 @@ using namespace ffsms;
 
 step::Schedule schedule_of(const Vector& s) { return {s(0), s(1), s(2), s(3)}; }
 
-nb::tuple rate_bounds(const Matrix& limits, const Vector& joints, const Vector& rates, double dt) {
+// Columns (3, n) of two kinds one below the other, turned.
+void put(double* out, int n, const Mat3<double>& R, const Vec3<double>* linear, const Vec3<double>* angular) {
+  for (int j = 0; j < n; ++j) {
+    const Vec3<double> v = R * linear[j], w = R * angular[j];
+    for (int x = 0; x < 3; ++x) {
+      out[x * n + j] = v[x];
+      out[(3 + x) * n + j] = w[x];
+    }
+  }
+}
+
+// What a step is written from, of a root pose (x, y, z, quaternion): see opt/step/state.py.
+nb::tuple step_state(const Tree& tree, const Vector& root, const Vector& joints,
+                     const std::optional<Vector>& momentum) {
+  const int n = tree.n;
+  expect(root.shape(0) == 7 && joints.shape(0) == size_t(n), "an array has a wrong shape");
+  Arm<double> arm;
+  evaluate(tree, joints.data(), arm);
+  const double x = root(3), y = root(4), z = root(5), w = root(6);
+  const Mat3<double> R = {{{1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)},
+                           {2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)},
+                           {2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}}};
+  const Mat3<double> same_axes = {{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}};
+  Vec3<double> on_arm[kMostJoints], turning[kMostJoints];
+  for (int j = 0; j < n; ++j) {
+    on_arm[j] = tree.joints[j].moves_tip ? arm.axis[j] : zero3<double>();
+    turning[j] = arm.spin[j] + on_arm[j];
+  }
+  auto reaction = new_array(6, n), J_star = new_array(6, n), J_arm = new_array(6, n),
+       coupling = new_array(6, n);
+  put(reaction.data(), n, same_axes, arm.root, arm.spin);
+  put(J_star.data(), n, R, arm.jstar, turning);
+  put(J_arm.data(), n, R, arm.tip_velocity, on_arm);
+  for (int i = 0; i < 6; ++i) std::copy_n(arm.coupling[i], n, coupling.data() + i * n);
+  auto place = new_array(3), attitude = new_array(3, 3), com = new_array(3);
+  const Vec3<double> tip = R * arm.tip;
+  const Mat3<double> turned = R * arm.tip_rotation;
+  for (int i = 0; i < 3; ++i) {
+    place.data()[i] = root(size_t(i)) + tip[i];
+    com.data()[i] = arm.com[i];
+    std::copy_n(turned[i], 3, attitude.data() + 3 * i);
+  }
+  auto drift = new_array(6), tip_drift = new_array(6);
+  std::fill_n(drift.data(), 6, 0.0);
+  std::fill_n(tip_drift.data(), 6, 0.0);
+  if (momentum) {
+    expect(momentum->shape(0) == 6, "an array has a wrong shape");
+    const double* h = momentum->data();
+    const Mat3<double> back = transposed(R);
+    const Vec3<double> linear{{h[0], h[1], h[2]}}, angular{{h[3], h[4], h[5]}};
+    const Vec3<double> spin = arm.inverse * (back * angular);
+    const Vec3<double> moving = (1.0 / tree.total_mass) * (back * linear) + cross(arm.com, spin);
+    const Vec3<double> at_tip = moving + cross(spin, arm.tip);
+    put(drift.data(), 1, same_axes, &moving, &spin);
+    put(tip_drift.data(), 1, R, &at_tip, &spin);
+  }
+  return nb::make_tuple(reaction, J_star, J_arm, coupling, place, attitude, com, drift, tip_drift);
+}
+
+nb::tuple rate_bounds(const Vector& lower, const Vector& upper, const Vector& velocity,
+                      const Vector& acceleration, const Vector& joints, const Vector& rates, double dt) {
   const size_t n = rates.shape(0);
   auto least = new_array(n), greatest = new_array(n);
   for (size_t j = 0; j < n; ++j) {
-    const step::JointLimit limit{limits(0, j), limits(1, j), limits(2, j), limits(3, j)};
+    const step::JointLimit limit{lower(j), upper(j), velocity(j), acceleration(j)};
     step::rate_bounds(limit, joints(j), rates(j), dt, least.data()[j], greatest.data()[j]);
   }
   return nb::make_tuple(least, greatest);
@@ -202,6 +266,8 @@ nb::object refined(const Matrix& H, const Vector& g, const Matrix& A, const Vect
 }  // namespace
 
 void ffsms::bind_step(nb::module_& m) {
+  m.def("step_state", &step_state, nb::arg("tree"), nb::arg("root"), nb::arg("joints"),
+        nb::arg("momentum").none());
   m.def("rate_bounds", &rate_bounds);
   m.def("wanted_motion", &wanted_motion);
   m.def("scheduled", &scheduled);

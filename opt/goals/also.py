@@ -12,10 +12,10 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import Goal, as_goal, resting_place
 from ffsms_pin.opt.goals.near import Near
 from ffsms_pin.opt.limits.limit import End, Limit, Rows, Violation
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.motion.robot_frame import RobotFrame
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 

@@ -16,10 +16,10 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.missed import Missed, excess
 from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, stacked
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices, Residual, Residuals
 from ffsms_pin.opt.motion.robot_frame import FrameValues, RobotFrame
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import exp3
 

@@ -14,10 +14,10 @@ from ffsms_pin.opt.goals.missed import Missed
 from ffsms_pin.opt.goals.near import Near
 from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices, Residuals
 from ffsms_pin.opt.motion.robot_frame import RobotFrame
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, dot, exp3

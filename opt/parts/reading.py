@@ -11,12 +11,12 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, PartError
 from ffsms_pin.opt.limits.limit import Rows, Violation
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.feature import Feature, lost_slopes
 from ffsms_pin.opt.motion.features import Features, features_of
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.nudged import by_differences
 from ffsms_pin.opt.motion.residual import JointResidual, Residual, Residuals
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["Formula", "asked", "formulas", "residuals_of", "rows_of", "violation_of"]
 

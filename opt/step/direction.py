@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = [
     "ARRIVAL_POWER",

@@ -16,8 +16,8 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.direction import WantedMotion
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = [
     "AllRows",

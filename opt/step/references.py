@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion.at_step import arm_stack
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["REFERENCES", "Reference"]
 
@@ -40,7 +41,7 @@ def _base_rotation(step: StepState) -> FloatArray:
 
 def _kinetic_energy(step: StepState) -> FloatArray:
     """The reduced inertia H_q: twice the kinetic energy of the floating system."""
-    return _scaled(step.M[6:, 6:] + step.M[6:, :6] @ step.reaction)
+    return _scaled(arm_stack(step.sms, step.mode).reduced_inertia(step.joints[:, None])[..., 0])
 
 
 def _scaled(W: FloatArray) -> FloatArray:

@@ -13,7 +13,6 @@ from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Place, as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.one_thread import OneThread, StepperInUse
 from ffsms_pin.opt.parts.reading import asked, rows_of
 from ffsms_pin.opt.problem import Problem
@@ -32,7 +31,7 @@ from ffsms_pin.opt.step.programme import (
 from ffsms_pin.opt.step.references import REFERENCES
 from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step.solver import StepSolver
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.terms.cost import ideal_cosine, step_cost
 from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system import SpaceManipulator
@@ -128,7 +127,7 @@ class Stepper:
         self._given = tuple(limits)
         self.limits = tuple(prepared(limit, sms) for limit in limits)
         self._in_braking = [one for limit in self.limits if (one := limit.in_braking) is not None]
-        self._data, self._solver, self._alone = sms.model.createData(), StepSolver(), OneThread(StepperInUse)
+        self._solver, self._alone = StepSolver(), OneThread(StepperInUse)
         self._last: _Last | None = None
 
     @classmethod
@@ -149,11 +148,11 @@ class Stepper:
 
     def __getstate__(self) -> dict[str, Any]:
         """All but scratch memory, which a copy has of its own."""
-        return {name: value for name, value in vars(self).items() if name not in ("_data", "_solver")}
+        return {name: value for name, value in vars(self).items() if name != "_solver"}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self._data, self._solver = self.sms.model.createData(), StepSolver()
+        self._solver = StepSolver()
 
     def like(
         self,
@@ -283,8 +282,8 @@ class Stepper:
     ) -> _Build:
         reference = REFERENCES[self.reference]
         time = 0.0 if self.deadline is None else max(0.0, self.deadline - time_left)
-        given = self.momentum, self.base_start, self._data, time, self.mode, self.wheel_total
-        step = step_state(self.sms, q, rates, self.dt, time_left, *given)
+        given = self.momentum, self.base_start, time, self.mode, self.wheel_total
+        step = StepState(self.sms, q, rates, self.dt, time_left, *given)
         cosine_wanted = ideal_cosine(step.entropy, self.kappa) if reference.on_cone else 1.0
         wanted = wanted_motion(step, target, cosine_wanted, self.side)
         if prefer is not None:
