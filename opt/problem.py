@@ -193,7 +193,7 @@ class Problem:
     @cached_property
     def stack(self) -> ArmStack:
         """The robot, prepared for stacks of configurations."""
-        return ArmStack(self.sms, self.mode)
+        return self.sms.arm_stack(self.mode)
 
     @property
     def wheels(self) -> ReactionWheels | None:

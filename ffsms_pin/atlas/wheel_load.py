@@ -8,7 +8,6 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.wheels import held_momentum, wheel_shares
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.quantities import pseudo_inverse
 
 __all__ = ["wheel_momentum_per_speed"]
@@ -39,7 +38,7 @@ def wheel_momentum_per_speed(sms: SpaceManipulator, joints: FloatArray) -> Float
     """
     if sms.wheels is None:
         raise InvalidValue("sms", sms, "must have reaction wheels; see SpaceManipulator.with_actuators")
-    stack, shares = ArmStack(sms, "rotation-floating"), wheel_shares(sms.wheels)
+    stack, shares = sms.arm_stack("rotation-floating"), wheel_shares(sms.wheels)
     found = np.empty(len(joints))
     for first in range(0, len(joints), _BLOCK):
         block = slice(first, first + _BLOCK)

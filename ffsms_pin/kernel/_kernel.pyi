@@ -46,15 +46,9 @@ def joint_torques(
 ) -> None: ...
 
 # rollout.hpp
-def attitudes(start: FloatArray, omega: FloatArray, dt: float, out: FloatArray) -> None: ...
-def tumbling_attitudes(
-    tree: Tree,
-    start: FloatArray,
-    positions: FloatArray,
-    rates: FloatArray,
-    momentum: FloatArray,
-    dt: float,
-    out: FloatArray,
+def attitudes(omega: FloatArray, dt: float, out: FloatArray) -> None: ...
+def roll_out(
+    tree: Tree, accelerations: FloatArray, momentum: FloatArray, dt: float, states: FloatArray
 ) -> None: ...
 
 # entropy.hpp, singular.hpp

@@ -118,6 +118,13 @@ void carry(const Tree& tree, Arm<T>& arm) {
   arm.inverse = tree.turns_freely ? inverse_symmetric(inertia) : zero33<T>();
 }
 
+// Momentum of a joint at unit rate, on a fixed base, about the origin.
+template <class T>
+void momentum(const Tree& tree, int j, Arm<T>& arm) {
+  arm.linear[j] = tree.joints[j].carried_mass * arm.velocity[j] + cross(arm.axis[j], arm.moment[j]);
+  arm.angular[j] = cross(arm.moment[j], arm.velocity[j]) + arm.inertia[j] * arm.axis[j];
+}
+
 // How the base reacts to momenta of the arm: its angular velocity, and its root's linear one.
 template <class T>
 void react(const Tree& tree, const Arm<T>& arm, const Vec3<T>& linear, const Vec3<T>& angular, Vec3<T>& spin,
@@ -142,8 +149,7 @@ void evaluate(const Tree& tree, const T* positions, Arm<T>& arm) {
   for (int j = 0; j < tree.n; ++j) {
     const Joint& joint = tree.joints[j];
     const Vec3<T>&axis = arm.axis[j], &velocity = arm.velocity[j];
-    arm.linear[j] = joint.carried_mass * velocity + cross(axis, arm.moment[j]);
-    arm.angular[j] = cross(arm.moment[j], velocity) + arm.inertia[j] * axis;
+    momentum(tree, j, arm);
     react(tree, arm, arm.linear[j], arm.angular[j], arm.spin[j], arm.root[j]);
     const Vec3<T> moved = velocity + cross(axis, arm.tip);
     arm.tip_velocity[j] = joint.moves_tip ? moved : zero3<T>();

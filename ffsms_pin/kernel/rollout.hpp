@@ -28,21 +28,6 @@ Mat3<T> exp3(const Vec3<T>& w) {
   return out;
 }
 
-// The turn over a step dt of angular velocities in base axes at its start, middle and end: Simpson's rule and
-// one bracket.
-inline Mat3<double> turned_by(const Vec3<double>& first, const Vec3<double>& middle, const Vec3<double>& last,
-                              double dt) {
-  const Vec3<double> mean = first + 4.0 * middle + last;
-  return exp3((dt / 6.0) * mean + (dt * dt / 12.0) * cross(first, last));
-}
-
-// Over its first half: that of the parabola through the same three points.
-inline Mat3<double> turned_by_half(const Vec3<double>& first, const Vec3<double>& middle,
-                                   const Vec3<double>& last, double dt) {
-  const Vec3<double> mean = 5.0 * first + 8.0 * middle - last;
-  return exp3((dt / 24.0) * mean + (dt * dt / 48.0) * cross(first, middle));
-}
-
 // What decides the angular velocity at one instant, in base axes: that of the joint rates, and what the
 // momentum adds.
 struct Spin {
@@ -51,10 +36,16 @@ struct Spin {
 };
 
 inline Spin spin_at(const Tree& tree, const double* positions, const double* rates, Arm<double>& arm) {
-  evaluate(tree, positions, arm);
-  Spin out = {zero3<double>(), arm.inverse};
-  for (int j = 0; j < tree.n; ++j) out.reaction += rates[j] * arm.spin[j];
-  return out;
+  pose(tree, positions, arm);
+  carry(tree, arm);
+  Vec3<double> linear = zero3<double>(), angular = zero3<double>(), spin, root;
+  for (int j = 0; j < tree.n; ++j) {
+    momentum(tree, j, arm);
+    linear += rates[j] * arm.linear[j];
+    angular += rates[j] * arm.angular[j];
+  }
+  react(tree, arm, linear, angular, spin, root);
+  return {spin, arm.inverse};
 }
 
 // With R(t) = R(0) exp(u), and the angular momentum in axes of R(0): the rate of u, which is the inverse of

@@ -15,7 +15,7 @@ from ffsms_pin.checks import FloatArray, at_least_zero
 from ffsms_pin.simulation.kalman import PositionAndRate
 from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_reaction import root_velocity
+from ffsms_pin.system.base_reaction import root_reaction
 from ffsms_pin.system.dynamics import inertia_matrix
 
 __all__ = ["Estimator", "RunningEstimator"]
@@ -127,7 +127,7 @@ class RunningEstimator:
         """Root velocity (6,) at zero momentum for the estimated joints, root axes."""
         at = q.copy()
         self._sms.layout.set_positions(at, self._joints)
-        return root_velocity(inertia_matrix(self._sms, at), self._rates)
+        return root_reaction(inertia_matrix(self._sms, at)) @ self._rates
 
     def _filter_joints(self, q: FloatArray, v: FloatArray, tau: FloatArray) -> None:
         sms, dt = self._sms, self._dt

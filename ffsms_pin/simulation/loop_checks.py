@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable, vector
@@ -17,7 +16,6 @@ from ffsms_pin.simulation.interfaces import Reference
 from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.simulation.watchdog import Watchdog
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_motion import held_velocity
 from ffsms_pin.system.base_reaction import MODES
 
 __all__ = [
@@ -112,10 +110,7 @@ def start_velocity(
         return plant.velocity(q, rates, momentum)
     planned = getattr(reference, "momentum", None)
     mode = one_of("reference.base_mode", getattr(reference, "base_mode", "floating"), MODES)
-    if mode == "floating":
-        return plant.velocity(q, rates, planned)
-    total = None if planned is None else vector("reference.momentum", planned, 6)
-    return np.concatenate([held_velocity(plant, q, rates, total, mode), rates])
+    return plant.velocity(q, rates, planned, mode)
 
 
 def first_sample(reference: Reference, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:

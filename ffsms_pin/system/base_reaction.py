@@ -34,11 +34,9 @@ __all__ = [
     "joint_torques",
     "mode_coupling",
     "mode_reaction",
-    "root_acceleration",
+    "over_base",
     "root_drift",
     "root_reaction",
-    "root_velocity",
-    "velocity_from_twist",
     "whole_body",
 ]
 
@@ -51,7 +49,7 @@ def root_reaction(M: FloatArray) -> FloatArray:
     M : ndarray, shape (6 + n, 6 + n)
         Pinocchio's inertia matrix: `dynamics.inertia_matrix`.
     """
-    return -_over_base(M, M[:6, 6:])
+    return -over_base(M, M[:6, 6:])
 
 
 def floating_motion(M: FloatArray) -> FloatArray:
@@ -66,45 +64,14 @@ def floating_motion(M: FloatArray) -> FloatArray:
     return N
 
 
-def root_velocity(M: FloatArray, joint_rates: FloatArray) -> FloatArray:
-    """-M_b^-1 M_bm qd (6,): the root's velocity at zero momentum, in the root's axes [m/s; rad/s]."""
-    return -_over_base(M, M[:6, 6:].dot(joint_rates))
-
-
 def joint_torques(M: FloatArray, force: FloatArray) -> FloatArray:
     """N^T f (n,) [N m]: the joints' part of a generalised force f (6 + n,), the base giving way.
 
     With f the force for a motion that holds the base's acceleration at zero, the base takes up f_b by
     accelerating, and the joints see f_m - M_bm^T M_b^-1 f_b.
     """
-    torques: FloatArray = force[6:] - _over_base(M, force[:6]).dot(M[:6, 6:])
+    torques: FloatArray = force[6:] - over_base(M, force[:6]).dot(M[:6, 6:])
     return torques
-
-
-def root_acceleration(M: FloatArray, force: FloatArray) -> FloatArray:
-    """-M_b^-1 f_b (6,): the root's acceleration, in its own axes, with the joints' held at zero.
-
-    f (6 + n,) is the generalised force that would hold the whole velocity constant.
-    """
-    return -_over_base(M, force[:6])
-
-
-def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray) -> FloatArray:
-    """Root velocity (6,), in the root's axes, that gives the system `momentum` with the joints at rest.
-
-    Parameters
-    ----------
-    M : ndarray, shape (6 + n, 6 + n)
-        Pinocchio's inertia matrix at q.
-    q : ndarray, shape (nq,)
-        Its attitude matters: the momentum is in inertial axes, the velocity in the root's.
-    momentum : ndarray, shape (6,)
-        [linear; angular], inertial axes, about the system's centre of mass [kg m/s; kg m^2/s].
-    """
-    to_root = pin.XYZQUATToSE3(q[:7]).rotation.T
-    linear, angular = to_root @ momentum[:3], to_root @ momentum[3:]
-    about_root = angular + cross_matrix(whole_body(M).com) @ linear
-    return _over_base(M, np.concatenate([linear, about_root]))
 
 
 def base_to_root(q: FloatArray, base_com: FloatArray) -> Any:
@@ -122,22 +89,6 @@ def base_to_root(q: FloatArray, base_com: FloatArray) -> Any:
     transformation = pin.XYZQUATToSE3(q[:7]).inverse()
     transformation.translation = base_com
     return transformation
-
-
-def velocity_from_twist(base_to_root: Any, n: int) -> FloatArray:
-    """T (6 + n, 6 + n): Pinocchio's velocity from the paper's [base twist; joint rates].
-
-    Parameters
-    ----------
-    base_to_root : pinocchio.SE3
-        From the function of that name.
-    n : int
-        Number of joints.
-    """
-    T = np.zeros((6 + n, 6 + n))
-    T.flat[:: 7 + n] = 1.0  # the diagonal
-    T[:6, :6] = base_to_root.action
-    return T
 
 
 MODES: Mapping[str, tuple[int, ...]] = {
@@ -186,11 +137,35 @@ def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
     mode : str
         One of `MODES`.
     """
+    if mode == "floating":
+        return root_reaction(M)
     to_root = np.eye(6)  # of a twist at the base's centre of mass, in root axes
     to_root[:3, 3:] = cross_matrix(base_com)
     H_b, H_bm = to_root.T @ M[:6, :6] @ to_root, to_root.T @ M[:6, 6:]
     reaction: FloatArray = to_root @ mode_coupling(H_b, H_bm, mode)
     return reaction
+
+
+def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "floating") -> FloatArray:
+    """Root velocity (6,), in the root's axes, that gives the system `momentum` with the joints at rest.
+
+    Parameters
+    ----------
+    M : ndarray, shape (6 + n, 6 + n)
+        Pinocchio's inertia matrix at q.
+    q : ndarray, shape (nq,)
+        Its attitude matters: the momentum is in inertial axes, the velocity in the root's.
+    momentum : ndarray, shape (6,)
+        [linear; angular], inertial axes, about the system's centre of mass [kg m/s; kg m^2/s].
+    mode : str
+        One of `MODES`. A base that keeps its attitude is moved by the linear part alone, one that keeps its
+        place by none.
+    """
+    to_root, whole = pin.XYZQUATToSE3(q[:7]).rotation.T, whole_body(M)
+    linear, angular = to_root @ momentum[:3], to_root @ momentum[3:]
+    if mode == "floating":
+        return over_base(M, np.concatenate([linear, angular + cross_matrix(whole.com) @ linear]))
+    return np.concatenate([linear / whole.mass * (0 in MODES[mode]), np.zeros(3)])
 
 
 class WholeBody(NamedTuple):
@@ -225,7 +200,7 @@ def cross_matrix(a: FloatArray) -> FloatArray:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _over_base(M: FloatArray, right: FloatArray) -> FloatArray:
+def over_base(M: FloatArray, right: FloatArray) -> FloatArray:
     """M_b^-1 times a vector or a matrix, by Cholesky's decomposition: M_b is positive definite."""
     _, solution, _ = lapack.dposv(M[:6, :6], right)
     found: FloatArray = solution

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system.base_reaction import cross_matrix, joint_torques, root_acceleration
+from ffsms_pin.system.base_reaction import cross_matrix, joint_torques, over_base
 from ffsms_pin.system.kinematics import at_origin
 from ffsms_pin.system.mechanism import Mechanism, scratch
 
@@ -164,7 +164,7 @@ def bias_accelerations(
     """
     model, data, axes = robot.model, scratch(robot), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     acceleration = np.zeros(robot.nv)
-    acceleration[:6] = root_acceleration(M, velocity_effects(robot, q, v))
+    acceleration[:6] = -over_base(M, velocity_effects(robot, q, v)[:6])
     pin.forwardKinematics(model, data, q, v, acceleration)
     end_effector = pin.getFrameClassicalAcceleration(model, data, robot.frame_id, axes).vector.copy()
     base = pin.getClassicalAcceleration(model, data, 1, axes).vector.copy()

@@ -26,6 +26,8 @@ class JointLayout:
         In the order of v.
     continuous : ndarray of bool, shape (n,)
         Which joints are continuous: one turn is where they were.
+    turns : ndarray of bool, shape (n,)
+        Which joints turn; the others slide.
     plain : bool
         Whether q[7:] are the joint positions themselves (no continuous joint).
     """
@@ -64,6 +66,9 @@ class JointLayout:
         self.n = len(self.names)
         self.continuous = np.array(self._circle, dtype=bool)
         self.continuous.setflags(write=False)
+        kinds = [joint.shortname() for joint in list(model.joints)[2:]]
+        self.turns = np.array([not kind.startswith("JointModelP") for kind in kinds])
+        self.turns.setflags(write=False)
         self.plain = not any(self._circle)
 
     def positions(self, q: FloatArray) -> FloatArray:

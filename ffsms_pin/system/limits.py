@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ffsms_pin.checks import LARGEST_POSITIVE, SMALLEST_POSITIVE, FloatArray, frozen, per_joint, vector
 from ffsms_pin.errors import InvalidValue
@@ -14,8 +14,7 @@ from ffsms_pin.system.joints import JointLayout
 
 __all__ = ["ACCELERATION_PER_VELOCITY", "JointLimits", "limits_of"]
 
-# [rad or m] Four turns: a position limit further away is one of the large numbers that mean "none".
-_FAR = 25.2
+_FAR = 25.2  # [rad] four turns: the position limit of a turning joint beyond this means "none"
 # A URDF has no acceleration limit. The paper's are 28.65 deg/s^2 for 22.92 deg/s.
 ACCELERATION_PER_VELOCITY = 1.25  # [1/s]
 
@@ -24,9 +23,9 @@ ACCELERATION_PER_VELOCITY = 1.25  # [1/s]
 class JointLimits:
     """Limits of n joints, each an array of shape (n,); infinite where there is none.
 
-    URDFs write "no limit" as all sorts of large numbers: one beyond 1e12, or a position beyond four turns, is
-    taken as infinite. A rate, an acceleration or a torque below 1e-12 is refused, for nothing could move
-    within it.
+    URDFs write "no limit" as all sorts of large numbers: one beyond 1e12 is taken as infinite, and a robot
+    takes a position beyond four turns of a joint that turns so. A rate, an acceleration or a torque below
+    1e-12 is refused, for nothing could move within it.
 
     Attributes
     ----------
@@ -50,8 +49,6 @@ class JointLimits:
         object.__setattr__(self, "lower", _entries("lower", self.lower))
         for field in fields(self):
             array = _entries(field.name, getattr(self, field.name))
-            if field.name in ("lower", "upper"):
-                array[np.abs(array) > _FAR] *= np.inf
             if array.shape != self.lower.shape:
                 raise InvalidValue(
                     f"limits.{field.name}",
@@ -78,6 +75,15 @@ class JointLimits:
     def __reduce__(self) -> tuple[Any, ...]:
         # A copy checks and locks its arrays again: numpy's own copies are writable.
         return JointLimits, tuple(getattr(self, field.name) for field in fields(self))
+
+    def within_turns(self, turns: NDArray[np.bool_]) -> JointLimits:
+        """The same limits without positions beyond four turns of the joints that turn, (n,)."""
+        lower, upper = (
+            np.where(turns & (np.abs(bound) > _FAR), np.copysign(np.inf, bound), bound)
+            for bound in (self.lower, self.upper)
+        )
+        same = np.array_equal(lower, self.lower) and np.array_equal(upper, self.upper)
+        return self if same else replace(self, lower=lower, upper=upper)
 
     def violation(self, positions: ArrayLike) -> FloatArray:
         """How far each joint is outside its position limits (n,), zero inside; (k, n) for rows of them."""

@@ -16,6 +16,7 @@ from ffsms_pin.checks import FloatArray, instance, one_of, pose, vector
 from ffsms_pin.errors import GeometryError, InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.batch import Batch
+from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.bodies import check_bodies
 from ffsms_pin.system.convex_parts import Part, convex_parts
 from ffsms_pin.system.limits import JointLimits, limits_of
@@ -99,7 +100,7 @@ class SpaceManipulator(Mechanism):
             raise InvalidValue("acceleration", acceleration, "is part of `limits`; give one of the two")
         elif not isinstance(limits, JointLimits) or limits.lower.shape != (self.n,):
             raise InvalidValue("limits", limits, f"must be JointLimits of {self.n} joints")
-        self.limits = limits
+        self.limits = limits.within_turns(self.layout.turns)
         self.base_size = _box(base_size)
         box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement
         pose("base_box_placement", box)
@@ -110,6 +111,7 @@ class SpaceManipulator(Mechanism):
         instance("thrusters", thrusters, Thrusters, optional=True)
         self.wheels, self.thrusters = wheels, thrusters
         self._geometry: dict[str, Any] = {}
+        self._stacks: dict[str, ArmStack] = {}
         check_bodies(self.model, self.layout)
         if wheels is not None:
             check_inertia(self.model, wheels)
@@ -198,6 +200,12 @@ class SpaceManipulator(Mechanism):
         """
         return Batch(self, joints)
 
+    def arm_stack(self, mode: str = "floating") -> ArmStack:
+        """The robot as the compiled kernel has it, in a mode (see `opt.Problem`); made once, then kept."""
+        if mode not in self._stacks:
+            self._stacks[mode] = ArmStack(self, mode)
+        return self._stacks[mode]
+
     def checked_configuration(self, name: str, q: ArrayLike) -> FloatArray:
         """Copy of `q`, checked for shape, finite values and a unit quaternion."""
         array = vector(name, q, self.nq)
@@ -234,8 +242,14 @@ class SpaceManipulator(Mechanism):
         """Joint positions (n,) [rad] of a configuration; those of continuous joints in (-pi, pi]."""
         return self.layout.positions(vector("q", q, self.nq))
 
-    def velocity(self, q: ArrayLike, joint_rates: ArrayLike, momentum: ArrayLike | None = None) -> FloatArray:
-        """Full velocity v (6 + n,) of a floating system: the base moves as momentum conservation says.
+    def velocity(
+        self,
+        q: ArrayLike,
+        joint_rates: ArrayLike,
+        momentum: ArrayLike | None = None,
+        mode: str = "floating",
+    ) -> FloatArray:
+        """Full velocity v (6 + n,): the base moves as momentum conservation says.
 
         Parameters
         ----------
@@ -244,13 +258,15 @@ class SpaceManipulator(Mechanism):
             [rad/s]
         momentum : array_like, shape (6,), optional
             Total momentum [linear; angular], inertial axes, about the system's centre of mass; default zero.
+        mode : str
+            What of the base is held (see `opt.Problem`): it then turns, or moves, by no momentum.
         """
         q = self.checked_configuration("q", q)
         rates = vector("joint_rates", joint_rates, self.n, "rad/s")
         M = dynamics.inertia_matrix(self, q)
-        root = base_reaction.root_velocity(M, rates)
+        root = base_reaction.mode_reaction(M, self.base_com, mode) @ rates
         if momentum is not None:
-            root += base_reaction.root_drift(M, q, vector("momentum", momentum, 6))
+            root += base_reaction.root_drift(M, q, vector("momentum", momentum, 6), mode)
         return np.concatenate([root, rates])
 
     def geometry(self, kind: ShapeKind) -> Any:

@@ -72,7 +72,9 @@ class State:
 
     @cached_property
     def _T(self) -> FloatArray:
-        return frozen(base_reaction.velocity_from_twist(self._base_to_root, self._robot.n))
+        T = np.eye(self._robot.nv)  # v = T [base twist; joint rates]
+        T[:6, :6] = self._base_to_root.action
+        return frozen(T)
 
     @cached_property
     def _effects(self) -> FloatArray:

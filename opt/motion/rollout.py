@@ -63,15 +63,17 @@ def rolled_out(
     arm = stack.evaluate(joints)
     rotation0 = pin.Quaternion(q0[3:7]).toRotationMatrix()
     com0 = q0[:3] + rotation0 @ arm.com[:, 0]
-    drift, own = np.zeros(3), np.zeros((3, count))
-    omega = apply_rates(arm.spin, u)
-    if momentum is None or not stack.turns_freely:
-        R = _attitudes(rotation0, omega, dt)
-        drift = drift if momentum is None else momentum[:3] / stack.mass
-    else:
-        R = _tumbling(stack, rotation0, joints, u, accelerations, 0.5 * dt, momentum[3:])
-        drift = momentum[:3] / stack.mass
-        own = apply(arm.inverse, np.einsum("yxk,y->xk", R, momentum[3:]))
+    total = np.zeros(6) if momentum is None else momentum
+    drift = total[:3] / stack.mass
+    states = np.empty((12 + 2 * n, count))
+    states[:, 0] = np.concatenate([rotation0.ravel(), q0[:3], start, rates[0]])
+    if total[3:].any():
+        held = np.ascontiguousarray(accelerations[:, :-1])
+        kernel.roll_out(stack.tree, held, total[:, None], 0.5 * dt, states)
+    else:  # the angular velocity is known
+        kernel.attitudes(apply_rates(arm.spin, u), dt, states[:9])
+    R = states[:9].reshape(3, 3, -1)
+    own = apply(arm.inverse, np.einsum("yxk,y->xk", R, total[3:]))
     simpson = np.full(count, dt / 3.0)
     simpson[1::2] *= 2.0
     simpson[[0, -1]] *= 0.5
@@ -123,38 +125,3 @@ def velocities(motion: Motions) -> FloatArray:
     v[:, 3:6] = (apply_rates(arm.spin[..., 0, ::2], u) + own).T
     v[:, 6:] = u.T
     return v
-
-
-def _attitudes(rotation0: FloatArray, omega: FloatArray, dt: float) -> FloatArray:
-    """Base attitudes (3, 3, 2 N + 1) of angular velocities (3, 2 N + 1) in base axes, to order 4.
-
-    Over a step the turn is that of Simpson's rule and one bracket; over its first half that of the parabola
-    through the same three points.
-    """
-    R = np.empty((9, omega.shape[1]))
-    kernel.attitudes(rotation0, omega, dt, R)
-    return R.reshape(3, 3, -1)
-
-
-def _tumbling(
-    stack: ArmStack,
-    rotation0: FloatArray,
-    joints: FloatArray,
-    u: FloatArray,
-    accelerations: FloatArray,
-    dt: float,
-    momentum: FloatArray,
-) -> FloatArray:
-    """The same (3, 3, K) of a system with angular momentum (3,), at instants dt apart.
-
-    Of joint positions, rates and accelerations (n, K) there: see `ffsms_pin.system.tumbling`.
-    """
-    n, count = u.shape
-    positions, rates = np.empty((n, 2 * count - 1)), np.empty((n, 2 * count - 1))
-    positions[:, ::2], rates[:, ::2] = joints, u
-    a, h = accelerations[:, :-1], 0.5 * dt
-    positions[:, 1::2] = joints[:, :-1] + h * (u[:, :-1] + 0.5 * h * a)
-    rates[:, 1::2] = u[:, :-1] + h * a
-    R = np.empty((9, count))
-    kernel.tumbling_attitudes(stack.tree, rotation0, positions, rates, momentum[:, None], dt, R)
-    return R.reshape(3, 3, -1)

@@ -37,6 +37,21 @@ def test_huge_limits_are_none(tmp_path: Path) -> None:
     assert limits.lower[0] == -np.inf
 
 
+def test_four_turns_are_no_limit_and_thirty_metres_are_one(random_tree: Any) -> None:
+    """What counts as no limit of a joint that turns is a rail's length for one that slides."""
+    for kind, far in (("revolute", np.inf), ("prismatic", 30.0)):
+        model = random_tree(0, 2, (kind,)).model()
+        upper = np.array(model.upperPositionLimit)
+        upper[7:9] = 30.0, 1.0
+        model.upperPositionLimit = upper
+        read = ffsms.SpaceManipulator(model, "tip")
+        np.testing.assert_array_equal(read.limits.upper, [far, 1.0])
+        given = ffsms.JointLimits(np.array([-30.0, -1.0]), np.array([30.0, 1.0]), *np.ones((3, 2)))
+        limits = read.with_limits(given).limits
+        np.testing.assert_array_equal(limits.lower, [-far, -1.0])
+        np.testing.assert_array_equal(limits.upper, [far, 1.0])
+
+
 def test_limits_within_which_nothing_moves_are_refused(
     refused: Refused, planar: ffsms.SpaceManipulator
 ) -> None:

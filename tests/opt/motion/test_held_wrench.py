@@ -14,7 +14,7 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.motion.feature import Feature, root_of_size
 from ffsms_pin.opt.motion.thrusters import held_wrench, wrench_slopes
-from ffsms_pin.system.base_motion import advance, held_velocity
+from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmStack
 
 # Opposed pairs on the faces of a cube of 1 m.
@@ -36,7 +36,7 @@ def by_differences(
     sides = []
     for sign in (1.0, -1.0):
         there, u = advance(sms, q, rates, a, sign * h, None, mode)
-        v = np.concatenate([held_velocity(sms, there, u, None, mode), u])
+        v = sms.velocity(there, u, None, mode)
         sides.append(pin.computeCentroidalMomentum(sms.model, data, there, v).vector.copy())
     rate = (sides[0] - sides[1]) / (2.0 * h)
     state = sms.at(q)

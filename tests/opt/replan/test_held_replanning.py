@@ -16,7 +16,7 @@ from ffsms_pin.opt.replan.reaction import ReactionEstimate
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.simulation import Tracking, perturb
-from ffsms_pin.system.base_motion import advance, held_velocity
+from ffsms_pin.system.base_motion import advance
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 TARGET, DURATION, DT = [0.45, 0.75, 0.0], 8.0, 0.04
@@ -120,7 +120,7 @@ def test_thrusters_hold_while_it_is_planned_again(mode: str) -> None:
     reference = opt.Replanning(problem)
     q, rates = q0, np.zeros(3)
     for k in range(problem.steps):
-        v = np.concatenate([held_velocity(sms, q, rates, None, mode), rates])
+        v = sms.velocity(q, rates, None, mode)
         reference.observe(k * DT, q, v)
         _, rates, accelerations = reference.sample(k * DT)
         q, rates = advance(sms, q, rates, accelerations, DT, None, mode)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from mode_couplings import coupling_of
 from motions import random_pose
 
 import ffsms_pin as ffsms
@@ -18,8 +19,7 @@ from ffsms_pin.opt.limits.motors import wheel_rows
 from ffsms_pin.opt.planning.plan import METHODS
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
-from ffsms_pin.system.base_motion import advance, held_velocity
-from ffsms_pin.system.mode_state import coupling_of
+from ffsms_pin.system.base_motion import advance
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 HELD = ("rotation-floating", "rotation-flying", "translation-flying", "flying")
@@ -93,7 +93,7 @@ def test_rows_say_what_the_wheels_will_do(what: str) -> None:
 
     def momentum(q: FloatArray, rates: FloatArray) -> FloatArray:
         """Of the wheels: what arm and base do not have of the total."""
-        v = np.concatenate([held_velocity(bare, q, rates, None, mode), rates])
+        v = bare.velocity(q, rates, None, mode)
         of_arm = pin.computeCentroidalMomentum(bare.model, data, q, v).angular
         return np.asarray(total - np.linalg.pinv(axes.T) @ pin.XYZQUATToSE3(q[:7]).rotation.T @ of_arm)
 
