@@ -44,7 +44,7 @@ PARTS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "rows of the joint limits": (JointLimits, ("rows",)),
     "rows of the clearances": (Clearance, ("rows",)),
     "rows of the box": (AlphaBox, ("rows",)),
-    "all rows in alpha, bounds": (stepper, ("stacked_rows",)),
+    "all rows in alpha, bounds": (stepper, ("programme_of",)),
     "ProxQP, its active rows solved exactly": (StepSolver, ("solve_rows",)),
 }
 REST = "the rest: rates, cosine, cost; reading the clock"

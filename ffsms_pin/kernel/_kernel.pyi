@@ -58,7 +58,7 @@ def singular_values(rows: int, columns: int, matrices: FloatArray, sigma: FloatA
 # step.hpp
 def step_state(
     tree: Tree, root: FloatArray, joints: FloatArray, momentum: FloatArray | None
-) -> tuple[FloatArray, ...]: ...
+) -> tuple[FloatArray, FloatArray]: ...
 def rate_bounds(
     lower: FloatArray,
     upper: FloatArray,
@@ -92,8 +92,6 @@ def scheduled(
 def reference_speed(
     schedule: FloatArray, path_left: float, speed: float, time_left: float, dt: float
 ) -> float: ...
-def cone_direction(towards: FloatArray, lateral: FloatArray, cosine: float) -> FloatArray: ...
-def lateral_direction(towards: FloatArray, hint: FloatArray) -> FloatArray: ...
 def objective(
     J: FloatArray,
     V: FloatArray,

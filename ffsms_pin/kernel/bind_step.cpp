@@ -15,18 +15,8 @@ using namespace ffsms;
 
 step::Schedule schedule_of(const Vector& s) { return {s(0), s(1), s(2), s(3)}; }
 
-// Columns (3, n) of two kinds one below the other, turned.
-void put(double* out, int n, const Mat3<double>& R, const Vec3<double>* linear, const Vec3<double>* angular) {
-  for (int j = 0; j < n; ++j) {
-    const Vec3<double> v = R * linear[j], w = R * angular[j];
-    for (int x = 0; x < 3; ++x) {
-      out[x * n + j] = v[x];
-      out[(3 + x) * n + j] = w[x];
-    }
-  }
-}
-
-// What a step is written from, of a root pose (x, y, z, quaternion): see opt/step/state.py.
+// What a step is written from, of a root pose (x, y, z, quaternion): see opt/step/state.py. First columns
+// (6, n), reaction, J*, J_m and C_bm; then places and twists, and the end effector's attitude.
 nb::tuple step_state(const Tree& tree, const Vector& root, const Vector& joints,
                      const std::optional<Vector>& momentum) {
   const int n = tree.n;
@@ -37,41 +27,29 @@ nb::tuple step_state(const Tree& tree, const Vector& root, const Vector& joints,
   const Mat3<double> R = {{{1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)},
                            {2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)},
                            {2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}}};
-  const Mat3<double> same_axes = {{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}};
-  Vec3<double> on_arm[kMostJoints], turning[kMostJoints];
+  auto columns = new_array(4, 6, n), more = new_array(27);
   for (int j = 0; j < n; ++j) {
-    on_arm[j] = tree.joints[j].moves_tip ? arm.axis[j] : zero3<double>();
-    turning[j] = arm.spin[j] + on_arm[j];
+    const Vec3<double> turning = tree.joints[j].moves_tip ? arm.axis[j] : zero3<double>();
+    const Vec3<double> of_joint[] = {
+        arm.root[j], arm.spin[j], R * arm.jstar[j], R * (arm.spin[j] + turning), R * arm.tip_velocity[j],
+        R * turning};
+    for (int i = 0; i < 18; ++i) columns.data()[i * n + j] = of_joint[i / 3][i % 3];
+    for (int i = 0; i < 6; ++i) columns.data()[(18 + i) * n + j] = arm.coupling[i][j];
   }
-  auto reaction = new_array(6, n), J_star = new_array(6, n), J_arm = new_array(6, n),
-       coupling = new_array(6, n);
-  put(reaction.data(), n, same_axes, arm.root, arm.spin);
-  put(J_star.data(), n, R, arm.jstar, turning);
-  put(J_arm.data(), n, R, arm.tip_velocity, on_arm);
-  for (int i = 0; i < 6; ++i) std::copy_n(arm.coupling[i], n, coupling.data() + i * n);
-  auto place = new_array(3), attitude = new_array(3, 3), com = new_array(3);
-  const Vec3<double> tip = R * arm.tip;
-  const Mat3<double> turned = R * arm.tip_rotation;
-  for (int i = 0; i < 3; ++i) {
-    place.data()[i] = root(size_t(i)) + tip[i];
-    com.data()[i] = arm.com[i];
-    std::copy_n(turned[i], 3, attitude.data() + 3 * i);
-  }
-  auto drift = new_array(6), tip_drift = new_array(6);
-  std::fill_n(drift.data(), 6, 0.0);
-  std::fill_n(tip_drift.data(), 6, 0.0);
+  Vec3<double> spin = zero3<double>(), moving = spin;
   if (momentum) {
-    expect(momentum->shape(0) == 6, "an array has a wrong shape");
     const double* h = momentum->data();
-    const Mat3<double> back = transposed(R);
-    const Vec3<double> linear{{h[0], h[1], h[2]}}, angular{{h[3], h[4], h[5]}};
-    const Vec3<double> spin = arm.inverse * (back * angular);
-    const Vec3<double> moving = (1.0 / tree.total_mass) * (back * linear) + cross(arm.com, spin);
-    const Vec3<double> at_tip = moving + cross(spin, arm.tip);
-    put(drift.data(), 1, same_axes, &moving, &spin);
-    put(tip_drift.data(), 1, R, &at_tip, &spin);
+    spin = arm.inverse * (transposed(R) * Vec3<double>{{h[3], h[4], h[5]}});
+    moving =
+        (1.0 / tree.total_mass) * (transposed(R) * Vec3<double>{{h[0], h[1], h[2]}}) + cross(arm.com, spin);
   }
-  return nb::make_tuple(reaction, J_star, J_arm, coupling, place, attitude, com, drift, tip_drift);
+  const Vec3<double> origin{{root(0), root(1), root(2)}};
+  const Vec3<double> of_all[] = {
+      origin + R * arm.tip, arm.com, moving, spin, R * (moving + cross(spin, arm.tip)), R * spin};
+  const Mat3<double> attitude = R * arm.tip_rotation;
+  for (int i = 0; i < 18; ++i) more.data()[i] = of_all[i / 3][i % 3];
+  for (int i = 0; i < 9; ++i) more.data()[18 + i] = attitude[i / 3][i % 3];
+  return nb::make_tuple(columns, more);
 }
 
 nb::tuple rate_bounds(const Vector& lower, const Vector& upper, const Vector& velocity,
@@ -121,18 +99,6 @@ double scheduled(const Vector& s, double left, double speed, const Vector& gradi
 
 double reference_speed(const Vector& s, double path_left, double speed, double time_left, double dt) {
   return step::reference_speed(schedule_of(s), path_left, speed, time_left, dt);
-}
-
-Array lateral_direction(const Vector& towards, const Vector& hint) {
-  auto lateral = new_array(3);
-  step::lateral_direction(towards.data(), hint.data(), lateral.data());
-  return lateral;
-}
-
-Array cone_direction(const Vector& towards, const Vector& lateral, double cosine) {
-  auto direction = new_array(3);
-  step::cone_direction(towards.data(), lateral.data(), cosine, direction.data());
-  return direction;
 }
 
 // H (n + 2, n + 2) and g (n + 2,) of direction, speed, effort, change and slack.
@@ -272,8 +238,6 @@ void ffsms::bind_step(nb::module_& m) {
   m.def("wanted_motion", &wanted_motion);
   m.def("scheduled", &scheduled);
   m.def("reference_speed", &reference_speed);
-  m.def("lateral_direction", &lateral_direction);
-  m.def("cone_direction", &cone_direction);
   m.def("objective", &objective);
   m.def("stacked_rows", &stacked_rows);
   m.def("refined", &refined);

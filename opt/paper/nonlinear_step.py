@@ -12,9 +12,9 @@ from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
 from ffsms_pin.opt.parts.reading import rows_of
-from ffsms_pin.opt.step.direction import reference_speed
-from ffsms_pin.opt.step.result import Step
+from ffsms_pin.opt.step.reference import reference_speed
 from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.opt.step.stepper import Step
 from ffsms_pin.opt.terms.cost import soft_assistance, step_cost
 from ffsms_pin.system import SpaceManipulator
 

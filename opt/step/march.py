@@ -8,8 +8,8 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.step.result import Step
 from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.opt.step.stepper import Step
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
 

@@ -82,10 +82,10 @@ class StepState:
         self.momentum, self.time, self.mode, self.wheel_total = momentum, time, mode, wheel_total
         self.base_start = q[:7].copy() if base_start is None else base_start
         self.joints: FloatArray = sms.layout.positions(q)
-        found = kernel.step_state(arm_stack(sms, mode).tree, q[:7], self.joints, momentum)
-        self.reaction, self.J_star, self.J_arm, coupling, place, attitude, *more = found
-        self.com, self.drift, self.tip_drift = more
-        self.pose: Any = pin.SE3(attitude, place)
+        columns, more = kernel.step_state(arm_stack(sms, mode).tree, q[:7], self.joints, momentum)
+        self.reaction, self.J_star, self.J_arm, coupling = columns
+        self.com, self.drift, self.tip_drift = more[3:6], more[6:12], more[12:18]
+        self.pose: Any = pin.SE3(more[18:].reshape(3, 3), more[:3])
         # Singular values depend on the reference point, the base's centre of mass, and not on the axes.
         _, sigma, self.V = decompose(coupling)
         self.entropy = entropy_of_values(sigma.tolist(), sms.n)

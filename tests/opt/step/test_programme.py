@@ -13,7 +13,7 @@ from step_parts import StepJoints, StepRows, make_stepper
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
-from ffsms_pin.opt.step.programme import Objective, build_step, stacked_rows
+from ffsms_pin.opt.step.programme import programme_of
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.terms.term import Term
@@ -54,7 +54,7 @@ def test_rows_with_two_sides_give_way_on_each() -> None:
     soft = Rows(
         rng.normal(size=(3, 3)), np.array([-1.0, 0.2, -UNBOUNDED]), np.array([1.0, UNBOUNDED, 0.3]), 0.5
     )
-    problem = build_step(Objective(np.eye(5), np.zeros(5)), stacked_rows(V, [hard, soft]))
+    problem = programme_of((np.eye(5), np.zeros(5)), V, [hard, soft]).problem()
     for _ in range(50):
         alpha, slack = rng.normal(size=3), float(rng.uniform(0.0, 2.0))
         x = np.concatenate([alpha, [0.4], [slack]])
