@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "arrays.hpp"
-#include "bindings.hpp"
 #include "clearance.hpp"
 #include "points.hpp"
 

@@ -5,8 +5,6 @@
 
 #include "arm.hpp"
 #include "arrays.hpp"
-#include "bindings.hpp"
-#include "dense.hpp"
 #include "step.hpp"
 
 namespace {
@@ -52,12 +50,11 @@ nb::tuple step_state(const Tree& tree, const Vector& root, const Vector& joints,
   return nb::make_tuple(columns, more);
 }
 
-nb::tuple rate_bounds(const Vector& lower, const Vector& upper, const Vector& velocity,
-                      const Vector& acceleration, const Vector& joints, const Vector& rates, double dt) {
+nb::tuple rate_bounds(const Matrix& limits, const Vector& joints, const Vector& rates, double dt) {
   const size_t n = rates.shape(0);
   auto least = new_array(n), greatest = new_array(n);
   for (size_t j = 0; j < n; ++j) {
-    const step::JointLimit limit{lower(j), upper(j), velocity(j), acceleration(j)};
+    const step::JointLimit limit{limits(0, j), limits(1, j), limits(2, j), limits(3, j)};
     step::rate_bounds(limit, joints(j), rates(j), dt, least.data()[j], greatest.data()[j]);
   }
   return nb::make_tuple(least, greatest);
@@ -232,8 +229,7 @@ nb::object refined(const Matrix& H, const Vector& g, const Matrix& A, const Vect
 }  // namespace
 
 void ffsms::bind_step(nb::module_& m) {
-  m.def("step_state", &step_state, nb::arg("tree"), nb::arg("root"), nb::arg("joints"),
-        nb::arg("momentum").none());
+  m.def("step_state", &step_state, nb::arg(), nb::arg(), nb::arg(), nb::arg().none());
   m.def("rate_bounds", &rate_bounds);
   m.def("wanted_motion", &wanted_motion);
   m.def("scheduled", &scheduled);

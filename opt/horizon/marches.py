@@ -137,8 +137,7 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
     most = np.where(problem.free, _SHARE * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
     sides = np.array([*sides_across(place.position - problem.tip0, J), np.zeros(3)])
-    rates = np.empty((len(sides), steps, problem.sms.n))
-    kernel.cone_marches(
+    return kernel.cone_marches(
         problem.stack.tree,
         steps,
         problem.duration,
@@ -152,6 +151,4 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
         attitude=problem.rotation0,
         rotation=place.rotation,
         sides=sides,
-        rates=rates.reshape(len(sides), -1),
     )
-    return rates

@@ -45,7 +45,6 @@ def sums(
     The control points come first, the joints last. A base that floats reacts to the joints; that its own
     momentum turns it otherwise is left out (see `motions_of`).
     """
-    stack, size = motions.stack, spline.size * motions.stack.n
     every, entropy = np.arange(len(motions.times)), None
     single, rest = [], []
     for residual, weight in residuals:
@@ -57,8 +56,6 @@ def sums(
             rest.append((where, residual.motion, weight, residual.value, residual.slopes()))
             if residual.by_entropy is not None:
                 entropy = motions.entropy_slope
-    gradient, hessian = np.zeros((len(chosen), size)), np.zeros((len(chosen), size, size))
     maps = (spline.rates.free, spline.travel.free, spline.accelerations.free)
     given = (motions.joints, motions.rates, motions.base_attitude, motions.own_spin, entropy)
-    kernel.sums(stack.tree, maps, spline.quadrature, given, rest, single, chosen, gradient, hessian)
-    return gradient, hessian
+    return kernel.sums(motions.stack.tree, maps, spline.quadrature, given, rest, single, chosen)

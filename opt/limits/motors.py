@@ -10,14 +10,14 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.motion import Feature, Features
-from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.wheels import (
+from ffsms_pin.opt.motion.actuated import (
     arm_momentum,
     held_momentum,
     wheel_momentum,
     wheel_shares,
     wheel_torque,
 )
+from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
@@ -105,7 +105,7 @@ class WheelLimits(_Motors):
     """The wheels' largest torques and momenta, where wheels hold the attitude (mode "rotation-floating").
 
     Momentum follows from the conservation of angular momentum, torque is its rate, with the friction of the
-    bearings made good (`opt.motion.wheels`). In other modes the wheels stand still, and the limit asks for
+    bearings made good (`opt.motion.actuated`). In other modes the wheels stand still, and the limit asks for
     nothing. A problem in that mode, of a robot with wheels, has this limit of itself.
 
     Its unit is a share of what the wheel has: a violation of 0.3 asks for 30 % more.
@@ -159,7 +159,7 @@ class WheelLimits(_Motors):
 def wheel_rows(step: StepState, in_hand: float) -> Rows | None:
     """Rows in rad/s, of unit length, one a wheel; None where no wheels hold the attitude, or none is moved.
 
-    With D the angular momentum a joint rate (`opt.motion.wheels`), u_0 the joint rates at the step's start
+    With D the angular momentum a joint rate (`opt.motion.actuated`), u_0 the joint rates at the step's start
     and u those at its end, a wheel's torque is A^+ D (u_0 - u) / dt beside the one of now, and its momentum
     follows: both are bounds on the same sum of joint rates. What changes of D within the step beyond that is
     of order dt^2. Where both cannot be kept, the motor's torque is; where the joints' own limits leave no way
@@ -177,8 +177,7 @@ def wheel_rows(step: StepState, in_hand: float) -> Rows | None:
         return None
     m, dt, left = step.features.motions, step.dt, 1.0 - in_hand
     G = wheel_shares(wheels) @ held_momentum(m.arm)[..., 0, 0]
-    momentum = wheel_momentum(m)
-    now, torque = momentum[:, 0, 0], wheel_torque(m, momentum)[:, 0, 0]
+    now, torque = wheel_momentum(m)[:, 0, 0], wheel_torque(m)[:, 0, 0]
     rubbing = -wheels.friction_torque(now / wheels.inertia) if wheels.rubs else np.zeros(len(wheels))
     middle, room = G @ step.rates + dt * torque, dt * np.minimum(left * wheels.torque, UNBOUNDED)
     lower, upper = middle - room, middle + room

@@ -9,13 +9,23 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.actuated import joint_torques, wheel_momenta, wheel_torques, wrench
+from ffsms_pin.opt.motion.actuated import (
+    force_slopes,
+    forces,
+    friction_slope,
+    held_momentum,
+    wheel_momentum,
+    wheel_shares,
+    wheel_torque,
+)
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import EYE, Frame, carried
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.opt.motion.robot_frame import INERTIAL, RobotFrame
+from ffsms_pin.opt.motion.slopes import momentum_slopes
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, skew
 
@@ -160,7 +170,7 @@ class Features:
     @cached_property
     def torques(self) -> Feature:
         """Joint torques, the base reacting [N m, or N]."""
-        return joint_torques(self)
+        return self.feature(self.motions.torques, lambda: self._force_slopes(slice(0, -6)))
 
     @property
     def entropy(self) -> Feature:
@@ -170,17 +180,44 @@ class Features:
     @cached_property
     def wheels(self) -> Feature:
         """Momenta of the wheels that hold the attitude [N m s]."""
-        return wheel_momenta(self)
+        m, wheels = self.motions, self.motions.wheels
+
+        def slopes() -> dict[str, FloatArray]:
+            if wheels is None:
+                return {}
+            by_joints = momentum_slopes(m.stack, m.arm, m.rates)
+            return _shared(wheels, {"by_joints": by_joints, "by_rates": held_momentum(m.arm)})
+
+        return self.feature(wheel_momentum(m), slopes)
 
     @cached_property
     def wheel_torques(self) -> Feature:
         """Torques of their motors [N m]."""
-        return wheel_torques(self)
+        wheels, momenta = self.motions.wheels, self.wheels
+
+        def slopes() -> dict[str, FloatArray]:
+            if wheels is None:
+                return {}
+            found = _shared(wheels, self._force_slopes(slice(-3, None)))
+            if wheels.rubs:
+                rubbing = friction_slope(wheels, momenta.value)
+                for name, slope in momenta.slopes.items():
+                    found[name] = found[name] + rubbing[:, None] * slope
+            return found
+
+        return self.feature(wheel_torque(self.motions), slopes)
 
     @cached_property
     def wrench(self) -> Feature:
         """Force and moment that hold the base [N, N m]."""
-        return wrench(self)
+        m = self.motions
+        value = forces(m.stack, m.joints, m.rates, m.accelerations)[-6:]
+        return self.feature(value, lambda: self._force_slopes(slice(-6, None)))
+
+    def _force_slopes(self, rows: slice) -> dict[str, FloatArray]:
+        m = self.motions
+        found = force_slopes(m.stack, m.joints, m.rates, m.accelerations, m.own_spin)
+        return {name: slope[rows] for name, slope in found._asdict().items()}
 
     @property
     def time(self) -> Feature:
@@ -239,3 +276,9 @@ def features_of(motions: Motions, slopes: bool = True) -> Features:
     if slopes not in kept:
         kept[slopes] = Features(motions, slopes=slopes)
     return kept[slopes]
+
+
+def _shared(wheels: ReactionWheels, slopes: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Slopes of what each wheel gets of a vector that the base loses, with these slopes (3, n, S, K)."""
+    shares = -wheel_shares(wheels)
+    return {name: np.einsum("wx,xj...->wj...", shares, slope) for name, slope in slopes.items()}

@@ -10,10 +10,10 @@ import numpy as np
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.entropy import entropy_and_gradient
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.motion.paired import Paired, paired
 from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.opt.motion.torques import joint_torques
+from ffsms_pin.opt.motion.slopes import entropy_and_gradient
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross
 
@@ -204,7 +204,8 @@ class Motions:
         return np.maximum(np.abs(self.torques), np.abs(self._torques(before)))
 
     def _torques(self, accelerations: FloatArray) -> FloatArray:
-        return joint_torques(self.stack, self.joints, self.rates, accelerations, self.own_spin)
+        moving = (self.joints, self.rates, accelerations, self.own_spin)
+        return kernel.dynamics(self.stack.tree, *moving)[: self.stack.n].reshape(self.rates.shape)
 
     @cached_property
     def paired(self) -> Paired:

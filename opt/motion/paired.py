@@ -8,7 +8,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling.stacked import entropies, singular_values
-from ffsms_pin.opt.motion.entropy import singular
+from ffsms_pin.opt.motion.slopes import singular
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.limits.limit import later
-from ffsms_pin.opt.motion.wheels import held_momentum, wheel_shares
+from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -52,6 +53,11 @@ class StepWeights:
     effort: float = 1e-6
     change: float = 1e-5
     clearance: float = 1.0
+
+    @cached_property
+    def sizes(self) -> FloatArray:
+        """Those that every step has: of direction, speed, effort, change and clearance."""
+        return np.array([self.direction, self.speed, self.effort, self.change, self.clearance])
 
 
 class StepProblem(NamedTuple):
@@ -164,11 +170,9 @@ def objective(
     terms : sequence of (W (n, n), w (n,))
         More terms u^T W u / 2 - w^T u.
     """
-    n, V, w = step.V.shape[0], step.V, weights
-    sizes = np.array([w.direction, w.speed, w.effort, w.change, w.clearance])
-    H, g = kernel.objective(
-        step.J_star[:3], V, step.rates, step.tip_drift, wanted.direction, wanted.speed, sizes, effort is None
-    )
+    n, V, w, J_v = step.V.shape[0], step.V, weights, step.J_star[:3]
+    motion = wanted.direction, wanted.speed
+    H, g = kernel.objective(J_v, V, step.rates, step.tip_drift, *motion, w.sizes, effort is None)
     added = list(terms)
     if effort is not None:
         added.append((w.effort * effort, np.zeros(n)))

@@ -134,5 +134,4 @@ def rate_bounds(
     dt : float
         [s]
     """
-    each = limits.lower, limits.upper, limits.velocity, limits.acceleration
-    return kernel.rate_bounds(*each, joints, rates, dt)
+    return kernel.rate_bounds(limits.table, joints, rates, dt)
