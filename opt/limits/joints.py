@@ -34,9 +34,7 @@ class JointLimits(Limit):
 
     def for_robot(self, sms: SpaceManipulator) -> JointLimits:
         """With the robot's limits."""
-        return replace(
-            self, joint_bounds=sms.limits, _joint_names=tuple(sms.joint_names), _each=np.eye(sms.n)
-        )
+        return replace(self, joint_bounds=sms.limits, _joint_names=tuple(sms.joint_names))
 
     def rows(self, step: StepState) -> Rows:
         """Bounds on the joint rates that leave room to brake."""
