@@ -6,7 +6,7 @@ Forward differentiation by whole arrays, in the language of `opt.Residual`: a sl
 from __future__ import annotations
 
 import threading
-from typing import Any, SupportsIndex
+from typing import Any, SupportsIndex, TypeAlias
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
@@ -16,7 +16,10 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.derivatives import DERIVATIVES, FLAT
 from ffsms_pin.opt.motion.residual import Indices, JointResidual, Residual, Residuals
 
-__all__ = ["Feature", "lost_slopes", "root_of_size"]
+__all__ = ["Feature", "Where", "during", "lost_slopes", "root_of_size"]
+
+# Motions, or None for all of them, and instants.
+Where: TypeAlias = "tuple[Indices | None, Indices]"
 
 # Components of these each depend on their own joint alone, so their slopes need no axis of their own.
 _OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
@@ -44,15 +47,16 @@ class Feature(NDArrayOperatorsMixin):
         By the names of `Residual`: the value's components first, if any, then those of what moves it, then S
         and K, or 1 in their place. Also "by_time", of what moves by itself, for single steps; and
         "own_joint", "own_rate", "own_acceleration", of the value's shape: of component j by joint j alone.
-    where : tuple of ndarray, shape (V,) each, optional
-        Motions and instants of the V values, for one of shape (1, V) or (c, 1, V). Default: all.
+    where : tuple of ndarray, optional
+        Motions and instants, (V,) each, of the V values of one of shape (1, V) or (c, 1, V); or None and the
+        instants (K,) of all motions. Default: all.
     """
 
     def __init__(
         self,
         value: FloatArray,
         slopes: dict[str, FloatArray] | None = None,
-        where: tuple[Indices, Indices] | None = None,
+        where: Where | None = None,
     ) -> None:
         self.value = value
         self.slopes: dict[str, FloatArray] = {} if slopes is None else slopes
@@ -138,6 +142,15 @@ class Feature(NDArrayOperatorsMixin):
         slopes = {name: np.einsum("rc,c...->r...", matrix, self._full(x)) for name, x in self._by().items()}
         return Feature(np.einsum("rc,csk->rsk", matrix, self.value), slopes, self.where)
 
+    def during(self, span: slice) -> Feature:
+        """The same at some of its instants, one after the other; of all motions."""
+        value, slopes, where = self._during(span)
+        return Feature(value, slopes, where)
+
+    def _during(self, span: slice) -> tuple[FloatArray, dict[str, FloatArray], Where]:
+        instants = np.arange(self.value.shape[-1]) if self.where is None else self.where[1]
+        return self.value[..., span], during(self.slopes, span), (None, instants[span])
+
     def dot(self, other: Any) -> Feature:
         """Scalar product with a vector (3,), or with another feature."""
         mine, its = self.value, _components(other)
@@ -174,21 +187,36 @@ class Feature(NDArrayOperatorsMixin):
             return [self._residual(over_time)]
         if over_time and self.where is None and self.slopes and self.slopes.keys() <= _OWN.keys():
             return [JointResidual(self.value, **{_JOINT[name]: x for name, x in self.slopes.items()})]
+        if self.where is not None and not over_time:
+            return [self._one_after_the_other(*self.where)._residual(over_time)]
         return [self[i]._residual(over_time) for i in range(len(self.value))]
 
+    def _one_after_the_other(self, motion: Indices | None, instants: Indices) -> Feature:
+        """The components of a vector at some instants (c, S, K) as a number at c times as many (S, c K)."""
+        count, motions, _ = self.value.shape
+        slopes = {}
+        for name, slope in self._by().items():
+            if name != "by_time":
+                full = np.broadcast_to(slope, (count, *slope.shape[1:-2], *self.value.shape[1:]))
+                slopes[name] = np.moveaxis(full, 0, -2).reshape(*full.shape[1:-2], motions, -1)
+        value = self.value.transpose(1, 0, 2).reshape(motions, -1)
+        motion = None if motion is None else np.tile(motion, count)
+        return Feature(value, slopes, (motion, np.tile(instants, count)))
+
     def _residual(self, over_time: bool) -> Residual:
-        value, where = self.value, self.where
+        value = self.value
+        motion, instants = (None, slice(None)) if self.where is None else self.where
         slopes: dict[str, Any] = {
             name: np.broadcast_to(x, (*x.shape[:-2], *value.shape))
             for name, x in self.slopes.items()
             if name != "by_time"
         }
-        if where is None and "by_accelerations" not in slopes:
-            return Residual(value, over_time=over_time, **slopes)
-        if where is None:
+        if motion is None and "by_accelerations" not in slopes:
+            return Residual(value, instants, over_time=over_time, **slopes)
+        if motion is None:
+            every = np.arange(value.shape[1]) if self.where is None else self.where[1]
             motion, instants = (x.reshape(-1) for x in np.indices(value.shape))
-        else:
-            motion, instants = where
+            instants = every[instants]
         slopes = {name: x.reshape(*x.shape[:-2], -1) for name, x in slopes.items()}
         return Residual(value.reshape(-1), instants, motion, over_time, **slopes)
 
@@ -201,6 +229,11 @@ def root_of_size(x: Feature, rounding: float) -> Feature:
     """
     result: Feature = x / np.sqrt(np.hypot(x, rounding) + rounding)
     return result
+
+
+def during(slopes: dict[str, FloatArray], span: slice) -> dict[str, FloatArray]:
+    """Slopes at some instants; those that are alike at all times as they are."""
+    return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in slopes.items()}
 
 
 def _components(x: Any) -> FloatArray:

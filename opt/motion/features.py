@@ -20,11 +20,11 @@ from ffsms_pin.opt.motion.actuated import (
     wheel_shares,
     wheel_torque,
 )
-from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.feature import Feature, Where
 from ffsms_pin.opt.motion.frame import EYE, Frame, carried
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.opt.motion.robot_frame import INERTIAL, RobotFrame
+from ffsms_pin.opt.motion.robot_frame import BASE, INERTIAL, RobotFrame
 from ffsms_pin.opt.motion.slopes import momentum_slopes
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, skew
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 __all__ = ["Features", "Lazy", "features_of"]
 
 _ONE = np.ones((1, 1))
+_OF_MOTIONS = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
+_OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
 _robot_frame = lru_cache(maxsize=64)(RobotFrame.of)
 
 
@@ -82,7 +84,7 @@ class Features:
         self,
         motions: Motions,
         duration: float | None = None,
-        where: tuple[Indices, Indices] | None = None,
+        where: Where | None = None,
         slopes: bool = True,
     ) -> None:
         self.motions, self.where, self.slopes = motions, where, slopes
@@ -114,8 +116,10 @@ class Features:
         place, turn = ({"by_base": EYE}, {"by_base_turn": EYE}) if sloped else ({}, {})
         return Frame(m.base_position, m.base_attitude, place, turn, self.where)
 
-    def frame(self, name: str) -> Frame:
+    def frame(self, name: str, on: str = INERTIAL) -> Frame:
         """Position of any frame of the robot, a `Frame`; "tip" is the end effector.
+
+        On the "base" it is seen from the base link's frame, in its axes.
 
         Raises
         ------
@@ -123,9 +127,14 @@ class Features:
             It names the frames that there are.
         """
         m = self.motions
-        if name in ("tip", m.stack.robot.end_effector):
+        is_tip = name in ("tip", m.stack.robot.end_effector)
+        if is_tip and on == INERTIAL:
             return self.tip
-        R, seen = m.base_attitude, _robot_frame(m.stack.robot, name).of_arm(m.arm)
+        frame = RobotFrame.tip(m.stack) if is_tip else _robot_frame(m.stack.robot, name)
+        R, seen = m.base_attitude, frame.of_arm(m.arm)
+        if on == BASE:
+            place, turn = ({"by_joints": x} if self.slopes else {} for x in (seen.linear, seen.angular))
+            return Frame(seen.position, seen.rotation, place, turn, self.where)
         lever = apply(R, seen.position - m.stack.base_com[:, None, None])
         slopes: Any = ({}, {})
         if self.slopes:
@@ -243,17 +252,27 @@ class Features:
 
     def at(self, motion: Indices, instants: Indices) -> Features:
         """The same at V instants of motions, as one motion of V instants: where something costs much."""
-        whole = self.motions
 
         def pick(values: FloatArray) -> FloatArray:
             return np.ascontiguousarray(values[..., motion, instants])[..., None, :]
 
-        stacked = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
-        of_instants = ("times", "weights", "limit_weights", "com", "target")
-        values: dict[str, Any] = {name: pick(getattr(whole, name)) for name in stacked}
-        values.update({name: getattr(whole, name)[..., instants] for name in of_instants})
+        return self._picked(pick, (motion, instants), instants)
+
+    def during(self, first: int, last: int) -> Features:
+        """The same from one instant to another, by index: for what counts only then."""
+        span = slice(first, last + 1)
+        found = self._picked(lambda values: values[..., span], (None, np.arange(first, last + 1)), span)
+        found.tip = self.tip.during(span)
+        return found
+
+    def _picked(
+        self, pick: Callable[[FloatArray], FloatArray], where: Where, instants: Indices | slice
+    ) -> Features:
+        whole = self.motions
+        values: dict[str, Any] = {name: pick(getattr(whole, name)) for name in _OF_MOTIONS}
+        values.update({name: getattr(whole, name)[..., instants] for name in _OF_INSTANTS})
         arm = cast(ArmValues, Lazy(lambda name: pick(getattr(whole.arm, name))))
-        return Features(replace(whole, arm=arm, **values), self.duration, (motion, instants))
+        return Features(replace(whole, arm=arm, **values), self.duration, where, self.slopes)
 
 
 class Lazy:

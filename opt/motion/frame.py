@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.system.batch.stacks import apply, dot, log3, skew
+from ffsms_pin.opt.motion.feature import Feature, Where, during
+from ffsms_pin.system.batch.stacks import apply, dot, exp3, log3, skew
 
 __all__ = ["EYE", "Frame", "carried"]
 
@@ -39,7 +38,7 @@ class Frame(Feature):
         rotation: FloatArray,
         slopes: dict[str, FloatArray],
         turns: dict[str, FloatArray],
-        where: tuple[Indices, Indices] | None = None,
+        where: Where | None = None,
     ) -> None:
         super().__init__(position, slopes, where)
         self.rotation, self._turns = rotation, turns
@@ -69,6 +68,18 @@ class Frame(Feature):
         angle = np.sqrt(dot(r, r) + _ROUNDING**2)
         # Along its axis a turn adds to the angle, across it does not.
         return Feature(angle, Feature(r, self._turns)._along(r / angle, {}), self.where)
+
+    def during(self, span: slice) -> Frame:
+        """The same at some of its instants, one after the other; of all motions."""
+        value, slopes, where = self._during(span)
+        return Frame(value, self.rotation[..., span], slopes, during(self._turns, span), where)
+
+    def moving_on(self, velocity: Feature, spin: Feature, by: FloatArray) -> Frame:
+        """The frame so much later (S, K) [s], going straight on."""
+        position, turn = self + by * velocity, exp3(by * spin.value)
+        turns = {name: apply(turn, slope) for name, slope in self._turns.items()}
+        turns.update({name: by * slope for name, slope in spin.slopes.items()})
+        return Frame(position.value, apply(turn, self.rotation), position.slopes, turns, self.where)
 
     def _from(self, rotation: FloatArray) -> FloatArray:
         start = rotation.reshape(3, 3, 1, -1)

@@ -5,16 +5,14 @@ Where it is, and how that changes with the joints and with the base: what a limi
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
-from ffsms_pin.system.batch.stacks import apply, cross, dot
+from ffsms_pin.system.batch.stacks import cross
 from ffsms_pin.system.mechanism import frame_index
 
 __all__ = ["BASE", "INERTIAL", "FrameValues", "RobotFrame"]
@@ -106,60 +104,3 @@ class RobotFrame(NamedTuple):
             moves = self.moves.reshape(-1, *(1,) * (arm.axes.ndim - 2))
             return FrameValues(arm.tip, arm.tip_rotation, arm.arm, arm.axes * moves)
         return self.seen(arm.rotations, arm.points, arm.axes, arm.velocities)
-
-    def poses(self, motions: Motions, on: str = INERTIAL) -> tuple[FloatArray, FloatArray]:
-        """Positions (3, S, K) [m] and attitudes (3, 3, S, K) in motions, in these axes."""
-        if on == BASE:
-            values = self.of_arm(motions.arm)
-            return values.position, values.rotation
-        if self.is_tip:
-            return motions.end_effector, motions.attitude
-        R, values = motions.base_attitude, self.of_arm(motions.arm)
-        position = motions.com[:, None] + apply(R, values.position - motions.arm.com)
-        return position, apply(R, values.rotation)
-
-    def slopes(
-        self,
-        motions: Motions,
-        where: tuple[Any, Indices],
-        by_place: FloatArray | None = None,
-        by_turn: FloatArray | None = None,
-        on: str = INERTIAL,
-    ) -> dict[str, FloatArray]:
-        """Slopes of numbers at entries (motion, instant), by the names that `Residual` gives them.
-
-        Parameters
-        ----------
-        motions : Motions
-        where : (ndarray of int or slice, ndarray of int)
-            Of V entries, (V,) each; or all motions and the instants of a dense residual.
-        by_place, by_turn : ndarray, shape (3, V) or (3, S, K), optional
-            Their slopes by the frame's position, and by a turn of it (rotation vector).
-        on : str
-            The axes of these.
-        """
-        if self.is_tip and on == INERTIAL:
-            given = {"by_tip": by_place, "by_turn": by_turn}
-            return {name: slope for name, slope in given.items() if slope is not None}
-        values = FrameValues(*(one[..., where[0], where[1]] for one in self.of_arm(motions.arm)))
-        R = motions.base_attitude[:, :, where[0], where[1]]
-        joints: FloatArray = np.zeros(values.linear.shape[1:])
-        found: dict[str, FloatArray] = {}
-        for slope, columns in ((by_place, values.linear), (by_turn, values.angular)):
-            if slope is not None:
-                inward = slope if on == BASE else np.einsum("yx...,y...->x...", R, slope)
-                joints += dot(columns, inward[:, None])
-        if on == BASE:  # the base takes the place with it
-            return {"by_joints": joints}
-        base_turn = np.zeros_like(values.position)
-        if by_place is not None:
-            lever = values.position - _along(motions.stack.base_com, values.position.ndim)
-            base_turn += cross(apply(R, lever), by_place)
-            found["by_base"] = by_place
-        if by_turn is not None:
-            base_turn += by_turn
-        return {**found, "by_joints": joints, "by_base_turn": base_turn}
-
-
-def _along(x: FloatArray, dimensions: int) -> FloatArray:
-    return x.reshape(-1, *(1,) * (dimensions - 1))
