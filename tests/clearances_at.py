@@ -31,7 +31,7 @@ class At:
         poses = self.stack.at(q, 0.0)
         where = np.arange(self.count), np.zeros(self.count, dtype=np.intp)
         found = self.stack.nearest(poses, where, near)
-        return found.distance, self.stack.gradients(poses, where, found).T
+        return found.distance, self.stack.slopes(poses, where, found)[0].T
 
 
 class Points(At):

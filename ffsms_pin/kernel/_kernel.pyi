@@ -127,17 +127,16 @@ def refined(
 ) -> tuple[FloatArray, FloatArray] | None: ...
 
 # points.hpp, clearance.hpp
-def point_clearances(
-    tree: Tree,
-    positions: FloatArray,
-    there: Any,
-    here: Any,
-    moves: FloatArray,
-    holds: FloatArray,
-    box: FloatArray,
+def near_points(
+    tree: Tree, joints: FloatArray, columns: Any, at: Any, ends: Any, box: FloatArray
+) -> tuple[FloatArray, FloatArray]: ...
+def distance_slopes(
+    tree: Tree, joints: FloatArray, bodies: Any, columns: Any, at: Any, points: FloatArray
 ) -> tuple[FloatArray, FloatArray]: ...
 def near_parts(
-    rotations: FloatArray,
+    tree: Tree,
+    joints: FloatArray,
+    turns: FloatArray,
     origins: FloatArray,
     columns: Any,
     at: Any,
@@ -149,5 +148,5 @@ def near_parts(
     pairs: Any,
     corners: FloatArray,
     begins: Any,
-    directions: FloatArray,
-) -> tuple[FloatArray, Any, Any, FloatArray, Any, FloatArray, FloatArray]: ...
+    rounds: FloatArray,
+) -> tuple[FloatArray, list[tuple[int, float, list[tuple[float, int]]]], FloatArray]: ...

@@ -109,19 +109,19 @@ def chosen_mode(sms: SpaceManipulator) -> str:
     Of an arm that moves in one plane the points are kept clear, as in the paper; and where the shapes cannot
     be read, with a warning.
     """
-    arm = ArmStack(sms)
-    along = arm.poses(np.zeros((sms.n, 1)))[2][:, :, 0].T
-    planar = all(arm.revolute) and np.linalg.norm(np.cross(along, along[:1]), axis=1).max() < _PARALLEL
-    if planar or sms.description is None:
+    model = sms.model
+    turns = pin.computeJointJacobians(model, model.createData(), pin.neutral(model))[3:, 6:].T
+    planar = np.linalg.norm(np.cross(turns, turns[0]), axis=1).max() < _PARALLEL
+    if (planar and turns.any(axis=1).all()) or sms.description is None:
         return "points"
     try:
-        shapes = whole_shapes(sms.geometry("collision"))
+        shapes = sms.geometry("collision").geometryObjects
     except GeometryError as error:
         warnings.warn(
             f"the paper's points are kept clear instead of shapes: {error}", FfsmsWarning, stacklevel=2
         )
         return "points"
-    return "hulls" if body_pairs(sms, [part.body for part in shapes]) else "points"
+    return "hulls" if body_pairs(sms, [int(one.parentJoint) - 2 for one in shapes]) else "points"
 
 
 def _lines(sms: SpaceManipulator) -> list[Part]:

@@ -143,13 +143,14 @@ class Clearance(Limit):
         (columns, at), found = stack.below(poses, kept)
         if not columns.size:
             return []
-        slopes: dict[str, Any] = {"by_joints": stack.gradients(poses, (columns, at), found)}
+        gradients, (here, _, normal) = stack.slopes(poses, (columns, at), found)
+        slopes: dict[str, Any] = {"by_joints": gradients}
         motion, instants = np.unravel_index(at, motions.joints.shape[1:])
         if stack.obstacles:
             # When the base moves, the nearest point of the body moves with it and that of the obstacle stays.
             R = motions.base_attitude[:, :, motion, instants]
-            normal = stack.passes[columns] * apply(R, found.normal)
-            lever = apply(R, found.here - motions.stack.base_com[:, None])
+            normal = stack.passes[columns] * apply(R, normal)
+            lever = apply(R, here - motions.stack.base_com[:, None])
             slopes |= {"by_base": -normal, "by_base_turn": -cross(lever, normal)}
         slopes = {name: -slope / length for name, slope in slopes.items()}
         value = (kept[columns] - found.distance) / length

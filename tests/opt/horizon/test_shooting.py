@@ -13,7 +13,7 @@ from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import joint_goals, straight_ends
 from ffsms_pin.opt.horizon.starts import spread_postures, straight_time
 from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
-from ffsms_pin.opt.limits.clearance.poses import Poses
+from ffsms_pin.opt.limits.clearance.distances import Poses
 from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.batch.stacks import apply, log3
 
@@ -57,7 +57,7 @@ def test_of_straight_moves_those_that_keep_the_limits_come_first() -> None:
     stack = BodyStack(sms, "hulls", 0.01)
     for joints in goals[good]:
         way = START[:, None] + (joints - START)[:, None] * np.linspace(0.0, 1.0, 101)
-        assert stack.values(Poses.at(stack.arm, way), 0.02).min() >= 0.01
+        assert stack.values(Poses.of(way), 0.02).min() >= 0.01
     none, _ = best_first(Model.make(problem, SearchOptions().fine), goals[:0])
     assert none.shape == (0, 7)
 

@@ -11,7 +11,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
-from ffsms_pin.opt.limits.clearance.poses import Poses
+from ffsms_pin.opt.limits.clearance.distances import Poses
 from ffsms_pin.opt.limits.limit import tightened
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
@@ -22,16 +22,16 @@ def test_stacked_clearances(planar: ffsms.SpaceManipulator, collision: str) -> N
     stack = clearance_stack(planar, collision)
     assert stack is not None
     joints, h = np.array([[0.9, 1.6, 1.3], [-0.4, -2.1, -0.6]]).T, 1e-6
-    poses = Poses.at(stack.arm, joints)
+    poses = Poses.of(joints)
     values, every = stack.values(poses), stack.every(poses)
     if collision == "points":
         for k in range(2):
             expected = Points(planar).values(planar.configuration(joints[:, k]))
             np.testing.assert_allclose(values[:, k], expected, atol=1e-12)
-    gradients = stack.gradients(poses, every, stack.nearest(poses, every))
+    gradients = stack.slopes(poses, every, stack.nearest(poses, every))[0]
     for j in range(3):
         ahead, behind = joints + h * np.eye(3)[:, [j]], joints - h * np.eye(3)[:, [j]]
-        slope = stack.values(Poses.at(stack.arm, ahead)) - stack.values(Poses.at(stack.arm, behind))
+        slope = stack.values(Poses.of(ahead)) - stack.values(Poses.of(behind))
         np.testing.assert_allclose(gradients[j], slope[every] / (2.0 * h), atol=1e-5)
 
 
