@@ -18,12 +18,12 @@ from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import JointGoals, too_short
 from ffsms_pin.opt.horizon.starts import joint_range, spread_postures, straight_time
 from ffsms_pin.opt.limits.limit import Limit, Violation
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
 __all__ = ["explain", "keep_limits", "reach_range", "refused", "with_limits_said", "within_workspace"]

@@ -30,7 +30,7 @@ from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, skew
 
 if TYPE_CHECKING:
-    from ffsms_pin.opt.limits.step_state import StepState
+    from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["Features", "Lazy", "features_of"]
 
