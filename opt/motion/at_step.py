@@ -17,7 +17,7 @@ from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import skew
 
 if TYPE_CHECKING:
-    from ffsms_pin.opt.limits.step_state import StepState
+    from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["Change", "StepFeatures", "arm_stack"]
 
@@ -57,17 +57,14 @@ class StepFeatures(Features):
         self.step = self.state = step
         stack, R = arm_stack(step.sms, step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
         start = pin.XYZQUATToSE3(step.base_start)
-        M, u, com = step.M, step.rates, step.sms.base_com
-        centre = np.array([M[1, 5], M[2, 3], M[0, 4]]) / M[0, 0]
-        if not stack.moves:  # the point that does not move
-            centre = com
+        u, com, centre = step.rates, step.sms.base_com, step.com
         # The base's centre of mass, the base's turn and the end effector: a joint rate each, and the drift.
         root = np.column_stack([step.reaction, step.drift])
         self._base = R @ (root[:3] - skew(com) @ root[3:])
         self._base_turn = R @ root[3:]
         self._tip = np.column_stack([step.J_star, step.tip_drift])
         at = np.append(u, 1.0)
-        drift = np.zeros(3) if step.momentum is None else step.momentum[:3] / M[0, 0]
+        drift = np.zeros(3) if step.momentum is None else step.momentum[:3] / stack.total_mass
         motions = HeldMotions(
             stack=stack,
             times=np.array([step.time]),
@@ -87,7 +84,7 @@ class StepFeatures(Features):
             target=np.full((3, 1), np.nan),
             mean_speed=np.nan,
             wheels=step.wheels,
-            wheel_total=np.zeros(0) if step.wheel_total is None else step.wheel_total,
+            wheel_total=np.zeros(len(step.wheels or ())) if step.wheel_total is None else step.wheel_total,
             end_effector=_one(step.pose.translation),
             attitude=_one(step.pose.rotation),
             relative_velocity=_one(self._tip[:3] @ at - drift),

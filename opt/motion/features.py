@@ -29,7 +29,7 @@ from ffsms_pin.opt.motion.slopes import momentum_slopes
 from ffsms_pin.system.batch.stacks import apply, skew
 
 if TYPE_CHECKING:
-    from ffsms_pin.opt.limits.step_state import StepState
+    from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["Features"]
 

@@ -9,13 +9,12 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
-from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.reading import formulas
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["Inequality"]
 
@@ -104,11 +103,8 @@ class Inequality(Limit):
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows of a step: what moves uses room up slowly, what jumps leaves room at the step's end."""
-        return self.rows_at(StepFeatures(step))
-
-    def rows_at(self, seen: StepFeatures) -> Rows | None:
-        """The same, of a step that is seen already."""
-        at, step = seen.change(self.rooms(seen)), seen.state
+        seen = step.features
+        at = seen.change(self.rooms(seen))
         asked = np.isfinite(at.value)
         if not asked.any():
             return None

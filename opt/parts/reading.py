@@ -11,12 +11,12 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, PartError
 from ffsms_pin.opt.limits.limit import Rows, Violation
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.feature import Feature, lost_slopes
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.nudged import by_differences
 from ffsms_pin.opt.motion.residual import JointResidual, Residual, Residuals
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["Formula", "asked", "formulas", "residuals_of", "rows_of", "violation_of"]
 
@@ -49,7 +49,7 @@ def rows_of(limit: Any, step: StepState) -> Rows | None:
     if not isinstance(rows, Rows):
         raise PartError(limit, "rows", f"must return opt.Rows or None; got {type(rows).__name__}")
     k, n = len(rows.lower), len(step.rates)
-    shapes = tuple(np.shape(x) for x in rows[:3])
+    shapes = np.shape(rows.G), np.shape(rows.lower), np.shape(rows.upper)
     if shapes != ((k, n), (k,), (k,)):
         raise PartError(limit, "rows", f"must give G (k, {n}), lower (k,) and upper (k,); got {shapes}")
     return rows

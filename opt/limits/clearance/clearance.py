@@ -18,10 +18,10 @@ from ffsms_pin.opt.limits.clearance.points import PointStack
 from ffsms_pin.opt.limits.clearance.rows import clearance_rows
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residual, Residuals
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross
 from ffsms_pin.system.convex_parts import Part

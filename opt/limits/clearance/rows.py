@@ -8,7 +8,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.clearance.distances import Poses
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
-from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.batch.stacks import apply, cross
 
 __all__ = ["CLOSING_RATE", "MARGIN", "clearance_rows"]

@@ -13,7 +13,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.limits.clearance.distances import Poses
 from ffsms_pin.opt.limits.limit import tightened
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
 
 
@@ -71,7 +71,7 @@ def test_what_is_broken_is_told_with_place_time_and_size(planar: ffsms.SpaceMani
 
 
 def test_a_tightened_clearance_is_greater_by_that(planar: ffsms.SpaceManipulator) -> None:
-    step = step_state(planar, planar.configuration([1.0, 1.9, 1.4]), np.zeros(3), 0.01, 1.0)
+    step = StepState(planar, planar.configuration([1.0, 1.9, 1.4]), np.zeros(3), 0.01, 1.0)
     tight = tightened(opt.Clearance(0.02), 0.01)
     assert tight.reserve == pytest.approx(0.01)
     rows, wider = (one.for_robot(planar).rows(step) for one in (tight, opt.Clearance(0.03)))
