@@ -12,9 +12,8 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
-from ffsms_pin.opt.limits.rate_bounds import rate_bounds
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.march import March, march
+from ffsms_pin.opt.step.state import StepState, rate_bounds
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import roll_out
 

@@ -9,12 +9,11 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import Rows, Violation
-from ffsms_pin.opt.limits.rate_bounds import rate_bounds
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.slopes import singular
 from ffsms_pin.opt.parts.inequality import Inequality
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["AlphaBox", "alpha_box_rows"]
 
@@ -39,9 +38,8 @@ def alpha_box_rows(step: StepState) -> Rows:
     # V turns without stretching: within the ball of radius 1 all rates are in the box.
     if step.rates.dot(step.rates) <= 1.0:
         return rows
-    lower, upper = rate_bounds(step.joints, step.rates, step.sms.limits, step.dt)
-    braking: FloatArray = np.minimum(np.maximum(0.0, lower), upper)
-    if np.abs(step.V.T.dot(braking)).max() <= 1.0:
+    lower, upper = step.bounds
+    if np.abs(step.V.T.dot(np.minimum(np.maximum(0.0, lower), upper))).max() <= 1.0:
         return rows
     return rows._replace(give=_GIVE)
 

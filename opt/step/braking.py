@@ -10,10 +10,10 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.at_step import arm_stack
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.base_motion import advance
 
 __all__ = ["braking", "stoppable", "within"]
@@ -71,7 +71,7 @@ def _broken(limits: Sequence[Limit], step: StepState, end: FloatArray) -> FloatA
         base_start=start.act(sms.base_com),
         rotation_start=start.rotation,
         wheels=step.wheels,
-        wheel_total=np.zeros(0) if step.wheel_total is None else step.wheel_total,
+        wheel_total=step.features.motions.wheel_total,
     )
     return np.array([violation_of(limit, motion).amount for limit in limits])
 

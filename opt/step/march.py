@@ -8,8 +8,8 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.step.result import Step
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.opt.step.stepper import Step
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
 
@@ -101,7 +101,7 @@ def start_sides(
 
     For a planar arm the two sides of the way; in space both senses of the two principal directions.
     """
-    step = step_state(sms, q0, np.zeros(sms.n), 1.0, 1.0, mode=mode)
+    step = StepState(sms, q0, np.zeros(sms.n), 1.0, 1.0, mode=mode)
     return sides_across(target - step.pose.translation, step.J_star[:3]) or [np.zeros(3)]
 
 

@@ -13,9 +13,9 @@ from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.parts.reading import Formula, formulas, residuals_of
 
 if TYPE_CHECKING:
-    from ffsms_pin.opt.limits.step_state import StepState
     from ffsms_pin.opt.motion.features import Features
     from ffsms_pin.opt.motion.motions import Motions
+    from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["REFERENCE_TIME", "Term", "time_scale"]
 

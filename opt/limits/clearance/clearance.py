@@ -17,10 +17,10 @@ from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, checked_obstacles,
 from ffsms_pin.opt.limits.clearance.points import PointStack
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacked
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residual, Residuals
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 from ffsms_pin.system.convex_parts import Part, part_of

@@ -17,9 +17,9 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.limits.clearance.distances import Poses
 from ffsms_pin.opt.limits.limit import tightened
-from ffsms_pin.opt.motion.features import features_of
+from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
 
 
@@ -77,7 +77,7 @@ def test_what_is_broken_is_told_with_place_time_and_size(planar: ffsms.SpaceMani
 
 
 def test_a_tightened_clearance_is_greater_by_that(planar: ffsms.SpaceManipulator) -> None:
-    step = step_state(planar, planar.configuration([1.0, 1.9, 1.4]), np.zeros(3), 0.01, 1.0)
+    step = StepState(planar, planar.configuration([1.0, 1.9, 1.4]), np.zeros(3), 0.01, 1.0)
     tight = tightened(opt.Clearance(0.02), 0.01)
     assert tight.reserve == pytest.approx(0.01)
     rows, wider = (one.for_robot(planar).rows(step) for one in (tight, opt.Clearance(0.03)))
@@ -115,7 +115,7 @@ def test_rows_and_residual_are_those_that_follow_from_room(case: str) -> None:
     checked = 0
     for _ in range(4):
         q0 = sms.configuration(rng.uniform(low, high))
-        state = step_state(sms, q0, rng.uniform(-0.2, 0.2, sms.n), 0.01, 5.0)
+        state = StepState(sms, q0, rng.uniform(-0.2, 0.2, sms.n), 0.01, 5.0)
         rows, expected = limit.rows(state), Formula(limit).rows(state)
         assert rows is not None
         assert expected is not None
@@ -125,7 +125,7 @@ def test_rows_and_residual_are_those_that_follow_from_room(case: str) -> None:
         problem = opt.Problem(sms, q0, np.ones(3), 1.0, 0.25, limits=[limit])
         rates = rng.uniform(-0.3, 0.3, (5, sms.n))
         motion = rolled_out(sms, problem.stack, q0, rates, 0.25, problem.momentum, 0.9)
-        m = features_of(motion)
+        m = Features(motion)
         least = 0.1 + limit.margin * motion.stack.length
         for stack, room in zip(limit._stacks, limit.room(m), strict=True):
             kept = np.minimum(least, 0.5 * (0.1 + stack.largest)) - 0.1
