@@ -12,18 +12,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.arrival import arrival
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.sums import Weighted, sums
 from ffsms_pin.opt.motion.motions import Motions, Smoothing
 from ffsms_pin.opt.motion.residual import Indices, JointResidual, Residual
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms.term import time_scale
 
-__all__ = ["Linearisation", "Weights", "linearise"]
+__all__ = ["Linearisation", "Weighted", "Weights", "linearise", "sums"]
 
 
 class Weights(NamedTuple):
@@ -180,3 +180,49 @@ def _largest(residual: Residual | JointResidual, margin: float) -> tuple[Indices
     else:
         value = value.max(axis=1)
     return np.arange(len(value)), value
+
+
+class Weighted(NamedTuple):
+    """A residual, and the weight of the square of each of its values.
+
+    Attributes
+    ----------
+    residual : Residual or JointResidual
+    weight : ndarray, shape (K,), or (V,) of a residual with entries
+    """
+
+    residual: Residual | JointResidual
+    weight: FloatArray
+
+    @classmethod
+    def of(cls, residual: Residual | JointResidual, factor: float, over_time: FloatArray) -> Weighted:
+        """A weight that is the same for all values, times the quadrature's where the square is integrated."""
+        if isinstance(residual, JointResidual):
+            return cls(residual, factor * over_time)
+        if residual.over_time:
+            return cls(residual, factor * over_time[residual.instants])
+        return cls(residual, np.full(residual.value.shape[-1], factor))
+
+
+def sums(
+    spline: RateSpline, motions: Motions, chosen: Indices, residuals: list[Weighted]
+) -> tuple[FloatArray, FloatArray]:
+    """Gradient (T, Mn) and Hessian (T, Mn, Mn) of half the weighted sum of squares of T chosen motions.
+
+    The control points come first, the joints last. A base that floats reacts to the joints; that its own
+    momentum turns it otherwise is left out (see `motions_of`).
+    """
+    every, entropy = np.arange(len(motions.times)), None
+    single, rest = [], []
+    for residual, weight in residuals:
+        if isinstance(residual, JointResidual):
+            slopes = (residual.by_position, residual.by_rate, residual.by_acceleration)
+            single.append((weight, residual.value, *slopes))
+        elif residual.value.size:
+            where = every[residual.instants]
+            rest.append((where, residual.motion, weight, residual.value, residual.slopes()))
+            if residual.by_entropy is not None:
+                entropy = motions.entropy_slope
+    maps = (spline.rates.free, spline.travel.free, spline.accelerations.free)
+    given = (motions.joints, motions.rates, motions.base_attitude, motions.own_spin, entropy)
+    return kernel.sums(motions.stack.tree, maps, spline.quadrature, given, rest, single, chosen)
