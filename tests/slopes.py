@@ -9,9 +9,9 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Problem
+from ffsms_pin.opt.horizon.merit import Weighted, sums
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.sums import Weighted, sums
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing
 from ffsms_pin.opt.motion.residual import JointResidual, Residual, Residuals
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues

@@ -72,6 +72,9 @@ def cone_marches(
 ) -> FloatArray: ...
 
 # step.hpp
+def step_state(
+    tree: Tree, root: FloatArray, joints: FloatArray, momentum: FloatArray | None
+) -> tuple[FloatArray, FloatArray]: ...
 def rate_bounds(
     limits: FloatArray, joints: FloatArray, rates: FloatArray, dt: float
 ) -> tuple[FloatArray, FloatArray]: ...
@@ -99,8 +102,6 @@ def scheduled(
 def reference_speed(
     schedule: FloatArray, path_left: float, speed: float, time_left: float, dt: float
 ) -> float: ...
-def cone_direction(towards: FloatArray, lateral: FloatArray, cosine: float) -> FloatArray: ...
-def lateral_direction(towards: FloatArray, hint: FloatArray) -> FloatArray: ...
 def objective(
     J: FloatArray,
     V: FloatArray,
@@ -126,17 +127,16 @@ def refined(
 ) -> tuple[FloatArray, FloatArray] | None: ...
 
 # points.hpp, clearance.hpp
-def point_clearances(
-    tree: Tree,
-    positions: FloatArray,
-    there: Any,
-    here: Any,
-    moves: FloatArray,
-    holds: FloatArray,
-    box: FloatArray,
+def near_points(
+    tree: Tree, joints: FloatArray, columns: Any, at: Any, ends: Any, box: FloatArray
+) -> tuple[FloatArray, FloatArray]: ...
+def distance_slopes(
+    tree: Tree, joints: FloatArray, bodies: Any, columns: Any, at: Any, points: FloatArray
 ) -> tuple[FloatArray, FloatArray]: ...
 def near_parts(
-    rotations: FloatArray,
+    tree: Tree,
+    joints: FloatArray,
+    turns: FloatArray,
     origins: FloatArray,
     columns: Any,
     at: Any,
@@ -148,5 +148,5 @@ def near_parts(
     pairs: Any,
     corners: FloatArray,
     begins: Any,
-    directions: FloatArray,
-) -> tuple[FloatArray, Any, Any, FloatArray, Any, FloatArray, FloatArray]: ...
+    rounds: FloatArray,
+) -> tuple[FloatArray, list[tuple[int, float, list[tuple[float, int]]]], FloatArray]: ...

@@ -19,9 +19,9 @@ from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.starts import joint_range
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.direction import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across, start_sides
 from ffsms_pin.opt.step.programme import StepWeights
+from ffsms_pin.opt.step.reference import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system.base_motion import advance

@@ -9,13 +9,12 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
-from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.features import Features, features_of
+from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.reading import formulas
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["Inequality"]
 
@@ -104,11 +103,8 @@ class Inequality(Limit):
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows of a step: what moves uses room up slowly, what jumps leaves room at the step's end."""
-        return self.rows_at(StepFeatures(step))
-
-    def rows_at(self, seen: StepFeatures) -> Rows | None:
-        """The same, of a step that is seen already."""
-        at, step = seen.change(self.rooms(seen)), seen.state
+        seen = step.features
+        at = seen.change(self.rooms(seen))
         asked = np.isfinite(at.value)
         if not asked.any():
             return None
@@ -136,10 +132,9 @@ class Inequality(Limit):
 
     def residual(self, m: Features) -> Residuals:
         """What room lacks of what is kept in hand, over `scale`, where it lacks some."""
-        scale = self._kept(m.motions)[0]
-        counted = self.counted(features_of(m.motions))
+        scale, counted = self._kept(m.motions)[0], self.counted(m)
         if always := counted.where is None:
-            lacks = self.lack(features_of(m.motions, slopes=False)).value > 0.0
+            lacks = self.lack(m).value > 0.0
             lacking = np.nonzero(lacks.any(axis=0) if lacks.ndim == 3 else lacks)
             if not lacking[0].size:
                 return []
@@ -154,7 +149,7 @@ class Inequality(Limit):
 
     def violation(self, motion: Motions) -> Violation:
         """The greatest lack, also between instants: there the parabola through three of them counts."""
-        counted = self.counted(features_of(motion, slopes=False))
+        counted = self.counted(Features(motion))
         left, times = self.rooms(counted).value[:, 0], counted.times
         if not left.size:
             return Violation()
@@ -173,21 +168,21 @@ class Inequality(Limit):
 
 def _stacked(rooms: list[Feature], m: Features) -> Feature:
     """Numbers and vectors one below the other, as one vector."""
-    if len(rooms) == 1:
-        (one,) = rooms
-        alone = {name: slope[None] for name, slope in one.slopes.items()}
-        return one if one.ndim == 3 else Feature(one.value[None], alone, one.where)
-    rows: list[Feature] = []
-    for one in rooms:
-        rows.extend([one] if one.ndim == 2 else [one[i] for i in range(len(one))])
-    names = list(dict.fromkeys(name for row in rows for name in row.slopes))
+    if len(rooms) == 1 and rooms[0].ndim == 3:
+        return rooms[0]
+    rows = [row for one in rooms for row in ([one] if one.ndim == 2 else [one[i] for i in range(len(one))])]
     shape = m.motions.rates.shape[1:]
     value = np.stack([row.value for row in rows]) if rows else np.zeros((0, *shape))
-    slopes = {}
-    for name in names:
-        like = next(row.slopes[name] for row in rows if name in row.slopes)
-        full = (*like.shape[:-2], *shape)
-        slopes[name] = np.stack([np.broadcast_to(row.slopes.get(name, 0.0), full) for row in rows])
+
+    def slopes() -> dict[str, FloatArray]:
+        found: dict[str, FloatArray] = {}
+        for i, row in enumerate(rows):
+            for name, slope in row.slopes.items():
+                if name not in found:
+                    found[name] = np.zeros((len(rows), *slope.shape[:-2], *shape))
+                found[name][i] = slope
+        return found
+
     return Feature(value, slopes, m.where)
 
 

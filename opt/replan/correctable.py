@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Changed, Goal, Place
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, exp3
 
@@ -41,7 +41,7 @@ class Correctable:
         ways = []
         for _ in range(_SAMPLES):
             sms.layout.set_positions(q, rng.uniform(lower, upper))
-            ways.append(step_state(sms, q, rates, 1.0, 1.0, mode=mode).J_star)
+            ways.append(StepState(sms, q, rates, 1.0, 1.0, mode=mode).J_star)
         J = np.hstack(ways)  # the base is unturned: inertial axes are the root's
         self._shifts, self._turns = _range(J[:3]), _range(J[3:])
 

@@ -14,8 +14,7 @@ from ffsms_pin.opt.problem import Problem, default_limits, default_terms, step_l
 from ffsms_pin.opt.problem_checks import check_parts
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
-from ffsms_pin.opt.step.result import Step
-from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.terms import Term
 from ffsms_pin.system import SpaceManipulator
 
@@ -41,7 +40,7 @@ class StepPlanner:
         What is kept clear: the paper's points (const4 to const7), or the URDF's collision shapes.
     weights : StepWeights, optional
     aim : str
-        One of `opt.step.references.REFERENCES`: "step" is the paper's cost; the others go straight.
+        One of `opt.step.reference.REFERENCES`: "step" is the paper's cost; the others go straight.
     base_limits : BaseLimits, optional
         How far and how fast the base may move, from where it is at the first step after a `reset`.
     momentum : array_like, shape (6,), optional

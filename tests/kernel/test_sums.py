@@ -12,8 +12,8 @@ from slopes import motions, tip_turning_slopes
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.merit import Weighted, sums
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.sums import Weighted, sums
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import JointResidual, Residual
 from ffsms_pin.opt.motion.slopes import coupling_slopes, velocity_slopes
