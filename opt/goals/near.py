@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.goal import Goal
 from ffsms_pin.opt.goals.place import Missed, Place
 from ffsms_pin.opt.limits.limit import Violation
 from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.features import Features, features_of
+from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.inequality import Inequality
@@ -85,7 +86,7 @@ class Near(Inequality):
         found = super().violation(motion)
         if found.amount == 0.0:
             return found
-        at = self.counted(features_of(motion, slopes=False))
+        at = self.counted(Features(motion))
         return found._replace(note=self.said.format(self.missed(at).words(), at.times[0]))
 
 
@@ -118,8 +119,11 @@ def beyond(x: Feature, allowed: float) -> Feature:
     share, unit = np.maximum(1.0 - allowed / length, 0.0), x.value / length
     if not share.any():
         return Feature(np.zeros_like(x.value), {}, x.where)
-    # Along the vector it changes by as much as the vector, across by its share.
-    matrix = (np.where(share > 0.0, 1.0, 0.0) - share) * unit[:, None] * unit
-    diagonal(matrix)[...] += share
-    slopes = {name: np.einsum("xy...,yz...->xz...", matrix, slope) for name, slope in x.slopes.items()}
+
+    def slopes() -> dict[str, FloatArray]:
+        # Along the vector it changes by as much as the vector, across by its share.
+        matrix = (np.where(share > 0.0, 1.0, 0.0) - share) * unit[:, None] * unit
+        diagonal(matrix)[...] += share
+        return {name: np.einsum("xy...,yz...->xz...", matrix, slope) for name, slope in x.slopes.items()}
+
     return Feature(share * x.value, slopes, x.where)

@@ -10,7 +10,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.goals.near import arrivals, beyond
 from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.features import features_of
+from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.system.batch.stacks import dot
@@ -38,7 +38,7 @@ class Arrival(NamedTuple):
 
 def arrival(goal: Goal, motions: Motions) -> Arrival:
     """Residuals of the way to the goal beyond what is near enough."""
-    (end, tail), m = arrivals(goal), features_of(motions)
+    (end, tail), m = arrivals(goal), Features(motions)
     late, last = slice(int(motions.last_tenth[0]), None), slice(motions.last, None)
     places, place = goal.places(motions.times[late]), goal.place(motions.duration)
     missed = places.missed(m.frame("tip", places.on).during(late)).parts

@@ -17,6 +17,7 @@ from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.arrival import arrival
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions, Smoothing
 from ffsms_pin.opt.motion.residual import Indices, JointResidual, Residual
 from ffsms_pin.opt.parts.reading import residuals_of
@@ -137,10 +138,11 @@ def _measured(
     """All residuals with their weights, and what needs no derivatives."""
     count, over_time = motions.count, motions.weights
     residuals: list[Weighted] = []
+    seen = Features(motions)
     merit, objective, cost = np.zeros(count), np.zeros(count), np.zeros(count)
     for term in problem.terms:
         ease = weights.tie_break if term.smooths else 1.0
-        for residual in residuals_of(term, motions):
+        for residual in residuals_of(term, seen):
             square = residual.squares(over_time, count)
             merit += ease * square
             if not term.measures_cost:
@@ -157,7 +159,7 @@ def _measured(
             residuals.append(Weighted.of(one, share * end, over_time))
     lack, blocked = np.zeros(count), np.zeros(count)
     for limit in problem.limits:
-        for residual in residuals_of(limit, motions):
+        for residual in residuals_of(limit, seen):
             merit += weights.limits * residual.squares(motions.limit_weights, count)
             largest = _largest(residual, limit.margin)
             np.maximum.at(lack, *largest)
@@ -220,8 +222,9 @@ def sums(
             single.append((weight, residual.value, *slopes))
         elif residual.value.size:
             where = every[residual.instants]
-            rest.append((where, residual.motion, weight, residual.value, residual.slopes()))
-            if residual.by_entropy is not None:
+            by = residual.slopes()
+            rest.append((where, residual.motion, weight, residual.value, by))
+            if "by_entropy" in by:
                 entropy = motions.entropy_slope
     maps = (spline.rates.free, spline.travel.free, spline.accelerations.free)
     given = (motions.joints, motions.rates, motions.base_attitude, motions.own_spin, entropy)

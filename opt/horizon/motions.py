@@ -61,7 +61,7 @@ def motions_of(
         joints=joints,
         rates=rates,
         accelerations=accelerations,
-        arm=arm,
+        evaluated=arm,
         base_attitude=R,
         com=start[:, None] + problem.drift[:, None] * spline.times,
         drift=problem.drift,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,19 +20,17 @@ from ffsms_pin.opt.motion.actuated import (
     wheel_shares,
     wheel_torque,
 )
-from ffsms_pin.opt.motion.feature import Feature, Where
-from ffsms_pin.opt.motion.frame import EYE, Frame, carried
+from ffsms_pin.opt.motion.feature import Feature, Slopes, Where
+from ffsms_pin.opt.motion.frame import BASE, EYE, INERTIAL, Frame, RobotFrame
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.opt.motion.robot_frame import BASE, INERTIAL, RobotFrame
 from ffsms_pin.opt.motion.slopes import momentum_slopes
-from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, skew
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["Features", "Lazy", "features_of"]
+__all__ = ["Features"]
 
 _ONE = np.ones((1, 1))
 _OF_MOTIONS = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
@@ -85,9 +83,8 @@ class Features:
         motions: Motions,
         duration: float | None = None,
         where: Where | None = None,
-        slopes: bool = True,
     ) -> None:
-        self.motions, self.where, self.slopes = motions, where, slopes
+        self.motions, self.where = motions, where
         self.duration = motions.duration if duration is None else duration
 
     def __getattr__(self, name: str) -> Any:
@@ -95,26 +92,21 @@ class Features:
             raise AttributeError(name)
         return getattr(self.motions, name)
 
-    def feature(self, value: FloatArray, slopes: Callable[[], dict[str, FloatArray]]) -> Feature:
-        """A feature; its slopes are worked out only where they are wanted."""
-        return Feature(value, slopes() if self.slopes else {}, self.where)
-
-    def _vector(self, value: FloatArray, name: str) -> Feature:
-        return self.feature(value, lambda: {name: EYE})
+    def feature(self, value: FloatArray, slopes: Slopes) -> Feature:
+        """A feature of these motions."""
+        return Feature(value, slopes, self.where)
 
     @cached_property
     def tip(self) -> Frame:
         """Position of the end effector, a `Frame`."""
-        m, sloped = self.motions, self.slopes
-        place, turn = ({"by_tip": EYE}, {"by_turn": EYE}) if sloped else ({}, {})
-        return Frame(m.end_effector, m.attitude, place, turn, self.where)
+        m = self.motions
+        return Frame(m.end_effector, m.attitude, {"by_tip": EYE}, {"by_turn": EYE}, self.where)
 
     @cached_property
     def base(self) -> Frame:
         """Position of the base's centre of mass, a `Frame`."""
-        m, sloped = self.motions, self.slopes
-        place, turn = ({"by_base": EYE}, {"by_base_turn": EYE}) if sloped else ({}, {})
-        return Frame(m.base_position, m.base_attitude, place, turn, self.where)
+        m = self.motions
+        return Frame(m.base_position, m.base_attitude, {"by_base": EYE}, {"by_base_turn": EYE}, self.where)
 
     def frame(self, name: str, on: str = INERTIAL) -> Frame:
         """Position of any frame of the robot, a `Frame`; "tip" is the end effector.
@@ -133,28 +125,32 @@ class Features:
         frame = RobotFrame.tip(m.stack) if is_tip else _robot_frame(m.stack.robot, name)
         R, seen = m.base_attitude, frame.of_arm(m.arm)
         if on == BASE:
-            place, turn = ({"by_joints": x} if self.slopes else {} for x in (seen.linear, seen.angular))
-            return Frame(seen.position, seen.rotation, place, turn, self.where)
+            moved, turned = {"by_joints": seen.linear}, {"by_joints": seen.angular}
+            return Frame(seen.position, seen.rotation, moved, turned, self.where)
         lever = apply(R, seen.position - m.stack.base_com[:, None, None])
-        slopes: Any = ({}, {})
-        if self.slopes:
-            slopes = carried(lever, apply(R, seen.linear), apply(R, seen.angular))
-        return Frame(m.base_position + lever, apply(R, seen.rotation), slopes[0], slopes[1], self.where)
+
+        def place() -> dict[str, FloatArray]:
+            return {"by_base": EYE, "by_base_turn": -skew(lever), "by_joints": apply(R, seen.linear)}
+
+        def turn() -> dict[str, FloatArray]:
+            return {"by_base_turn": EYE, "by_joints": apply(R, seen.angular)}
+
+        return Frame(m.base_position + lever, apply(R, seen.rotation), place, turn, self.where)
 
     @property
     def velocity(self) -> Feature:
         """Velocity of the end effector [m/s]."""
-        return self._vector(self.motions.velocity, "by_velocity")
+        return self.feature(self.motions.velocity, {"by_velocity": EYE})
 
     @property
     def spin(self) -> Feature:
         """Angular velocity of the end effector [rad/s]."""
-        return self._vector(self.motions.spin, "by_spin")
+        return self.feature(self.motions.spin, {"by_spin": EYE})
 
     @property
     def base_spin(self) -> Feature:
         """Angular velocity of the base [rad/s]."""
-        return self._vector(self.motions.base_spin, "by_base_spin")
+        return self.feature(self.motions.base_spin, {"by_base_spin": EYE})
 
     @cached_property
     def base_turn(self) -> Feature:
@@ -164,17 +160,17 @@ class Features:
     @property
     def joints(self) -> Feature:
         """Joint positions."""
-        return self.feature(self.motions.joints, lambda: {"own_joint": _ONE[None]})
+        return self.feature(self.motions.joints, {"own_joint": _ONE[None]})
 
     @property
     def rates(self) -> Feature:
         """Joint rates."""
-        return self.feature(self.motions.rates, lambda: {"own_rate": _ONE[None]})
+        return self.feature(self.motions.rates, {"own_rate": _ONE[None]})
 
     @property
     def accelerations(self) -> Feature:
         """Joint accelerations."""
-        return self.feature(self.motions.accelerations, lambda: {"own_acceleration": _ONE[None]})
+        return self.feature(self.motions.accelerations, {"own_acceleration": _ONE[None]})
 
     @cached_property
     def torques(self) -> Feature:
@@ -184,7 +180,7 @@ class Features:
     @property
     def entropy(self) -> Feature:
         """H_norm."""
-        return self.feature(self.motions.entropy, lambda: {"by_entropy": _ONE})
+        return self.feature(self.motions.entropy, {"by_entropy": _ONE})
 
     @cached_property
     def wheels(self) -> Feature:
@@ -232,7 +228,7 @@ class Features:
     def time(self) -> Feature:
         """From the start [s]."""
         value = np.broadcast_to(self.motions.times, self.motions.rates.shape[1:])
-        return self.feature(value, lambda: {"by_time": _ONE})
+        return self.feature(value, {"by_time": _ONE})
 
     @property
     def goal(self) -> Feature:
@@ -271,30 +267,7 @@ class Features:
         whole = self.motions
         values: dict[str, Any] = {name: pick(getattr(whole, name)) for name in _OF_MOTIONS}
         values.update({name: getattr(whole, name)[..., instants] for name in _OF_INSTANTS})
-        arm = cast(ArmValues, Lazy(lambda name: pick(getattr(whole.arm, name))))
-        return Features(replace(whole, arm=arm, **values), self.duration, where, self.slopes)
-
-
-class Lazy:
-    """Attributes that are made when they are asked for, and kept."""
-
-    def __init__(self, made: Callable[[str], Any]) -> None:
-        self._made = made
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        value = self._made(name)
-        self.__dict__[name] = value
-        return value
-
-
-def features_of(motions: Motions, slopes: bool = True) -> Features:
-    """The features of motions; kept with them, so that all parts share what is worked out."""
-    kept: dict[bool, Features] = motions.__dict__.setdefault("_features", {})
-    if slopes not in kept:
-        kept[slopes] = Features(motions, slopes=slopes)
-    return kept[slopes]
+        return Features(replace(whole, evaluated=None, **values), self.duration, where)
 
 
 def _shared(wheels: ReactionWheels, slopes: dict[str, FloatArray]) -> dict[str, FloatArray]:

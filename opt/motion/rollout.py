@@ -85,7 +85,7 @@ def rolled_out(
         joints=joints[:, None],
         rates=u[:, None],
         accelerations=accelerations[:, None],
-        arm=arm.stacked(),
+        evaluated=arm.stacked(),
         base_attitude=R[:, :, None],
         com=com0[:, None] + drift[:, None] * times,
         drift=drift,

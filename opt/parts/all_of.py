@@ -31,7 +31,7 @@ class AllOf(Limit):
 
     def residual(self, m: Features) -> Residuals:
         """Of all of them."""
-        return [one for part in self.parts for one in residuals_of(part, m.motions)]
+        return [one for part in self.parts for one in residuals_of(part, m)]
 
     def violation(self, motion: Motions) -> Violation:
         """The largest amount of any of them."""

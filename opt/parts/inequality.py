@@ -10,7 +10,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
 from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.features import Features, features_of
+from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.reading import formulas
@@ -129,10 +129,9 @@ class Inequality(Limit):
         """What room lacks of what is kept in hand, over `scale`, where it lacks some."""
         scale, least = self._kept(m.motions)
         least += self.kept
-        counted = self.counted(features_of(m.motions))
+        counted = self.counted(m)
         if always := counted.where is None:
-            left = self.rooms(features_of(m.motions, slopes=False)).value
-            lacking = np.nonzero((left < least).any(axis=0))
+            lacking = np.nonzero((self.rooms(m).value < least).any(axis=0))
             if not lacking[0].size:
                 return []
             counted = m.at(*lacking)
@@ -146,7 +145,7 @@ class Inequality(Limit):
 
     def violation(self, motion: Motions) -> Violation:
         """The greatest lack, also between instants: there the parabola through three of them counts."""
-        counted = self.counted(features_of(motion, slopes=False))
+        counted = self.counted(Features(motion))
         left, times = self.rooms(counted).value[:, 0], counted.times
         if not left.size:
             return Violation()
@@ -165,21 +164,21 @@ class Inequality(Limit):
 
 def _stacked(rooms: list[Feature], m: Features) -> Feature:
     """Numbers and vectors one below the other, as one vector."""
-    if len(rooms) == 1:
-        (one,) = rooms
-        alone = {name: slope[None] for name, slope in one.slopes.items()}
-        return one if one.ndim == 3 else Feature(one.value[None], alone, one.where)
-    rows: list[Feature] = []
-    for one in rooms:
-        rows.extend([one] if one.ndim == 2 else [one[i] for i in range(len(one))])
-    names = list(dict.fromkeys(name for row in rows for name in row.slopes))
+    if len(rooms) == 1 and rooms[0].ndim == 3:
+        return rooms[0]
+    rows = [row for one in rooms for row in ([one] if one.ndim == 2 else [one[i] for i in range(len(one))])]
     shape = m.motions.rates.shape[1:]
     value = np.stack([row.value for row in rows]) if rows else np.zeros((0, *shape))
-    slopes = {}
-    for name in names:
-        like = next(row.slopes[name] for row in rows if name in row.slopes)
-        full = (*like.shape[:-2], *shape)
-        slopes[name] = np.stack([np.broadcast_to(row.slopes.get(name, 0.0), full) for row in rows])
+
+    def slopes() -> dict[str, FloatArray]:
+        found: dict[str, FloatArray] = {}
+        for i, row in enumerate(rows):
+            for name, slope in row.slopes.items():
+                if name not in found:
+                    found[name] = np.zeros((len(rows), *slope.shape[:-2], *shape))
+                found[name][i] = slope
+        return found
+
     return Feature(value, slopes, m.where)
 
 
