@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.horizon.approaches import moves_to
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Model
 from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
 from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.shooting import JointGoals, too_short
-from ffsms_pin.opt.horizon.starts import joint_range, spread_postures, straight_time
+from ffsms_pin.opt.horizon.shooting import JointGoals, joint_range, spread_postures, straight_time, too_short
+from ffsms_pin.opt.horizon.starts import moves_to
 from ffsms_pin.opt.limits.limit import Limit, Violation
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
