@@ -20,7 +20,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.models.arms import ARMS
-from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
+from ffsms_pin.opt.limits.clearance.bodies import BodyStack
 from ffsms_pin.opt.limits.clearance.distances import Poses
 
 ROBOTS = (*(f"satellite_{arm}" for arm in ARMS), "space_arm_7")

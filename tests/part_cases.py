@@ -10,6 +10,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 from base_actuators import PLACES, PYRAMID, WAYS
+from clearances_at import least_clearance
 from own_parts import AbovePlane, LookAt
 
 import ffsms_pin as ffsms
@@ -257,7 +258,7 @@ def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
         float(np.linalg.norm(plan.v[:, 3:6], axis=1).max()),
         max(float(np.linalg.norm(pose.translation - first.translation)) for pose in poses),
         turns[-1],
-        lambda mode: opt.Clearance(0.0, mode).for_robot(sms).least(motion)[0],
+        lambda mode: least_clearance(opt.Clearance(0.0, mode).for_robot(sms), motion)[0],
         plan.end_effector.T,
         np.abs(rates).max(axis=0),
         [pin.XYZQUATToSE3(q[:7]) for q in plan.q],

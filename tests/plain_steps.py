@@ -8,7 +8,7 @@ from clearances_at import Points
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.alpha_box import alpha_box_rows
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
 from ffsms_pin.opt.step.reference import reference_speed
@@ -55,7 +55,7 @@ def plain_programme(
     m = len(value)
     lower, upper = rate_bounds(sms.layout.positions(q), rates, sms.limits, dt)
     # The box, which may have to give way: then each side is a row.
-    give = alpha_box_rows(step).give
+    give = AlphaBox().rows(step).give
     none = np.full(n, UNBOUNDED)
     box = [(np.eye(n), np.zeros(n), -np.ones(n), np.ones(n))]
     if give:

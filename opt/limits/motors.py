@@ -12,11 +12,13 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.actuated import (
     arm_momentum,
+    forces,
     held_momentum,
     wheel_momentum,
     wheel_shares,
     wheel_torque,
 )
+from ffsms_pin.opt.motion.at_step import arm_stack
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
@@ -71,8 +73,9 @@ class TorqueLimits(_Motors):
         """
         if not np.isfinite(step.sms.limits.torque).any():
             return None
-        m, (low, high), dt, u = step.features.motions, step.bounds, step.dt, step.rates
-        C, H = m.torques[:, 0, 0], m.stack.reduced_inertia(step.joints[:, None])[..., 0]
+        stack, (low, high), dt, u = arm_stack(step.sms, step.mode), step.bounds, step.dt, step.rates
+        C = forces(stack, step.joints, u, np.zeros(len(u)), step.drift[3:])[: len(u)]
+        H = stack.reduced_inertia(step.joints)
         allowed = (1.0 - _SHARE - self.kept) * step.sms.limits.torque
         near = np.abs(C) + np.abs(H) @ np.maximum(high - u, u - low) / dt > allowed
         if not near.any():

@@ -16,7 +16,7 @@ from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.one_thread import OneThread, StepperInUse
 from ffsms_pin.opt.parts.reading import asked, rows_of
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.braking import braking, stoppable, within
+from ffsms_pin.opt.step.march import braking, stoppable, within
 from ffsms_pin.opt.step.programme import (
     Programme,
     StepProblem,

@@ -13,13 +13,12 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.clearance.distances import Poses
-from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
+from ffsms_pin.opt.limits.clearance.stack import STRIDE, ClearanceStack
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices
 
 __all__ = ["Least", "least_of"]
 
-_STRIDE = 16  # of the instants that are measured first
 _MOST = 5000  # clearances that are measured between instants
 # The chord of an obstacle's way from one instant to the next, over which it turns by a few hundredths of a
 # radian, is shorter than the way itself by less than this share.
@@ -85,7 +84,7 @@ class _Search:
     def least(self) -> Least:
         """Halves intervals until all is decided."""
         pairs, count = self.way.shape
-        cuts = np.append(np.arange(0, count - 1, _STRIDE), count - 1)
+        cuts = np.append(np.arange(0, count - 1, STRIDE), count - 1)
         pair, place = np.tile(np.arange(pairs), len(cuts)), np.repeat(cuts, pairs)
         enough = self.near + 0.5 * np.diff(self.way[:, cuts]).max(axis=1, initial=0.0)
         values = self.measure(pair, place.astype(np.float64), enough[pair])

@@ -18,9 +18,9 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, exp3, log3
 
-__all__ = ["ClearanceStack"]
+__all__ = ["STRIDE", "ClearanceStack"]
 
-_STRIDE = 16  # of the configurations where least clearances are looked for first
+STRIDE = 16  # of the configurations that are measured first
 
 
 class ClearanceStack(ABC):
@@ -117,7 +117,7 @@ class ClearanceStack(ABC):
         pairs, joints = np.arange(len(self.names)), np.array([self.sms.layout.positions(row) for row in q]).T
         least = np.full(len(pairs), np.inf) if below is None else below.copy()
         at = np.zeros(len(pairs), dtype=np.intp)
-        for stride in (_STRIDE, 1):
+        for stride in (STRIDE, 1):
             values = self.values(Poses.of(joints[:, ::stride]), least)
             which = values.argmin(axis=1)
             found = values[pairs, which]
@@ -130,7 +130,7 @@ class ClearanceStack(ABC):
         if not self.obstacles:
             return Poses.of(motions.joints)
         R, count = motions.base_attitude, motions.count
-        root = (motions.com[:, None] - apply(R, motions.arm.com)).reshape(3, -1)
+        root = (motions.base_position - apply(R, motions.stack.base_com[:, None, None])).reshape(3, -1)
         key = motions.times.tobytes()  # a descent asks for the same in every iteration
         if key not in self._tracks:
             self._tracks[key] = [one.track(motions.times) for one in self.obstacles]

@@ -13,8 +13,7 @@ from meshes import ARMS, Meshes, places
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.clearance.bodies import body_pairs, chosen_mode
-from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
+from ffsms_pin.opt.limits.clearance.bodies import BodyStack, body_pairs, chosen_mode
 from ffsms_pin.opt.limits.clearance.distances import Poses
 
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 from clearances_at import Points
 from horizon_parts import planar_problem
@@ -13,6 +17,8 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.limits.clearance.distances import Poses
 from ffsms_pin.opt.limits.limit import tightened
+from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
 
@@ -78,3 +84,60 @@ def test_a_tightened_clearance_is_greater_by_that(planar: ffsms.SpaceManipulator
     assert rows is not None
     assert wider is not None
     np.testing.assert_allclose(rows.lower, wider.lower, atol=1e-12)
+
+
+class Formula(opt.Inequality):
+    """The clearance's formula alone, and all that follows from it."""
+
+    name = "formula"
+
+    def __init__(self, limit: opt.Clearance) -> None:
+        self.limit = limit
+
+    def room(self, m: opt.Features) -> Any:
+        return self.limit.room(m)
+
+
+@pytest.mark.parametrize("case", ["points", "hulls", "obstacles"])
+def test_rows_and_residual_are_those_that_follow_from_room(case: str) -> None:
+    """They are worked out of what is near alone; what `opt.Inequality` makes of `room` is the same."""
+    sms = ffsms.load("planar_3r" if case == "points" else "satellite_panda")
+    client = ffsms.Client(50.0, np.eye(3), pin.SE3.Identity(), np.array([0.02, 0.1, -0.05, 0.1, 0.2, 0.3]))
+    balls = [
+        opt.Obstacle(coal.Sphere(0.1), pin.SE3(np.eye(3), np.array([0.6, 0.4, 0.5]))),
+        opt.Obstacle(coal.Box(0.1, 0.2, 0.3), pin.SE3(np.eye(3), np.array([0.2, 0.9, 0.3])), client),
+        opt.Obstacle(coal.Sphere(0.1), pin.SE3(np.eye(3), np.array([0.3, -0.5, 0.6])), "base"),
+    ]
+    obstacles, mode = (balls, "off") if case == "obstacles" else ([], case)
+    limit = opt.Clearance(0.1, mode, margin=0.3, obstacles=obstacles).for_robot(sms)
+    rng, limits = np.random.default_rng(3), sms.limits
+    low, high = np.maximum(limits.lower, -2.0), np.minimum(limits.upper, 2.0)
+    checked = 0
+    for _ in range(4):
+        q0 = sms.configuration(rng.uniform(low, high))
+        state = StepState(sms, q0, rng.uniform(-0.2, 0.2, sms.n), 0.01, 5.0)
+        rows, expected = limit.rows(state), Formula(limit).rows(state)
+        assert rows is not None
+        assert expected is not None
+        near = np.abs(rows.G).any(axis=1)
+        np.testing.assert_allclose(rows.G[near], expected.G[near], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(rows.lower[near], expected.lower[near], rtol=0.0, atol=1e-9)
+        problem = opt.Problem(sms, q0, np.ones(3), 1.0, 0.25, limits=[limit])
+        rates = rng.uniform(-0.3, 0.3, (5, sms.n))
+        motion = rolled_out(sms, problem.stack, q0, rates, 0.25, problem.momentum, 0.9)
+        m = Features(motion)
+        least = 0.1 + limit.margin * motion.stack.length
+        for stack, room in zip(limit._stacks, limit.room(m), strict=True):
+            kept = np.minimum(least, 0.5 * (0.1 + stack.largest)) - 0.1
+            lack: Any = (kept[:, None, None] - room) / motion.stack.length
+            for one in limit._lack(stack, motion):
+                assert isinstance(one, opt.Residual)
+                pairs, at = np.nonzero(lack.value[:, 0] > 0.0)
+                order = np.lexsort((pairs, at))
+                where = pairs[order], at[order]
+                np.testing.assert_allclose(one.value, lack.value[:, 0][where], rtol=0.0, atol=1e-12)
+                for name, slope in one.slopes().items():
+                    dense = np.moveaxis(lack.slopes[name][:, :, 0], 1, 0)
+                    np.testing.assert_allclose(slope, dense[:, where[0], where[1]], rtol=0.0, atol=1e-9)
+                checked += one.value.size
+    assert checked > 5
