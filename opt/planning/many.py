@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.engine import Outcome, all_results, outcomes
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.planning.plan import plan
+from ffsms_pin.opt.planning.plan import KAPPA, plan
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
 
@@ -28,7 +27,7 @@ def plan_many(
     target: Any,
     duration: ArrayLike = Problem.duration,
     dt: float = Problem.dt,
-    kappa: float = Coupling.kappa,
+    kappa: float = KAPPA,
     *,
     jobs: int | None = None,
     progress: Callable[[float], None] | None = None,
@@ -92,7 +91,7 @@ def plan_each(
     sms: SpaceManipulator,
     tasks: Iterable[tuple[ArrayLike, Any, float]],
     dt: float = Problem.dt,
-    kappa: float = Coupling.kappa,
+    kappa: float = KAPPA,
     *,
     jobs: int | None = None,
     **options: Any,

@@ -24,9 +24,11 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["METHODS", "plan", "plan_problem"]
+__all__ = ["KAPPA", "METHODS", "plan", "plan_problem"]
 
 METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
+
+KAPPA = Coupling.kappa  # of the paper's cost, where none is given
 
 # [m, rad] Nearer than this to its target, an arm is there and stays.
 ALREADY_THERE = 1e-6
@@ -38,7 +40,7 @@ def plan(
     target: Any,
     duration: float = Problem.duration,
     dt: float = Problem.dt,
-    kappa: float = Coupling.kappa,
+    kappa: float = KAPPA,
     *,
     clearance: float = Clearance.clearance,
     collision: str = Clearance.collision,
