@@ -13,9 +13,8 @@ from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.contact import contact_velocity, end_errors, late, missed
 from ffsms_pin.opt.motion.actuated import nodal_momentum, propellant, wheel_energy
 from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.finished import angles_from_start, path_ratio, principal_rates, sampled
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.nodes import angles_from_start, path_ratio, sampled
-from ffsms_pin.opt.motion.paired import principal_rates
 from ffsms_pin.opt.motion.rollout import configurations, velocities
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.planning.trajectory_file import read, write

@@ -16,8 +16,8 @@ from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.opt.limits.limit import End
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.frame import RobotFrame
 from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.opt.motion.robot_frame import RobotFrame
 from ffsms_pin.opt.parts.all_of import AllOf
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState

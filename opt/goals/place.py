@@ -15,8 +15,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray, frozen, one_of, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.frame import Frame
-from ffsms_pin.opt.motion.robot_frame import BASE, INERTIAL
+from ffsms_pin.opt.motion.frame import BASE, INERTIAL, Frame
 from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Missed", "Place", "checked_freedom", "frame_at", "stacked_places"]

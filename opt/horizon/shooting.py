@@ -12,9 +12,8 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Place
 from ffsms_pin.opt.limits.limit import End
-from ffsms_pin.opt.motion.frame import Frame
+from ffsms_pin.opt.motion.frame import Frame, RobotFrame
 from ffsms_pin.opt.motion.motions import apply_rates
-from ffsms_pin.opt.motion.robot_frame import RobotFrame
 from ffsms_pin.opt.motion.slopes import velocity_slopes
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system.batch.arm import ArmValues

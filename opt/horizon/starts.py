@@ -22,8 +22,8 @@ from ffsms_pin.opt.horizon.control_qp import braking
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import GoalFromStart, joint_range
 from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.motion.frame import RobotFrame
 from ffsms_pin.opt.motion.motions import apply_rates
-from ffsms_pin.opt.motion.robot_frame import RobotFrame
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import sides_across
 from ffsms_pin.opt.step.reference import ARRIVAL_POWER, LEAST_APPROACH

@@ -21,10 +21,9 @@ from ffsms_pin.opt.motion.actuated import (
     wheel_torque,
 )
 from ffsms_pin.opt.motion.feature import Feature, Slopes, Where
-from ffsms_pin.opt.motion.frame import EYE, Frame
+from ffsms_pin.opt.motion.frame import BASE, EYE, INERTIAL, Frame, RobotFrame
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.opt.motion.robot_frame import BASE, INERTIAL, RobotFrame
 from ffsms_pin.opt.motion.slopes import momentum_slopes
 from ffsms_pin.system.batch.stacks import apply, skew
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.paired import Paired, paired
+from ffsms_pin.opt.motion.finished import Paired, paired
 from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.opt.motion.slopes import entropy_and_gradient
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
@@ -217,14 +217,6 @@ class Motions:
     def paired(self) -> Paired:
         """The steps of one finished motion, as the paper pairs places with rates."""
         return paired(self)
-
-    def take(self, index: Any) -> Motions:
-        """The motions at an index."""
-        stacked = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
-        values.update({name: values[name][..., index, :] for name in stacked})
-        values["evaluated"] = self.arm.take(index)
-        return Motions(**values)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

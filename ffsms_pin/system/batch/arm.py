@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -83,10 +82,6 @@ class ArmValues:
         """End effector from the system's centre of mass, (3, ...)."""
         return self.tip - self.com
 
-    def take(self, index: Any) -> ArmValues:
-        """The arm at an index of the stack's first axis, of two."""
-        return ArmValues(*(getattr(self, field.name)[..., index, :] for field in fields(self)))
-
     def arrays(self) -> list[FloatArray]:
         """All of them, in order."""
         return [getattr(self, field.name) for field in fields(self)]
@@ -150,9 +145,6 @@ class ArmStack:
         self.carries = np.array([[float(k in carried[j]) for j in range(n)] for k in joints])
         tip = self.carries[:, self.last] if self.last >= 0 else np.zeros(n)
         self.moves_tip = tip
-        #: moves_point[p, j]: joint j moves point p. A joint that turns leaves its own origin where it is,
-        #: and its velocity there is zero anyway.
-        self.moves_point = np.vstack([self.carries.T, tip])
         #: The same, as the kernel has it.
         turns = [place.rotation.ravel() for place in places]
         bodies = [model.inertias[j] for j in (1, *joints)]
