@@ -33,8 +33,11 @@ class ReplanOptions:
         From this share of the whole time on the paper's cost is left out: so near to its end a motion has no
         room for ways round, and a cost that does not see speed only stirs an arm that comes to rest.
     iterations, corrections : int
-        Iterations of the descent, and how many times these are made again, with a stiffer goal and stiffer
-        limits, where these are not met. An iteration costs two to three milliseconds.
+        Where one step of the descent does not meet the goal and the limits: how many more are made at once,
+        and how many times, with ten times as stiff a goal and limits each time. A step costs a millisecond.
+    enough, enough_moving, limit_enough : float
+        A plan meets its goal within this share of the tolerance; one that asks for a velocity within that,
+        for a position that is corrected late adds to it; and a limit within this share of its margin.
     weights : Weights
         Of the goal and of the limits: those with which a search ends. No smoothing: the rest of a plan is
         near its minimum.
@@ -83,6 +86,9 @@ class ReplanOptions:
     cost_until: float = 0.1
     iterations: int = 3
     corrections: int = 3
+    enough: float = 0.8
+    enough_moving: float = 0.1
+    limit_enough: float = 0.5
     weights: Weights = _WEIGHTS
     damping: float = 0.03
     handover: float = 0.1
@@ -96,6 +102,11 @@ class ReplanOptions:
     dead_band: float | None = None
     settle: float = 0.1
     jerk: Any = None
+
+    @property
+    def calm(self) -> float:
+        """Time in which a limited jerk lets an error be closed without swinging [s]; see `settle`."""
+        return 5.0 * self.settle
 
     def band(self, noise: float | None) -> float:
         """The dead band [m], for sensors of which `noise` [m] is known; None: they are perfect."""
