@@ -15,7 +15,7 @@ from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.dynamics import reduced_effects, reduced_inertia, velocity_effects
+from ffsms_pin.system.dynamics import velocity_effects
 
 __all__ = ["TorqueLimits"]
 
@@ -60,7 +60,7 @@ class TorqueLimits(Inequality):
             return None
         N = np.vstack([step.reaction, np.eye(sms.n)])
         velocity = np.concatenate([step.reaction @ step.rates + step.drift, step.rates])
-        H, C = reduced_inertia(step.M, N), reduced_effects(velocity_effects(sms, step.q, velocity), N)
+        H, C = step.M[6:] @ N, velocity_effects(sms, step.q, velocity) @ N
         low, high = rate_bounds(step.joints, step.rates, sms.limits, dt)
         allowed = (1.0 - _SHARE - self.kept) * most
         largest = np.abs(C) + np.abs(H) @ np.maximum(high - step.rates, step.rates - low) / dt
