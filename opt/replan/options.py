@@ -32,12 +32,14 @@ class ReplanOptions:
     cost_until : float
         From this share of the whole time on the paper's cost is left out: so near to its end a motion has no
         room for ways round, and a cost that does not see speed only stirs an arm that comes to rest.
-    iterations, corrections : int
-        Where one step of the descent does not meet the goal and the limits: how many more are made at once,
-        and how many times, with ten times as stiff a goal and limits each time. A step costs a millisecond.
-    enough, enough_moving, limit_enough : float
-        A plan meets its goal within this share of the tolerance; one that asks for a velocity within that,
-        for a position that is corrected late adds to it; and a limit within this share of its margin.
+    iterations : int
+        Of the descent. Each costs some two milliseconds.
+    corrections, correcting : int
+        How many times some more are made, with ten times as stiff a goal and limits, where these are not met;
+        and how many each time.
+    enough, limit_enough : float
+        A plan meets its goal within this share of the tolerance, of which the solver leaves 0.4 alone; and a
+        limit within that share of its margin.
     weights : Weights
         Of the goal and of the limits: those with which a search ends. No smoothing: the rest of a plan is
         near its minimum.
@@ -84,10 +86,10 @@ class ReplanOptions:
     middle: Grid = _MIDDLE
     short: Grid = _SHORT
     cost_until: float = 0.1
-    iterations: int = 3
+    iterations: int = 2
     corrections: int = 3
-    enough: float = 0.8
-    enough_moving: float = 0.1
+    correcting: int = 3
+    enough: float = 0.5
     limit_enough: float = 0.5
     weights: Weights = _WEIGHTS
     damping: float = 0.03

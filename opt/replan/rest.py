@@ -37,7 +37,7 @@ class JointPlan:
     miss : float
         Distance to the goal at the deadline, as foreseen [m].
     damping : float, optional
-        Of the descent that made it.
+        With which the descent that made it ended.
     """
 
     start: float
@@ -49,17 +49,11 @@ class JointPlan:
 
     @classmethod
     def of_rates(
-        cls,
-        start: float,
-        dt: float,
-        joints: FloatArray,
-        rates: FloatArray,
-        miss: float,
-        damping: float | None = None,
+        cls, start: float, dt: float, joints: FloatArray, rates: FloatArray, miss: float
     ) -> JointPlan:
         """From the joints (n,) at the first node and the rates (N + 1, n)."""
         travel = np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)
-        return cls(start, dt, joints + np.vstack([np.zeros(len(joints)), travel]), rates, miss, damping)
+        return cls(start, dt, joints + np.vstack([np.zeros(len(joints)), travel]), rates, miss)
 
     @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
@@ -151,11 +145,9 @@ def replanned(
 ) -> JointPlan:
     """The plan for what is left: the solver of the whole horizon, from the rest of the last plan.
 
-    The last plan is near the minimum, and what has changed since, the base's place or an estimated mass, has
-    changed by little: so one step of the descent does, from plan to plan (M. Diehl, H. G. Bock, J. P.
-    Schloeder, "A real-time iteration scheme for nonlinear optimization in optimal feedback control", SIAM
-    Journal on Control and Optimization 43 (2005)), and more are made only where the goal or a limit is not
-    met, each with a stiffer goal and stiffer limits.
+    One motion instead of a search, a coarse spline, and a few iterations, damped as the last ones were: the
+    last plan is near the minimum, and what has changed since, the base's place or an estimated mass, has
+    changed by little.
 
     Parameters
     ----------
@@ -175,23 +167,21 @@ def replanned(
     if share <= options.cost_until:
         problem = replace(problem, terms=[term for term in problem.terms if not term.measures_cost])
     model, weights = Model.make(problem, options.grid(share)), options.weights
-    enough = options.enough if problem.goal.place(problem.duration).rests else options.enough_moving
-    damping = options.damping if last.damping is None else last.damping
-    motion = Candidates.start(model, _first(model, start, last)[None], weights, damping)
-    motion = descend(model, motion, weights, 1)
-    for _ in range(options.corrections):
-        if motion.at.end_share[0] <= enough and motion.at.limit_share[0] <= options.limit_enough:
+    p, damping = _first(model, start, last)[None], last.damping or options.damping
+    for iterations in (options.iterations, *[options.correcting] * options.corrections):
+        motion = descend(model, Candidates.start(model, p, weights, damping), weights, iterations)
+        p, damping = motion.p, float(motion.damping[0])
+        if motion.at.end_share[0] <= options.enough and motion.at.limit_share[0] <= options.limit_enough:
             break
         weights = weights.stiffer()
-        motion = Candidates.start(model, motion.p, weights, motion.damping)
-        motion = descend(model, motion, weights, options.iterations)
-    p, spline = motion.p, model.spline
+    spline = model.spline
     ends = motions_of(problem, spline, p, EXACT, targets(model.goal, spline.times))
     nodes = np.arange(problem.steps + 1, dtype=np.float64) * problem.dt
     rates = spline.rates_at(nodes).of(p[0], problem.joint_rates)
     rates[0] = problem.joint_rates
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
-    return JointPlan.of_rates(start, problem.dt, joints, rates, miss, float(motion.damping[0]))
+    plan = JointPlan.of_rates(start, problem.dt, joints, rates, miss)
+    return replace(plan, damping=damping)
 
 
 def _first(model: Model, start: float, last: JointPlan) -> FloatArray:
