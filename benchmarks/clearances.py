@@ -20,8 +20,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.models.arms import ARMS
-from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
-from ffsms_pin.opt.limits.clearance.poses import Poses
+from ffsms_pin.opt.limits.clearance.bodies import BodyStack
+from ffsms_pin.opt.limits.clearance.distances import Poses
 
 ROBOTS = (*(f"satellite_{arm}" for arm in ARMS), "space_arm_7")
 DT, CLEARANCE = 0.01, 0.01  # [s], [m]
@@ -53,7 +53,7 @@ def clear_postures(sms: ffsms.SpaceManipulator, count: int, seed: int) -> FloatA
     found: list[FloatArray] = []
     while len(found) < count:
         drawn = middle + half * rng.uniform(-1.0, 1.0, (32, sms.n))
-        least = stack.values(Poses.at(stack.arm, drawn.T), SPARE).min(axis=0)
+        least = stack.values(Poses.of(drawn.T), SPARE).min(axis=0)
         found += list(drawn[least >= SPARE])
     return np.array(found[:count])
 

@@ -38,13 +38,13 @@ MODELS = ("planar_3r", "satellite_panda")
 # Of a step: where what it calls stands, and by which names.
 PARTS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "checks of the arguments": (Stepper, ("_checked",)),
-    "state: M, J*, V, entropy": (stepper, ("step_state",)),
+    "state: M, J*, V, entropy": (stepper, ("StepState",)),
     "direction and speed": (stepper, ("ideal_cosine", "wanted_motion")),
     "objective": (stepper, ("objective",)),
     "rows of the joint limits": (JointLimits, ("rows",)),
     "rows of the clearances": (Clearance, ("rows",)),
     "rows of the box": (AlphaBox, ("rows",)),
-    "all rows in alpha, bounds": (stepper, ("stacked_rows",)),
+    "all rows in alpha, bounds": (stepper, ("programme_of",)),
     "ProxQP, its active rows solved exactly": (StepSolver, ("solve_rows",)),
 }
 REST = "the rest: rates, cosine, cost; reading the clock"

@@ -26,7 +26,7 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.replan.step_planner import StepPlanner
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
-from ffsms_pin.opt.step.result import Step
+from ffsms_pin.opt.step.stepper import Step
 from ffsms_pin.opt.terms import (
     BaseTurn,
     Coupling,

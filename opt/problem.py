@@ -26,9 +26,9 @@ from ffsms_pin.opt.limits import (
     WheelLimits,
 )
 from ffsms_pin.opt.limits.limit import prepared
+from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.motion.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.problem_checks import (
     check_joints,
     check_locked,

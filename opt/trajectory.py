@@ -11,13 +11,11 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.contact import contact_velocity, end_errors, late, missed
+from ffsms_pin.opt.motion.actuated import nodal_momentum, propellant, wheel_energy
+from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.finished import angles_from_start, path_ratio, principal_rates, sampled
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.nodes import angles_from_start, path_ratio, sampled
-from ffsms_pin.opt.motion.paired import principal_rates
-from ffsms_pin.opt.motion.robot_frame import RobotFrame
 from ffsms_pin.opt.motion.rollout import configurations, velocities
-from ffsms_pin.opt.motion.thrusters import propellant
-from ffsms_pin.opt.motion.wheels import nodal_momentum, wheel_energy
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
@@ -235,8 +233,8 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     momentum, motion, nodes = problem.momentum, problem.motion(rates), slice(None, None, 2)
     way, steps = motion.to_target[:, 0, nodes], motion.paired
     places = goal.places(motion.times)
-    here = RobotFrame.tip(problem.stack).poses(motion, places.on)
-    distance, turned = np.linalg.norm(way, axis=0), places.missed(*(x[..., 0, :] for x in here)).angle[nodes]
+    tip = Features(motion).frame("tip", places.on)
+    distance, turned = np.linalg.norm(way, axis=0), places.missed(tip).angle[0, nodes]
     place, q = goal.place(problem.duration), configurations(sms, q0, motion)
     base, contact = pin.XYZQUATToSE3(q[-1, :7]), contact_velocity(place, motion)
     errors = end_errors(goal, float(distance[-1]), float(turned[-1]), contact, problem.duration)

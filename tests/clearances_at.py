@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 import ffsms_pin as ffsms
+from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.clearance.points import PointStack
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 
-__all__ = ["At", "Points"]
+__all__ = ["At", "Points", "least_clearance"]
 
 
 class At:
@@ -31,7 +32,7 @@ class At:
         poses = self.stack.at(q, 0.0)
         where = np.arange(self.count), np.zeros(self.count, dtype=np.intp)
         found = self.stack.nearest(poses, where, near)
-        return found.distance, self.stack.gradients(poses, where, found).T
+        return found.distance, self.stack.slopes(poses, where, found)[0].T
 
 
 class Points(At):
@@ -41,3 +42,12 @@ class Points(At):
         points = PointStack(sms)
         super().__init__(points)
         self.first, self.second, self.outside = points.first, points.second, points.outside
+
+
+def least_clearance(limit: opt.Clearance, motions: opt.Motions) -> tuple[float, str]:
+    """The least clearance [m] of motions at their instants, and between what."""
+    found = []
+    for stack in limit._stacks:
+        values = stack.values(stack.seen(motions)).min(axis=1)
+        found.append((float(values.min()), stack.names[int(np.argmin(values))]))
+    return min(found)

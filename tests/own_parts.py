@@ -8,9 +8,9 @@ import numpy as np
 
 from ffsms_pin import opt
 from ffsms_pin.opt.limits.limit import UNBOUNDED
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residual, Residuals
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.batch.stacks import cross, dot
 
 __all__ = ["AbovePlane", "LookAt"]

@@ -10,16 +10,17 @@ import coal
 import numpy as np
 import pinocchio as pin
 from base_actuators import PLACES, PYRAMID, WAYS
+from clearances_at import least_clearance
 from own_parts import AbovePlane, LookAt
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.base import BaseLimits
+from ffsms_pin.opt.motion.actuated import wheel_torque
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.motion.wheels import wheel_torque
 from ffsms_pin.opt.step.march import march
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure
@@ -257,7 +258,7 @@ def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
         float(np.linalg.norm(plan.v[:, 3:6], axis=1).max()),
         max(float(np.linalg.norm(pose.translation - first.translation)) for pose in poses),
         turns[-1],
-        lambda mode: opt.Clearance(0.0, mode).for_robot(sms).least(motion)[0],
+        lambda mode: least_clearance(opt.Clearance(0.0, mode).for_robot(sms), motion)[0],
         plan.end_effector.T,
         np.abs(rates).max(axis=0),
         [pin.XYZQUATToSE3(q[:7]) for q in plan.q],

@@ -8,12 +8,11 @@ from clearances_at import Points
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.alpha_box import alpha_box_rows
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.limit import UNBOUNDED
-from ffsms_pin.opt.limits.rate_bounds import rate_bounds
-from ffsms_pin.opt.step.direction import cone_direction, lateral_direction, reference_speed
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.reference import reference_speed
+from ffsms_pin.opt.step.state import StepState, rate_bounds
 from ffsms_pin.opt.terms.cost import ideal_cosine
 
 __all__ = ["by_daqp", "plain_programme"]
@@ -32,13 +31,16 @@ def plain_programme(
     `clearances` and their gradients are those of the paper's points where not given.
     """
     dt, w, n = 0.01, StepWeights(), sms.n
-    step = step_state(sms, q, rates, dt, left)
+    step = StepState(sms, q, rates, dt, left)
     V, J_v = step.V, step.J_star[:3]
     velocity, way = J_v @ rates, target - step.pose.translation
     distance = float(np.linalg.norm(way))
     towards = way / distance
     cosine = ideal_cosine(step.entropy, 10.0)
-    e = cone_direction(towards, lateral_direction(towards, velocity), cosine)
+    across = velocity - (velocity @ towards) * towards
+    if np.linalg.norm(across) < 1e-9:  # any
+        across = np.cross(towards, np.eye(3)[np.argmin(np.abs(towards))])
+    e = cosine * towards + np.sqrt(1.0 - cosine**2) * across / np.linalg.norm(across)
     now = max(0.0, float(velocity @ e))
     gain = dt * float(np.abs(e @ J_v) @ sms.limits.acceleration)
     speed = min(reference_speed(distance / max(cosine, 0.2), now, left, dt), now + gain)
@@ -53,7 +55,7 @@ def plain_programme(
     m = len(value)
     lower, upper = rate_bounds(sms.layout.positions(q), rates, sms.limits, dt)
     # The box, which may have to give way: then each side is a row.
-    give = alpha_box_rows(step).give
+    give = AlphaBox().rows(step).give
     none = np.full(n, UNBOUNDED)
     box = [(np.eye(n), np.zeros(n), -np.ones(n), np.ones(n))]
     if give:

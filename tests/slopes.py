@@ -9,13 +9,14 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Problem
+from ffsms_pin.opt.horizon.merit import Weighted, sums
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.sums import Weighted, sums
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing
 from ffsms_pin.opt.motion.residual import JointResidual, Residual, Residuals
+from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
-__all__ = ["by_differences", "by_slopes", "motions", "values_of"]
+__all__ = ["by_differences", "by_slopes", "motions", "tip_turning_slopes", "values_of"]
 
 
 def motions(problem: Problem, spline: RateSpline, p: FloatArray, smoothing: Smoothing = EXACT) -> Motions:
@@ -98,3 +99,12 @@ def by_differences(
                 sides.append(values_of(residuals(motions(problem, spline, moved)), shape))
             out.append((sides[0] - sides[1]) / (2.0 * step))
     return np.array(out).T
+
+
+def tip_turning_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> FloatArray:
+    """Slopes (3, n, ...) by the joint positions of the end effector's angular velocity on a fixed base.
+
+    A joint turns the axes of all joints that it carries.
+    """
+    carried = np.einsum("kj,j,j...,xj...->xk...", stack.carries, stack.moves_tip, rates, arm.axes)
+    return np.cross(arm.axes, carried, axis=0)

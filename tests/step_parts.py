@@ -8,15 +8,12 @@ from typing import Any
 import numpy as np
 
 import ffsms_pin as ffsms
+from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
-from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
-from ffsms_pin.opt.limits.clearance.rows import clearance_rows
-from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
-from ffsms_pin.opt.limits.rate_bounds import rate_bounds
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.step.march import March, march
+from ffsms_pin.opt.step.state import StepState, rate_bounds
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import roll_out
 
@@ -62,16 +59,15 @@ class StepClearance(StepLimit):
     """Clearances of points or shapes."""
 
     def __init__(self, kept: float = 0.01, collision: str = "points") -> None:
-        self._kept, self._collision = kept, collision
-        self._model: ClearanceStack | None = None
+        self._clearance = opt.Clearance(kept, collision)
 
     def for_robot(self, sms: ffsms.SpaceManipulator) -> StepClearance:
-        made = StepClearance(self._kept, self._collision)
-        made._model = clearance_stack(sms, self._collision)
+        made = StepClearance()
+        made._clearance = self._clearance.for_robot(sms)
         return made
 
     def rows(self, step: StepState) -> Rows | None:
-        return None if self._model is None else clearance_rows(self._model, self._kept, step)
+        return self._clearance.rows(step)
 
 
 class StepBase(StepLimit):

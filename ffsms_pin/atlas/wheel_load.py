@@ -6,7 +6,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.motion.wheels import held_momentum, wheel_shares
+from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.quantities import pseudo_inverse
 

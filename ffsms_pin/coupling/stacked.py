@@ -1,6 +1,6 @@
 """Singular values and entropy of many small matrices at once, by the compiled kernel.
 
-`ffsms_pin/kernel/singular.hpp` has the algorithm: LAPACK, called once a matrix, spends most of its time on
+`ffsms_pin/kernel/entropy.hpp` has the algorithm: LAPACK, called once a matrix, spends most of its time on
 the call, and the eigenvalues of C^T C lose digits.
 """
 
@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.kernel import kernel, rows
+from ffsms_pin.kernel import kernel
 
 __all__ = ["entropies", "singular_values"]
 
@@ -29,10 +29,9 @@ def singular_values(matrices: FloatArray) -> FloatArray:
     ndarray, shape (min(m, n), B)
         To 1e-14 of the largest of each matrix; usually to 1e-15.
     """
-    m, n, *_ = shape = matrices.shape
-    sigma = np.empty((min(m, n), *shape[2:]))
-    kernel.singular_values(m, n, rows(matrices, m * n), sigma)
-    return sigma
+    m, n, *stack = matrices.shape
+    wide = matrices if m <= n else matrices.swapaxes(0, 1)
+    return kernel.singular_values(wide, False).reshape(min(m, n), *stack)
 
 
 def entropies(sigma: FloatArray, n: int) -> FloatArray:

@@ -14,48 +14,67 @@ class Tree:
 
     n: int
     def __init__(
-        self,
-        joints: FloatArray,
-        bodies: FloatArray,
-        tip: FloatArray,
-        last: int,
-        moves: bool,
-        turns_freely: bool,
+        self, joints: FloatArray, bodies: FloatArray, tip: FloatArray, last: int, moves: bool, free: bool, /
     ) -> None: ...
 
-# arm.hpp: stacks of configurations, (rows, B) each
-def arm_values(tree: Tree, positions: FloatArray, out: FloatArray) -> None: ...
-def poses(tree: Tree, positions: FloatArray, out: FloatArray) -> None: ...
-def coupled(tree: Tree, positions: FloatArray, out: FloatArray) -> None: ...
-def manipulator_jacobian(tree: Tree, positions: FloatArray, out: FloatArray) -> None: ...
-def reduced_inertia(tree: Tree, positions: FloatArray, out: FloatArray) -> None: ...
+# bind_stacks.cpp: of (rows, ...), rows (.., B)
+def arm_values(tree: Tree, positions: FloatArray, /) -> FloatArray: ...
+def poses(tree: Tree, positions: FloatArray, /) -> FloatArray: ...
+def coupled(tree: Tree, positions: FloatArray, /) -> FloatArray: ...
+def manipulator_jacobian(tree: Tree, positions: FloatArray, /) -> FloatArray: ...
+def reduced_inertia(tree: Tree, positions: FloatArray, /) -> FloatArray: ...
+def velocity_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, /) -> FloatArray: ...
+def momentum_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, /) -> FloatArray: ...
+def coupling_slopes(tree: Tree, positions: FloatArray, by_coupling: FloatArray, /) -> FloatArray: ...
+def dynamics(
+    tree: Tree, joints: FloatArray, rates: FloatArray, accelerations: FloatArray, own_spin: FloatArray, /
+) -> FloatArray: ...
+def entropies(coupling: FloatArray, /) -> FloatArray: ...
+def singular_values(matrices: FloatArray, vectors: bool, /) -> FloatArray: ...
 
-# slopes.hpp, torques.hpp
-def velocity_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: FloatArray) -> None: ...
-def turning_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: FloatArray) -> None: ...
-def momentum_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: FloatArray) -> None: ...
-def fixed_base_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, out: FloatArray) -> None: ...
-def coupling_slopes(tree: Tree, positions: FloatArray, by_coupling: FloatArray, out: FloatArray) -> None: ...
-def joint_torques(
-    tree: Tree,
-    positions: FloatArray,
-    rates: FloatArray,
-    accelerations: FloatArray,
-    own_spin: FloatArray,
-    out: FloatArray,
-) -> None: ...
-
-# rollout.hpp
-def attitudes(omega: FloatArray, dt: float, out: FloatArray) -> None: ...
+# bind_motions.cpp
+def attitudes(start: FloatArray, omega: FloatArray, dt: float, /) -> FloatArray: ...
 def roll_out(
-    tree: Tree, accelerations: FloatArray, momentum: FloatArray, dt: float, states: FloatArray
-) -> None: ...
-
-# entropy.hpp, singular.hpp
-def entropies(rows: int, n: int, coupling: FloatArray, value: FloatArray, gradient: FloatArray) -> None: ...
-def singular_values(rows: int, columns: int, matrices: FloatArray, sigma: FloatArray) -> None: ...
+    tree: Tree, start: FloatArray, accelerations: FloatArray, momentum: FloatArray, dt: float, /
+) -> FloatArray: ...
+def spline_attitudes(
+    quadrature: tuple[FloatArray, FloatArray, int],
+    omega: FloatArray,
+    inverse: FloatArray,
+    start: FloatArray,
+    momentum: FloatArray | None,
+    /,
+) -> FloatArray: ...
+def sums(
+    tree: Tree,
+    maps: tuple[FloatArray, FloatArray, FloatArray],
+    quadrature: tuple[FloatArray, FloatArray, int],
+    motions: tuple[Any, ...],
+    residuals: Sequence[Any],
+    of_joints: Sequence[Any],
+    chosen: Any,
+    /,
+) -> tuple[FloatArray, FloatArray]: ...
+def cone_marches(
+    tree: Tree,
+    steps: int,
+    duration: float,
+    kappa: float,
+    mean_speed: float,
+    arrival_power: float,
+    least_approach: float,
+    damping: float,
+    joints: FloatArray,
+    places: FloatArray,
+    attitude: FloatArray,
+    rotation: FloatArray | None,
+    sides: FloatArray,
+) -> FloatArray: ...
 
 # step.hpp
+def step_state(
+    tree: Tree, root: FloatArray, joints: FloatArray, momentum: FloatArray | None
+) -> tuple[FloatArray, FloatArray]: ...
 def rate_bounds(
     limits: FloatArray, joints: FloatArray, rates: FloatArray, dt: float
 ) -> tuple[FloatArray, FloatArray]: ...
@@ -83,8 +102,6 @@ def scheduled(
 def reference_speed(
     schedule: FloatArray, path_left: float, speed: float, time_left: float, dt: float
 ) -> float: ...
-def cone_direction(towards: FloatArray, lateral: FloatArray, cosine: float) -> FloatArray: ...
-def lateral_direction(towards: FloatArray, hint: FloatArray) -> FloatArray: ...
 def objective(
     J: FloatArray,
     V: FloatArray,
@@ -109,59 +126,17 @@ def refined(
     kept: float,
 ) -> tuple[FloatArray, FloatArray] | None: ...
 
-# quadrature.hpp
-def spline_attitudes(
-    quadrature: tuple[FloatArray, FloatArray, int],
-    arm: tuple[FloatArray, FloatArray, FloatArray],
-    start: FloatArray,
-    momentum: FloatArray | None,
-    attitude: FloatArray,
-    own: FloatArray,
-) -> None: ...
-
-# sums.hpp
-def sums(
-    tree: Tree,
-    maps: tuple[FloatArray, FloatArray, FloatArray],
-    quadrature: tuple[FloatArray, FloatArray, int],
-    motions: tuple[Any, ...],
-    residuals: Sequence[Any],
-    of_joints: Sequence[Any],
-    chosen: Any,
-    gradient: FloatArray,
-    hessian: FloatArray,
-) -> None: ...
-
-# cone_march.hpp
-def cone_marches(
-    tree: Tree,
-    steps: int,
-    duration: float,
-    kappa: float,
-    mean_speed: float,
-    arrival_power: float,
-    least_approach: float,
-    damping: float,
-    joints: FloatArray,
-    places: FloatArray,
-    attitude: FloatArray,
-    rotation: FloatArray | None,
-    sides: FloatArray,
-    rates: FloatArray,
-) -> None: ...
-
 # points.hpp, clearance.hpp
-def point_clearances(
-    tree: Tree,
-    positions: FloatArray,
-    there: Any,
-    here: Any,
-    moves: FloatArray,
-    holds: FloatArray,
-    box: FloatArray,
+def near_points(
+    tree: Tree, joints: FloatArray, columns: Any, at: Any, ends: Any, box: FloatArray
+) -> tuple[FloatArray, FloatArray]: ...
+def distance_slopes(
+    tree: Tree, joints: FloatArray, bodies: Any, columns: Any, at: Any, points: FloatArray
 ) -> tuple[FloatArray, FloatArray]: ...
 def near_parts(
-    rotations: FloatArray,
+    tree: Tree,
+    joints: FloatArray,
+    turns: FloatArray,
     origins: FloatArray,
     columns: Any,
     at: Any,
@@ -173,5 +148,5 @@ def near_parts(
     pairs: Any,
     corners: FloatArray,
     begins: Any,
-    directions: FloatArray,
-) -> tuple[FloatArray, Any, Any, FloatArray, Any, FloatArray, FloatArray]: ...
+    rounds: FloatArray,
+) -> tuple[FloatArray, list[tuple[int, float, list[tuple[float, int]]]], FloatArray]: ...

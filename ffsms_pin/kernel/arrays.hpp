@@ -1,27 +1,50 @@
-// Arrays of Python as the bindings see them: components first, the stack of configurations last.
+// Arrays that cross the border between Python and the headers: of doubles, components first, the stack last.
 #pragma once
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
 #include <cstring>
+#include <initializer_list>
 #include <stdexcept>
 
 #include "vec3.hpp"
 
 namespace ffsms {
 
-using In = nanobind::ndarray<const double, nanobind::ndim<2>, nanobind::c_contig, nanobind::device::cpu>;
-using Out = nanobind::ndarray<double, nanobind::ndim<2>, nanobind::c_contig, nanobind::device::cpu>;
+namespace nb = nanobind;
+
 using Size = std::size_t;
+using In = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;  // dense, of any shape
+using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Out = nb::ndarray<nb::numpy, double, nb::c_contig>;
 static_assert(sizeof(Pack) == kLanes * sizeof(double), "a pack is what lies in memory");
 
-// Reads the rows of an array one after the other, at one configuration or at those of a pack.
+inline void expect(bool holds, const char* what) {
+  if (!holds) throw std::invalid_argument(what);
+}
+
+inline void expect_size(const In& array, Size size) {
+  expect(array.size() == size, "an array has a wrong shape");
+}
+
+// A new array, which Python owns once it is returned; not filled.
+template <typename... Sizes>
+Out new_array(Sizes... sizes) {
+  const Size shape[] = {static_cast<Size>(sizes)...};
+  Size count = 1;
+  for (const Size size : shape) count *= size;
+  double* data = new double[count];
+  const nb::capsule owner(data, [](void* memory) noexcept { delete[] static_cast<double*>(memory); });
+  return Out(data, sizeof...(sizes), shape, owner);
+}
+
+// Reads the rows of `count` numbers one after the other, at one configuration or at those of a pack.
 struct Reader {
   const double* row;
   Size count;
 
-  Reader(const In& array, Size k) : row(array.data() + k), count(array.shape(1)) {}
   template <class T>
   void next(T* values, int n) {
     for (int j = 0; j < n; ++j, row += count) std::memcpy(&values[j], row, sizeof(T));
@@ -33,7 +56,6 @@ struct Writer {
   double* row;
   Size count;
 
-  Writer(const Out& array, Size k) : row(array.data() + k), count(array.shape(1)) {}
   template <class T>
   void put(const T* values, int n) {
     for (int j = 0; j < n; ++j, row += count) std::memcpy(row, &values[j], sizeof(T));
@@ -67,13 +89,10 @@ void along(Size count, const Use& use) {
   for (; k < count; ++k) use(work, k);
 }
 
-inline void expect(bool holds, const char* what) {
-  if (!holds) throw std::invalid_argument(what);
-}
-
-template <class Array>
-void expect_rows(const Array& array, int rows, Size count) {
-  expect(array.shape(0) == static_cast<Size>(rows) && array.shape(1) == count, "an array has a wrong shape");
-}
+// What is bound, a file each.
+void bind_stacks(nb::module_& m);
+void bind_clearance(nb::module_& m);
+void bind_motions(nb::module_& m);
+void bind_step(nb::module_& m);
 
 }  // namespace ffsms

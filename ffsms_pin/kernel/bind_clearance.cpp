@@ -1,129 +1,213 @@
-// Which parts of bodies may be near each other: for `opt/limits/clearance`.
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
-
+// Which parts of bodies may be near each other, and how distances change: for `opt/limits/clearance`.
 #include <vector>
 
 #include "arrays.hpp"
-#include "bindings.hpp"
 #include "clearance.hpp"
 #include "points.hpp"
-
-namespace nb = nanobind;
 
 namespace ffsms {
 namespace {
 
-template <class T, int... shape>
-using Array = nb::ndarray<const T, nb::shape<shape...>, nb::c_contig, nb::device::cpu>;
 using Index = std::int64_t;
+template <class T, int... shape>
+using Table = nb::ndarray<const T, nb::shape<shape...>, nb::c_contig, nb::device::cpu>;
+using Indices = Table<Index, -1>;
 
+// The arm at one after the other of many joint positions (n, count).
+struct ArmAt {
+  const Tree& tree;
+  const Matrix& joints;
+  Arm<double> arm;
+  Index last = -1;
+
+  ArmAt(const Tree& robot, const Matrix& positions) : tree(robot), joints(positions) {
+    expect(joints.shape(0) == static_cast<Size>(tree.n), "an array has a wrong shape");
+  }
+  // Whether the arm is another one than before.
+  bool move(Index k) {
+    if (k == last) return false;
+    double positions[kMostJoints];
+    Reader{joints.data() + k, joints.shape(1)}.next(positions, tree.n);
+    pose(tree, positions, arm);
+    last = k;
+    return true;
+  }
+  Placed body(Index index) const {
+    if (index < 0) return {{{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}}, zero3<double>()};
+    return {arm.rotation[index], arm.origin[index]};
+  }
+};
+
+// Obstacles as the base sees them at each configuration.
+struct Obstacles {
+  Table<double, 3, 3, -1, -1> turns;
+  Table<double, 3, -1, -1> origins;
+
+  Placed at(Index which, Index k) const {
+    Placed found;
+    for (int x = 0; x < 3; ++x) {
+      found.origin[x] = origins(x, which, k);
+      for (int y = 0; y < 3; ++y) found.turn[x][y] = turns(x, y, which, k);
+    }
+    return found;
+  }
+};
+
+constexpr double kRounding = 1e-9;  // [m] of bounds from above and from below
+
+constexpr double kShare = 0.5;  // of bounds from above, to which those from below are improved
 struct Candidate {
-  Index entry, pair;
+  Index pair;
   double bound;
 };
 
-// A copy of values that Python owns.
-template <class T>
-nb::object given(const std::vector<T>& values, std::initializer_list<std::size_t> shape) {
-  T* data = new T[values.size()];
-  std::copy(values.begin(), values.end(), data);
-  const nb::capsule owner(data, [](void* memory) noexcept { delete[] static_cast<T*>(memory); });
-  return nb::cast(nb::ndarray<nb::numpy, T>(data, shape, owner));
-}
-
-nb::tuple near_parts(Array<double, 3, 3, -1, -1> rotations, Array<double, 3, -1, -1> origins,
-                     Array<Index, -1> columns, Array<Index, -1> at, Array<double, -1> near,
-                     Array<double, -1, 17> bodies, Array<double, -1, 17> parts, Array<Index, -1, 2> ends,
-                     Array<Index, -1> starts, Array<Index, -1, 2> pairs, Array<double, -1, 3> corners,
-                     Array<Index, -1> begins,
-                     nb::ndarray<double, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu> directions) {
-  const Bodies seen{rotations.data(), origins.data(), static_cast<Index>(origins.shape(1)),
-                    static_cast<Index>(origins.shape(2))};
-  const auto* body = reinterpret_cast<const Cover*>(bodies.data());
+nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1> turns,
+                     Table<double, 3, -1, -1> origins, Indices columns, Indices at, Vector near,
+                     Table<double, -1, 17> bodies, Table<double, -1, 17> parts, Table<Index, -1, 2> ends,
+                     Indices starts, Table<Index, -1, 2> pairs, Table<double, -1, 3> corners, Indices begins,
+                     Vector rounds) {
+  ArmAt arm(tree, joints);
+  const Obstacles obstacles{turns, origins};
+  const auto* cover = reinterpret_cast<const Cover*>(bodies.data());
   const auto* part = reinterpret_cast<const Cover*>(parts.data());
-  const std::size_t size = columns.shape(0);
-  std::vector<double> least(size), turns, ways;
+  const auto* corner = reinterpret_cast<const Vec3<double>*>(corners.data());
+  const auto corners_of = [&](Index p) {
+    return Corners{corner + begins(p), begins(p + 1) - begins(p), rounds(p)};
+  };
+  std::vector<Placed> placed(bodies.shape(0)), seen;
+  std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), zero3<double>());
   std::vector<Candidate> found;
-  std::vector<Index> used;
-  for (std::size_t v = 0; v < size; ++v) {
-    const Index m = columns(v), k = at(v);
-    const Cover &one = body[ends(m, 0)], &other = body[ends(m, 1)];
-    const Relative relative(seen, seen.index(one), seen.index(other), k);
-    least[v] = bound(one, other, relative, near(v));
-    if (!(least[v] < near(v))) continue;
-    const std::size_t before = found.size();
-    double nearest = std::numeric_limits<double>::infinity();
-    const auto corners_of = [&](Index p) {
-      return Corners{corners.data() + 3 * begins(p), begins(p + 1) - begins(p)};
-    };
-    for (Index i = starts(m); i < starts(m + 1); ++i) {
-      const Index p = pairs(i, 0), q = pairs(i, 1);
-      double low = bound(part[p], part[q], relative, near(v));
-      if (low < near(v) && std::isfinite(near(v))) {
-        const Corners first = corners_of(p), second = corners_of(q);
-        if (first.count > 0 && second.count > 0)
-          low = std::max(low, gap(first, second, relative, near(v), &directions(i, 0)));
+  const Size size = columns.shape(0);
+  Out distance = new_array(size);
+  nb::list entries;
+  for (Size v = 0; v < size; ++v) {
+    const Index m = columns(v), one = ends(m, 0), other = ends(m, 1);
+    if (arm.move(at(v))) {
+      for (Size b = 0; b < placed.size(); ++b) {
+        const auto body = static_cast<Index>(cover[b].body);
+        placed[b] = body < tree.n ? arm.body(body) : obstacles.at(body - tree.n, at(v));
+        centres[b] = placed[b].origin + placed[b].turn * cover[b].centre;
       }
-      nearest = std::min(nearest, low);
-      if (low < near(v)) found.push_back({static_cast<Index>(v), i, low});
     }
-    least[v] = std::max(least[v], nearest);
-    if (found.size() == before) continue;
-    least[v] = near(v);
-    // The nearest first: those behind them often need not be measured.
-    std::stable_sort(found.begin() + static_cast<std::ptrdiff_t>(before), found.end(),
-                     [](const Candidate& a, const Candidate& b) { return a.bound < b.bound; });
-    used.push_back(static_cast<Index>(v));
-    turns.insert(turns.end(), relative.turn, relative.turn + 9);
-    ways.insert(ways.end(), relative.way, relative.way + 3);
+    const Vec3<double> apart = centres[other] - centres[one];
+    double& least = distance.data()[v];
+    least = std::sqrt(dot(apart, apart)) - cover[one].radius - cover[other].radius;
+    if (!(least < near(v))) continue;
+    const Placed relative = seen_from(placed[one], placed[other]);
+    least = bound(cover[one], cover[other], relative, near(v));
+    if (!(least < near(v))) continue;
+    found.clear();
+    double beyond = kInfinity, most = near(v);
+    for (Index i = starts(m); i < starts(m + 1); ++i) {
+      const double low = bound(part[pairs(i, 0)], part[pairs(i, 1)], relative, near(v));
+      if (low < near(v)) {
+        found.push_back({i, low});
+      } else {
+        beyond = std::min(beyond, low);
+      }
+    }
+    const auto nearer = [](const Candidate& a, const Candidate& b) { return a.bound < b.bound; };
+    std::stable_sort(found.begin(), found.end(), nearer);
+    const double share = found.size() > 1 ? kShare : -kInfinity;
+    // What is farther than another pair of parts is at most need not be measured.
+    for (Candidate& candidate : found) {
+      const Index p = pairs(candidate.pair, 0), q = pairs(candidate.pair, 1);
+      const Corners first = corners_of(p), second = corners_of(q);
+      if (!(candidate.bound < most) || first.count == 0 || second.count == 0) continue;
+      Vec3<double>& way = ways[candidate.pair];
+      if (dot(way, way) == 0.0) {
+        way = relative.origin + relative.turn * part[q].centre - part[p].centre;
+        way = (1.0 / std::fmax(std::sqrt(dot(way, way)), 1e-9)) * way;
+      }
+      const Gap between = gap(first, second, relative, most, share, way);
+      candidate.bound = std::max(candidate.bound, between.least);
+      most = std::min(most, std::max(between.most, 0.0));
+    }
+    std::stable_sort(found.begin(), found.end(), nearer);
+    if (!found.empty()) beyond = std::min(beyond, found.front().bound);
+    least = std::max(least, beyond);
+    if (!(least < near(v))) continue;
+    least = near(v);
+    nb::list close;
+    for (const Candidate& candidate : found) {
+      if (candidate.bound <= most + kRounding) close.append(nb::make_tuple(candidate.bound, candidate.pair));
+    }
+    entries.append(nb::make_tuple(v, near(v), close));
+    seen.push_back(relative);
   }
-  std::vector<Index> entries(found.size()), chosen(found.size());
-  std::vector<double> bounds(found.size());
-  for (std::size_t i = 0; i < found.size(); ++i) {
-    entries[i] = found[i].entry;
-    chosen[i] = found[i].pair;
-    bounds[i] = found[i].bound;
-  }
-  const std::size_t count = found.size(), close = used.size();
-  return nb::make_tuple(given(least, {size}), given(entries, {count}), given(chosen, {count}),
-                        given(bounds, {count}), given(used, {close}), given(turns, {close, 3, 3}),
-                        given(ways, {close, 3}));
+  Out as_seen = new_array(seen.size(), 4, 3);
+  std::memcpy(as_seen.data(), seen.data(), seen.size() * sizeof(Placed));
+  return nb::make_tuple(distance, entries, as_seen);
 }
 
-// Distances (m) and gradients (m, n) at joint positions (n); `box` (5, 3): three rows of its rotation, its
-// centre, half of its sides.
-nb::tuple points(const Tree& tree, Array<double, -1> positions, Array<Index, -1> there, Array<Index, -1> here,
-                 Array<double, -1, -1> moves, Array<double, -1, -1> holds, Array<double, 5, 3> box) {
-  const std::size_t count = there.shape(0), n = static_cast<std::size_t>(tree.n);
-  expect(positions.shape(0) == n && here.shape(0) == count && moves.shape(0) == count &&
-             moves.shape(1) == n && holds.shape(0) == count && holds.shape(1) == n,
-         "an array has a wrong shape");
-  Arm<double> arm;
-  evaluate(tree, positions.data(), arm);
+// Distances (V) and nearest points (V, 3, 3) of the paper's points: `ends` are joints' origins in their
+// order, then the end effector, and what they are apart from is another point, or the box (-1). `box` (5, 3):
+// three rows of its rotation, its centre, half of its sides.
+nb::tuple near_points(const Tree& tree, Matrix joints, Indices columns, Indices at, Table<Index, -1, 2> ends,
+                      Table<double, 5, 3> box) {
+  ArmAt seen(tree, joints);
   Box around;
-  std::memcpy(around.rotation.m, box.data(), sizeof around.rotation.m);
-  std::memcpy(around.centre.v, box.data() + 9, sizeof around.centre.v);
-  std::memcpy(around.half.v, box.data() + 12, sizeof around.half.v);
-  std::vector<double> distance(count), gradient(count * n);
-  point_clearances(tree, arm, there.data(), here.data(), moves.data(), holds.data(), around,
-                   static_cast<int>(count), distance.data(), gradient.data());
-  return nb::make_tuple(given(distance, {count}), given(gradient, {count, n}));
+  std::memcpy(&around, box.data(), sizeof around);
+  const Size size = columns.shape(0);
+  Out distance = new_array(size), points = new_array(size, 3, 3);
+  for (Size v = 0; v < size; ++v) {
+    seen.move(at(v));
+    const auto point = [&](Index i) {
+      if (i < tree.n) return seen.arm.origin[i];
+      const Placed last = seen.body(tree.last);
+      return last.origin + last.turn * tree.tip_in_last;
+    };
+    const Index there = ends(columns(v), 0), here = ends(columns(v), 1);
+    Nearest found = {here < 0 ? zero3<double>() : point(here), point(there), zero3<double>()};
+    distance.data()[v] = here < 0 ? from_box(around, found) : from_point(found);
+    std::memcpy(points.data() + 9 * v, &found, sizeof found);
+  }
+  return nb::make_tuple(distance, points);
+}
+
+// Gradients (n, V) of distances of pairs by the joints, base held still, and the nearest points (3, 3, V) in
+// base axes: on the first body, on the second, and the normal. Points (V, 3, 3) are in axes of the body that
+// the third of `bodies` (m, 3) says; the first two are the pairs.
+nb::tuple distance_slopes(const Tree& tree, Matrix joints, Table<Index, -1, 3> bodies, Indices columns,
+                          Indices at, Table<double, -1, 3, 3> points) {
+  ArmAt seen(tree, joints);
+  const Size size = at.shape(0);
+  const auto count = static_cast<Index>(size);
+  Out gradient = new_array(tree.n, size), placed = new_array(3, 3, size);
+  std::fill_n(gradient.data(), gradient.size(), 0.0);
+  for (Size v = 0; v < size; ++v) {
+    seen.move(at(v));
+    const Index* pair = bodies.data() + 3 * columns(v);
+    Nearest found;
+    std::memcpy(&found, points.data() + 9 * v, sizeof found);
+    const Placed body = seen.body(pair[2]);
+    found = {body.origin + body.turn * found.here, body.origin + body.turn * found.there,
+             body.turn * found.normal};
+    add_slopes(tree, seen.arm, pair[1], found.there, found.normal, 1.0, gradient.data() + v, count);
+    add_slopes(tree, seen.arm, pair[0], found.here, found.normal, -1.0, gradient.data() + v, count);
+    const Vec3<double>* rows = &found.here;
+    for (Size i = 0; i < 9; ++i) placed.data()[i * size + v] = rows[i / 3][static_cast<int>(i % 3)];
+  }
+  return nb::make_tuple(gradient, placed);
 }
 
 }  // namespace
 
 void bind_clearance(nb::module_& m) {
-  m.def("point_clearances", &points, nb::arg("tree"), nb::arg("positions"), nb::arg("there"), nb::arg("here"),
-        nb::arg("moves"), nb::arg("holds"), nb::arg("box"));
+  m.def("near_points", &near_points, nb::arg("tree"), nb::arg("joints"), nb::arg("columns"), nb::arg("at"),
+        nb::arg("ends"), nb::arg("box"));
+  m.def("distance_slopes", &distance_slopes, nb::arg("tree"), nb::arg("joints"), nb::arg("bodies"),
+        nb::arg("columns"), nb::arg("at"), nb::arg("points"));
   m.def(
-      "near_parts", &near_parts, nb::arg("rotations"), nb::arg("origins"), nb::arg("columns"), nb::arg("at"),
-      nb::arg("near"), nb::arg("bodies"), nb::arg("parts"), nb::arg("ends"), nb::arg("starts"),
-      nb::arg("pairs"), nb::arg("corners"), nb::arg("begins"), nb::arg("directions"),
+      "near_parts", &near_parts, nb::arg("tree"), nb::arg("joints"), nb::arg("turns"), nb::arg("origins"),
+      nb::arg("columns"), nb::arg("at"), nb::arg("near"), nb::arg("bodies"), nb::arg("parts"),
+      nb::arg("ends"), nb::arg("starts"), nb::arg("pairs"), nb::arg("corners"), nb::arg("begins"),
+      nb::arg("rounds"),
       "Of V entries (pair of bodies, configuration): bounds (V,) from below on distances, `near` where parts "
-      "may be nearer; these parts, as entries, pairs of parts and bounds (C,), the nearest of each entry "
-      "first; and of the entries (U,) that have some the second body as the first sees it, turns (U, 3, 3) "
-      "and ways (U, 3).");
+      "may be nearer. Of the latter (U), in order, the entry, its `near`, and the pairs of parts that may "
+      "be, "
+      "each with its bound, the nearest first; and the second body as the first sees it, (U, 4, 3): three "
+      "rows of its attitude, then its place.");
 }
 
 }  // namespace ffsms

@@ -1,4 +1,4 @@
-// Whole motions: the base's attitude along them, and their sums. Shapes are checked here.
+// Whole motions: the base's attitude along them, their sums, and coarse marches. Shapes are checked here.
 #include <nanobind/stl/optional.h>
 
 #include <deque>
@@ -7,21 +7,14 @@
 #include <vector>
 
 #include "arrays.hpp"
-#include "bindings.hpp"
 #include "cone_march.hpp"
-#include "quadrature.hpp"
 #include "sums.hpp"
-
-namespace nb = nanobind;
 
 namespace ffsms {
 namespace {
 
-using Array = nb::ndarray<const double, nb::device::cpu>;
-using Packed = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;
+using Slope = nb::ndarray<const double, nb::device::cpu>;
 using Indices = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Gradients = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using Hessians = nb::ndarray<double, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
 
 // Sizes of an array along its axes; zero: it has no such axis. An axis of one repeats.
 struct Shape {
@@ -32,7 +25,7 @@ struct Shape {
 class Given {
  public:
   Strided strided(nb::handle object, const Shape& shape, const char* name) {
-    const Array& array = arrays_.emplace_back(nb::cast<Array>(object));
+    const Slope& array = slopes_.emplace_back(nb::cast<Slope>(object));
     Strided out;
     out.data = array.data();
     Size axis = array.ndim();
@@ -50,8 +43,8 @@ class Given {
     return out;
   }
 
-  const Packed& packed(nb::handle object, Size size, const char* name) {
-    const Packed& array = packed_.emplace_back(nb::cast<Packed>(object));
+  const In& dense(nb::handle object, Size size, const char* name) {
+    const In& array = dense_.emplace_back(nb::cast<In>(object));
     if (size != 0 && array.size() != size) wrong(name);
     return array;
   }
@@ -70,38 +63,141 @@ class Given {
     throw std::invalid_argument(std::string(name) + " of a residual or a motion has a wrong shape");
   }
 
-  std::deque<Array> arrays_;
-  std::deque<Packed> packed_;
+  std::deque<Slope> slopes_;
+  std::deque<In> dense_;
   std::deque<Indices> indices_;
 };
 
+// -- attitudes
+
+// Attitudes (9, 2 N + 1) at the nodes and in the middles of N steps, of angular velocities (3, 2 N + 1) in
+// base axes there: Simpson's rule and one bracket, and over a first half the parabola through the same
+// points.
+Out attitudes(const Matrix& start, const Matrix& omega, double dt) {
+  const Size count = omega.shape(1);
+  expect(omega.shape(0) == 3 && start.size() == 9, "an array has a wrong shape");
+  Out out = new_array(9, count);
+  const auto put = [&](const Mat3<double>& R, Size k) { Writer{out.data() + k, count}.put(&R, 1); };
+  Mat3<double> R = matrix_at(start.data());
+  put(R, 0);
+  for (Size k = 0; k + 2 < count; k += 2) {
+    Vec3<double> w[3];
+    for (Size i = 0; i < 3; ++i) Reader{omega.data() + k + i, count}.next(w[i].v, 3);
+    put(R * exp3((dt / 24.0) * (5.0 * w[0] + 8.0 * w[1] - w[2]) + (dt * dt / 48.0) * cross(w[0], w[1])),
+        k + 1);
+    R = R * exp3((dt / 6.0) * (w[0] + 4.0 * w[1] + w[2]) + (dt * dt / 12.0) * cross(w[0], w[2]));
+    put(R, k + 2);
+  }
+  return out;
+}
+
+// A system under joint accelerations (n, N), each held for dt, with momentum (6) in inertial axes, the
+// angular part about its centre of mass. States (12 + 2 n, N + 1) at the nodes: attitude and place of the
+// root, joint positions and rates; `start` is the first.
+Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations, const Vector& momentum,
+             double dt) {
+  const int n = tree.n, rows = 12 + 2 * n;
+  const Size joints = static_cast<Size>(n), steps = accelerations.shape(1), nodes = steps + 1;
+  expect(accelerations.shape(0) == joints && momentum.size() == 6 && start.size() == 12 + 2 * joints,
+         "an array has a wrong shape");
+  Out out = new_array(rows, nodes);
+  Mat3<double> R = matrix_at(start.data());
+  const Vec3<double> linear = vector_at(momentum.data()), angular = vector_at(momentum.data() + 3);
+  double q[kMostJoints] = {}, u[kMostJoints] = {}, a[kMostJoints] = {};
+  std::copy_n(start.data() + 12, n, q);
+  std::copy_n(start.data() + 12 + n, n, u);
+  Writer{out.data(), nodes}.put(start.data(), rows);
+  const auto half_a_step = [&] {
+    for (int j = 0; j < n; ++j) {
+      q[j] += 0.5 * dt * (u[j] + 0.25 * dt * a[j]);
+      u[j] += 0.5 * dt * a[j];
+    }
+  };
+  Arm<double> arm;
+  Spin first = spin_at(tree, q, u, arm);
+  Vec3<double> com = vector_at(start.data() + 9) + R * arm.com;
+  for (Size k = 0; k < steps; ++k) {
+    Reader{accelerations.data() + k, steps}.next(a, n);
+    half_a_step();
+    const Spin middle = spin_at(tree, q, u, arm);
+    half_a_step();
+    const Spin last = spin_at(tree, q, u, arm);
+    R = tumbled(R, first, middle, last, angular, dt);
+    com += dt * tree.inverse_mass * linear;
+    const Vec3<double> place = com - R * arm.com;
+    Writer write = {out.data() + k + 1, nodes};
+    write.put(&R, 1);
+    write.put(&place, 1);
+    write.put(q, n);
+    write.put(u, n);
+    first = last;
+  }
+  return out;
+}
+
 Quadrature quadrature_of(Given& given, const nb::tuple& from) {
-  const Packed& over = given.packed(from[1], 0, "integral_over");
+  const In& over = given.dense(from[1], 0, "integral_over");
   expect(over.ndim() == 2, "integral_over has two axes");
   Quadrature out;
   out.intervals = static_cast<int>(over.shape(0));
   out.gauss = static_cast<int>(over.shape(1));
   out.over = over.data();
-  out.to_points = given.packed(from[0], over.size() * over.shape(1), "integral_to_points").data();
+  out.to_points = given.dense(from[0], over.size() * over.shape(1), "integral_to_points").data();
   out.late = nb::cast<int>(from[2]);
   return out;
 }
 
+// Attitudes (9) of the base along S motions of a spline, and what momentum adds to its angular velocity (3):
+// rows (12, S K). Given that of the joint rates (3, S, K) and the inverse inertia (3, 3, S, K).
+Out spline_attitudes(const nb::tuple& quadrature, const In& omega, const In& inverse, const Matrix& start,
+                     const std::optional<Vector>& momentum) {
+  Given given;
+  const Quadrature by = quadrature_of(given, quadrature);
+  const Size K = static_cast<Size>(by.instants()), count = omega.size() / 3;
+  expect(omega.size() == 3 * count && count % K == 0 && inverse.size() == 9 * count,
+         "an array has a wrong shape");
+  expect(start.size() == 9, "an array has a wrong shape");
+  Out out = new_array(12, count);
+  const Mat3<double> first = matrix_at(start.data());
+  std::vector<Vec3<double>> reaction(K), own(K, zero3<double>()), spins(K);
+  std::vector<Mat3<double>> turned(K), before(K), inverses(K);
+  for (Size begin = 0; begin < count; begin += K) {
+    for (Size k = 0; k < K; ++k) {
+      Reader{omega.data() + begin + k, count}.next(reaction[k].v, 3);
+      Reader{inverse.data() + begin + k, count}.next(inverses[k][0], 9);
+    }
+    if (momentum) {
+      drifting_attitudes(by, first, reaction.data(), inverses.data(), vector_at(momentum->data()),
+                         turned.data(), own.data(), spins.data(), before.data());
+    } else {
+      base_attitudes(by, first, reaction.data(), turned.data());
+    }
+    for (Size k = 0; k < K; ++k) {
+      Writer write = {out.data() + begin + k, count};
+      write.put(&turned[k], 1);
+      write.put(&own[k], 1);
+    }
+  }
+  return out;
+}
+
+// -- sums
+
 SplineMaps maps_of(Given& given, const nb::tuple& from, Size instants) {
-  const Packed& rates = given.packed(from[0], 0, "rates");
+  const In& rates = given.dense(from[0], 0, "rates");
   expect(rates.ndim() == 2 && rates.shape(0) == instants, "the spline's rates have a wrong shape");
   SplineMaps out;
   out.size = static_cast<int>(rates.shape(1));
   out.rates = rates.data();
-  out.travel = given.packed(from[1], rates.size(), "travel").data();
-  out.accelerations = given.packed(from[2], rates.size(), "accelerations").data();
+  out.travel = given.dense(from[1], rates.size(), "travel").data();
+  out.accelerations = given.dense(from[2], rates.size(), "accelerations").data();
   return out;
 }
 
 // (instants, motion or None, weight, value, slopes by name)
 Residual residual_of(Given& given, const nb::tuple& from, Size n, Size motions, Size instants) {
   Residual out;
-  const Packed& weight = given.packed(from[2], 0, "weight");
+  const In& weight = given.dense(from[2], 0, "weight");
   const Size count = weight.size(), S = from[1].is_none() ? motions : 0;
   out.count = static_cast<std::ptrdiff_t>(count);
   out.instants = given.indices(from[0], count, instants, "instants");
@@ -138,7 +234,7 @@ Residual residual_of(Given& given, const nb::tuple& from, Size n, Size motions, 
 JointResidual joints_of(Given& given, const nb::tuple& from, const Shape& shape) {
   JointResidual out;
   out.count = static_cast<std::ptrdiff_t>(shape.instant);
-  out.weight = given.packed(from[0], shape.instant, "weight").data();
+  out.weight = given.dense(from[0], shape.instant, "weight").data();
   const auto part = [&](int i, const char* name) {
     return from[i].is_none() ? Strided() : given.strided(from[i], shape, name);
   };
@@ -149,58 +245,14 @@ JointResidual joints_of(Given& given, const nb::tuple& from, const Shape& shape)
   return out;
 }
 
-// Attitudes (3, 3, S, K) of the base, and what momentum adds to its angular velocity (3, S, K).
-void spline_attitudes(const nb::tuple& quadrature, const nb::tuple& arm, const In& start,
-                      const nb::object& momentum, const Out& attitude, const Out& own) {
-  Given given;
-  const Quadrature by = quadrature_of(given, quadrature);
-  const Array rates = nb::cast<Array>(arm[0]);
-  expect(rates.ndim() == 3, "rates have three axes");
-  const Size n = rates.shape(0), S = rates.shape(1), K = static_cast<Size>(by.instants());
-  const Strided u = given.strided(arm[0], {0, n, S, K}, "rates");
-  const Strided spin = given.strided(arm[1], {3, n, S, K}, "spin");
-  const Strided inverse = given.strided(arm[2], {3, 3, S, K}, "inverse");
-  expect_rows(start, 3, 3);
-  expect_rows(attitude, 9, S * K);
-  expect_rows(own, 3, S * K);
-  const Mat3<double> first = matrix({start.data(), 3, 1, 0, 0});
-  const bool drifts = !momentum.is_none();
-  const double* angular = drifts ? given.packed(momentum, 3, "momentum").data() : nullptr;
-  std::vector<Vec3<double>> omega(K), added(K, zero3<double>()), spins(K);
-  std::vector<Mat3<double>> turned(K), before(K), inverses(K);
-  for (Size s = 0; s < S; ++s) {
-    for (Size k = 0; k < K; ++k) {
-      const Strided rate = u.at(s, k), column = spin.at(s, k);
-      omega[k] = zero3<double>();
-      for (int j = 0; j < static_cast<int>(n); ++j) {
-        for (int x = 0; x < 3; ++x) omega[k][x] += column(x, j) * rate(0, j);
-      }
-      if (drifts) inverses[k] = matrix(inverse.at(s, k));
-    }
-    if (drifts) {
-      const Vec3<double> total = {{angular[0], angular[1], angular[2]}};
-      drifting_attitudes(by, first, omega.data(), inverses.data(), total, turned.data(), added.data(),
-                         spins.data(), before.data());
-    } else {
-      base_attitudes(by, first, omega.data(), turned.data());
-    }
-    for (Size k = 0; k < K; ++k) {
-      for (int x = 0; x < 3; ++x) {
-        own(x, s * K + k) = added[k][x];
-        for (int y = 0; y < 3; ++y) attitude(3 * x + y, s * K + k) = turned[k][x][y];
-      }
-    }
-  }
-}
-
-void sums(const Tree& tree, const nb::tuple& maps, const nb::tuple& quadrature, const nb::tuple& motions,
-          const nb::list& residuals, const nb::list& of_joints, const Indices& chosen,
-          const Gradients& gradient, const Hessians& hessian) {
+// Gradients (T, M n) and Hessians (T, M n, M n) of T chosen motions.
+nb::tuple sums(const Tree& tree, const nb::tuple& maps, const nb::tuple& quadrature, const nb::tuple& motions,
+               const nb::list& residuals, const nb::list& of_joints, const Indices& chosen) {
   Given given;
   const Quadrature by = quadrature_of(given, quadrature);
   const Size n = static_cast<Size>(tree.n), K = static_cast<Size>(by.instants());
   const SplineMaps spline = maps_of(given, maps, K);
-  const Size size = n * static_cast<Size>(spline.size), S = nb::cast<Array>(motions[0]).shape(1);
+  const Size size = n * static_cast<Size>(spline.size), S = nb::cast<Slope>(motions[0]).shape(1);
   const ArmMotions arm = {
       given.strided(motions[0], {0, n, S, K}, "joints"), given.strided(motions[1], {0, n, S, K}, "rates"),
       given.strided(motions[2], {3, 3, S, K}, "base_attitude"),
@@ -211,31 +263,30 @@ void sums(const Tree& tree, const nb::tuple& maps, const nb::tuple& quadrature, 
   for (nb::handle one : residuals) values.push_back(residual_of(given, nb::cast<nb::tuple>(one), n, S, K));
   for (nb::handle one : of_joints) single.push_back(joints_of(given, nb::cast<nb::tuple>(one), {0, n, S, K}));
   const Size count = chosen.shape(0);
-  expect(gradient.shape(0) == count && gradient.shape(1) == size, "the gradient has a wrong shape");
-  expect(hessian.shape(0) == count && hessian.shape(1) == size && hessian.shape(2) == size,
-         "the Hessian has a wrong shape");
+  Out gradient = new_array(count, size), hessian = new_array(count, size, size);
+  std::fill_n(gradient.data(), gradient.size(), 0.0);
+  std::fill_n(hessian.data(), hessian.size(), 0.0);
   for (Size i = 0; i < count; ++i) expect(chosen(i) >= 0 && Size(chosen(i)) < S, "no such motion");
   Sums all(tree, arm, spline, by);
   for (Size i = 0; i < count; ++i) {
     all.add(chosen(i), values, single, gradient.data() + i * size, hessian.data() + i * size * size);
   }
+  return nb::make_tuple(gradient, hessian);
 }
 
-// Joint rates (S, steps n) of marches to the sides (S, 3). `joints` are positions, limits and greatest rates
+// -- marches
+
+// Joint rates (S, steps, n) of marches to the sides (S, 3). `joints` are positions, limits and greatest rates
 // (4, n); `places` the target, the centre of mass and its drift (3, 3).
-void cone_marches(const Tree& tree, int steps, double duration, double kappa, double mean_speed,
-                  double arrival_power, double least_approach, double damping, const In& joints,
-                  const In& places, const In& attitude, const std::optional<In>& rotation, const In& sides,
-                  const Out& rates) {
-  const Size n = static_cast<Size>(tree.n);
-  expect_rows(joints, 4, n);
-  expect_rows(places, 3, 3);
-  expect_rows(attitude, 3, 3);
-  if (rotation) expect_rows(*rotation, 3, 3);
-  expect(sides.shape(1) == 3, "sides have three components");
-  expect_rows(rates, static_cast<int>(sides.shape(0)), n * static_cast<Size>(steps));
-  const auto row = [](const In& of, int i) { return vector({of.data() + 3 * i, 1, 0, 0, 0}); };
-  const auto turn = [](const In& of) { return matrix({of.data(), 3, 1, 0, 0}); };
+Out cone_marches(const Tree& tree, int steps, double duration, double kappa, double mean_speed,
+                 double arrival_power, double least_approach, double damping, const Matrix& joints,
+                 const Matrix& places, const Matrix& attitude, const std::optional<Matrix>& rotation,
+                 const Matrix& sides) {
+  const Size n = static_cast<Size>(tree.n), count = sides.shape(0);
+  expect(joints.shape(0) == 4 && joints.shape(1) == n && sides.shape(1) == 3, "an array has a wrong shape");
+  expect(places.size() == 9 && attitude.size() == 9 && (!rotation || rotation->size() == 9),
+         "an array has a wrong shape");
+  Out rates = new_array(count, steps, n);
   ConeMarch by = {};
   by.duration = duration;
   by.steps = steps;
@@ -244,33 +295,33 @@ void cone_marches(const Tree& tree, int steps, double duration, double kappa, do
   by.arrival_power = arrival_power;
   by.least_approach = least_approach;
   by.damping = damping;
-  by.target = row(places, 0);
-  by.com = row(places, 1);
-  by.drift = row(places, 2);
-  by.attitude = turn(attitude);
+  by.target = vector_at(places.data());
+  by.com = vector_at(places.data() + 3);
+  by.drift = vector_at(places.data() + 6);
+  by.attitude = matrix_at(attitude.data());
   by.posed = rotation.has_value();
-  if (rotation) by.rotation = turn(*rotation);
+  if (rotation) by.rotation = matrix_at(rotation->data());
   by.start = joints.data();
   by.low = by.start + n;
   by.high = by.low + n;
   by.most = by.high + n;
-  for (Size s = 0; s < sides.shape(0); ++s) {
-    cone_march(tree, by, row(sides, static_cast<int>(s)), rates.data() + s * rates.shape(1));
+  for (Size s = 0; s < count; ++s) {
+    cone_march(tree, by, vector_at(sides.data() + 3 * s), rates.data() + s * static_cast<Size>(steps) * n);
   }
+  return rates;
 }
 
 }  // namespace
 
 void bind_motions(nb::module_& m) {
-  m.def("spline_attitudes", &spline_attitudes, nb::arg("quadrature"), nb::arg("arm"), nb::arg("start"),
-        nb::arg("momentum").none(), nb::arg("attitude"), nb::arg("own"));
-  m.def("sums", &sums, nb::arg("tree"), nb::arg("maps"), nb::arg("quadrature"), nb::arg("motions"),
-        nb::arg("residuals"), nb::arg("of_joints"), nb::arg("chosen"), nb::arg("gradient"),
-        nb::arg("hessian"));
+  m.def("attitudes", &attitudes);
+  m.def("roll_out", &roll_out);
+  m.def("spline_attitudes", &spline_attitudes, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none());
+  m.def("sums", &sums);
   m.def("cone_marches", &cone_marches, nb::arg("tree"), nb::arg("steps"), nb::arg("duration"),
         nb::arg("kappa"), nb::arg("mean_speed"), nb::arg("arrival_power"), nb::arg("least_approach"),
         nb::arg("damping"), nb::arg("joints"), nb::arg("places"), nb::arg("attitude"),
-        nb::arg("rotation").none(), nb::arg("sides"), nb::arg("rates"));
+        nb::arg("rotation").none(), nb::arg("sides"));
 }
 
 }  // namespace ffsms

@@ -1,8 +1,10 @@
 // Python's view of step.hpp: plain arrays in, new arrays out.
+#include <nanobind/stl/optional.h>
+
 #include <vector>
 
-#include "bindings.hpp"
-#include "dense.hpp"
+#include "arm.hpp"
+#include "arrays.hpp"
 #include "step.hpp"
 
 namespace {
@@ -10,6 +12,43 @@ namespace {
 using namespace ffsms;
 
 step::Schedule schedule_of(const Vector& s) { return {s(0), s(1), s(2), s(3)}; }
+
+// What a step is written from, of a root pose (x, y, z, quaternion): see opt/step/state.py. First columns
+// (6, n), reaction, J*, J_m and C_bm; then places and twists, and the end effector's attitude.
+nb::tuple step_state(const Tree& tree, const Vector& root, const Vector& joints,
+                     const std::optional<Vector>& momentum) {
+  const int n = tree.n;
+  expect(root.shape(0) == 7 && joints.shape(0) == size_t(n), "an array has a wrong shape");
+  Arm<double> arm;
+  evaluate(tree, joints.data(), arm);
+  const double x = root(3), y = root(4), z = root(5), w = root(6);
+  const Mat3<double> R = {{{1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)},
+                           {2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)},
+                           {2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}}};
+  auto columns = new_array(4, 6, n), more = new_array(27);
+  for (int j = 0; j < n; ++j) {
+    const Vec3<double> turning = tree.joints[j].moves_tip ? arm.axis[j] : zero3<double>();
+    const Vec3<double> of_joint[] = {
+        arm.root[j], arm.spin[j], R * arm.jstar[j], R * (arm.spin[j] + turning), R * arm.tip_velocity[j],
+        R * turning};
+    for (int i = 0; i < 18; ++i) columns.data()[i * n + j] = of_joint[i / 3][i % 3];
+    for (int i = 0; i < 6; ++i) columns.data()[(18 + i) * n + j] = arm.coupling[i][j];
+  }
+  Vec3<double> spin = zero3<double>(), moving = spin;
+  if (momentum) {
+    const double* h = momentum->data();
+    spin = arm.inverse * (transposed(R) * Vec3<double>{{h[3], h[4], h[5]}});
+    moving =
+        (1.0 / tree.total_mass) * (transposed(R) * Vec3<double>{{h[0], h[1], h[2]}}) + cross(arm.com, spin);
+  }
+  const Vec3<double> origin{{root(0), root(1), root(2)}};
+  const Vec3<double> of_all[] = {
+      origin + R * arm.tip, arm.com, moving, spin, R * (moving + cross(spin, arm.tip)), R * spin};
+  const Mat3<double> attitude = R * arm.tip_rotation;
+  for (int i = 0; i < 18; ++i) more.data()[i] = of_all[i / 3][i % 3];
+  for (int i = 0; i < 9; ++i) more.data()[18 + i] = attitude[i / 3][i % 3];
+  return nb::make_tuple(columns, more);
+}
 
 nb::tuple rate_bounds(const Matrix& limits, const Vector& joints, const Vector& rates, double dt) {
   const size_t n = rates.shape(0);
@@ -57,18 +96,6 @@ double scheduled(const Vector& s, double left, double speed, const Vector& gradi
 
 double reference_speed(const Vector& s, double path_left, double speed, double time_left, double dt) {
   return step::reference_speed(schedule_of(s), path_left, speed, time_left, dt);
-}
-
-Array lateral_direction(const Vector& towards, const Vector& hint) {
-  auto lateral = new_array(3);
-  step::lateral_direction(towards.data(), hint.data(), lateral.data());
-  return lateral;
-}
-
-Array cone_direction(const Vector& towards, const Vector& lateral, double cosine) {
-  auto direction = new_array(3);
-  step::cone_direction(towards.data(), lateral.data(), cosine, direction.data());
-  return direction;
 }
 
 // H (n + 2, n + 2) and g (n + 2,) of direction, speed, effort, change and slack.
@@ -202,12 +229,11 @@ nb::object refined(const Matrix& H, const Vector& g, const Matrix& A, const Vect
 }  // namespace
 
 void ffsms::bind_step(nb::module_& m) {
+  m.def("step_state", &step_state, nb::arg(), nb::arg(), nb::arg(), nb::arg().none());
   m.def("rate_bounds", &rate_bounds);
   m.def("wanted_motion", &wanted_motion);
   m.def("scheduled", &scheduled);
   m.def("reference_speed", &reference_speed);
-  m.def("lateral_direction", &lateral_direction);
-  m.def("cone_direction", &cone_direction);
   m.def("objective", &objective);
   m.def("stacked_rows", &stacked_rows);
   m.def("refined", &refined);

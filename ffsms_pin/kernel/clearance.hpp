@@ -1,138 +1,119 @@
-// Bounds from below on distances between parts of bodies: balls, and a ball against a box.
+// Bounds on distances between convex parts of bodies: balls, boxes, and directions along which they are
+// apart.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
-#include <cstddef>
 #include <cstdint>
 #include <limits>
 
+#include "vec3.hpp"
+
 namespace ffsms {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 // A ball and a box of one centre around something that is fixed to a body, in the body's axes.
 struct Cover {
-  double body;  // an index, counted from the end where it is negative
-  double centre[3], radius, half[3];
-  double axes[9];  // of the box, as columns
+  double body;  // the joint that carries it, -1: the base; obstacles come after the joints
+  Vec3<double> centre;
+  double radius;
+  Vec3<double> half;  // of the box's sides
+  Mat3<double> axes;  // of the box, as columns
 };
 static_assert(sizeof(Cover) == 17 * sizeof(double), "Python hands covers over as rows of 17 numbers");
 
-// Attitudes (3, 3, bodies, count) and places (3, bodies, count) of bodies at many configurations.
-struct Bodies {
-  const double *rotations, *origins;
-  std::int64_t bodies, count;
-
-  double rotation(int row, int column, std::int64_t body, std::int64_t at) const {
-    return rotations[((3 * row + column) * bodies + body) * count + at];
-  }
-  double origin(int row, std::int64_t body, std::int64_t at) const {
-    return origins[(row * bodies + body) * count + at];
-  }
-  std::int64_t index(const Cover& cover) const {
-    const auto body = static_cast<std::int64_t>(cover.body);
-    return body < 0 ? body + bodies : body;
-  }
+struct Placed {
+  Mat3<double> turn;
+  Vec3<double> origin;
 };
 
 // The second body as the first sees it.
-struct Relative {
-  double turn[9], way[3];
+inline Placed seen_from(const Placed& first, const Placed& second) {
+  const Mat3<double> back = transposed(first.turn);
+  return {back * second.turn, back * (second.origin - first.origin)};
+}
 
-  Relative(const Bodies& seen, std::int64_t first, std::int64_t second, std::int64_t at) {
-    for (int i = 0; i < 3; ++i) {
-      way[i] = 0.0;
-      for (int j = 0; j < 3; ++j) {
-        turn[3 * i + j] = 0.0;
-        for (int k = 0; k < 3; ++k)
-          turn[3 * i + j] += seen.rotation(k, i, first, at) * seen.rotation(k, j, second, at);
-        way[i] += seen.rotation(j, i, first, at) * (seen.origin(j, second, at) - seen.origin(j, first, at));
-      }
-    }
-  }
-};
-
-// How far the ball of one, whose centre is `way` from the box's, is outside the box.
-inline double outside(const Cover& box, const double* way, double radius) {
+// How far a ball, whose centre is `way` from the box's, is outside the box.
+inline double outside(const Cover& box, const Vec3<double>& way, double radius) {
+  const Vec3<double> along = transposed(box.axes) * way;
   double square = 0.0;
   for (int i = 0; i < 3; ++i) {
-    const double along = box.axes[i] * way[0] + box.axes[3 + i] * way[1] + box.axes[6 + i] * way[2];
-    const double far = std::max(std::abs(along) - box.half[i], 0.0);
+    const double far = std::max(std::fabs(along[i]) - box.half[i], 0.0);
     square += far * far;
   }
   // A ball whose centre is in the box may be deeper in it than its radius.
-  return square > 0.0 ? std::sqrt(square) - radius : -std::numeric_limits<double>::infinity();
+  return square > 0.0 ? std::sqrt(square) - radius : -kInfinity;
 }
 
 // A bound from below on the distance of two things, a better one where it is below `near`.
-inline double bound(const Cover& one, const Cover& other, const Relative& seen, double near) {
-  double way[3], back[3];
-  for (int i = 0; i < 3; ++i)
-    way[i] = seen.way[i] - one.centre[i] + seen.turn[3 * i] * other.centre[0] +
-             seen.turn[3 * i + 1] * other.centre[1] + seen.turn[3 * i + 2] * other.centre[2];
-  double least = std::sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]) - one.radius - other.radius;
+inline double bound(const Cover& one, const Cover& other, const Placed& seen, double near) {
+  const Vec3<double> way = seen.origin + seen.turn * other.centre - one.centre;
+  double least = std::sqrt(dot(way, way)) - one.radius - other.radius;
   if (least < near) least = std::max(least, outside(one, way, other.radius));
-  if (least < near) {
-    for (int i = 0; i < 3; ++i)
-      back[i] = seen.turn[i] * way[0] + seen.turn[3 + i] * way[1] + seen.turn[6 + i] * way[2];
-    least = std::max(least, outside(other, back, one.radius));
-  }
+  if (least < near) least = std::max(least, outside(other, transposed(seen.turn) * way, one.radius));
   return least;
 }
 
-// The corners of a convex part, in its body's axes, three numbers each.
+// A convex part: all that is no further than so much from the hull of its corners, in its body's axes.
 struct Corners {
-  const double* begin;
+  const Vec3<double>* begin;
   std::int64_t count;
+  double round;
 
-  // The corner that is the furthest along a direction, and how far that is.
-  const double* furthest(const double* way, double& far) const {
-    const double* best = begin;
-    far = -std::numeric_limits<double>::infinity();
-    for (const double* x = begin; x != begin + 3 * count; x += 3) {
-      const double along = way[0] * x[0] + way[1] * x[1] + way[2] * x[2];
-      if (along > far) {
-        far = along;
+  const Vec3<double>& furthest(const Vec3<double>& way) const {
+    const Vec3<double>* best = begin;
+    double most = -kInfinity;
+    const Vec3<double>* x = begin;
+    for (; x + 4 <= begin + count; x += 4) {
+      const double a = dot(way, x[0]), b = dot(way, x[1]), c = dot(way, x[2]), d = dot(way, x[3]);
+      const double ab = a > b ? a : b, cd = c > d ? c : d, m = ab > cd ? ab : cd;
+      if (m > most) {
+        most = m;
+        best = m == a ? x : m == b ? x + 1 : m == c ? x + 2 : x + 3;
+      }
+    }
+    for (; x != begin + count; ++x) {
+      const double along = dot(way, *x);
+      if (along > most) {
+        most = along;
         best = x;
       }
     }
-    return best;
+    return *best;
   }
 };
 
-// Looks for a direction along which two parts are at least `near` apart: that of the time before first, then
-// towards the origin from what is found of the difference of the parts. Returns the gap, or less than `near`.
-inline double gap(const Corners& one, const Corners& other, const Relative& seen, double near,
-                  double* direction) {
+struct Gap {
+  double least, most;
+};
+
+// Bounds on the distance of two convex parts: a gap along a direction, which is improved from that of the
+// time before towards the nearest that is found of the difference of the parts. It ends where they are at
+// least `near` apart, or surely nearer and the bound from below is no less than a share of that from above.
+inline Gap gap(const Corners& one, const Corners& other, const Placed& seen, double near, double share,
+               Vec3<double>& way) {
   constexpr int kTries = 12;
-  double v[3] = {}, way[3] = {direction[0], direction[1], direction[2]};
-  double found = -std::numeric_limits<double>::infinity();
+  const double round = one.round + other.round;
+  const Mat3<double> back = transposed(seen.turn);
+  Gap found = {-kInfinity, kInfinity};
+  Vec3<double> v = zero3<double>();
   for (int tried = 0; tried < kTries; ++tried) {
-    double back[3], w[3], here, there;
-    for (int i = 0; i < 3; ++i)
-      back[i] = -(seen.turn[i] * way[0] + seen.turn[3 + i] * way[1] + seen.turn[6 + i] * way[2]);
-    const double* a = one.furthest(way, here);
-    const double* b = other.furthest(back, there);
-    found = way[0] * seen.way[0] + way[1] * seen.way[1] + way[2] * seen.way[2] - there - here;
-    if (found >= near) {
-      std::copy(way, way + 3, direction);
-      return found;
-    }
-    double vv = 0.0, vd = 0.0, dd = 0.0;
-    for (int i = 0; i < 3; ++i) {
-      w[i] = seen.way[i] + seen.turn[3 * i] * b[0] + seen.turn[3 * i + 1] * b[1] +
-             seen.turn[3 * i + 2] * b[2] - a[i];
-      if (tried == 0) v[i] = w[i];
-      vd += v[i] * (v[i] - w[i]);
-      dd += (v[i] - w[i]) * (v[i] - w[i]);
-    }
+    const Vec3<double>& a = one.furthest(way);
+    const Vec3<double>& b = other.furthest(-1.0 * (back * way));
+    const Vec3<double> w = seen.origin + seen.turn * b - a;
+    found.least = std::max(found.least, dot(way, w) - round);
+    if (found.least >= near) break;
+    if (tried == 0) v = w;
+    const Vec3<double> change = v - w;
+    const double square = dot(change, change);
     // The point of the way from v to w that is the nearest to the origin.
-    const double share = dd > 0.0 ? std::min(std::max(vd / dd, 0.0), 1.0) : 0.0;
-    for (int i = 0; i < 3; ++i) {
-      v[i] += share * (w[i] - v[i]);
-      vv += v[i] * v[i];
-    }
-    if (vv < near * near) break;  // the parts are nearer than that
-    for (int i = 0; i < 3; ++i) way[i] = v[i] / std::sqrt(vv);
+    const double part = square > 0.0 ? std::min(std::max(dot(v, change) / square, 0.0), 1.0) : 0.0;
+    v = v - part * change;
+    const double size = std::sqrt(dot(v, v));
+    found.most = std::min(found.most, size - round);
+    if (found.most <= 0.0 || (found.most < near && found.least >= share * found.most)) break;
+    way = (1.0 / size) * v;
   }
   return found;
 }

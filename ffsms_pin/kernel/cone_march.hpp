@@ -6,6 +6,7 @@
 
 #include "entropy.hpp"
 #include "rollout.hpp"
+#include "step.hpp"
 
 namespace ffsms {
 
@@ -57,40 +58,19 @@ inline double ideal_cosine(const Tree& tree, const Arm<double>& arm, double kapp
   return std::fmin(std::fmax((x + std::log(-std::expm1(-x))) / kappa, -1.0), 1.0);
 }
 
-// Solves A x = b for a symmetric positive definite A of at most six rows, by Cholesky; A keeps its factor.
-inline void solve_symmetric(int m, double (*A)[6], double* x) {
-  for (int i = 0; i < m; ++i) {
-    for (int j = 0; j <= i; ++j) {
-      double sum = A[i][j];
-      for (int k = 0; k < j; ++k) sum -= A[i][k] * A[j][k];
-      A[i][j] = i == j ? std::sqrt(sum) : sum / A[j][j];
-    }
-  }
-  for (int i = 0; i < m; ++i) {
-    for (int k = 0; k < i; ++k) x[i] -= A[i][k] * x[k];
-    x[i] /= A[i][i];
-  }
-  for (int i = m - 1; i >= 0; --i) {
-    for (int k = i + 1; k < m; ++k) x[i] -= A[k][i] * x[k];
-    x[i] /= A[i][i];
-  }
-}
-
 // Least rates (n) with J u near to what is wanted (m), for J (m, n). Damping must not slow what can be done:
 // one step of refinement takes most of it back.
 inline void least_rates(int m, int n, const double (*J)[kMostJoints], const double* wanted, double damping,
                         double* u) {
-  double left[6], square[6][6];
+  double left[6], square[36];
   std::copy(wanted, wanted + m, left);
   std::fill(u, u + n, 0.0);
   for (int pass = 0; pass < 2; ++pass) {
     for (int i = 0; i < m; ++i) {
-      for (int j = 0; j <= i; ++j) {
-        square[i][j] = i == j ? damping * damping : 0.0;
-        for (int k = 0; k < n; ++k) square[i][j] += J[i][k] * J[j][k];
-      }
+      for (int j = 0; j < m; ++j) square[i * m + j] = step::dot(J[i], J[j], n);
+      square[i * m + i] += damping * damping;
     }
-    solve_symmetric(m, square, left);
+    step::solve(square, left, m);
     for (int k = 0; k < n; ++k) {
       for (int i = 0; i < m; ++i) u[k] += J[i][k] * left[i];
     }

@@ -1,65 +1,133 @@
-// The paper's normalised entropy of singular values, and its gradient by the entries of the coupling.
+// Singular values of small matrices, and the paper's normalised entropy of them with its gradient.
+//
+// One-sided Jacobi rotations: pairs of columns are turned until all are across each other, so that a matrix
+// U sigma V^T becomes U sigma. Small singular values keep their digits; the eigenvalues of C^T C lose them.
+//
+// Reference: J. Demmel, K. Veselic, "Jacobi's method is more accurate than QR", SIAM Journal on Matrix
+// Analysis and Applications 13 (1992).
 #pragma once
 
-#include "jacobi.hpp"
-#include "tree.hpp"
+#include <algorithm>
+
+#include "arm.hpp"
 
 namespace ffsms {
 
-// Singular values are kept above this: x log x is zero there to rounding, and its slope is finite.
-constexpr double kLeastValue = 1e-12;
-// And above this share of the largest, where they come from their squares.
-constexpr double kLeastShare = 1e-8;
+constexpr int kMostRows = 6;  // of C_bm and of J*
 
-// H_norm of C (rows, n), and its gradient. By the eigenvalues of C C^T or C^T C, whichever is smaller.
+// Columns count as across each other below this cosine, and where what they share is so little of the whole
+// matrix; squares.
+constexpr double kAcross = 1e-31, kNegligible = 1e-34;
+// Beyond what any matrix has needed: six are usual.
+constexpr int kMostSweeps = 30;
+
+// Turns two columns (m) across each other, and with them two columns (n) of V. A lane in which they are
+// stays as it is. False: nothing was left to do in any lane.
 template <class T>
-T entropy(int rows, int n, const T (&C)[kMostRows][kMostJoints], T (&gradient)[kMostRows][kMostJoints]) {
-  // Rows that are zero, as those of a planar arm, are exactly so from the left only.
-  const bool by_rows = n > rows || (n == rows && rows < 6);
-  const int r = by_rows ? rows : n;
-  Square<T> A, V, W;
-  for (int i = 0; i < r; ++i) {
-    for (int j = 0; j <= i; ++j) {
-      T sum = T{};
-      if (by_rows) {
-        for (int k = 0; k < n; ++k) sum += C[i][k] * C[j][k];
-      } else {
-        for (int k = 0; k < rows; ++k) sum += C[k][i] * C[k][j];
-      }
-      A[i][j] = A[j][i] = sum;
+bool rotate(int m, T* a, T* b, int n, T* v, T* w, T whole) {
+  T first = T{}, last = T{}, off = T{};
+  for (int i = 0; i < m; ++i) {
+    first += a[i] * a[i];
+    last += b[i] * b[i];
+    off += a[i] * b[i];
+  }
+  const T least = larger(kAcross * (first * last), kNegligible * (whole * larger(first, last)));
+  const auto left = off * off > least;
+  if (!any(left)) return false;
+  const T slant = (last - first) / select(left, 2.0 * off, same<T>(1.0));
+  const T sign = select(slant < 0.0, same<T>(-1.0), same<T>(1.0));
+  const T tangent = select(left, sign / (magnitude(slant) + root(slant * slant + 1.0)), T{});
+  const T cosine = 1.0 / root(tangent * tangent + 1.0), sine = tangent * cosine;
+  const auto turn = [&](int count, T* x, T* y) {
+    for (int i = 0; i < count; ++i) {
+      const T before = x[i];
+      x[i] = cosine * before - sine * y[i];
+      y[i] = sine * before + cosine * y[i];
+    }
+  };
+  turn(m, a, b);
+  turn(n, v, w);
+  return true;
+}
+
+// The k columns (m) of A become U sigma, `apart` from one to the next; those of V (k, k), where it is given,
+// the right singular vectors, k apart. The values come in no order.
+template <class T>
+void decompose(int m, int k, T* A, int apart, T* V, T* sigma) {
+  const int n = V == nullptr ? 0 : k;
+  const auto square = [&](int j) {
+    T sum = T{};
+    for (int i = 0; i < m; ++i) sum += A[j * apart + i] * A[j * apart + i];
+    return sum;
+  };
+  T whole = T{};
+  for (int j = 0; j < k; ++j) {
+    whole += square(j);
+    for (int i = 0; i < n; ++i) V[j * n + i] = same<T>(i == j ? 1.0 : 0.0);
+  }
+  for (int sweep = 0; sweep < kMostSweeps; ++sweep) {
+    bool more = false;
+    for (int p = 0; p < k; ++p) {
+      for (int q = p + 1; q < k; ++q)
+        more |= rotate(m, A + p * apart, A + q * apart, n, V + p * n, V + q * n, whole);
+    }
+    if (!more) break;
+  }
+  for (int j = 0; j < k; ++j) sigma[j] = root(square(j));
+}
+
+// The largest first, and the columns of V with them.
+template <class T>
+void sort(int k, T* sigma, T* V) {
+  const auto swap = [](auto before, T& x, T& y) {
+    const T low = select(before, x, y);
+    x = select(before, y, x);
+    y = low;
+  };
+  for (int i = 1; i < k; ++i) {
+    for (int j = i; j > 0; --j) {
+      const auto before = sigma[j - 1] < sigma[j];
+      if (!any(before)) break;
+      swap(before, sigma[j - 1], sigma[j]);
+      for (int x = 0; V != nullptr && x < k; ++x) swap(before, V[(j - 1) * k + x], V[j * k + x]);
     }
   }
-  jacobi(r, A, V);
-  T sigma[kMostRows], logs[kMostRows], largest = T{}, total = T{}, plain = T{};
-  for (int i = 0; i < r; ++i) {
-    sigma[i] = root(larger(A[i][i], same<T>(kLeastValue * kLeastValue)));
-    largest = larger(largest, sigma[i]);
+}
+
+// Singular values are kept above this: x log x is zero there to rounding, and its slope is finite.
+constexpr double kLeastValue = 1e-12;
+// And above this share of the largest: below it, directions of singular vectors are rounding.
+constexpr double kLeastShare = 1e-8;
+
+// H_norm of C (rows, n), and its gradient.
+template <class T>
+T entropy(int rows, int n, const T (&C)[kMostRows][kMostJoints], T (&gradient)[kMostRows][kMostJoints]) {
+  const bool by_rows = n > rows;  // the fewer vectors are turned
+  const int k = by_rows ? rows : n, m = by_rows ? n : rows;
+  T A[kMostRows][kMostJoints], V[kMostRows * kMostRows], sigma[kMostRows], logs[kMostRows];
+  for (int i = 0; i < k; ++i) {
+    for (int j = 0; j < m; ++j) A[i][j] = by_rows ? C[i][j] : C[j][i];
   }
-  for (int i = 0; i < r; ++i) {
-    sigma[i] = larger(sigma[i], kLeastShare * largest);
+  decompose(m, k, A[0], kMostJoints, V, sigma);
+  T largest = same<T>(kLeastValue), total = T{}, plain = T{};
+  for (int i = 0; i < k; ++i) largest = larger(largest, sigma[i]);
+  for (int i = 0; i < k; ++i) {
+    sigma[i] = larger(larger(sigma[i], kLeastShare * largest), same<T>(kLeastValue));
     total += sigma[i];
   }
-  for (int i = 0; i < r; ++i) {
+  for (int i = 0; i < k; ++i) {
     const T share = sigma[i] / total;
     logs[i] = logarithm(share);
     plain += share * logs[i];
   }
   const double scale = 1.0 / std::log(static_cast<double>(n));
-  // With C = U sigma V^T the gradient is U slope V^T = C V (slope / sigma) V^T, or from the left.
-  T slope[kMostRows];
-  for (int k = 0; k < r; ++k) slope[k] = scale * (plain - logs[k]) / (total * sigma[k]);
-  for (int i = 0; i < r; ++i) {
-    for (int j = 0; j <= i; ++j) {
+  // With A = U sigma V^T the gradient is U slope V^T, and U sigma is what A has become.
+  for (int i = 0; i < k; ++i) sigma[i] = scale * (plain - logs[i]) / (total * sigma[i]);
+  for (int i = 0; i < k; ++i) {
+    for (int j = 0; j < m; ++j) {
       T sum = T{};
-      for (int k = 0; k < r; ++k) sum += V[i][k] * slope[k] * V[j][k];
-      W[i][j] = W[j][i] = sum;
-    }
-  }
-  for (int i = 0; i < rows; ++i) {
-    for (int j = 0; j < n; ++j) {
-      T sum = T{};
-      for (int k = 0; k < r; ++k) sum += by_rows ? W[i][k] * C[k][j] : C[i][k] * W[k][j];
-      gradient[i][j] = sum;
+      for (int e = 0; e < k; ++e) sum += A[e][j] * sigma[e] * V[e * k + i];
+      (by_rows ? gradient[i][j] : gradient[j][i]) = sum;
     }
   }
   return -scale * plain;

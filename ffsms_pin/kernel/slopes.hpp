@@ -103,18 +103,6 @@ void momentum_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T
   for (int j = 0; j < tree.n; ++j) out[j] = by.angular[j] - cross(arm.com, by.linear[j]);
 }
 
-// Of the arm's momentum on a base at rest: linear, and angular about the root's origin.
-template <class T>
-void fixed_base_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T>* linear,
-                       Vec3<T>* angular) {
-  Moved<T> by;
-  moved(tree, arm, rates, zero3<T>(), zero3<T>(), by);
-  for (int j = 0; j < tree.n; ++j) {
-    linear[j] = by.linear[j];
-    angular[j] = by.angular[j];
-  }
-}
-
 // Slopes by a joint's twist that moves or is moved: by its velocity, by the outer product of its axis.
 template <class T>
 struct ByTwist {

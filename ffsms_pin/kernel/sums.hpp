@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "own_slopes.hpp"
-#include "quadrature.hpp"
+#include "rollout.hpp"
 
 namespace ffsms {
 

@@ -31,6 +31,12 @@ Mat3<T> zero33() {
   return {{{T{}, T{}, T{}}, {T{}, T{}, T{}}, {T{}, T{}, T{}}}};
 }
 
+// Of numbers one after the other, row by row.
+inline Vec3<double> vector_at(const double* x) { return {{x[0], x[1], x[2]}}; }
+inline Mat3<double> matrix_at(const double* x) {
+  return {{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}, {x[6], x[7], x[8]}}};
+}
+
 // Constants as values of every lane.
 template <class T>
 Vec3<T> same(const Vec3<double>& a) {

@@ -10,7 +10,7 @@ from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.motion.nodes import angles_from_start
+from ffsms_pin.opt.motion.finished import angles_from_start
 from ffsms_pin.plotting.series import plot_series
 from ffsms_pin.plotting.style import applied, legend_above, line, stack
 from ffsms_pin.scenarios.extremes import base_motion

@@ -110,14 +110,6 @@ def _states(
 ) -> FloatArray:
     """Attitude, root, joint positions and rates (12 + 2 n, N + 1) under accelerations (n, N)."""
     total = np.zeros(6) if momentum is None else vector("momentum", momentum, 6)
-    states = np.empty((12 + 2 * sms.n, accelerations.shape[1] + 1))
-    states[:, 0] = np.concatenate(
-        [
-            pin.Quaternion(q[3:7]).toRotationMatrix().ravel(),
-            q[:3],
-            sms.layout.positions(q),
-            rates,
-        ]
-    )
-    kernel.roll_out(sms.arm_stack(mode).tree, np.ascontiguousarray(accelerations), total[:, None], dt, states)
-    return states
+    rotation = pin.Quaternion(q[3:7]).toRotationMatrix()
+    start = np.concatenate([rotation.ravel(), q[:3], sms.layout.positions(q), rates])
+    return kernel.roll_out(sms.arm_stack(mode).tree, start, accelerations, total, dt)

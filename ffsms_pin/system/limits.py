@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -75,6 +76,11 @@ class JointLimits:
     def __reduce__(self) -> tuple[Any, ...]:
         # A copy checks and locks its arrays again: numpy's own copies are writable.
         return JointLimits, tuple(getattr(self, field.name) for field in fields(self))
+
+    @cached_property
+    def table(self) -> FloatArray:
+        """Lower, upper, velocity, acceleration, one below the other (4, n)."""
+        return frozen(np.array([self.lower, self.upper, self.velocity, self.acceleration]))
 
     def within_turns(self, turns: NDArray[np.bool_]) -> JointLimits:
         """The same limits without positions beyond four turns of the joints that turn, (n,)."""

@@ -1,6 +1,5 @@
 """Goals: where the end effector should be at the deadline, and how it should arrive."""
 
-from ffsms_pin.opt.goals.also import Also
 from ffsms_pin.opt.goals.changed import Changed
 from ffsms_pin.opt.goals.goal import (
     ORIENTATION_REACH,
@@ -13,9 +12,9 @@ from ffsms_pin.opt.goals.goal import (
     as_goal,
     rotation_matrix,
 )
+from ffsms_pin.opt.goals.limits import Also, Via
 from ffsms_pin.opt.goals.meet import Meet
 from ffsms_pin.opt.goals.place import Place
-from ffsms_pin.opt.goals.via import Via
 
 __all__ = [
     "ORIENTATION_REACH",

@@ -1,162 +1,129 @@
-"""How a limit brings a frame of the robot near a place: rows of single steps, residuals of whole motions.
-
-In steps: far from the place and early the frame may do what it likes. The way that is left must shrink once
-it is as long as what the arm is trusted to make up in the time that is left; a frame that is further away
-goes on as fast as it takes to be there in time.
-"""
+"""Being near a place, at the times at which that counts: an inequality, for the goal and for limits."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.goals.missed import Missed, excess
-from ffsms_pin.opt.goals.place import Place
-from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, stacked
-from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.goals.goal import Goal
+from ffsms_pin.opt.goals.place import Missed, Place
+from ffsms_pin.opt.limits.limit import Violation
+from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import Indices, Residual, Residuals
-from ffsms_pin.opt.motion.robot_frame import FrameValues, RobotFrame
-from ffsms_pin.system.batch.arm import ArmStack
-from ffsms_pin.system.batch.stacks import exp3
+from ffsms_pin.opt.motion.residual import Residuals
+from ffsms_pin.opt.parts.inequality import Inequality
+from ffsms_pin.system.batch.stacks import diagonal, dot
 
-__all__ = ["Near"]
+__all__ = ["BINDING", "Near", "arrivals", "beyond"]
 
-_RATE = 2.0  # [1/s] What the way is too long by shrinks at this rate.
-_HURRY = 1.5  # times the mean speed of what is left: the most that a frame far away is asked for
-_BEFORE = 10  # steps before it is due the frame should be there
-# How fast an arm is trusted to make up a way, and a turn, in steps [m/s, rad/s].
-_TRUSTED = (0.05, 0.1)
+# Shares of the tolerance at the deadline and of the reach in the last tenth: nearer than that there is
+# nothing to gain. What is kept in hand is for the difference between the spline and the finished motion, and
+# for what a penalty gives way.
+_END, _TAIL = 0.4, 0.9
+BINDING = 0.05  # of what is allowed: with less left the limit binds
+_TINY = 1e-12  # [m, rad] below this length a vector has no direction
 
 
-class Near(NamedTuple):
-    """A frame of the robot that should come near a place.
+class Near(Inequality):
+    """A frame of the robot is near a place, at the times at which that counts.
+
+    Room is in metres: that of an angle by its share of what is allowed.
 
     Attributes
     ----------
-    stack : ArmStack
-    frame : RobotFrame
-    place : Place
+    frame : str
+        "tip" is the end effector.
+    reach, orientation_reach : float
+        How far from the place, and from its attitude, the frame may be [m], [rad].
+    share : float
+        Of these; nearer than that there is nothing to gain.
+    said : str
+        What a motion that breaks it is told, of what it misses and when [s].
     """
 
-    stack: ArmStack
-    frame: RobotFrame
-    place: Place
+    frame: str = "tip"
+    reach: float
+    orientation_reach: float
+    share: float
+    said: str
 
-    def rows(self, step: StepState, asked: list[tuple[float, float, float]]) -> Rows | None:
-        """Rows of a step that bring it so near [m], [rad] within so long [s], for each that is asked."""
-        position, rotation, J, drift = self._at_step(step)
-        missed = self.place.missed(position, rotation)
-        ways = (missed.way, J[:3], drift[:3]), (missed.turn, missed.rows @ J[3:], missed.rows @ drift[3:])
-        found = [
-            _row(way, slope, own, step, one[i], _TRUSTED[i], one[2])
-            for i, (way, slope, own) in enumerate(ways)
-            for one in asked
-            if len(way)
-        ]
-        return stacked(found)
+    def places(self, m: Features) -> Place:
+        """Where the frame should be: at each of the instants, or at all of them."""
+        raise NotImplementedError
 
-    def _at_step(self, step: StepState) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Position, attitude, Jacobian (6, n) and drift (6,) of the frame, in the place's axes."""
-        if self.frame.is_tip and not self.place.moves_with_base:
-            return step.pose.translation, step.pose.rotation, step.J_star, step.tip_drift
-        seen = self.frame.seen(*self.stack.poses(step.joints[:, None]))
-        at = FrameValues(*(one[..., 0] for one in seen))
-        J = np.concatenate([at.linear, at.angular])
-        if self.place.moves_with_base:
-            return at.position, at.rotation, J, np.zeros(6)
-        R = pin.Quaternion(step.q[3:7]).toRotationMatrix()
-        # The root's motion by the joints, and by the total momentum (6, n + 1).
-        root = np.column_stack([step.reaction, step.drift])
-        linear = R @ (root[:3] + np.cross(root[3:], at.position, axisa=0, axisc=0))
-        moved = np.concatenate([linear, R @ root[3:]])
-        J = moved[:, :-1] + np.concatenate([R @ at.linear, R @ at.angular])
-        return step.q[:3] + R @ at.position, R @ at.rotation, J, moved[:, -1]
+    def missed(self, m: Features) -> Missed:
+        """What the frame misses."""
+        places = self.places(m)
+        return places.missed(m.frame(self.frame, places.on))
 
-    def missed(self, motions: Motions) -> Missed:
-        """What motions miss at their instants, (3, S, K)."""
-        return self.place.missed(*self.frame.poses(motions, self.place.on))
+    def among(self, missed: list[Feature]) -> list[tuple[Feature, float]]:
+        """What is missed, a way or a way and a turn, with how much of each may be."""
+        return list(zip(missed, (self.reach, self.orientation_reach), strict=False))
 
-    def beyond(
-        self,
-        motions: Motions,
-        where: tuple[Indices, Indices],
-        missed: Missed,
-        allowed: tuple[float, float],
-        scales: tuple[float, float],
-        later: FloatArray | None = None,
-    ) -> Residuals:
-        """Residuals of what is missed beyond allowed distances and angles, those that are none left out.
+    def asked(self, m: Features) -> list[tuple[Feature, float]]:
+        """What is missed, with how much of it may be."""
+        return self.among(self.missed(m).parts)
 
-        Parameters
-        ----------
-        motions : Motions
-        where : (ndarray of int, ndarray of int), shape (V,) each
-            Motions and instants.
-        missed : Missed
-            There, (3, V).
-        allowed, scales : (float, float)
-            Of the distance [m] and of the angle [rad]: what is allowed, and factors on what is beyond.
-        later : ndarray, shape (V,), optional
-            So much later than the instants [s] it was measured, the frame moving on as it did.
-        """
-        ways = ("by_place", missed.way, None), ("by_turn", missed.turn, missed.by_turn())
+    def room(self, m: Features) -> Any:
+        """What is left of the reaches."""
+        return [self.reach - (self.reach / most) * x.norm() for x, most in self.asked(m)]
+
+    def residual(self, m: Features) -> Residuals:
+        """What is missed beyond what is near enough: as vectors, whose squares have the right bends."""
+        scale = self._kept(m.motions)[0]
         found: Residuals = []
-        for (name, e, slope), most, scale in zip(ways, allowed, scales, strict=True):
-            kept = np.flatnonzero(np.linalg.norm(e, axis=0) > most)
-            if not kept.size:
-                continue
-            value, by = excess(e[:, kept], None if slope is None else slope[..., kept], most)
-            s, k = (np.tile(one[kept], len(value)) for one in where)
-            by = scale * by.transpose(1, 0, 2).reshape(3, -1)
-            more: dict[str, Any] = {}
-            if later is not None:
-                h = np.tile(later[kept], len(value))
-                more = {"by_velocity" if name == "by_place" else "by_spin": h * by}
-                if name == "by_turn":
-                    by = np.einsum("yxv,yv->xv", exp3(h * motions.spin[:, s, k]), by)
-            slopes = self.frame.slopes(motions, (s, k), on=self.place.on, **{name: by})
-            values = scale * value.ravel()
-            found.append(Residual(values, motion=s, instants=k, over_time=False, **slopes, **more))
+        for x, most in self.asked(self.counted(m)):
+            part = self.reach / most
+            lack = beyond(x, max(self.share * most - self.kept / part, 0.0)) * (part / scale)
+            found += lack.residuals(over_time=False) if lack.value.any() else []
         return found
 
+    def violation(self, motion: Motions) -> Violation:
+        """The most that a reach is exceeded by."""
+        found = super().violation(motion)
+        if found.amount == 0.0:
+            return found
+        at = self.counted(Features(motion))
+        return found._replace(note=self.said.format(self.missed(at).words(), at.times[0]))
 
-def _row(
-    way: FloatArray,
-    J: FloatArray,
-    drift: FloatArray,
-    step: StepState,
-    allowed: float,
-    trusted: float,
-    time_left: float,
-) -> Rows:
-    """One row for a way [m], or a turn [rad], that is left.
 
-    Parameters
-    ----------
-    way : ndarray, shape (r,)
-    J : ndarray, shape (r, n)
-        Velocity of the frame a joint rate, the base reacting.
-    drift : ndarray, shape (r,)
-        Velocity of the frame that the total momentum gives.
-    step : StepState
-    allowed : float
-        How long the way may be in the end.
-    trusted : float
-        How fast the arm is trusted to make it up [m/s or rad/s].
-    time_left : float
-        Until it is due [s].
-    """
-    dt = step.dt
-    way = way - dt * (J @ step.rates + drift)  # where the step ends
-    length = float(np.linalg.norm(way))
-    unit = way / max(length, 1e-12)
-    spare = max(time_left - _BEFORE * dt, 0.0)
-    closing = _RATE * (length - allowed - trusted * spare)
-    if spare > 0.0:
-        closing = min(closing + trusted, _HURRY * (length - allowed) / max(spare, 2.0 * dt))
-    least = closing - float(unit @ drift)
-    return Rows((unit @ J)[None], np.array([least]), np.array([UNBOUNDED]), give=1.0)
+class _OfGoal(Near):
+    """A frame is near a goal's place at the deadline, or in the last tenth."""
+
+    def __init__(self, goal: Goal, frame: str, when: str) -> None:
+        self.goal, self.frame, self.when, self.name = goal, frame, when, f"also {frame}"
+        if when == "deadline":
+            self.reach = self.orientation_reach = goal.tolerance
+            self.share, self.said = _END, f"'{frame}' ends {{}} from its goal"
+        else:
+            self.reach, self.orientation_reach, self.share = goal.reach, goal.orientation_reach, _TAIL
+            self.said = f"'{frame}' is up to {{}} from its goal in the last tenth of the time"
+        self.in_hand, self.binding = (1.0 - self.share) * self.reach, BINDING * self.reach
+
+    def places(self, m: Features) -> Place:
+        """The goal's."""
+        return self.goal.places(m.times)
+
+
+def arrivals(goal: Goal, frame: str = "tip") -> list[Near]:
+    """What a goal asks of a frame: to be there at the deadline, and near it in the last tenth (const8)."""
+    return [_OfGoal(goal, frame, when) for when in ("deadline", "last tenth")]
+
+
+def beyond(x: Feature, allowed: float) -> Feature:
+    """What of vectors is longer than allowed: the vectors, shortened."""
+    length = np.maximum(np.sqrt(dot(x.value, x.value)), _TINY)
+    share, unit = np.maximum(1.0 - allowed / length, 0.0), x.value / length
+    if not share.any():
+        return Feature(np.zeros_like(x.value), {}, x.where)
+
+    def slopes() -> dict[str, FloatArray]:
+        # Along the vector it changes by as much as the vector, across by its share.
+        matrix = (np.where(share > 0.0, 1.0, 0.0) - share) * unit[:, None] * unit
+        diagonal(matrix)[...] += share
+        return {name: np.einsum("xy...,yz...->xz...", matrix, slope) for name, slope in x.slopes.items()}
+
+    return Feature(share * x.value, slopes, x.where)

@@ -1,26 +1,67 @@
 """A place: where a frame of the robot should be at one time, in which axes, and which of its turns are free.
 
-Everything that depends on how free a place is stands here: a position has no rows for the attitude, a pose
-three, a pose that may be turned about one axis two. All else works with the rows, whatever their number.
+Everything that depends on how free a place is stands here: of a position a frame misses a way, of a pose a
+way and a turn. All else works with what is missed, whatever it is.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, one_of, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals.missed import Missed
-from ffsms_pin.opt.motion.robot_frame import BASE, INERTIAL
-from ffsms_pin.system.batch.stacks import apply, cross, dot, log3
+from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.frame import BASE, INERTIAL, Frame
+from ffsms_pin.system.batch.stacks import dot
 
-__all__ = ["Place", "checked_freedom", "stacked_places"]
+__all__ = ["Missed", "Place", "checked_freedom", "frame_at", "stacked_places"]
 
-_TINY = 1e-12
+_TINY = 1e-12  # below this length a vector has no direction
+_OPPOSITE = 1e-8  # [rad] an axis that points away but for this has no way of its own to turn
+
+
+class Missed(NamedTuple):
+    """What frames miss of a place, in the axes that the place is given in.
+
+    Attributes
+    ----------
+    way : Feature, shape (3, S, K)
+        From the frame to the place [m].
+    turn : Feature, shape (3, S, K), or None
+        Rotation vector that takes the frame's attitude to the nearest that will do [rad]; None: any will do.
+    """
+
+    way: Feature
+    turn: Feature | None = None
+
+    @property
+    def parts(self) -> list[Feature]:
+        """The way; and the turn, where it counts."""
+        return [self.way] if self.turn is None else [self.way, self.turn]
+
+    @property
+    def vector(self) -> FloatArray:
+        """The turn (3, S, K) as a plain array; zero where any attitude will do."""
+        return np.zeros_like(self.way.value) if self.turn is None else self.turn.value
+
+    @property
+    def distance(self) -> FloatArray:
+        """Length of the way (S, K) [m]."""
+        return np.sqrt(dot(self.way.value, self.way.value))
+
+    @property
+    def angle(self) -> FloatArray:
+        """Length of the turn (S, K) [rad]."""
+        return np.sqrt(dot(self.vector, self.vector))
+
+    def words(self) -> str:
+        """The largest distance, and the largest angle where the attitude counts."""
+        angle = "" if self.turn is None else f", turned by {np.degrees(self.angle.max()):.2f} deg,"
+        return f"{1e3 * self.distance.max():.1f} mm{angle}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +88,6 @@ class Place:
     spin: FloatArray | None = None
     free_axis: FloatArray | None = None
     on: str = INERTIAL
-    _across: FloatArray = field(init=False, repr=False)  # (3, r): what counts, in the frame's own axes
-
-    def __post_init__(self) -> None:
-        across = np.eye(3)[:, : 0 if self.rotation is None else 3]
-        if self.rotation is not None and self.free_axis is not None:
-            across = np.linalg.svd(self.free_axis[None])[2][1:].T
-        object.__setattr__(self, "_across", across)
 
     @property
     def moves_with_base(self) -> bool:
@@ -70,52 +104,55 @@ class Place:
         """Whether no velocity is asked for."""
         return self.velocity is None and self.spin is None
 
-    def missed(self, position: FloatArray, rotation: FloatArray) -> Missed:
-        """What frames at positions (3, ...) in attitudes (3, 3, ...) miss, all in the place's axes."""
-        dimensions = max(position.ndim, self.position.ndim)
-        way = _spread(self.position, 1, dimensions) - _spread(position, 1, dimensions)
-        shape = way.shape[1:]
+    def missed(self, frame: Frame) -> Missed:
+        """What frames miss, at positions (3, S, K) in the place's axes (`Features.frame(name, on)`)."""
+        way: Feature = np.subtract(self.position.reshape(3, 1, -1), frame)  # type: ignore[assignment]
         if self.rotation is None:
-            return Missed(way, np.zeros((3, *shape)), np.zeros((0, 3, *shape)))
-        wanted, rotation = (_spread(R, 2, dimensions + 1) for R in (self.rotation, rotation))
+            return Missed(way)
         if self.free_axis is None:
-            vector = log3(np.einsum("xy...,zy...->xz...", wanted, rotation))
-            return Missed(way, vector, np.eye(3).reshape(3, 3, *(1,) * len(shape)))
-        axis, now = (np.einsum("xy...,y->x...", R, self.free_axis) for R in (wanted, rotation))
-        rows = np.einsum("xy...,yr->rx...", wanted, self._across)
-        sideways, cosine = cross(now, axis), dot(now, axis)
-        sine = np.sqrt(dot(sideways, sideways))
+            return Missed(way, -frame.turn_from(self.rotation))
+        wanted = np.einsum("xy...,y->x...", self.rotation, self.free_axis).reshape(3, 1, -1)
+        now = frame.axis(self.free_axis)
+        across, cosine = now.cross(wanted), now.dot(wanted)
         # Half a turn may go about any axis across.
-        opposite = (sine < _TINY) & (cosine < 0.0)
-        sideways = np.where(opposite, rows[0], sideways)
-        angle = np.where(opposite, np.pi, np.arctan2(sine, cosine))
-        size = np.where(opposite, 1.0, sine)
-        vector = np.where(size < _TINY, 1.0, angle / np.maximum(size, _TINY)) * sideways
-        return Missed(way, vector, rows, np.broadcast_to(axis, vector.shape))
+        opposite = (across.norm().value < _OPPOSITE) & (cosine.value < 0.0)
+        aside = np.cross(wanted, np.eye(3)[:, np.abs(wanted).argmin(axis=0)], axis=0)
+        across = across * np.where(opposite, 0.0, 1.0) + np.where(opposite, aside, 0.0)
+        sine = across.norm(_TINY)
+        angle = np.arctan2(sine * np.where(opposite, 0.0, 1.0), cosine)
+        return Missed(way, across * (angle / sine))
 
-    def missed_from(self, pose: Any, q: FloatArray) -> Missed:
-        """What a frame's pose (pinocchio.SE3, inertial axes) misses, in a configuration q (nq,)."""
-        here = pin.XYZQUATToSE3(q[:7]).actInv(pose) if self.moves_with_base else pose
-        return self.missed(here.translation, here.rotation)
+    def counting(self, columns: FloatArray) -> FloatArray:
+        """Of angular velocities (3, n, K) what counts: all, or what is not about the free axis as wanted."""
+        if self.rotation is None:
+            return columns[:0]
+        if self.free_axis is None:
+            return columns
+        axis = self.rotation @ self.free_axis
+        about: FloatArray = np.einsum("x,y,y...->x...", axis, axis, columns)
+        return columns - about
+
+    def seen(self, pose: Any, q: FloatArray) -> Frame:
+        """A frame's pose (pinocchio.SE3, inertial axes) in a configuration q (nq,), in the place's axes."""
+        return frame_at(pin.XYZQUATToSE3(q[:7]).actInv(pose) if self.moves_with_base else pose)
 
     def error(self, pose: Any, q: FloatArray) -> tuple[float, float]:
-        """Distance [m] and angle [rad] of that."""
-        found = self.missed_from(pose, q)
-        return float(found.distance), float(found.angle)
+        """Distance [m] and angle [rad] by which that misses it."""
+        found = self.missed(self.seen(pose, q))
+        return float(found.distance[0, 0]), float(found.angle[0, 0])
 
     def at(self, position: FloatArray, rotation: FloatArray) -> Place:
-        """The place in inertial axes, with the base link at positions (3, ...), in attitudes (3, 3, ...)."""
-        if not self.moves_with_base:
-            return self
-        return replace(self.transformed(position, rotation), on=INERTIAL)
+        """The place in inertial axes, with the base link at a position (3,), in an attitude (3, 3)."""
+        return replace(self.transformed(position, rotation), on=INERTIAL) if self.moves_with_base else self
 
     def transformed(self, shift: FloatArray, turn: FloatArray) -> Place:
-        """The place x at turn x + shift, by rotations (3, 3, ...) and ways (3, ...)."""
-        position = shift + apply(turn, np.broadcast_to(_spread(self.position, 1, shift.ndim), shift.shape))
-        rotation = self.rotation
-        if rotation is not None:
-            rotation = apply(turn, np.broadcast_to(_spread(rotation, 2, turn.ndim), turn.shape))
-        return replace(self, position=position, rotation=rotation)
+        """The place x at turn x + shift, by a rotation (3, 3) and a way (3,)."""
+        return replace(self.moved(shift, turn), position=shift + turn @ self.position)
+
+    def moved(self, shift: FloatArray, turn: FloatArray) -> Place:
+        """Put aside by `shift` and turned by `turn`, where an attitude counts: (3,), (3, 3), or K of them."""
+        rotation = None if self.rotation is None else np.einsum("xy,yz...->xz...", turn, self.rotation)
+        return replace(self, position=(self.position.T + shift.T).T, rotation=rotation)
 
     def aim(self, pose: Any, q: FloatArray) -> Place:
         """A plain place for a step from there: where this one is now, its free turn as the frame has it."""
@@ -123,33 +160,13 @@ class Place:
         here = self.at(base.translation, base.rotation)
         if here.free_axis is None:
             return here
-        turn = here.missed(pose.translation, pose.rotation).vector
+        turn = here.missed(frame_at(pose)).vector[:, 0, 0]
         return replace(here, rotation=pin.exp3(turn) @ pose.rotation, free_axis=None)
-
-    def turned_from(self, other: Place) -> FloatArray:
-        """The rotation (3, 3) from another's attitude to this one's; none where any attitude will do."""
-        if self.rotation is None or other.rotation is None:
-            return np.eye(3)
-        return np.asarray(self.rotation @ other.rotation.T)
 
     def base_attitude(self, seen: FloatArray) -> FloatArray:
         """Of a base (3, 3, ...) that has the frame in place in attitudes `seen` (3, 3, ...) from the base."""
         assert self.rotation is not None
         return np.asarray(np.einsum("xy,zy...->xz...", self.rotation, seen))
-
-    def moved(self, shift: FloatArray, turn: FloatArray) -> Place:
-        """Put aside by `shift` (3, ...) and turned by `turn` (3, 3, ...), where an attitude counts."""
-        rotation = self.rotation
-        if rotation is not None:
-            rotation = apply(_spread(turn, 2, rotation.ndim), rotation)
-        return replace(
-            self, position=self.position + _spread(shift, 1, self.position.ndim), rotation=rotation
-        )
-
-    def moving(self, before: Place, after: Place, time: float) -> Place:
-        """With the velocities that lead from one place to another in so long [s]."""
-        spin = None if self.rotation is None else pin.log3(after.turned_from(before)) / time
-        return replace(self, velocity=(after.position - before.position) / time, spin=spin)
 
     @property
     def target_rotation(self) -> FloatArray:
@@ -162,6 +179,11 @@ class Place:
         attitude = "" if self.rotation is None else " in an attitude"
         free = "" if self.free_axis is None else ", free to turn about an axis"
         return where + attitude + free + (", on the base" if self.moves_with_base else "")
+
+
+def frame_at(pose: Any) -> Frame:
+    """A frame at a pose (pinocchio.SE3), as of one motion at one instant, that nothing moves."""
+    return Frame(pose.translation[:, None, None], pose.rotation[..., None, None], {}, {})
 
 
 def stacked_places(places: list[Place]) -> Place:
@@ -192,8 +214,3 @@ def checked_freedom(axis: Any, on: Any, velocity: FloatArray | None) -> tuple[Fl
     if one_of("goal.on", on, (INERTIAL, BASE)) == BASE and velocity is not None:
         raise InvalidValue("goal.velocity", velocity, "must be left out of a goal on the base")
     return axis, on
-
-
-def _spread(x: FloatArray, lead: int, dimensions: int) -> FloatArray:
-    """With axes of length one after the first `lead`, so that it has so many dimensions in all."""
-    return x.reshape(*x.shape[:lead], *(1,) * (dimensions - x.ndim), *x.shape[lead:])

@@ -15,8 +15,8 @@ from ffsms_pin.opt.goals import Place
 from ffsms_pin.opt.horizon.shooting import GoalFromStart
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.starts import straight_moves
+from ffsms_pin.opt.motion.frame import RobotFrame
 from ffsms_pin.opt.motion.motions import apply_rates
-from ffsms_pin.opt.motion.robot_frame import RobotFrame
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system.batch.stacks import exp3
 

@@ -31,19 +31,17 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
     """The next goal, after a landing at `goal` gave this plan; None where the plan arrives."""
     if plan.reached and arrival_error(problem.goal, plan) <= problem.goal.tolerance:
         return None
-    place, aimed = (one.place(problem.duration) for one in (problem.goal, goal))
-    missed = place.missed_from(problem.sms.at(plan.q[-1]).end_effector_pose, plan.q[-1])
-    offset = aimed.position - place.position + missed.way
-    turn = pin.exp3(missed.vector) @ aimed.turned_from(place)
-    nearer = goal.reach / problem.goal.reach
-    late = _late_share(problem.goal, plan)
+    place, q = problem.goal.place(problem.duration), plan.q[-1]
+    missed = place.missed(place.seen(problem.sms.at(q).end_effector_pose, q))
+    way, turn = missed.way.value[:, 0, 0], pin.exp3(missed.vector[:, 0, 0])
+    late, nearer = _late_share(problem.goal, plan), 1.0
     if late > 1.0 and arrival_error(problem.goal, plan) <= problem.goal.tolerance:
-        nearer *= _SPARE / late
+        nearer = _SPARE / late
     return Changed(
-        problem.goal,
-        lambda place: place.moved(offset, turn),
-        reach=nearer * problem.goal.reach,
-        orientation_reach=nearer * problem.goal.orientation_reach,
+        goal,
+        lambda place: place.moved(way, turn),
+        reach=nearer * goal.reach,
+        orientation_reach=nearer * goal.orientation_reach,
     )
 
 

@@ -1,12 +1,16 @@
-"""Levenberg-Marquardt within the joint limits, for several motions side by side.
+"""Levenberg-Marquardt within the joint limits, for several motions side by side, in stages.
 
-Reference: J. Nocedal, S. J. Wright, "Numerical Optimization", 2nd ed., 2006, ch. 10.
+Successive halving: many motions for a few iterations, the best of them for more, on a finer spline.
+
+References: J. Nocedal, S. J. Wright, "Numerical Optimization", 2nd ed., 2006, ch. 10; K. Jamieson,
+A. Talwalkar, "Non-stochastic best arm identification and hyperparameter optimization", 2016 (the idea; its
+bandit setting does not matter here).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,12 +18,25 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.control_qp import ControlQP
 from ffsms_pin.opt.horizon.merit import Linearisation, Weights, linearise
-from ffsms_pin.opt.horizon.spline import Grid, RateSpline, rate_spline
+from ffsms_pin.opt.horizon.spline import Grid, RateSpline, embedded, rate_spline
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms.term import REFERENCE_TIME
 
-__all__ = ["Candidates", "Model", "descend"]
+__all__ = [
+    "LAST_WEIGHTS",
+    "Candidates",
+    "Model",
+    "descend",
+    "distinct_best",
+    "follow",
+    "prefer_limits",
+    "take_down",
+    "tighten",
+]
 
+_APART = 0.05  # [rad or m] motions whose joints stay this near to each other have come together
+_LACK = 0.5  # share of a limit's margin at which a motion has landed
+_DAMPING = 0.03  # that stages after the first begin with
 _LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4
 _HOPELESS = 1e3  # a step that fails even under this damping will not be found
 _STALL = 1e-3  # the relative gain below which a motion drops out
@@ -51,6 +68,10 @@ class Model:
         spline = rate_spline(problem.steps, problem.dt, grid, moving)
         return cls(problem, problem.goal, spline, ControlQP(problem, spline))
 
+    def linearise(self, p: FloatArray, weights: Weights, below: float | FloatArray = np.inf) -> Linearisation:
+        """Motions of control points (S, M, n); see `merit.linearise`."""
+        return linearise(self.problem, self.goal, self.spline, p, weights, below)
+
     @property
     def time(self) -> float:
         """Scale of times: 1 for a motion of 8 s."""
@@ -73,8 +94,7 @@ class Candidates:
         cls, model: Model, p: FloatArray, weights: Weights, damping: float | FloatArray = 1e-2
     ) -> Candidates:
         """Motions linearised under these weights."""
-        at = linearise(model.problem, model.goal, model.spline, p, weights)
-        return cls(p.copy(), at, np.broadcast_to(damping, len(p)).astype(np.float64))
+        return cls(p.copy(), model.linearise(p, weights), np.broadcast_to(damping, len(p)).astype(np.float64))
 
     def take(self, index: Any) -> Candidates:
         """The motions at an index."""
@@ -90,33 +110,20 @@ class Candidates:
 
 
 def descend(model: Model, motions: Candidates, weights: Weights, iterations: int) -> Candidates:
-    """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it.
-
-    What follows begins under other weights, or is the end: the last iteration makes no derivatives.
-    """
-    size = motions.p[0].size
-    diagonal = np.arange(size)
-    live = np.arange(len(motions.p))
+    """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it."""
+    diagonal, live = np.arange(motions.p[0].size), np.arange(len(motions.p))
     for left in reversed(range(iterations)):
         hessian, gradient = motions.at.hessian[live], motions.at.gradient[live]
         damped = hessian.copy()
         damped[:, diagonal, diagonal] += model.time**3 * motions.damping[live, None]
-        steps = np.stack(
-            [model.qp.solve(H, g, p) for H, g, p in zip(damped, gradient, motions.p[live], strict=True)]
-        )
-        flat = steps.reshape(len(live), size, 1)
-        expected = -2.0 * np.einsum("si,si->s", gradient, flat[..., 0])
-        expected -= np.einsum("si,si->s", flat[..., 0], (hessian @ flat)[..., 0])
-        trial = motions.p[live] + steps
-        new = linearise(
-            model.problem,
-            model.goal,
-            model.spline,
-            trial,
-            weights,
-            motions.at.merit[live] if left else -np.inf,
-        )
-        gain = motions.at.merit[live] - new.merit
+        solved = zip(damped, gradient, motions.p[live], strict=True)
+        steps = np.stack([model.qp.solve(H, g, p) for H, g, p in solved])
+        flat = steps.reshape(gradient.shape)
+        expected = -np.einsum("si,si->s", flat, 2.0 * gradient + (hessian @ flat[..., None])[..., 0])
+        trial, below = motions.p[live] + steps, motions.at.merit[live]
+        # What follows begins under other weights, or is the end: the last iteration needs no derivatives.
+        new = model.linearise(trial, weights, below if left else -np.inf)
+        gain = below - new.merit
         better = gain > 0.0
         if better.all() and len(live) == len(motions.p):
             motions.p, motions.at = trial, new
@@ -134,3 +141,92 @@ def descend(model: Model, motions: Candidates, weights: Weights, iterations: int
         if not live.size:
             break
     return motions
+
+
+class _Stage(NamedTuple):
+    """The best motions, so many of them, make so many iterations under these weights."""
+
+    keep: int
+    iterations: int
+    weights: Weights
+
+
+def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: float = 10.0) -> Weights:
+    return Weights(end, max(1e3, 0.1 * end), tie_break, fade_speed, fade_distance)
+
+
+# The end's weight grows from stage to stage, by ten each: a stiff end from the start would hold motions on
+# the wrong way round. The smoothing is taken back meanwhile. The first two are for every start.
+_EARLY = _Stage(99, 3, _weights(1e2, 0.3, 0.03)), _Stage(6, 2, _weights(1e2, 0.1, 0.03))
+LAST_WEIGHTS = _weights(1e5, 0.0, 0.0, 1.0)
+# Iterations of those that go on, on the coarse spline and then on the fine one.
+_LATER = (3, _weights(1e3, 0.03, 0.01)), (3, _weights(1e4, 0.03, 0.002)), (5, LAST_WEIGHTS)
+
+
+def take_down(model: Model, p: FloatArray) -> Candidates:
+    """A few iterations with starts (S, M, n), and a few more with the best of them."""
+    first, then = _EARLY
+    motions = distinct_best(model, Candidates.start(model, p, first.weights, 0.3), first.keep)
+    motions = descend(model, motions, first.weights, first.iterations)
+    motions = distinct_best(model, motions, then.keep)
+    motions = Candidates.start(model, motions.p, then.weights, motions.damping)
+    return descend(model, motions, then.weights, then.iterations)
+
+
+def follow(
+    coarse: Model, fine: Model, pool: Candidates, keep: tuple[int, int, int], repeats: int = 1
+) -> Candidates:
+    """From the pool of early motions to a few on the fine spline, the best first.
+
+    `keep` motions go on: on the coarse spline, on the fine one, and there to the end. `repeats`: how many
+    times the usual iterations they make.
+    """
+    model, motions = coarse, pool
+    for k, (most, (iterations, weights)) in enumerate(zip(keep, _LATER, strict=True)):
+        p = distinct_best(model, motions, most).p
+        if k == 1:
+            model, p = fine, embedded(coarse.spline, fine.spline, p, fine.problem.joint_rates)
+        motions = Candidates.start(model, p, weights, _DAMPING)
+        motions = descend(model, motions, weights, repeats * iterations)
+    return distinct_best(fine, motions, keep[-1])
+
+
+def distinct_best(model: Model, motions: Candidates, keep: int) -> Candidates:
+    """The `keep` best motions; of those that came together only the best.
+
+    Beside the smoothed merit the true objective counts, for the smoothing hides cost, and the square of the
+    largest lack of a clearance, in margins beyond the first: a short way through a body weighs little over
+    time, and a descent does not find out of it.
+    """
+    chosen: list[int] = []
+    places = model.spline.travel.free @ motions.p
+    beyond = np.maximum(motions.at.blocked_share - 1.0, 0.0)
+    worth = motions.at.merit + 0.3 * motions.at.objective + beyond**2
+    for i in np.argsort(worth, kind="stable"):
+        if all(np.max(np.abs(places[i] - places[j])) > _APART for j in chosen):
+            chosen.append(int(i))
+        if len(chosen) == keep:
+            break
+    return motions.take(chosen)
+
+
+def tighten(model: Model, motion: Candidates) -> Candidates:
+    """Make goal and limits stiffer, up to five times, where the terms pull harder than they do."""
+    weights = LAST_WEIGHTS
+    for _ in range(5):
+        at = motion.at
+        if at.limit_share[0] <= _LACK and at.end_share[0] <= 0.8 and at.late_share[0] <= 0.975:
+            break
+        weights = weights.stiffer()
+        motion = descend(model, Candidates.start(model, motion.p, weights, motion.damping), weights, 4)
+    return motion
+
+
+def prefer_limits(model: Model, motion: Candidates) -> Candidates:
+    """Where limits and goal cannot both be had: within the limits, as near to the goal as they allow."""
+    for softer in (1e-1, 1e-2, 1e-3, 1e-4):
+        if motion.at.limit_share[0] <= _LACK:
+            break
+        weights = LAST_WEIGHTS._replace(end=softer * LAST_WEIGHTS.end, limits=10.0 * LAST_WEIGHTS.limits)
+        motion = descend(model, Candidates.start(model, motion.p, weights, _DAMPING), weights, 15)
+    return motion

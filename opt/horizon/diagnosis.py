@@ -7,25 +7,26 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.horizon.descent import Model
+from ffsms_pin.opt.horizon.approaches import moves_to
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Model
 from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
-from ffsms_pin.opt.horizon.obstructed import keep_limits
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import JointGoals, too_short
 from ffsms_pin.opt.horizon.starts import joint_range, spread_postures, straight_time
 from ffsms_pin.opt.limits.limit import Limit, Violation
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = ["explain", "reach_range", "refused", "with_limits_said", "within_workspace"]
+__all__ = ["explain", "keep_limits", "reach_range", "refused", "with_limits_said", "within_workspace"]
 
 # Joint positions from which the longest and the shortest reach are looked for, and steps of the ascent.
 _SAMPLES, _ASCENT = 64, 40
@@ -280,5 +281,18 @@ def _wants_time(problem: Problem, goals: JointGoals) -> bool:
     """Whether there is too little time for straight moves that end at the goal and keep the limits."""
     options = SearchOptions()
     there = goals.joints[goals.distance <= options.arrived_radius * problem.stack.length]
-    kept = there[keep_limits(Model.make(problem, options.fine), there)]
-    return any(straight_time(problem, joints) > ARRIVAL_SHARE * problem.duration for joints in kept)
+    slow = [straight_time(problem, joints) > ARRIVAL_SHARE * problem.duration for joints in there]
+    return bool(keep_limits(Model.make(problem, options.fine), there[slow]).any())
+
+
+def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
+    """Which straight moves to joint goals (K, n) keep the limits, were the joints quick enough."""
+    if not len(goals):
+        return np.zeros(0, dtype=bool)
+    problem, spline = model.problem, model.spline
+    p = moves_to(problem, spline, goals)
+    # A joint that there is too little time for stops short of its goal; one that stays has no way to go.
+    way = goals - problem.joints0
+    done = spline.position_points.of(p, problem.joint_rates)[:, -1]
+    p *= np.divide(way, done, out=np.ones_like(way), where=np.abs(done) > 1e-6)[:, None]
+    return np.asarray(model.linearise(p, LAST_WEIGHTS, -np.inf).limit_share <= 1.0)

@@ -19,9 +19,9 @@ from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.horizon.starts import joint_range
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.direction import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across, start_sides
 from ffsms_pin.opt.step.programme import StepWeights
+from ffsms_pin.opt.step.reference import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system.base_motion import advance
@@ -137,8 +137,7 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
     most = np.where(problem.free, _SHARE * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
     sides = np.array([*sides_across(place.position - problem.tip0, J), np.zeros(3)])
-    rates = np.empty((len(sides), steps, problem.sms.n))
-    kernel.cone_marches(
+    return kernel.cone_marches(
         problem.stack.tree,
         steps,
         problem.duration,
@@ -152,6 +151,4 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
         attitude=problem.rotation0,
         rotation=place.rotation,
         sides=sides,
-        rates=rates.reshape(len(sides), -1),
     )
-    return rates

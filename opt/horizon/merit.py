@@ -12,18 +12,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.arrival import arrival
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.sums import Weighted, sums
+from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions, Smoothing
 from ffsms_pin.opt.motion.residual import Indices, JointResidual, Residual
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms.term import time_scale
 
-__all__ = ["Linearisation", "Weights", "linearise"]
+__all__ = ["Linearisation", "Weighted", "Weights", "linearise", "sums"]
 
 
 class Weights(NamedTuple):
@@ -137,10 +138,11 @@ def _measured(
     """All residuals with their weights, and what needs no derivatives."""
     count, over_time = motions.count, motions.weights
     residuals: list[Weighted] = []
+    seen = Features(motions)
     merit, objective, cost = np.zeros(count), np.zeros(count), np.zeros(count)
     for term in problem.terms:
         ease = weights.tie_break if term.smooths else 1.0
-        for residual in residuals_of(term, motions):
+        for residual in residuals_of(term, seen):
             square = residual.squares(over_time, count)
             merit += ease * square
             if not term.measures_cost:
@@ -157,7 +159,7 @@ def _measured(
             residuals.append(Weighted.of(one, share * end, over_time))
     lack, blocked = np.zeros(count), np.zeros(count)
     for limit in problem.limits:
-        for residual in residuals_of(limit, motions):
+        for residual in residuals_of(limit, seen):
             merit += weights.limits * residual.squares(motions.limit_weights, count)
             largest = _largest(residual, limit.margin)
             np.maximum.at(lack, *largest)
@@ -180,3 +182,50 @@ def _largest(residual: Residual | JointResidual, margin: float) -> tuple[Indices
     else:
         value = value.max(axis=1)
     return np.arange(len(value)), value
+
+
+class Weighted(NamedTuple):
+    """A residual, and the weight of the square of each of its values.
+
+    Attributes
+    ----------
+    residual : Residual or JointResidual
+    weight : ndarray, shape (K,), or (V,) of a residual with entries
+    """
+
+    residual: Residual | JointResidual
+    weight: FloatArray
+
+    @classmethod
+    def of(cls, residual: Residual | JointResidual, factor: float, over_time: FloatArray) -> Weighted:
+        """A weight that is the same for all values, times the quadrature's where the square is integrated."""
+        if isinstance(residual, JointResidual):
+            return cls(residual, factor * over_time)
+        if residual.over_time:
+            return cls(residual, factor * over_time[residual.instants])
+        return cls(residual, np.full(residual.value.shape[-1], factor))
+
+
+def sums(
+    spline: RateSpline, motions: Motions, chosen: Indices, residuals: list[Weighted]
+) -> tuple[FloatArray, FloatArray]:
+    """Gradient (T, Mn) and Hessian (T, Mn, Mn) of half the weighted sum of squares of T chosen motions.
+
+    The control points come first, the joints last. A base that floats reacts to the joints; that its own
+    momentum turns it otherwise is left out (see `motions_of`).
+    """
+    every, entropy = np.arange(len(motions.times)), None
+    single, rest = [], []
+    for residual, weight in residuals:
+        if isinstance(residual, JointResidual):
+            slopes = (residual.by_position, residual.by_rate, residual.by_acceleration)
+            single.append((weight, residual.value, *slopes))
+        elif residual.value.size:
+            where = every[residual.instants]
+            by = residual.slopes()
+            rest.append((where, residual.motion, weight, residual.value, by))
+            if "by_entropy" in by:
+                entropy = motions.entropy_slope
+    maps = (spline.rates.free, spline.travel.free, spline.accelerations.free)
+    given = (motions.joints, motions.rates, motions.base_attitude, motions.own_spin, entropy)
+    return kernel.sums(motions.stack.tree, maps, spline.quadrature, given, rest, single, chosen)

@@ -14,7 +14,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.motion.motions import Motions, Smoothing
+from ffsms_pin.opt.motion.motions import Motions, Smoothing, apply_rates
 from ffsms_pin.opt.problem import Problem
 
 __all__ = ["motions_of", "targets"]
@@ -42,16 +42,15 @@ def motions_of(
     )
     joints = problem.joints0[:, None, None] + joints
     arm = stack.evaluate(joints)
-    R, own = np.empty((3, 3, *joints.shape[1:])), np.empty((3, *joints.shape[1:]))
     momentum, start = problem.momentum, problem.com0
-    kernel.spline_attitudes(
+    turned = kernel.spline_attitudes(
         spline.quadrature,
-        (rates, arm.spin, arm.inverse),
+        apply_rates(arm.spin, rates),
+        arm.inverse,
         problem.rotation0,
         None if momentum is None else momentum[3:],
-        R.reshape(9, -1),
-        own.reshape(3, -1),
     )
+    R, own = turned[:9].reshape(3, 3, *rates.shape[1:]), turned[9:].reshape(3, *rates.shape[1:])
     return Motions(
         stack=stack,
         times=spline.times,
@@ -62,7 +61,7 @@ def motions_of(
         joints=joints,
         rates=rates,
         accelerations=accelerations,
-        arm=arm,
+        evaluated=arm,
         base_attitude=R,
         com=start[:, None] + problem.drift[:, None] * spline.times,
         drift=problem.drift,

@@ -36,9 +36,6 @@ class SearchOptions:
     goal_radius, arrived_radius : float
         [arm lengths] Straight moves that end further away are tried only where less than half of the group
         ends nearer; those that end as near as `arrived_radius` count as ending there.
-    straight_moves, more_goals : int
-        Straight moves that are tried at most where nothing else arrives, and joint goals that are looked for
-        then where none of those known has a straight move that keeps the limits.
     corrections : int
         Of a motion whose finished form misses what its quadrature hit.
     limit_reserve : float
@@ -71,8 +68,6 @@ class SearchOptions:
     near_radius: float = 1.0
     goal_radius: float = 0.05
     arrived_radius: float = 1e-3
-    straight_moves: int = 6
-    more_goals: int = 64
     corrections: int = 3
     limit_reserve: float = 1e-4
     rest_rate: float = 1e-3

@@ -1,30 +1,110 @@
-"""The search for one problem: what its strategies share, and the run through their list."""
+"""The search for one problem: what its strategies share, and which finished motion is the plan."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.correction import corrected_goal
-from ffsms_pin.opt.horizon.descent import Candidates, Model
+from ffsms_pin.opt.horizon.correction import arrival_error, corrected_goal
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, take_down, tighten
 from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.ranking import Found, Ranking
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
-from ffsms_pin.opt.horizon.stages import EARLY_STAGES, FINE_STAGES, run, tighten
 from ffsms_pin.opt.limits.limit import tightened
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.terms.term import REFERENCE_TIME
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.horizon.strategies import Strategy
 
-__all__ = ["Search"]
+__all__ = ["Found", "Ranking", "Search", "cost_of"]
+
+
+class Found(NamedTuple):
+    """A finished motion and where it comes from.
+
+    Attributes
+    ----------
+    plan : Trajectory
+    p : ndarray, shape (M, n)
+        Its control points.
+    model : Model
+        Whose spline they belong to.
+    """
+
+    plan: Trajectory
+    p: FloatArray
+    model: Model
+
+
+def cost_of(problem: Problem, plan: Trajectory) -> float:
+    """What the terms that measure cost come to, where there are any; else the whole objective [s]."""
+    return sum(plan.shares[term.name] for term in problem.cost_terms or problem.terms)
+
+
+class Ranking:
+    """Ranks finished motions of one problem.
+
+    Parameters
+    ----------
+    problem : Problem
+    options : SearchOptions
+
+    Attributes
+    ----------
+    scale : float
+        What costs that are given for motions up to 8 s are multiplied by.
+    """
+
+    def __init__(self, problem: Problem, options: SearchOptions) -> None:
+        self._problem, self._options = problem, options
+        self.scale = max(1.0, problem.duration / REFERENCE_TIME)
+        self._rests = problem.goal.place(problem.duration).rests
+
+    def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
+        """Whether a plan fails, whether it arrives poorly, and by how much it misses."""
+        error = arrival_error(self._problem.goal, plan)
+        if not plan.reached:
+            return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
+        rates, options = plan.joint_rates, self._options
+        moving = self._rests and float(np.abs(rates[-1]).max()) > options.rest_rate
+        turns = int(np.sum(rates[1:-1] * rates[2:] < -options.least_reversal))
+        chatters = turns > options.most_reversals * self._problem.sms.n
+        return False, error > self._problem.goal.tolerance or moving or chatters, error
+
+    def arrives(self, plan: Trajectory) -> bool:
+        """Whether a plan reaches its goal within the tolerance, at rest where that is asked for."""
+        return self.misses(plan)[:2] == (False, False)
+
+    def least_cost(self, found: Sequence[Found]) -> float:
+        """The least cost of those that arrive [s]; infinite where none does."""
+        return min(
+            (cost_of(self._problem, one.plan) for one in found if self.arrives(one.plan)), default=np.inf
+        )
+
+    def best(self, found: Sequence[Found]) -> Found:
+        """Of those that arrive and cost about as little as any, the one of least effort.
+
+        The cost is that of the terms that are no tie-breakers, the effort that of those that are
+        (`Term.tie_breaker`). Where none arrives, the one that misses least.
+        """
+        arrived = [one for one in found if self.arrives(one.plan)]
+        if not arrived:
+            return min(found, key=lambda one: self.misses(one.plan))
+        costs = [self._share(one.plan, tie_breakers=False) for one in arrived]
+        most = min(costs) + self._options.cost_tolerance
+        alike = [one for one, cost in zip(arrived, costs, strict=True) if cost <= most]
+        return min(alike, key=lambda one: self._share(one.plan, tie_breakers=True))
+
+    def _share(self, plan: Trajectory, tie_breakers: bool) -> float:
+        """What the terms of one kind come to together."""
+        return sum(plan.shares[one.name] for one in self._problem.terms if one.tie_breaker == tie_breakers)
 
 
 class Search:
@@ -47,7 +127,7 @@ class Search:
         How many postures were drawn for them.
     starts : ndarray, shape (K, M, n)
         Control points on the coarse spline that nothing was made of yet.
-    pool : Candidates
+    pool : Candidates or None
         Early motions made of all starts so far.
     found, fresh : list of Found
         Finished motions: all, and what the last starts came to.
@@ -57,8 +137,6 @@ class Search:
         Whether "nearly free" says something: without the paper's cost the first plan that meets a client
         will do.
     """
-
-    pool: Candidates
 
     def __init__(
         self,
@@ -73,7 +151,8 @@ class Search:
         )
         self.ranking = Ranking(problem, self.options)
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
-        self.drawn, self._early = 0, False
+        self.drawn = 0
+        self.pool: Candidates | None = None
         self.starts: FloatArray = np.empty(0)
         self.found: list[Found] = []
         self.fresh: list[Found] = []
@@ -111,14 +190,12 @@ class Search:
         """Which of the joint goals have straight moves that end at the goal."""
         return self.goals.distance <= self.options.arrived_radius * self.problem.stack.length
 
-    def take_down(self) -> None:
-        """A few iterations with every start; the pool grows by what comes of them."""
-        coarse, first = self.coarse, EARLY_STAGES[0]
-        p = np.stack([coarse.qp.within(one) for one in self.starts])
-        early = Candidates.start(coarse, p, first.weights, first.damping or 0.3)
-        early = run(coarse, early, EARLY_STAGES, first.weights)
-        self.pool = self.pool.join(early) if self._early else early
-        self.starts, self._early = self.starts[:0], True
+    def take_down(self) -> Candidates:
+        """A few iterations with every start; the pool, which grows by what comes of them."""
+        early = take_down(self.coarse, np.stack([self.coarse.qp.within(one) for one in self.starts]))
+        self.pool = self.pool.join(early) if self.pool is not None else early
+        self.starts = self.starts[:0]
+        return self.pool
 
     def finish(self, model: Model, motion: Candidates) -> None:
         """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
@@ -135,7 +212,7 @@ class Search:
                 limits = [tightened(one, broken.get(one.name, -spare) + spare) for one in aim.limits]
                 aim = replace(aim, limits=limits)
             model = replace(model, problem=aim, goal=goal or model.goal)
-            motion = Candidates.start(model, motion.p, FINE_STAGES[-1].weights, motion.damping)
+            motion = Candidates.start(model, motion.p, LAST_WEIGHTS, motion.damping)
         self.fresh.append(found)
 
     def keep(self, model: Model, p: FloatArray) -> Found:

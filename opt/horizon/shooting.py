@@ -10,8 +10,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Place
 from ffsms_pin.opt.horizon.starts import joint_range, straight_time
 from ffsms_pin.opt.limits.limit import End
+from ffsms_pin.opt.motion.frame import Frame, RobotFrame
 from ffsms_pin.opt.motion.motions import apply_rates
-from ffsms_pin.opt.motion.robot_frame import RobotFrame
 from ffsms_pin.opt.motion.slopes import velocity_slopes
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system.batch.arm import ArmValues
@@ -104,8 +104,9 @@ class GoalFromStart(NamedTuple):
             if beyond is not None:
                 linear = linear + cross(beyond, position[:, None])
                 angular = angular + beyond
-        missed = self.place.missed(position, rotation)
-        return np.concatenate([missed.way, missed.turn]), np.concatenate([linear, missed.along(angular)])
+        missed = self.place.missed(Frame(position[:, None], rotation[:, :, None], {}, {}))
+        error = np.concatenate([one.value[:, 0] for one in missed.parts])
+        return error, np.concatenate([linear, self.place.counting(angular)])
 
 
 def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:

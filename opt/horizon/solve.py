@@ -64,8 +64,7 @@ def solve(
         return stays
 
     def again(other: Problem) -> Trajectory:
-        quick = replace(options or SearchOptions(), straight_moves=2)  # it is asked many times
-        return Search(other, quick).run(QUICK)
+        return Search(other, options).run(QUICK)
 
     search = None
     try:

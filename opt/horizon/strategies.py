@@ -14,17 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.approaches import moves_to
-from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, descend, follow, prefer_limits
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts, straight_march
-from ffsms_pin.opt.horizon.obstructed import among_obstacles, best_first, obstructed, pushed_aside
-from ffsms_pin.opt.horizon.ranking import cost_of
-from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.search import Search, cost_of
 from ffsms_pin.opt.horizon.shooting import too_short
 from ffsms_pin.opt.horizon.spline import embedded
-from ffsms_pin.opt.horizon.stages import FINE_STAGES, STRAIGHT_STAGE, follow, prefer_limits
 from ffsms_pin.opt.horizon.starts import spread_postures
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -55,7 +51,9 @@ def straight_if_near(search: Search) -> None:
     """
     if _is_near(search.problem):
         search.shoot(search.problem.joints0[None])
-        _go_to(search, search.goals.joints[0], 0)
+        model = search.fine
+        p = model.qp.within(moves_to(search.problem, model.spline, search.goals.joints)[0])
+        search.finish(model, Candidates.start(model, p[None], LAST_WEIGHTS, 1.0))
         search.settled = search.arrived()
 
 
@@ -78,7 +76,11 @@ def straight_starts(
     problem, options, first = search.problem, search.options, not search.drawn
     free, by_kappa = enough
     most = search.ranking.scale * (free + by_kappa * (math.log(2.0) / problem.kappa) ** 2)
-    most = most * (options.around_obstacles if among_obstacles(problem) else 1.0) if search.costed else np.inf
+    most = (
+        most * (options.around_obstacles if any(limit.obstacles for limit in problem.limits) else 1.0)
+        if search.costed
+        else np.inf
+    )
     if search.settled or search.hopeless or search.arrived(most):
         return
     if not insist and not search.arrived() and not search.there().any():
@@ -93,14 +95,6 @@ def straight_starts(
     reach = max(options.goal_radius * problem.stack.length, float(np.sort(goals.distance)[half]))
     search.starts = moves_to(problem, search.coarse.spline, goals.joints[goals.distance <= reach])
     search.hopeless = first and _is_hopeless(search)
-
-
-def aside(search: Search) -> None:
-    """Those of the straight moves that come into obstacles, with their middle pushed aside."""
-    if len(search.starts):
-        search.starts = np.concatenate(
-            [search.starts, pushed_aside(search.coarse, search.starts, search.drawn)]
-        )
 
 
 def coarse_marches(search: Search) -> None:
@@ -126,8 +120,7 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
         return
     if search.hopeless:
         keep, repeats = (1, 1, 1), 2
-    search.take_down()
-    found = follow(search.coarse, search.fine, search.pool, keep, repeats)
+    found = follow(search.coarse, search.fine, search.take_down(), keep, repeats)
     for i in range(len(found.p)):
         if i == 0 or not search.out_of_time():
             search.finish(search.fine, found.take([i]))
@@ -135,26 +128,24 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
 
 def finest_spline(search: Search) -> None:
     """Plans that arrive but are not nearly free go on on the finest spline: the last tenth still costs."""
-    weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
     for found in tuple(search.fresh):
         cheap = not search.costed or cost_of(search.problem, found.plan) <= search.options.cost_tolerance
         if cheap or not found.plan.reached or search.out_of_time():
             continue
         model = Model.make(search.problem, search.options.finest)
         p = embedded(found.model.spline, model.spline, found.p, search.problem.joint_rates)
-        motion = Candidates.start(model, p[None], weights, damping)
-        search.finish(model, descend(model, motion, weights, search.options.last_iterations))
+        motion = Candidates.start(model, p[None], LAST_WEIGHTS, 0.03)
+        search.finish(model, descend(model, motion, LAST_WEIGHTS, search.options.last_iterations))
 
 
 def within_limits(search: Search) -> None:
     """Where none of those found arrives: the nearest, taken back within the limits."""
-    if not search.fresh or search.arrived():
+    if not search.found or search.arrived():
         return
-    nearest = search.ranking.best(search.fresh)
+    nearest = search.best()
     if nearest.plan.broken:
-        weights, damping = FINE_STAGES[-1].weights, FINE_STAGES[-1].damping or 0.03
         model = replace(nearest.model, problem=search.problem, goal=search.problem.goal)
-        motion = Candidates.start(model, nearest.p[None], weights, damping)
+        motion = Candidates.start(model, nearest.p[None], LAST_WEIGHTS, 0.03)
         search.keep(model, prefer_limits(model, motion).p[0])
 
 
@@ -168,7 +159,7 @@ def marches(search: Search) -> None:
     if arrived:
         best = search.best().plan
         cost = cost_of(problem, best)
-        if obstructed(problem, best):
+        if any(limit.obstacles and limit.name in best.binding for limit in problem.limits):
             return  # a march stops at an obstacle that the plan goes round
         if cost <= tolerance and not _travels_far(search, best):
             return
@@ -178,26 +169,6 @@ def marches(search: Search) -> None:
         search.keep_plan(measure(problem, rates))
         done = search.arrived(tolerance) and not _travels_far(search, search.best().plan)
         if done or search.out_of_time():
-            break
-
-
-def straight_moves_that_end_there(search: Search) -> None:
-    """Where every cheap way round fails: straight moves that end at the goal, `SearchOptions.straight_moves`.
-
-    First those that keep the limits, then the quickest. Where none does, more joint goals are looked for.
-    """
-    search.fresh = []
-    if search.hopeless or search.arrived():
-        return
-    goals, good = best_first(search.fine, search.goals.joints[search.there()])
-    if not good.any():
-        more = search.options.more_goals
-        search.shoot(spread_postures(search.problem, search.drawn, more))
-        search.drawn += more
-        goals, _ = best_first(search.fine, search.goals.joints[search.there()])
-    for goal in goals[: search.options.straight_moves]:
-        _go_to(search, goal, STRAIGHT_STAGE.iterations)
-        if search.arrived() or search.out_of_time():
             break
 
 
@@ -214,24 +185,16 @@ def straight_line(search: Search) -> None:
 STRATEGIES = (
     Strategy("straight if near", straight_if_near),
     Strategy("first starts", partial(straight_starts, near=3, far=4)),
-    Strategy("pushed aside", aside),
     Strategy("coarse marches", coarse_marches),
     Strategy("descent", partial(descend_from_starts, keep=(3, 2, 1), repeats=1)),
     Strategy("finest spline", finest_spline),
-    Strategy("within limits", within_limits),
     Strategy("more starts", partial(straight_starts, near=4, far=8, enough=(3e-3, 0.2))),
-    Strategy("pushed aside", aside),
     Strategy("descent", partial(descend_from_starts, keep=(6, 4, 2), repeats=2)),
     Strategy("finest spline", finest_spline),
-    Strategy("within limits", within_limits),
     Strategy("most starts", partial(straight_starts, near=4, far=20, enough=(0.03, 0.5), insist=False)),
-    Strategy("pushed aside", aside),
     Strategy("descent", partial(descend_from_starts, keep=(10, 6, 4), repeats=4)),
     Strategy("finest spline", finest_spline),
-    Strategy("within limits", within_limits),
     Strategy("marches", marches),
-    Strategy("straight moves", straight_moves_that_end_there),
-    Strategy("finest spline", finest_spline),
     Strategy("within limits", within_limits),
     Strategy("straight line", straight_line),
 )
@@ -239,22 +202,10 @@ STRATEGIES = (
 QUICK = (
     Strategy("straight if near", straight_if_near),
     Strategy("first starts", partial(straight_starts, near=4, far=4)),
-    Strategy("pushed aside", aside),
     Strategy("descent", partial(descend_from_starts, keep=(1, 1, 1), repeats=2)),
     Strategy("finest spline", finest_spline),
     Strategy("within limits", within_limits),
-    Strategy("straight moves", straight_moves_that_end_there),
-    Strategy("finest spline", finest_spline),
-    Strategy("within limits", within_limits),
 )
-
-
-def _go_to(search: Search, goal: FloatArray, iterations: int) -> None:
-    """The straight move to a joint goal (n,), and so many iterations that hold its end."""
-    model, stage = search.fine, STRAIGHT_STAGE
-    p = model.qp.within(moves_to(search.problem, model.spline, goal[None])[0])
-    motion = Candidates.start(model, p[None], stage.weights, stage.damping or 1.0)
-    search.finish(model, descend(model, motion, stage.weights, iterations))
 
 
 def _is_near(problem: Problem) -> bool:

@@ -1,4 +1,4 @@
-"""Limits: what must hold. One class a file, and its rows for a step beside it."""
+"""Limits: what must hold."""
 
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.base import BaseLimits
@@ -6,8 +6,7 @@ from ffsms_pin.opt.limits.clearance import Clearance, Obstacle
 from ffsms_pin.opt.limits.corridor import Corridor
 from ffsms_pin.opt.limits.joints import JointLimits
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
-from ffsms_pin.opt.limits.torques import TorqueLimits
-from ffsms_pin.opt.limits.wheels import WheelLimits
+from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
 
 __all__ = [
     "UNBOUNDED",

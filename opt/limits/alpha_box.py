@@ -9,14 +9,13 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import Rows, Violation
-from ffsms_pin.opt.limits.rate_bounds import rate_bounds
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion import Feature, Features
-from ffsms_pin.opt.motion.entropy import singular
 from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.slopes import singular
 from ffsms_pin.opt.parts.inequality import Inequality
+from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["AlphaBox", "alpha_box_rows"]
+__all__ = ["AlphaBox"]
 
 # [rad/m] How fast the box gives way with the slack: so fast that the clearances, which share the slack, give
 # way by centimetres a second at most; still some times dearer than any speed or direction gained by it.
@@ -24,26 +23,6 @@ _GIVE = 10.0
 # Eigenvalues of C^T C nearer to each other have no directions of their own: how they turn is left out.
 _LEAST_GAP = 1e-9
 _ROUNDING = 1e-6  # [rad/s] what a solver may leave
-
-
-def alpha_box_rows(step: StepState) -> Rows:
-    """Rows -1 <= V^T u <= 1, exactly as printed.
-
-    V turns from step to step, so fast joint rates that were within the box may now be outside, and no
-    acceleration that the joints have brings them back in one step. The box is kept without giving way where
-    an arm that brakes as fast as its joints may is within it at the step's end: then it can be kept.
-    Elsewhere it gives way by the slack, which the step returns (`Step.slack`), as little as possible.
-    """
-    n = step.sms.n
-    rows = Rows(step.V.T, np.full(n, -1.0), np.ones(n))
-    # V turns without stretching: within the ball of radius 1 all rates are in the box.
-    if step.rates.dot(step.rates) <= 1.0:
-        return rows
-    lower, upper = rate_bounds(step.joints, step.rates, step.sms.limits, step.dt)
-    braking: FloatArray = np.minimum(np.maximum(0.0, lower), upper)
-    if np.abs(step.V.T.dot(braking)).max() <= 1.0:
-        return rows
-    return rows._replace(give=_GIVE)
 
 
 @dataclass(frozen=True)
@@ -65,8 +44,18 @@ class AlphaBox(Inequality):
         return 1.0 - abs(_alpha(m))
 
     def rows(self, step: StepState) -> Rows:
-        """Rows of a step; see `alpha_box_rows`."""
-        return alpha_box_rows(step)
+        """Rows -1 <= V^T u <= 1, exactly as printed.
+
+        V turns from step to step, so fast joint rates that were within the box may now be outside, and no
+        acceleration that the joints have brings them back in one step. The box is kept without giving way
+        where an arm that brakes as fast as its joints may is within it at the step's end: then it can be
+        kept. Elsewhere it gives way by the slack that the step returns (`Step.slack`), as little as possible.
+        """
+        n, (lower, upper) = step.sms.n, step.bounds
+        braking = step.V.T.dot(np.minimum(np.maximum(0.0, lower), upper))
+        # V turns without stretching: within the ball of radius 1 all rates are in the box.
+        kept = step.rates.dot(step.rates) <= 1.0 or np.abs(braking).max() <= 1.0
+        return Rows(step.V.T, np.full(n, -1.0), np.ones(n), 0.0 if kept else _GIVE)
 
     def violation(self, motion: Motions) -> Violation:
         """The largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""

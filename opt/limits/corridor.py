@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residual, Residuals
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Corridor"]

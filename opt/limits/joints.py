@@ -8,10 +8,9 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
-from ffsms_pin.opt.limits.rate_bounds import RateBounds
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residuals
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import JointLimits as Limits
 from ffsms_pin.system import SpaceManipulator
 
@@ -32,80 +31,55 @@ class JointLimits(Limit):
     name = "joints"
     joint_bounds: Limits | None = field(default=None, repr=False)
     _joint_names: tuple[str, ...] = field(default=(), repr=False)
-    _bounds: RateBounds | None = field(default=None, repr=False, compare=False)
 
     def for_robot(self, sms: SpaceManipulator) -> JointLimits:
         """With the robot's limits."""
-        return replace(
-            self,
-            joint_bounds=sms.limits,
-            _joint_names=tuple(sms.joint_names),
-            _bounds=RateBounds(sms.limits),
-        )
-
-    @property
-    def limits(self) -> Limits:
-        """The robot's limits."""
-        if self.joint_bounds is None:
-            raise ValueError("JointLimits.for_robot comes first")
-        return self.joint_bounds
+        return replace(self, joint_bounds=sms.limits, _joint_names=tuple(sms.joint_names))
 
     def rows(self, step: StepState) -> Rows:
         """Bounds on the joint rates that leave room to brake."""
-        if self._bounds is None:
-            raise ValueError("JointLimits.for_robot comes first")
-        return self._bounds.rows(step.joints, step.rates, step.dt)
+        return Rows(np.eye(len(step.rates)), *step.bounds)
 
     def residual(self, motions: Motions) -> Residuals:
         """None: the control points keep the limits."""
         return []
 
     def violation(self, motion: Motions) -> Violation:
-        """The largest excess of a joint's rate, acceleration or position, between nodes too."""
-        limits = self.limits
-        joints, rates = motion.joints[:, 0], motion.rates[:, 0]
-        accelerations = np.diff(rates, axis=1) / np.diff(motion.times)
-        # Between two instants a position has its extreme where the rate changes sign.
-        start, end = rates[:, :-1], rates[:, 1:]
-        turning = start * end < 0.0
-        extremes = joints[:, :-1] - np.where(
-            turning, start**2 / (2.0 * np.where(turning, accelerations, 1.0)), 0.0
-        )
-        extremes = np.hstack([extremes, joints[:, -1:]])
-        beyond = np.maximum(
-            np.maximum(limits.lower[:, None] - joints, joints - limits.upper[:, None]),
-            np.maximum(limits.lower[:, None] - extremes, extremes - limits.upper[:, None]),
-        )
-        fast = np.abs(rates) - limits.velocity[:, None]
-        hard = np.hstack([np.abs(accelerations), np.zeros((len(joints), 1))]) - limits.acceleration[:, None]
-        rounding = (_ROUNDING, _ROUNDING, _ROUNDING / float(np.diff(motion.times).min()))
-        kinds = zip(
-            ("position", "rate", "acceleration"),
-            (beyond, fast, hard),
-            rounding,
-            ("rad", "rad/s", "rad/s^2"),
-            strict=True,
-        )
-        amount, notes = 0.0, []
-        for kind, excess, least, unit in kinds:
-            joint, k = np.unravel_index(int(np.argmax(excess)), excess.shape)
-            worst = float(excess[joint, k])
+        """The largest excess of a joint's rate, acceleration or position, between instants too."""
+        limits = self.joint_bounds
+        if limits is None:
+            raise ValueError("JointLimits.for_robot comes first")
+        rates, steps = motion.rates[:, 0], np.diff(motion.times)
+        accelerations = np.diff(rates, axis=1) / steps
+        left = {
+            "position": _room(motion.joints[:, 0], rates, accelerations, limits),
+            "rate": limits.velocity[:, None] - np.abs(rates),
+            "acceleration": limits.acceleration[:, None] - np.abs(accelerations),
+        }
+        wholes = limits.upper - limits.lower, limits.velocity, limits.acceleration
+        rounding = _ROUNDING, _ROUNDING, _ROUNDING / float(steps.min())
+        units = ("rad", "rad/s", "rad/s^2")
+        amount, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
+        for (kind, room), whole, least, unit in zip(left.items(), wholes, rounding, units, strict=True):
+            near = room < _BINDING * np.where(np.isfinite(whole), whole, 1.0)[:, None]
+            binds[: room.shape[1]] |= near.any(axis=0)
+            joint, k = np.unravel_index(int(np.argmin(room)), room.shape)
+            worst = -float(room[joint, k])
             if worst > least:
                 amount = max(amount, worst)
                 notes.append(
                     f"the {kind} limit of '{self._joint_names[joint]}' is broken by {worst:.3g} {unit} "
                     f"at {motion.times[k]:.3g} s"
                 )
-        return Violation(amount, motion.times[self._binds(joints, fast, hard)], "; ".join(notes))
+        return Violation(amount, motion.times[binds], "; ".join(notes))
 
-    def _binds(self, joints: FloatArray, fast: FloatArray, hard: FloatArray) -> FloatArray:
-        """Whether any joint is at a limit, at every instant."""
-        limits = self.limits
-        span = np.where(np.isfinite(limits.upper - limits.lower), limits.upper - limits.lower, 1.0)
-        near = (
-            np.minimum(joints - limits.lower[:, None], limits.upper[:, None] - joints)
-            < _BINDING * span[:, None]
-        )
-        near |= fast > -_BINDING * np.minimum(limits.velocity, 1e9)[:, None]
-        near |= hard > -_BINDING * np.minimum(limits.acceleration, 1e9)[:, None]
-        return np.asarray(near.any(axis=0))
+
+def _room(joints: FloatArray, rates: FloatArray, accelerations: FloatArray, limits: Limits) -> FloatArray:
+    """What is left of the positions (n, K), at each instant and where a joint turns before the next."""
+    start, end = rates[:, :-1], rates[:, 1:]
+    turns = start * end < 0.0
+    turned = joints.copy()
+    turned[:, :-1] -= np.where(turns, start**2 / (2.0 * np.where(turns, accelerations, 1.0)), 0.0)
+    both = np.stack([joints, turned])
+    left: FloatArray = np.minimum(both - limits.lower[:, None], limits.upper[:, None] - both).min(axis=0)
+    return left

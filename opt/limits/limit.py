@@ -14,10 +14,10 @@ from ffsms_pin.checks import FloatArray
 if TYPE_CHECKING:
     from ffsms_pin.opt.goals.place import Place
     from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
-    from ffsms_pin.opt.limits.step_state import StepState
+    from ffsms_pin.opt.motion.frame import RobotFrame
     from ffsms_pin.opt.motion.motions import Motions
-    from ffsms_pin.opt.motion.robot_frame import RobotFrame
     from ffsms_pin.opt.parts.reading import Formula
+    from ffsms_pin.opt.step.state import StepState
     from ffsms_pin.system import JointLimits, SpaceManipulator
 
 __all__ = [

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.features import Features, Lazy
-from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.motions import HeldMotions
 from ffsms_pin.opt.motion.slopes import coupling_slopes
-from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import skew
 
 if TYPE_CHECKING:
-    from ffsms_pin.opt.limits.step_state import StepState
+    from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["Change", "StepFeatures", "arm_stack"]
 
@@ -57,18 +57,15 @@ class StepFeatures(Features):
         self.step = self.state = step
         stack, R = arm_stack(step.sms, step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
         start = pin.XYZQUATToSE3(step.base_start)
-        M, u, com = step.M, step.rates, step.sms.base_com
-        centre = np.array([M[1, 5], M[2, 3], M[0, 4]]) / M[0, 0]
-        if not stack.moves:  # the point that does not move
-            centre = com
+        u, com, centre = step.rates, step.sms.base_com, step.com
         # The base's centre of mass, the base's turn and the end effector: a joint rate each, and the drift.
         root = np.column_stack([step.reaction, step.drift])
         self._base = R @ (root[:3] - skew(com) @ root[3:])
         self._base_turn = R @ root[3:]
         self._tip = np.column_stack([step.J_star, step.tip_drift])
         at = np.append(u, 1.0)
-        drift = np.zeros(3) if step.momentum is None else step.momentum[:3] / M[0, 0]
-        motions = Motions(
+        drift = np.zeros(3) if step.momentum is None else step.momentum[:3] / stack.total_mass
+        motions = HeldMotions(
             stack=stack,
             times=np.array([step.time]),
             weights=np.ones(1),
@@ -78,7 +75,6 @@ class StepFeatures(Features):
             joints=_one(step.joints),
             rates=_one(u),
             accelerations=_one(np.zeros(len(u))),
-            arm=cast(ArmValues, Lazy(lambda name: getattr(self._arm(), name))),
             base_attitude=_one(R),
             com=(step.q[:3] + R @ centre)[:, None],
             drift=drift,
@@ -88,9 +84,7 @@ class StepFeatures(Features):
             target=np.full((3, 1), np.nan),
             mean_speed=np.nan,
             wheels=step.wheels,
-            wheel_total=np.zeros(0) if step.wheel_total is None else step.wheel_total,
-        )
-        motions.__dict__.update(
+            wheel_total=np.zeros(len(step.wheels or ())) if step.wheel_total is None else step.wheel_total,
             end_effector=_one(step.pose.translation),
             attitude=_one(step.pose.rotation),
             relative_velocity=_one(self._tip[:3] @ at - drift),
@@ -99,11 +93,6 @@ class StepFeatures(Features):
             base_from_com=_one(R @ (com - centre)),
         )
         super().__init__(motions, step.time + step.time_left)
-
-    def _arm(self) -> ArmValues:
-        if "whole" not in self.__dict__:
-            self.whole = self.motions.stack.evaluate(_one(self.state.joints))
-        return self.whole
 
     def change(self, feature: Feature) -> Change:
         """What the step's joint rates do to a feature of it."""
@@ -135,7 +124,7 @@ class StepFeatures(Features):
         m, rows = self.motions, []
         for one in slope.reshape(-1, *(m.entropy_slope.shape if name == "by_coupling" else (1, 1))):
             one = one if name == "by_coupling" else one * m.entropy_slope
-            rows.append(coupling_slopes(m.stack, self._arm(), one)[:, 0, 0])
+            rows.append(coupling_slopes(m.stack, m.arm, one)[:, 0, 0])
         return np.array(rows)
 
 

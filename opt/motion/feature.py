@@ -6,7 +6,8 @@ Forward differentiation by whole arrays, in the language of `opt.Residual`: a sl
 from __future__ import annotations
 
 import threading
-from typing import Any, SupportsIndex
+from collections.abc import Callable
+from typing import Any, SupportsIndex, TypeAlias
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
@@ -16,7 +17,12 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.derivatives import DERIVATIVES, FLAT
 from ffsms_pin.opt.motion.residual import Indices, JointResidual, Residual, Residuals
 
-__all__ = ["Feature", "lost_slopes", "root_of_size"]
+__all__ = ["Feature", "Slopes", "Where", "during", "lost_slopes", "root_of_size"]
+
+# Slopes by what moves, or what makes them once they are wanted.
+Slopes: TypeAlias = "dict[str, FloatArray] | Callable[[], dict[str, FloatArray]]"
+# Motions, or None for all of them, and instants.
+Where: TypeAlias = "tuple[Indices | None, Indices]"
 
 # Components of these each depend on their own joint alone, so their slopes need no axis of their own.
 _OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
@@ -40,26 +46,34 @@ class Feature(NDArrayOperatorsMixin):
     ----------
     value : ndarray, shape (S, K), or (c, S, K)
         At K instants of S motions; components come first.
-    slopes : dict of str to ndarray
+    slopes : dict of str to ndarray, or a function that makes it
         By the names of `Residual`: the value's components first, if any, then those of what moves it, then S
-        and K, or 1 in their place. Also "by_time", of what moves by itself, for single steps; and
+        and K, or 1 in their place. A function is called once, where slopes are wanted: a search that only
+        compares motions wants none. Also "by_time", of what moves by itself, for single steps; and
         "own_joint", "own_rate", "own_acceleration", of the value's shape: of component j by joint j alone.
-    where : tuple of ndarray, shape (V,) each, optional
-        Motions and instants of the V values, for one of shape (1, V) or (c, 1, V). Default: all.
+    where : tuple of ndarray, optional
+        Motions and instants, (V,) each, of the V values of one of shape (1, V) or (c, 1, V); or None and the
+        instants (K,) of all motions. Default: all.
     """
 
     def __init__(
         self,
         value: FloatArray,
-        slopes: dict[str, FloatArray] | None = None,
-        where: tuple[Indices, Indices] | None = None,
+        slopes: Slopes | None = None,
+        where: Where | None = None,
     ) -> None:
-        self.value = value
-        self.slopes: dict[str, FloatArray] = {} if slopes is None else slopes
-        self.where = where
+        self.value, self.where = value, where
+        self._slopes: Slopes = {} if slopes is None else slopes
 
     def __repr__(self) -> str:
         return f"Feature{self.value.shape} moved by {', '.join(self.slopes) or 'nothing'}"
+
+    @property
+    def slopes(self) -> dict[str, FloatArray]:
+        """By what moves it."""
+        if callable(self._slopes):
+            self._slopes = self._slopes()
+        return self._slopes
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -75,7 +89,7 @@ class Feature(NDArrayOperatorsMixin):
         return len(self.value)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
-        if self.slopes:
+        if self._slopes:
             _lost.count = lost_slopes() + 1
         return np.array(self.value, dtype=dtype, copy=copy)
 
@@ -89,27 +103,31 @@ class Feature(NDArrayOperatorsMixin):
             return getattr(ufunc, method)(*plain, **options)
         values = [_components(x) for x in inputs]
         result = ufunc(*values)
-        found: dict[str, FloatArray] = {}
-        where = None
-        for x, rule in zip(inputs, rules, strict=True):
-            if not isinstance(x, Feature):
-                continue
-            where = x.where if where is None else where
-            part = rule(result, *values) if x.slopes else None
-            for name, slope in x.slopes.items():
-                if result.ndim > x.value.ndim:
-                    slope = slope[None]
-                slope = _times(slope, part, result.ndim)
-                found[name] = found[name] + slope if name in found else slope
-        return Feature(result, found, where)
+        features = [(x, rule) for x, rule in zip(inputs, rules, strict=True) if isinstance(x, Feature)]
+        where = next((x.where for x, _ in features if x.where is not None), None)
+
+        def slopes() -> dict[str, FloatArray]:
+            found: dict[str, FloatArray] = {}
+            for x, rule in features:
+                part = rule(result, *values) if x.slopes else None
+                for name, slope in x.slopes.items():
+                    if result.ndim > x.value.ndim:
+                        slope = slope[None]
+                    slope = _times(slope, part, result.ndim)
+                    found[name] = found[name] + slope if name in found else slope
+            return found
+
+        return Feature(result, slopes if any(x._slopes for x, _ in features) else None, where)
 
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, tuple) or index is None or index is Ellipsis:
             return np.asarray(self)[index]
         if self.value.ndim < 3:
             raise InvalidValue("index", index, "must be of a vector, and this feature is a number")
-        slopes = {name: self._full(slope) for name, slope in self._by().items()}
-        return Feature(self.value[index], {name: x[index] for name, x in slopes.items()}, self.where)
+        return Feature(self.value[index], lambda: self._mapped_by(lambda slope: slope[index]), self.where)
+
+    def _mapped_by(self, mapping: Callable[[FloatArray], FloatArray]) -> dict[str, FloatArray]:
+        return {name: mapping(self._full(slope)) for name, slope in self._by().items()}
 
     def _full(self, slope: FloatArray) -> FloatArray:
         """Of a vector: with all its components, even where they are alike."""
@@ -135,16 +153,30 @@ class Feature(NDArrayOperatorsMixin):
 
     def _mapped(self, matrix: FloatArray) -> Feature:
         """A matrix (r, c) times a vector of c components."""
-        slopes = {name: np.einsum("rc,c...->r...", matrix, self._full(x)) for name, x in self._by().items()}
-        return Feature(np.einsum("rc,csk->rsk", matrix, self.value), slopes, self.where)
+
+        def mapped(values: FloatArray) -> FloatArray:
+            return np.asarray(np.einsum("rc,c...->r...", matrix, values))
+
+        return Feature(mapped(self.value), lambda: self._mapped_by(mapped), self.where)
+
+    def during(self, span: slice) -> Feature:
+        """The same at some of its instants, one after the other; of all motions."""
+        value, slopes, where = self._during(span)
+        return Feature(value, slopes, where)
+
+    def _during(self, span: slice) -> tuple[FloatArray, Slopes, Where]:
+        instants = np.arange(self.value.shape[-1]) if self.where is None else self.where[1]
+        return self.value[..., span], during(lambda: self.slopes, span), (None, instants[span])
 
     def dot(self, other: Any) -> Feature:
         """Scalar product with a vector (3,), or with another feature."""
         mine, its = self.value, _components(other)
-        found = self._along(its, {})
-        if isinstance(other, Feature):
-            found = other._along(mine, found)
-        return Feature(np.einsum("c...,c...->...", mine, its), found, self.where)
+
+        def slopes() -> dict[str, FloatArray]:
+            found = self._along(its, {})
+            return other._along(mine, found) if isinstance(other, Feature) else found
+
+        return Feature(np.einsum("c...,c...->...", mine, its), slopes, self.where)
 
     def _along(self, ways: FloatArray, found: dict[str, FloatArray]) -> dict[str, FloatArray]:
         """Slopes of the sum of components times ways (c, S, K), added to those found already."""
@@ -166,7 +198,7 @@ class Feature(NDArrayOperatorsMixin):
     def norm(self, rounding: float = 1e-9) -> Feature:
         """Length of a vector, sqrt(x . x + rounding^2): its slopes are finite where it is zero, too."""
         size = np.sqrt(np.einsum("csk,csk->sk", self.value, self.value) + rounding * rounding)
-        return Feature(size, self._along(self.value / size, {}), self.where)
+        return Feature(size, lambda: self._along(self.value / size, {}), self.where)
 
     def residuals(self, over_time: bool = True) -> Residuals:
         """As residuals: one of a number, one a component of a vector."""
@@ -174,23 +206,37 @@ class Feature(NDArrayOperatorsMixin):
             return [self._residual(over_time)]
         if over_time and self.where is None and self.slopes and self.slopes.keys() <= _OWN.keys():
             return [JointResidual(self.value, **{_JOINT[name]: x for name, x in self.slopes.items()})]
+        if self.where is not None and not over_time:
+            return [self._one_after_the_other(*self.where)._residual(over_time)]
         return [self[i]._residual(over_time) for i in range(len(self.value))]
 
+    def _one_after_the_other(self, motion: Indices | None, instants: Indices) -> Feature:
+        """The components of a vector at some instants (c, S, K) as a number at c times as many (S, c K)."""
+        count, motions, _ = self.value.shape
+
+        def slopes() -> dict[str, FloatArray]:
+            found = {}
+            for name, slope in self._by().items():
+                full = np.broadcast_to(slope, (count, *slope.shape[1:-2], *self.value.shape[1:]))
+                found[name] = np.moveaxis(full, 0, -2).reshape(*full.shape[1:-2], motions, -1)
+            return found
+
+        value = self.value.transpose(1, 0, 2).reshape(motions, -1)
+        motion = None if motion is None else np.tile(motion, count)
+        return Feature(value, slopes, (motion, np.tile(instants, count)))
+
     def _residual(self, over_time: bool) -> Residual:
-        value, where = self.value, self.where
-        slopes: dict[str, Any] = {
-            name: np.broadcast_to(x, (*x.shape[:-2], *value.shape))
-            for name, x in self.slopes.items()
-            if name != "by_time"
-        }
-        if where is None and "by_accelerations" not in slopes:
-            return Residual(value, over_time=over_time, **slopes)
-        if where is None:
-            motion, instants = (x.reshape(-1) for x in np.indices(value.shape))
-        else:
-            motion, instants = where
-        slopes = {name: x.reshape(*x.shape[:-2], -1) for name, x in slopes.items()}
-        return Residual(value.reshape(-1), instants, motion, over_time, **slopes)
+        """Of a number; its slopes wait until they are wanted."""
+        motion, instants = (None, slice(None)) if self.where is None else self.where
+
+        def slopes() -> dict[str, FloatArray]:
+            found = {name: slope for name, slope in self.slopes.items() if name != "by_time"}
+            if motion is None:
+                return found
+            return {name: slope.reshape(*slope.shape[:-2], -1) for name, slope in found.items()}
+
+        value = self.value if motion is None else self.value.reshape(-1)
+        return Residual(value, instants, motion, over_time, later=slopes)
 
 
 def root_of_size(x: Feature, rounding: float) -> Feature:
@@ -201,6 +247,16 @@ def root_of_size(x: Feature, rounding: float) -> Feature:
     """
     result: Feature = x / np.sqrt(np.hypot(x, rounding) + rounding)
     return result
+
+
+def during(slopes: Slopes, span: slice) -> Slopes:
+    """Slopes at some instants; those that are alike at all times as they are."""
+
+    def there() -> dict[str, FloatArray]:
+        found = slopes() if callable(slopes) else slopes
+        return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in found.items()}
+
+    return there
 
 
 def _components(x: Any) -> FloatArray:

@@ -5,26 +5,36 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.actuated import joint_torques, wheel_momenta, wheel_torques, wrench
-from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.frame import EYE, Frame, carried
+from ffsms_pin.opt.motion.actuated import (
+    force_slopes,
+    forces,
+    friction_slope,
+    held_momentum,
+    wheel_momentum,
+    wheel_shares,
+    wheel_torque,
+)
+from ffsms_pin.opt.motion.feature import Feature, Slopes, Where
+from ffsms_pin.opt.motion.frame import BASE, EYE, INERTIAL, Frame, RobotFrame
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.opt.motion.robot_frame import INERTIAL, RobotFrame
-from ffsms_pin.system.batch.arm import ArmValues
+from ffsms_pin.opt.motion.slopes import momentum_slopes
 from ffsms_pin.system.batch.stacks import apply, skew
 
 if TYPE_CHECKING:
-    from ffsms_pin.opt.limits.step_state import StepState
+    from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["Features", "Lazy", "features_of"]
+__all__ = ["Features"]
 
 _ONE = np.ones((1, 1))
+_OF_MOTIONS = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
+_OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
 _robot_frame = lru_cache(maxsize=64)(RobotFrame.of)
 
 
@@ -72,10 +82,9 @@ class Features:
         self,
         motions: Motions,
         duration: float | None = None,
-        where: tuple[Indices, Indices] | None = None,
-        slopes: bool = True,
+        where: Where | None = None,
     ) -> None:
-        self.motions, self.where, self.slopes = motions, where, slopes
+        self.motions, self.where = motions, where
         self.duration = motions.duration if duration is None else duration
 
     def __getattr__(self, name: str) -> Any:
@@ -83,29 +92,26 @@ class Features:
             raise AttributeError(name)
         return getattr(self.motions, name)
 
-    def feature(self, value: FloatArray, slopes: Callable[[], dict[str, FloatArray]]) -> Feature:
-        """A feature; its slopes are worked out only where they are wanted."""
-        return Feature(value, slopes() if self.slopes else {}, self.where)
-
-    def _vector(self, value: FloatArray, name: str) -> Feature:
-        return self.feature(value, lambda: {name: EYE})
+    def feature(self, value: FloatArray, slopes: Slopes) -> Feature:
+        """A feature of these motions."""
+        return Feature(value, slopes, self.where)
 
     @cached_property
     def tip(self) -> Frame:
         """Position of the end effector, a `Frame`."""
-        m, sloped = self.motions, self.slopes
-        place, turn = ({"by_tip": EYE}, {"by_turn": EYE}) if sloped else ({}, {})
-        return Frame(m.end_effector, m.attitude, place, turn, self.where)
+        m = self.motions
+        return Frame(m.end_effector, m.attitude, {"by_tip": EYE}, {"by_turn": EYE}, self.where)
 
     @cached_property
     def base(self) -> Frame:
         """Position of the base's centre of mass, a `Frame`."""
-        m, sloped = self.motions, self.slopes
-        place, turn = ({"by_base": EYE}, {"by_base_turn": EYE}) if sloped else ({}, {})
-        return Frame(m.base_position, m.base_attitude, place, turn, self.where)
+        m = self.motions
+        return Frame(m.base_position, m.base_attitude, {"by_base": EYE}, {"by_base_turn": EYE}, self.where)
 
-    def frame(self, name: str) -> Frame:
+    def frame(self, name: str, on: str = INERTIAL) -> Frame:
         """Position of any frame of the robot, a `Frame`; "tip" is the end effector.
+
+        On the "base" it is seen from the base link's frame, in its axes.
 
         Raises
         ------
@@ -113,29 +119,38 @@ class Features:
             It names the frames that there are.
         """
         m = self.motions
-        if name in ("tip", m.stack.robot.end_effector):
+        is_tip = name in ("tip", m.stack.robot.end_effector)
+        if is_tip and on == INERTIAL:
             return self.tip
-        R, seen = m.base_attitude, _robot_frame(m.stack.robot, name).of_arm(m.arm)
+        frame = RobotFrame.tip(m.stack) if is_tip else _robot_frame(m.stack.robot, name)
+        R, seen = m.base_attitude, frame.of_arm(m.arm)
+        if on == BASE:
+            moved, turned = {"by_joints": seen.linear}, {"by_joints": seen.angular}
+            return Frame(seen.position, seen.rotation, moved, turned, self.where)
         lever = apply(R, seen.position - m.stack.base_com[:, None, None])
-        slopes: Any = ({}, {})
-        if self.slopes:
-            slopes = carried(lever, apply(R, seen.linear), apply(R, seen.angular))
-        return Frame(m.base_position + lever, apply(R, seen.rotation), slopes[0], slopes[1], self.where)
+
+        def place() -> dict[str, FloatArray]:
+            return {"by_base": EYE, "by_base_turn": -skew(lever), "by_joints": apply(R, seen.linear)}
+
+        def turn() -> dict[str, FloatArray]:
+            return {"by_base_turn": EYE, "by_joints": apply(R, seen.angular)}
+
+        return Frame(m.base_position + lever, apply(R, seen.rotation), place, turn, self.where)
 
     @property
     def velocity(self) -> Feature:
         """Velocity of the end effector [m/s]."""
-        return self._vector(self.motions.velocity, "by_velocity")
+        return self.feature(self.motions.velocity, {"by_velocity": EYE})
 
     @property
     def spin(self) -> Feature:
         """Angular velocity of the end effector [rad/s]."""
-        return self._vector(self.motions.spin, "by_spin")
+        return self.feature(self.motions.spin, {"by_spin": EYE})
 
     @property
     def base_spin(self) -> Feature:
         """Angular velocity of the base [rad/s]."""
-        return self._vector(self.motions.base_spin, "by_base_spin")
+        return self.feature(self.motions.base_spin, {"by_base_spin": EYE})
 
     @cached_property
     def base_turn(self) -> Feature:
@@ -145,48 +160,75 @@ class Features:
     @property
     def joints(self) -> Feature:
         """Joint positions."""
-        return self.feature(self.motions.joints, lambda: {"own_joint": _ONE[None]})
+        return self.feature(self.motions.joints, {"own_joint": _ONE[None]})
 
     @property
     def rates(self) -> Feature:
         """Joint rates."""
-        return self.feature(self.motions.rates, lambda: {"own_rate": _ONE[None]})
+        return self.feature(self.motions.rates, {"own_rate": _ONE[None]})
 
     @property
     def accelerations(self) -> Feature:
         """Joint accelerations."""
-        return self.feature(self.motions.accelerations, lambda: {"own_acceleration": _ONE[None]})
+        return self.feature(self.motions.accelerations, {"own_acceleration": _ONE[None]})
 
     @cached_property
     def torques(self) -> Feature:
         """Joint torques, the base reacting [N m, or N]."""
-        return joint_torques(self)
+        return self.feature(self.motions.torques, lambda: self._force_slopes(slice(0, -6)))
 
     @property
     def entropy(self) -> Feature:
         """H_norm."""
-        return self.feature(self.motions.entropy, lambda: {"by_entropy": _ONE})
+        return self.feature(self.motions.entropy, {"by_entropy": _ONE})
 
     @cached_property
     def wheels(self) -> Feature:
         """Momenta of the wheels that hold the attitude [N m s]."""
-        return wheel_momenta(self)
+        m, wheels = self.motions, self.motions.wheels
+
+        def slopes() -> dict[str, FloatArray]:
+            if wheels is None:
+                return {}
+            by_joints = momentum_slopes(m.stack, m.arm, m.rates)
+            return _shared(wheels, {"by_joints": by_joints, "by_rates": held_momentum(m.arm)})
+
+        return self.feature(wheel_momentum(m), slopes)
 
     @cached_property
     def wheel_torques(self) -> Feature:
         """Torques of their motors [N m]."""
-        return wheel_torques(self)
+        wheels, momenta = self.motions.wheels, self.wheels
+
+        def slopes() -> dict[str, FloatArray]:
+            if wheels is None:
+                return {}
+            found = _shared(wheels, self._force_slopes(slice(-3, None)))
+            if wheels.rubs:
+                rubbing = friction_slope(wheels, momenta.value)
+                for name, slope in momenta.slopes.items():
+                    found[name] = found[name] + rubbing[:, None] * slope
+            return found
+
+        return self.feature(wheel_torque(self.motions), slopes)
 
     @cached_property
     def wrench(self) -> Feature:
         """Force and moment that hold the base [N, N m]."""
-        return wrench(self)
+        m = self.motions
+        value = forces(m.stack, m.joints, m.rates, m.accelerations)[-6:]
+        return self.feature(value, lambda: self._force_slopes(slice(-6, None)))
+
+    def _force_slopes(self, rows: slice) -> dict[str, FloatArray]:
+        m = self.motions
+        found = force_slopes(m.stack, m.joints, m.rates, m.accelerations, m.own_spin)
+        return {name: slope[rows] for name, slope in found._asdict().items()}
 
     @property
     def time(self) -> Feature:
         """From the start [s]."""
         value = np.broadcast_to(self.motions.times, self.motions.rates.shape[1:])
-        return self.feature(value, lambda: {"by_time": _ONE})
+        return self.feature(value, {"by_time": _ONE})
 
     @property
     def goal(self) -> Feature:
@@ -206,36 +248,29 @@ class Features:
 
     def at(self, motion: Indices, instants: Indices) -> Features:
         """The same at V instants of motions, as one motion of V instants: where something costs much."""
-        whole = self.motions
 
         def pick(values: FloatArray) -> FloatArray:
             return np.ascontiguousarray(values[..., motion, instants])[..., None, :]
 
-        stacked = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
-        of_instants = ("times", "weights", "limit_weights", "com", "target")
-        values: dict[str, Any] = {name: pick(getattr(whole, name)) for name in stacked}
-        values.update({name: getattr(whole, name)[..., instants] for name in of_instants})
-        arm = cast(ArmValues, Lazy(lambda name: pick(getattr(whole.arm, name))))
-        return Features(replace(whole, arm=arm, **values), self.duration, (motion, instants))
+        return self._picked(pick, (motion, instants), instants)
+
+    def during(self, first: int, last: int) -> Features:
+        """The same from one instant to another, by index: for what counts only then."""
+        span = slice(first, last + 1)
+        found = self._picked(lambda values: values[..., span], (None, np.arange(first, last + 1)), span)
+        found.tip = self.tip.during(span)
+        return found
+
+    def _picked(
+        self, pick: Callable[[FloatArray], FloatArray], where: Where, instants: Indices | slice
+    ) -> Features:
+        whole = self.motions
+        values: dict[str, Any] = {name: pick(getattr(whole, name)) for name in _OF_MOTIONS}
+        values.update({name: getattr(whole, name)[..., instants] for name in _OF_INSTANTS})
+        return Features(replace(whole, evaluated=None, **values), self.duration, where)
 
 
-class Lazy:
-    """Attributes that are made when they are asked for, and kept."""
-
-    def __init__(self, made: Callable[[str], Any]) -> None:
-        self._made = made
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        value = self._made(name)
-        self.__dict__[name] = value
-        return value
-
-
-def features_of(motions: Motions, slopes: bool = True) -> Features:
-    """The features of motions; kept with them, so that all parts share what is worked out."""
-    kept: dict[bool, Features] = motions.__dict__.setdefault("_features", {})
-    if slopes not in kept:
-        kept[slopes] = Features(motions, slopes=slopes)
-    return kept[slopes]
+def _shared(wheels: ReactionWheels, slopes: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Slopes of what each wheel gets of a vector that the base loses, with these slopes (3, n, S, K)."""
+    shares = -wheel_shares(wheels)
+    return {name: np.einsum("wx,xj...->wj...", shares, slope) for name, slope in slopes.items()}

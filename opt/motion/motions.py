@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.entropy import entropy_and_gradient
-from ffsms_pin.opt.motion.paired import Paired, paired
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.motion.finished import Paired, paired
 from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.opt.motion.torques import joint_torques
+from ffsms_pin.opt.motion.slopes import entropy_and_gradient
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross
 
@@ -55,8 +55,6 @@ class Motions:
     last : int
         Index of the deadline.
     joints, rates, accelerations : ndarray, shape (n, S, K)
-    arm : ArmValues
-        The arm seen from the base.
     base_attitude : ndarray, shape (3, 3, S, K)
     com : ndarray, shape (3, K)
         The system's centre of mass [m].
@@ -81,6 +79,8 @@ class Motions:
         Those that hold attitude or place, where thrusters do.
     target_on : {"inertial", "base"}
         The axes of `target`: inertial ones, or those of the base link, with which it moves.
+    evaluated : ArmValues, optional
+        The arm at the joint positions, where it is known.
     """
 
     stack: ArmStack
@@ -92,7 +92,6 @@ class Motions:
     joints: FloatArray
     rates: FloatArray
     accelerations: FloatArray
-    arm: ArmValues
     base_attitude: FloatArray
     com: FloatArray
     drift: FloatArray
@@ -107,6 +106,7 @@ class Motions:
     wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))
     thrusters: Thrusters | None = None
     target_on: str = "inertial"
+    evaluated: ArmValues | None = None
 
     @property
     def count(self) -> int:
@@ -117,6 +117,11 @@ class Motions:
     def duration(self) -> float:
         """Time from the start to the deadline [s]."""
         return float(self.times[self.last])
+
+    @cached_property
+    def arm(self) -> ArmValues:
+        """The arm seen from the base."""
+        return self.stack.evaluate(self.joints) if self.evaluated is None else self.evaluated
 
     @cached_property
     def end_effector(self) -> FloatArray:
@@ -176,18 +181,19 @@ class Motions:
         return self.target_points - self.end_effector
 
     @cached_property
-    def _entropy(self) -> tuple[FloatArray, FloatArray]:
+    def entropy_and_slope(self) -> tuple[FloatArray, FloatArray]:
+        """H_norm (S, K), and its slopes (6, n, S, K) by `ArmValues.coupling`."""
         return entropy_and_gradient(self.arm.coupling, self.stack.free_rows)
 
     @property
     def entropy(self) -> FloatArray:
         """H_norm (S, K)."""
-        return self._entropy[0]
+        return self.entropy_and_slope[0]
 
     @property
     def entropy_slope(self) -> FloatArray:
         """Slopes (6, n, S, K) of H_norm by `ArmValues.coupling`."""
-        return self._entropy[1]
+        return self.entropy_and_slope[1]
 
     @cached_property
     def torques(self) -> FloatArray:
@@ -204,20 +210,25 @@ class Motions:
         return np.maximum(np.abs(self.torques), np.abs(self._torques(before)))
 
     def _torques(self, accelerations: FloatArray) -> FloatArray:
-        return joint_torques(self.stack, self.joints, self.rates, accelerations, self.own_spin)
+        moving = (self.joints, self.rates, accelerations, self.own_spin)
+        return kernel.dynamics(self.stack.tree, *moving)[: self.stack.n].reshape(self.rates.shape)
 
     @cached_property
     def paired(self) -> Paired:
         """The steps of one finished motion, as the paper pairs places with rates."""
         return paired(self)
 
-    def take(self, index: Any) -> Motions:
-        """The motions at an index."""
-        stacked = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
-        values.update({name: values[name][..., index, :] for name in stacked})
-        values["arm"] = self.arm.take(index)
-        return Motions(**values)
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HeldMotions(Motions):
+    """Motions of which these are given: what else moves does not move them."""
+
+    end_effector: FloatArray
+    attitude: FloatArray
+    relative_velocity: FloatArray
+    base_spin: FloatArray
+    spin: FloatArray
+    base_from_com: FloatArray
 
 
 def apply_rates(columns: FloatArray, rates: FloatArray) -> FloatArray:

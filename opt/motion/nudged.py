@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.motions import HeldMotions, Motions
 from ffsms_pin.system.batch.stacks import apply, exp3
 
 __all__ = ["by_differences", "difference", "movers", "nudged"]
 
 _STEP = 1e-6  # [m, rad, 1/s of them] what things move by in a difference
 
-# What is worked out from other values is held fast, so that these can change alone.
-_HELD = ("end_effector", "attitude", "relative_velocity", "base_spin", "spin", "base_from_com", "_entropy")
 _SHIFTED = {
     "by_tip": "end_effector",
     "by_velocity": "relative_velocity",
@@ -27,6 +24,13 @@ _SHIFTED = {
     "by_base_spin": "base_spin",
 }
 _FIELDS = {"by_joints": "joints", "by_rates": "rates", "by_accelerations": "accelerations"}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Held(HeldMotions):
+    """All that is worked out from other values is given, so that these can change alone."""
+
+    entropy_and_slope: tuple[FloatArray, FloatArray]
 
 
 def movers(motions: Motions) -> Iterator[tuple[str, int]]:
@@ -40,28 +44,26 @@ def movers(motions: Motions) -> Iterator[tuple[str, int]]:
 
 def nudged(motions: Motions, name: str, i: int, by: float) -> Motions:
     """The motions with component i of what is called `name` moved, at all instants."""
-    changed: dict[str, Any] = {}
-    held = {key: getattr(motions, key) for key in _HELD}
+    values: dict[str, Any] = {one.name: getattr(motions, one.name) for one in fields(_Held)}
+    values["evaluated"] = motions.arm
     unit = np.zeros(3)
     unit[i % 3] = by
     turn = exp3(unit)[..., None, None]
     if name in _SHIFTED:
-        held[_SHIFTED[name]] = held[_SHIFTED[name]] + unit[:, None, None]
+        values[_SHIFTED[name]] = values[_SHIFTED[name]] + unit[:, None, None]
     elif name == "by_turn":
-        held["attitude"] = apply(turn, held["attitude"])
+        values["attitude"] = apply(turn, motions.attitude)
     elif name == "by_base_turn":
-        changed["base_attitude"] = apply(turn, motions.base_attitude)
+        values["base_attitude"] = apply(turn, motions.base_attitude)
     elif name == "by_entropy":
-        held["_entropy"] = (held["_entropy"][0] + by, held["_entropy"][1])
+        values["entropy_and_slope"] = (motions.entropy + by, motions.entropy_slope)
     else:
-        value = getattr(motions, _FIELDS[name]).copy()
-        value[i] += by
-        changed[_FIELDS[name]] = value
+        moved = getattr(motions, _FIELDS[name]).copy()
+        moved[i] += by
+        values[_FIELDS[name]] = moved
         if name == "by_joints":
-            changed["arm"] = motions.stack.evaluate(value)
-    result = replace(motions, **changed)
-    result.__dict__.update(held)
-    return result
+            values["evaluated"] = None
+    return _Held(**values)
 
 
 def difference(formula: Callable[[Motions], FloatArray], motions: Motions, name: str, i: int) -> FloatArray:
@@ -71,8 +73,8 @@ def difference(formula: Callable[[Motions], FloatArray], motions: Motions, name:
     return apart / (2.0 * _STEP)
 
 
-def by_differences(formula: Callable[[Motions], FloatArray], motions: Motions) -> Feature:
-    """A formula without slopes, with slopes by everything that may move it, by central differences.
+def by_differences(formula: Callable[[Motions], FloatArray], motions: Motions) -> dict[str, FloatArray]:
+    """Slopes of a formula by everything that may move it, by central differences.
 
     Parameters
     ----------
@@ -80,11 +82,10 @@ def by_differences(formula: Callable[[Motions], FloatArray], motions: Motions) -
         Of motions, to an array (S, K) or (c, S, K).
     motions : Motions
     """
-    value = formula(motions)
-    components = value.ndim - 2
     found: dict[str, list[FloatArray]] = {}
     for name, i in movers(motions):
         found.setdefault(name, []).append(difference(formula, motions, name, i))
-    slopes = {name: np.stack(one, axis=components) for name, one in found.items()}
-    slopes["by_entropy"] = slopes["by_entropy"].squeeze(components)
-    return Feature(value, {name: slope for name, slope in slopes.items() if slope.any()})
+    slopes = {name: np.stack(one, axis=one[0].ndim - 2) for name, one in found.items() if np.any(one)}
+    if "by_entropy" in slopes:
+        slopes["by_entropy"] = slopes["by_entropy"].squeeze(slopes["by_entropy"].ndim - 3)
+    return slopes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
@@ -33,7 +34,7 @@ class Residual:
     by_joints, by_rates : ndarray, shape (n, S, K)
         By the joint positions and rates, whatever moves with them held still.
     by_accelerations : ndarray, shape (n, S, K)
-        By the joint accelerations; of V entries only.
+        By the joint accelerations.
     by_tip, by_turn : ndarray, shape (3, S, K)
         By the end effector's position, and by a turn of it (rotation vector).
     by_velocity, by_spin : ndarray, shape (3, S, K)
@@ -44,6 +45,8 @@ class Residual:
         By H_norm.
     by_coupling : ndarray, shape (6, n, S, K)
         By the entries of C_bm in base axes (`ArmValues.coupling`).
+    later : callable, optional
+        Makes the slopes by these names once they are wanted, instead.
     """
 
     value: FloatArray
@@ -62,9 +65,12 @@ class Residual:
     by_base_spin: FloatArray | None = None
     by_entropy: FloatArray | None = None
     by_coupling: FloatArray | None = None
+    later: Callable[[], dict[str, FloatArray]] | None = None
 
     def slopes(self) -> dict[str, FloatArray]:
         """The slopes that there are, by name."""
+        if self.later is not None:
+            return self.later()
         named = {name: getattr(self, name) for name in _SLOPES}
         return {name: x for name, x in named.items() if x is not None}
 

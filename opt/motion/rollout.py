@@ -65,14 +65,12 @@ def rolled_out(
     com0 = q0[:3] + rotation0 @ arm.com[:, 0]
     total = np.zeros(6) if momentum is None else momentum
     drift = total[:3] / stack.mass
-    states = np.empty((12 + 2 * n, count))
-    states[:, 0] = np.concatenate([rotation0.ravel(), q0[:3], start, rates[0]])
     if total[3:].any():
-        held = np.ascontiguousarray(accelerations[:, :-1])
-        kernel.roll_out(stack.tree, held, total[:, None], 0.5 * dt, states)
+        state = np.concatenate([rotation0.ravel(), q0[:3], start, rates[0]])
+        turned = kernel.roll_out(stack.tree, state, accelerations[:, :-1], total, 0.5 * dt)[:9]
     else:  # the angular velocity is known
-        kernel.attitudes(apply_rates(arm.spin, u), dt, states[:9])
-    R = states[:9].reshape(3, 3, -1)
+        turned = kernel.attitudes(rotation0, apply_rates(arm.spin, u), dt)
+    R = turned.reshape(3, 3, -1)
     own = apply(arm.inverse, np.einsum("yxk,y->xk", R, total[3:]))
     simpson = np.full(count, dt / 3.0)
     simpson[1::2] *= 2.0
@@ -87,7 +85,7 @@ def rolled_out(
         joints=joints[:, None],
         rates=u[:, None],
         accelerations=accelerations[:, None],
-        arm=arm.stacked(),
+        evaluated=arm.stacked(),
         base_attitude=R[:, :, None],
         com=com0[:, None] + drift[:, None] * times,
         drift=drift,

@@ -1,20 +1,46 @@
-"""Derivatives of the arm's velocities and of its coupling by the joint positions, by the compiled kernel.
+"""Entropy, singular vectors, and slopes by the joint positions at stacks of configurations, by the kernel.
 
-`ffsms_pin/kernel/slopes.hpp` has the formulas.
+`ffsms_pin/kernel/slopes.hpp` and `entropy.hpp` have the formulas.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.kernel import kernel, rows
+from ffsms_pin.kernel import kernel
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
-__all__ = ["coupling_slopes", "fixed_base_slopes", "momentum_slopes", "spin_slopes", "velocity_slopes"]
+__all__ = ["coupling_slopes", "entropy_and_gradient", "momentum_slopes", "singular", "velocity_slopes"]
+
+
+def singular(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Singular values (min(6, n), B), largest first, and V (B, n, n) of stacked C_bm (6, n, B)."""
+    n, count = coupling.shape[1:]
+    found = kernel.singular_values(coupling, True)
+    return found[: min(6, n)], found[n:].reshape(n, n, count).transpose(2, 0, 1)
+
+
+def entropy_and_gradient(
+    coupling: FloatArray, free_rows: Sequence[int] = range(6)
+) -> tuple[FloatArray, FloatArray]:
+    """H_norm (...) of stacked C_bm (6, n, ...), and its gradient (6, n, ...).
+
+    `free_rows` are those that are not zero at all configurations; without any there is no coupling, and the
+    entropy is zero.
+    """
+    n, shape, r = coupling.shape[1], coupling.shape[2:], len(free_rows)
+    if n == 1 or not r:
+        return np.zeros(shape), np.zeros(coupling.shape)
+    found = kernel.entropies(coupling if r == 6 else coupling[list(free_rows)])
+    value, by_free = found[0].reshape(shape), found[1:].reshape(r, n, *shape)
+    if r == 6:
+        return value, by_free
+    gradient = np.zeros(coupling.shape)
+    gradient[list(free_rows)] = by_free
+    return value, gradient
 
 
 def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -31,22 +57,9 @@ def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple
     spin, tip : ndarray, shape (3, n, ...)
         By joint k: of the base's angular velocity, spin @ rates, and of the end effector's, jstar @ rates.
     """
-    spin, tip = _slopes(kernel.velocity_slopes, stack, arm, rates, 2)
+    positions, rates = np.broadcast_arrays(arm.positions, rates)
+    spin, tip = kernel.velocity_slopes(stack.tree, positions, rates).reshape(2, 3, *positions.shape)
     return spin, tip
-
-
-def spin_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray, spin_q: FloatArray) -> FloatArray:
-    """Slopes (3, n, ...) by the joint positions of the end effector's angular velocity, base axes.
-
-    Parameters
-    ----------
-    stack : ArmStack
-    arm : ArmValues
-    rates : ndarray, shape (n, ...)
-    spin_q : ndarray, shape (3, n, ...)
-        Those of the base's angular velocity, as `velocity_slopes` gives them.
-    """
-    return np.asarray(spin_q + _slopes(kernel.turning_slopes, stack, arm, rates, 1)[0])
 
 
 def momentum_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> FloatArray:
@@ -55,30 +68,9 @@ def momentum_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> Float
     At joint rates (n, ...), base axes, the base's attitude held and its place free. Without linear momentum
     the point does not matter, so moving on with the centre of mass changes nothing.
     """
-    return np.asarray(_slopes(kernel.momentum_slopes, stack, arm, rates, 1)[0])
-
-
-def fixed_base_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slopes (3, n, ...) by the joint positions of the arm's momentum on a base at rest.
-
-    At joint rates (n, ...), base axes: linear, and angular about the root's origin.
-    """
-    linear, angular = _slopes(kernel.fixed_base_slopes, stack, arm, rates, 2)
-    return linear, angular
+    return kernel.momentum_slopes(stack.tree, arm.positions, rates).reshape(3, *rates.shape)
 
 
 def coupling_slopes(stack: ArmStack, arm: ArmValues, by_coupling: FloatArray) -> FloatArray:
     """Gradient (n, ...) by the joint positions of a function of the coupling, with slopes (6, n, ...)."""
-    positions = rows(arm.positions, stack.n)
-    out = np.empty(positions.shape)
-    kernel.coupling_slopes(stack.tree, positions, rows(by_coupling, 6 * stack.n), out)
-    return out.reshape(arm.positions.shape)
-
-
-def _slopes(call: Callable[..., None], stack: ArmStack, arm: ArmValues, rates: FloatArray, kinds: int) -> Any:
-    """Slopes of vectors, (kinds, 3, n, ...)."""
-    positions, rates = np.broadcast_arrays(arm.positions, rates)
-    flat = rows(positions, stack.n)
-    out = np.empty((3 * kinds * stack.n, flat.shape[1]))
-    call(stack.tree, flat, rows(rates, stack.n), out)
-    return out.reshape(kinds, 3, *positions.shape)
+    return kernel.coupling_slopes(stack.tree, arm.positions, by_coupling).reshape(arm.positions.shape)

@@ -11,12 +11,10 @@ from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
-from ffsms_pin.opt.limits.rate_bounds import rate_bounds
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.parts.reading import rows_of
-from ffsms_pin.opt.step.direction import reference_speed
-from ffsms_pin.opt.step.result import Step
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.reference import reference_speed
+from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.opt.step.stepper import Step
 from ffsms_pin.opt.terms.cost import soft_assistance, step_cost
 from ffsms_pin.system import SpaceManipulator
 
@@ -57,7 +55,6 @@ class NonlinearStepper:
         self.limits = tuple(prepared(limit, sms) for limit in limits)
         self.momentum: FloatArray | None = None
         self.mode, self.wheel_total = mode, wheel_total
-        self._data = sms.model.createData()
 
     def advance(
         self,
@@ -74,17 +71,16 @@ class NonlinearStepper:
             raise InvalidValue(
                 "target", rotation, "must be a position for the paper's way: it has no attitude"
             )
-        step = step_state(
+        step = StepState(
             self.sms,
             q,
             rates,
             self.dt,
             time_left,
-            data=self._data,
             mode=self.mode,
             wheel_total=self.wheel_total,
         )
-        lower, upper = rate_bounds(step.joints, rates, self.sms.limits, self.dt)
+        lower, upper = step.bounds
         J_v, V = step.J_star[:3], step.V
         way = target - step.pose.translation
         distance = math.sqrt(float(way @ way))

@@ -7,13 +7,12 @@ from abc import abstractmethod
 import numpy as np
 
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
-from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.parts.reading import residuals_of
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["AllOf"]
 
@@ -28,14 +27,11 @@ class AllOf(Limit):
 
     def rows(self, step: StepState) -> Rows | None:
         """Of all of them."""
-        if not self.parts:
-            return None
-        seen = StepFeatures(step)
-        return stacked([rows for part in self.parts if (rows := part.rows_at(seen)) is not None])
+        return stacked([rows for part in self.parts if (rows := part.rows(step)) is not None])
 
     def residual(self, m: Features) -> Residuals:
         """Of all of them."""
-        return [one for part in self.parts for one in residuals_of(part, m.motions)]
+        return [one for part in self.parts for one in residuals_of(part, m)]
 
     def violation(self, motion: Motions) -> Violation:
         """The largest amount of any of them."""

@@ -7,14 +7,13 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import PartError
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import configurations
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.parts.reading import residuals_of, rows_of
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.base_motion import advance
 
 __all__ = ["check_rows"]
@@ -48,7 +47,7 @@ def check_rows(limit: Limit, problem: Problem, motion: Motions, tolerance: float
 def _state(problem: Problem, q: FloatArray, rates: FloatArray, t: float) -> StepState:
     left = problem.duration - t
     total = problem.wheel_total if problem.wheels is not None else None
-    return step_state(
+    return StepState(
         problem.sms,
         q,
         rates,
@@ -56,7 +55,6 @@ def _state(problem: Problem, q: FloatArray, rates: FloatArray, t: float) -> Step
         left,
         problem.momentum,
         problem.q0[:7],
-        None,
         t,
         problem.mode,
         total,

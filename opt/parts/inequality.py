@@ -9,18 +9,20 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
-from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.opt.motion.feature import Feature
-from ffsms_pin.opt.motion.features import Features, features_of
+from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.reading import formulas
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["Inequality"]
 
 _ROUNDING = 1e-6  # of room's unit: what a plan may break a limit by and still counts as keeping it
 _BINDING = 1.125  # of what is kept in hand: with less left the limit binds, a penalty gives way a little
+_LAST = 0.1  # of the time: the last tenth
+_HURRY = 1.5  # times the mean speed of what is left: the most that a step is asked for
+_BEFORE = 10  # steps before room is due it should be there
 
 
 class Inequality(Limit):
@@ -50,6 +52,14 @@ class Inequality(Limit):
     give : float
         How far a row of a step gives way per unit of the step's slack, in room's unit per metre; 1 weighs
         a lack of room in metres like one of clearance. 0: never; only for what can always be kept.
+    when : {"always", "deadline", "last tenth"}
+        When there must be room. Where that is not always, a step may go without: what is missing must shrink
+        once it is as much as the arm is trusted to make up in the time that is left, and where more is
+        missing it shrinks as fast as it takes.
+    trusted : float
+        How fast an arm is trusted to make up room that is missing, in its unit a second.
+    binding : float or None
+        With less room the limit binds. None: with a little more than is kept in hand.
     most_reserve : float
         Of `reserve` (see `Limit`) no more than this is kept, in room's unit.
     """
@@ -61,6 +71,9 @@ class Inequality(Limit):
     rate: float = 2.0
     step_margin: float = 2e-3
     give: float = 1.0
+    when: str = "always"
+    trusted: float = 0.05
+    binding: float | None = None
     most_reserve: float = np.inf
 
     @abstractmethod
@@ -72,39 +85,58 @@ class Inequality(Limit):
         """What of `reserve` is kept, in room's unit."""
         return min(self.reserve, self.most_reserve)
 
+    def counted(self, m: Features) -> Features:
+        """Whole motions at the instants at which there must be room."""
+        if self.when == "always":
+            return m
+        return m.during(*(m.last_tenth[[0, -1]] if self.when == "last tenth" else (m.last, m.last)))
+
+    def due(self, step: StepState) -> float | None:
+        """How long until there must be room, in a step [s]; None: there always must."""
+        if self.when == "always":
+            return None
+        return step.time_left - (_LAST * (step.time + step.time_left) if self.when == "last tenth" else 0.0)
+
     def rooms(self, m: Features) -> Feature:
         """What is left, all of it one below the other, (c, S, K)."""
         return _stacked([one for one in formulas(self, "room", m) if isinstance(one, Feature)], m)
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows of a step: what moves uses room up slowly, what jumps leaves room at the step's end."""
-        return self.rows_at(StepFeatures(step))
-
-    def rows_at(self, seen: StepFeatures) -> Rows | None:
-        """The same, of a step that is seen already."""
-        at, step = seen.change(self.rooms(seen)), seen.state
+        seen = step.features
+        at = seen.change(self.rooms(seen))
         asked = np.isfinite(at.value)
         if not asked.any():
             return None
         value, flow, drift, jump = (x[asked] for x in at)
+        due, most = self.due(step), np.full(len(value), UNBOUNDED)
+        if due is not None:  # what is missing at the step's end, and how fast it must shrink
+            missing = self._kept(seen.motions)[1] - value - step.dt * (flow @ step.rates + drift)
+            spare = max(due - _BEFORE * step.dt, 0.0)
+            closing = self.rate * (missing - self.trusted * spare)
+            if spare > 0.0:
+                closing = np.minimum(closing + self.trusted, _HURRY * missing / max(spare, 2.0 * step.dt))
+            return Rows(flow, closing - drift, most, self.give)
         left = value - self.kept - self.step_margin
         jumps = jump.any(axis=1)
         # With u: flow . u + drift >= -rate left; or left + dt (flow . u + drift) + jump . (u - rates) >= 0.
         share = np.where(jumps, step.dt, 1.0)
         G = share[:, None] * flow + jump
         least = -np.where(jumps, left, self.rate * left) - share * drift + jump @ step.rates
-        return Rows(G, least, np.full(len(least), UNBOUNDED), self.give)
+        return Rows(G, least, most, self.give)
 
     def residual(self, m: Features) -> Residuals:
         """What room lacks of what is kept in hand, over `scale`, where it lacks some."""
         scale, least = self._kept(m.motions)
         least += self.kept
-        left = self.rooms(features_of(m.motions, slopes=False)).value
-        lacking = np.nonzero((left < least).any(axis=0))
-        if not lacking[0].size:
-            return []
-        lack = np.maximum(least - self.rooms(m.at(*lacking)), 0.0) / scale
-        return [one for one in lack.residuals() if one.value.any()]
+        counted = self.counted(m)
+        if always := counted.where is None:
+            lacking = np.nonzero((self.rooms(m).value < least).any(axis=0))
+            if not lacking[0].size:
+                return []
+            counted = m.at(*lacking)
+        lack = np.maximum(least - self.rooms(counted), 0.0) / scale
+        return [one for one in lack.residuals(over_time=always) if one.value.any()]
 
     def _kept(self, motions: Motions) -> tuple[float, float]:
         """`scale` and `in_hand`."""
@@ -113,15 +145,17 @@ class Inequality(Limit):
 
     def violation(self, motion: Motions) -> Violation:
         """The greatest lack, also between instants: there the parabola through three of them counts."""
-        left = self.rooms(features_of(motion, slopes=False)).value[:, 0]
+        counted = self.counted(Features(motion))
+        left, times = self.rooms(counted).value[:, 0], counted.times
         if not left.size:
             return Violation()
-        binds = motion.times[(left < _BINDING * self._kept(motion)[1]).any(axis=0)]
-        least = _least_between(left)
+        binding = _BINDING * self._kept(motion)[1] if self.binding is None else self.binding
+        binds = times[(left < binding).any(axis=0)]
+        least = _least_between(left) if counted.where is None else left
         i, k = np.unravel_index(int(np.argmin(least)), least.shape)
         if least[i, k] > -_ROUNDING:
             return Violation(0.0, binds)
-        return Violation(float(-least[i, k]), binds, self.note(float(least[i, k]), float(motion.times[k])))
+        return Violation(float(-least[i, k]), binds, self.note(float(least[i, k]), float(times[k])))
 
     def note(self, room: float, time: float) -> str:
         """What is said of a motion that breaks the limit: the least room, and when [s]."""
@@ -130,21 +164,21 @@ class Inequality(Limit):
 
 def _stacked(rooms: list[Feature], m: Features) -> Feature:
     """Numbers and vectors one below the other, as one vector."""
-    if len(rooms) == 1:
-        (one,) = rooms
-        alone = {name: slope[None] for name, slope in one.slopes.items()}
-        return one if one.ndim == 3 else Feature(one.value[None], alone, one.where)
-    rows: list[Feature] = []
-    for one in rooms:
-        rows.extend([one] if one.ndim == 2 else [one[i] for i in range(len(one))])
-    names = list(dict.fromkeys(name for row in rows for name in row.slopes))
+    if len(rooms) == 1 and rooms[0].ndim == 3:
+        return rooms[0]
+    rows = [row for one in rooms for row in ([one] if one.ndim == 2 else [one[i] for i in range(len(one))])]
     shape = m.motions.rates.shape[1:]
     value = np.stack([row.value for row in rows]) if rows else np.zeros((0, *shape))
-    slopes = {}
-    for name in names:
-        like = next(row.slopes[name] for row in rows if name in row.slopes)
-        full = (*like.shape[:-2], *shape)
-        slopes[name] = np.stack([np.broadcast_to(row.slopes.get(name, 0.0), full) for row in rows])
+
+    def slopes() -> dict[str, FloatArray]:
+        found: dict[str, FloatArray] = {}
+        for i, row in enumerate(rows):
+            for name, slope in row.slopes.items():
+                if name not in found:
+                    found[name] = np.zeros((len(rows), *slope.shape[:-2], *shape))
+                found[name][i] = slope
+        return found
+
     return Feature(value, slopes, m.where)
 
 

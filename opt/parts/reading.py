@@ -11,12 +11,12 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, PartError
 from ffsms_pin.opt.limits.limit import Rows, Violation
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.motion.feature import Feature, lost_slopes
-from ffsms_pin.opt.motion.features import Features, features_of
+from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.nudged import by_differences
 from ffsms_pin.opt.motion.residual import JointResidual, Residual, Residuals
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["Formula", "asked", "formulas", "residuals_of", "rows_of", "violation_of"]
 
@@ -26,8 +26,8 @@ Formula: TypeAlias = "Feature | Residual | JointResidual | FloatArray | Sequence
 _differenced: set[tuple[type, str]] = set()  # parts that were said to be slow
 
 
-def residuals_of(part: Any, motions: Motions) -> Residuals:
-    """Residuals of a term or a limit at motions.
+def residuals_of(part: Any, motions: Motions | Features) -> Residuals:
+    """Residuals of a term or a limit at motions; features are theirs, which several parts can share.
 
     Raises
     ------
@@ -35,7 +35,8 @@ def residuals_of(part: Any, motions: Motions) -> Residuals:
         `part.residual` fails, or gives something that is no residual; the text names part and shapes.
     """
     found: Residuals = []
-    for one in formulas(part, "residual", features_of(motions)):
+    seen = motions if isinstance(motions, Features) else Features(motions)
+    for one in formulas(part, "residual", seen):
         found.extend([one] if isinstance(one, (Residual, JointResidual)) else one.residuals())
     return found
 
@@ -48,7 +49,7 @@ def rows_of(limit: Any, step: StepState) -> Rows | None:
     if not isinstance(rows, Rows):
         raise PartError(limit, "rows", f"must return opt.Rows or None; got {type(rows).__name__}")
     k, n = len(rows.lower), len(step.rates)
-    shapes = tuple(np.shape(x) for x in rows[:3])
+    shapes = np.shape(rows.G), np.shape(rows.lower), np.shape(rows.upper)
     if shapes != ((k, n), (k,), (k,)):
         raise PartError(limit, "rows", f"must give G (k, {n}), lower (k,) and upper (k,); got {shapes}")
     return rows
@@ -103,7 +104,7 @@ def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Any
     if isinstance(found, (np.ndarray, float, int)):
         value = np.asarray(found, dtype=np.float64)
         _check_shape(part, method, value, features)
-        return _differences(part, method, i, features) if features.slopes else Feature(value)
+        return _differenced_answer(part, method, i, value, features)
     raise PartError(
         part,
         method,
@@ -156,7 +157,7 @@ def _plain(found: Residual | JointResidual) -> Residual | JointResidual:
     return found
 
 
-def _differences(part: Any, method: str, i: int, features: Features) -> Feature:
+def _differenced_answer(part: Any, method: str, i: int, value: FloatArray, features: Features) -> Feature:
     """Answer i of a part, with slopes by differences; once for each part it says that this is slow."""
     if (type(part), method) not in _differenced:
         _differenced.add((type(part), method))
@@ -172,6 +173,4 @@ def _differences(part: Any, method: str, i: int, features: Features) -> Feature:
         one = _answers(part, method, seen)[i]
         return np.asarray(one.value if isinstance(one, Feature) else one, dtype=np.float64)
 
-    found = by_differences(values, features.motions)
-    found.where = features.where
-    return found
+    return Feature(value, lambda: by_differences(values, features.motions), features.where)

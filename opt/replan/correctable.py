@@ -57,24 +57,25 @@ class Correctable:
         """
         if self.everything:
             return goal, 0.0
-        here, root = self._sms.at(q).end_effector_pose, pin.XYZQUATToSE3(q[:7]).rotation
+        here, place = self._sms.at(q).end_effector_pose, goal.place(t)
+        root = np.eye(3) if place.moves_with_base else pin.XYZQUATToSE3(q[:7]).rotation
         shifts, turns = (
             np.eye(3) if part is None else root @ part @ root.T for part in (self._shifts, self._turns)
         )
 
         def projected(place: Place) -> Place:
             """Moved to where the arm can come: along what it cannot correct, it is where it is."""
-            missed = place.missed(here.translation, here.rotation)
-            turn = apply(exp3(turns @ missed.vector), exp3(-missed.vector))
-            moved = place.moved((shifts - np.eye(3)) @ missed.way, turn)
+            missed, times = place.missed(place.seen(here, q)), place.position.shape[1:]
+            shift = np.tensordot(shifts - np.eye(3), missed.way.value, 1).reshape(3, *times)
+            vector = missed.vector.reshape(3, *times)
+            moved = place.moved(shift, apply(exp3(turns @ vector), exp3(-vector)))
             velocities = zip((shifts, turns), (place.velocity, place.spin), strict=True)
             velocity, spin = (None if one is None else part @ one for part, one in velocities)
             return replace(moved, velocity=velocity, spin=spin)
 
-        place = goal.place(t)
-        missed, there = place.missed(here.translation, here.rotation), projected(place)
-        left = float(np.linalg.norm(place.position - there.position))
-        tilt = float(np.linalg.norm(missed.vector - turns @ missed.vector))
+        vector = place.missed(place.seen(here, q)).vector[:, 0, 0]
+        left = float(np.linalg.norm(place.position - projected(place).position))
+        tilt = float(np.linalg.norm(vector - turns @ vector))
         if max(left, tilt) < _ROUNDING:
             return goal, 0.0
         return Changed(goal, projected), left

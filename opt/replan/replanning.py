@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
-from ffsms_pin.opt.motion.wheels import wheel_total
+from ffsms_pin.opt.motion.actuated import wheel_total
 from ffsms_pin.opt.one_thread import OneThread, ReferenceInUse
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.aim import aim
@@ -21,8 +21,7 @@ from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import JointPlan
 from ffsms_pin.opt.replan.rest_planner import RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
-from ffsms_pin.opt.step.result import Step
-from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = ["DeadBand", "Replanning"]

@@ -12,8 +12,8 @@ from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
 from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.limits.limit import later
+from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
 from ffsms_pin.opt.motion.motions import EXACT
-from ffsms_pin.opt.motion.wheels import held_momentum, wheel_shares
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.trajectory import Trajectory

@@ -39,7 +39,7 @@ class StepPlanner(Stepper):
         What is kept clear: the paper's points (const4 to const7), or the URDF's collision shapes.
     weights : StepWeights, optional
     aim : str
-        One of `opt.step.references.REFERENCES`: "step" is the paper's cost; the others go straight.
+        One of `opt.step.reference.REFERENCES`: "step" is the paper's cost; the others go straight.
     base_limits : BaseLimits, optional
         How far and how fast the base may move, from where it is at the first step after a `reset`.
     momentum : array_like, shape (6,), optional

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -16,19 +17,10 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
-from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.step.direction import WantedMotion
+from ffsms_pin.opt.step.reference import WantedMotion
+from ffsms_pin.opt.step.state import StepState
 
-__all__ = [
-    "AllRows",
-    "Objective",
-    "StepProblem",
-    "StepWeights",
-    "build_step",
-    "nearest_to",
-    "objective",
-    "stacked_rows",
-]
+__all__ = ["Programme", "StepProblem", "StepWeights", "nearest_to", "objective", "programme_of"]
 
 
 @dataclass(frozen=True)
@@ -61,6 +53,11 @@ class StepWeights:
     effort: float = 1e-6
     change: float = 1e-5
     clearance: float = 1.0
+
+    @cached_property
+    def sizes(self) -> FloatArray:
+        """Those that every step has: of direction, speed, effort, change and clearance."""
+        return np.array([self.direction, self.speed, self.effort, self.change, self.clearance])
 
 
 class StepProblem(NamedTuple):
@@ -95,44 +92,60 @@ class StepProblem(NamedTuple):
         gaps = np.concatenate([self.l - rows, rows - self.u, self.lower - x, x - self.upper])
         return max(0.0, float(gaps.max()))
 
-    def all_rows(self) -> AllRows:
-        """The rows with the bounds among them."""
-        (bounded,) = (np.minimum(-self.lower, self.upper) < UNBOUNDED).nonzero()
-        none = np.full(len(self.g) - 2, UNBOUNDED)
-        return AllRows(
-            np.concatenate([self.C, np.eye(len(self.g))[bounded]]),
-            np.concatenate([self.l, self.lower[bounded]]),
-            np.concatenate([self.u, self.upper[bounded]]),
-            -none,
-            none,
-        )
 
-
-class Objective(NamedTuple):
-    """The objective 1/2 x^T H x + g^T x of a step; attributes as of `StepProblem`."""
-
-    H: FloatArray
-    g: FloatArray
-
-
-class AllRows(NamedTuple):
-    """All rows low <= A x <= up of a programme, and after them the bounds on single variables as rows.
+class Programme(NamedTuple):
+    """The same as it is solved: the bounds on single variables are rows, after the others.
 
     ProxQP has bounds of its own, but takes no multipliers of theirs to start from.
 
     Attributes
     ----------
+    H, g : ndarray, shape (n + 2, n + 2), (n + 2,)
     A : ndarray, shape (m, n + 2)
     low, up : ndarray, shape (m,)
     least, greatest : ndarray, shape (n,)
         Bounds on the joint rates themselves, from rows that never give way [rad/s].
     """
 
+    H: FloatArray
+    g: FloatArray
     A: FloatArray
     low: FloatArray
     up: FloatArray
     least: FloatArray
     greatest: FloatArray
+
+    @classmethod
+    def of(cls, problem: StepProblem) -> Programme:
+        """A problem that was looked at."""
+        H, g, C, low, up, lower, upper = problem
+        (bounded,) = (np.minimum(-lower, upper) < UNBOUNDED).nonzero()
+        none = np.full(len(g) - 2, UNBOUNDED)
+        rows = np.concatenate([C, np.eye(len(g))[bounded]])
+        lows, ups = np.concatenate([low, lower[bounded]]), np.concatenate([up, upper[bounded]])
+        return cls(H, g, rows, lows, ups, -none, none)
+
+    def problem(self) -> StepProblem:
+        """To look at."""
+        lower, upper = np.full(len(self.g), -UNBOUNDED), np.full(len(self.g), UNBOUNDED)
+        lower[-2:] = 0.0
+        return StepProblem(self.H, self.g, self.A[:-2], self.low[:-2], self.up[:-2], lower, upper)
+
+
+def programme_of(goal: tuple[FloatArray, FloatArray], V: FloatArray, rows: Sequence[Rows]) -> Programme:
+    """The programme of an objective (H, g) with the rows of limits, then s >= 0 and slack >= 0.
+
+    A row lower <= G u <= upper becomes lower <= G V alpha <= upper. Where it gives way, a side becomes a row
+    of its own, G V alpha + give slack >= lower or G V alpha - give slack <= upper.
+
+    Parameters
+    ----------
+    goal : (H, g)
+    V : ndarray, shape (n, n)
+        Right singular vectors of C_bm: u = V alpha.
+    rows : sequence of Rows
+    """
+    return Programme(*goal, *kernel.stacked_rows(V, rows))
 
 
 def objective(
@@ -142,8 +155,8 @@ def objective(
     effort: FloatArray | None = None,
     spin: FloatArray | None = None,
     terms: Sequence[tuple[FloatArray, FloatArray]] = (),
-) -> Objective:
-    """What a step should come to.
+) -> tuple[FloatArray, FloatArray]:
+    """What a step should come to: H and g of 1/2 x^T H x + g^T x.
 
     Parameters
     ----------
@@ -157,11 +170,9 @@ def objective(
     terms : sequence of (W (n, n), w (n,))
         More terms u^T W u / 2 - w^T u.
     """
-    n, V, w = step.V.shape[0], step.V, weights
-    sizes = np.array([w.direction, w.speed, w.effort, w.change, w.clearance])
-    H, g = kernel.objective(
-        step.J_star[:3], V, step.rates, step.tip_drift, wanted.direction, wanted.speed, sizes, effort is None
-    )
+    n, V, w, J_v = step.V.shape[0], step.V, weights, step.J_star[:3]
+    motion = wanted.direction, wanted.speed
+    H, g = kernel.objective(J_v, V, step.rates, step.tip_drift, *motion, w.sizes, effort is None)
     added = list(terms)
     if effort is not None:
         added.append((w.effort * effort, np.zeros(n)))
@@ -171,36 +182,13 @@ def objective(
     for matrix, vector in added:
         H[:n, :n] += V.T.dot(matrix).dot(V)
         g[:n] -= vector.dot(V)
-    return Objective(H, g)
+    return H, g
 
 
-def nearest_to(rates: FloatArray, V: FloatArray, weights: StepWeights) -> Objective:
-    """Joint rates as near as possible to given ones (n,), instead of a motion of the end effector."""
+def nearest_to(rates: FloatArray, V: FloatArray, weights: StepWeights) -> tuple[FloatArray, FloatArray]:
+    """H and g of joint rates as near as possible to given ones (n,), whatever the end effector does."""
     n = rates.size
     H, g = np.eye(n + 2), np.zeros(n + 2)
     H[n + 1, n + 1] = g[n + 1] = weights.clearance
     g[:n] = -rates.dot(V)
-    return Objective(H, g)
-
-
-def stacked_rows(V: FloatArray, rows: Sequence[Rows]) -> AllRows:
-    """All rows of a step's programme: those of the limits, then s >= 0 and slack >= 0.
-
-    A row lower <= G u <= upper becomes lower <= G V alpha <= upper. Where it gives way, a side becomes a row
-    of its own, G V alpha + give slack >= lower or G V alpha - give slack <= upper.
-
-    Parameters
-    ----------
-    V : ndarray, shape (n, n)
-        Right singular vectors of C_bm: u = V alpha.
-    rows : sequence of Rows
-    """
-    return AllRows(*kernel.stacked_rows(V, rows))
-
-
-def build_step(goal: Objective, rows: AllRows) -> StepProblem:
-    """The programme of a step, to look at."""
-    size = len(goal.g)
-    lower, upper = np.full(size, -UNBOUNDED), np.full(size, UNBOUNDED)
-    lower[-2:] = 0.0
-    return StepProblem(goal.H, goal.g, rows.A[:-2], rows.low[:-2], rows.up[:-2], lower, upper)
+    return H, g

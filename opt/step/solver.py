@@ -14,7 +14,7 @@ from proxsuite import proxqp
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.step.programme import AllRows, Objective, StepProblem
+from ffsms_pin.opt.step.programme import Programme, StepProblem
 
 __all__ = ["Solution", "StepSolver", "new_solver"]
 
@@ -25,7 +25,7 @@ TOLERANCE = 1e-11
 # Far below that curvature: each iteration leaves about the share regularisation / curvature of the error.
 REGULARISATION = 1e-8
 # A few iterations are usual. A programme that takes these many has failed; they end within milliseconds.
-OUTER_ITERATIONS, INNER_ITERATIONS = 40, 40
+MOST_ITERATIONS = 40
 _KEPT = 1e-9  # [in the units of the rows] how exactly the refined solution keeps all rows
 
 
@@ -39,11 +39,14 @@ class Solution(NamedTuple):
         Multipliers of the rows, then of the b variables that have bounds; above zero at the upper side.
     solved : bool
         Whether the solver reached its tolerance.
+    exact : bool
+        Whether it is the solution of the equations of the rows that are active, with the right signs.
     """
 
     x: FloatArray
     z: FloatArray
     solved: bool
+    exact: bool
 
 
 def new_solver(variables: int, rows: int) -> Any:
@@ -59,7 +62,7 @@ def new_solver(variables: int, rows: int) -> Any:
     settings = qp.settings
     settings.eps_abs, settings.eps_rel = TOLERANCE, 0.0
     settings.default_rho = REGULARISATION
-    settings.max_iter, settings.max_iter_in = OUTER_ITERATIONS, INNER_ITERATIONS
+    settings.max_iter = settings.max_iter_in = MOST_ITERATIONS
     settings.initial_guess = proxqp.InitialGuess.WARM_START
     return qp
 
@@ -67,19 +70,20 @@ def new_solver(variables: int, rows: int) -> Any:
 class StepSolver:
     """Solves programmes one after the other, each from a start where one is given.
 
-    ProxQP's solver is made once for each number of rows. For one thread.
+    ProxQP's solver is made once for each number of rows. For one thread; a copy starts anew.
 
     Attributes
     ----------
     iterations : int
         Of the last call of ProxQP.
-    cold : bool
-        Whether the last solution was found from nothing, although a start was given.
     """
 
     def __init__(self) -> None:
         self._solvers: dict[tuple[int, int], Any] = {}
-        self.iterations, self.cold = 0, False
+        self.iterations = 0
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return StepSolver, ()
 
     def solve(self, problem: StepProblem, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
         """Solution of a programme.
@@ -91,51 +95,42 @@ class StepSolver:
             As in `Solution`, of a programme like this one. A start of another size is not used. Where the
             solver does not converge from it, it starts once more from nothing.
         """
-        return self.solve_rows(Objective(problem.H, problem.g), problem.all_rows(), start)
+        return self.solve_rows(Programme.of(problem), start)
 
-    def solve_rows(
-        self, goal: Objective, rows: AllRows, start: tuple[FloatArray, FloatArray] | None = None
-    ) -> Solution:
+    def solve_rows(self, p: Programme, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
         """The same, of a programme whose rows are stacked already."""
-        nothing = np.zeros(len(goal.g)), np.zeros(len(rows.low))
-        if start is None or (start[0].shape, start[1].shape) != (nothing[0].shape, nothing[1].shape):
-            start = nothing
-        found = self._solve(goal, rows, start)
-        exact = _refined(goal, rows, found)
-        # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.
-        self.cold = start is not nothing and exact is None
-        if self.cold:
-            found = self._solve(goal, rows, nothing)
-            exact = _refined(goal, rows, found)
-        return found if exact is None else exact
+        if start is not None and (len(start[0]), len(start[1])) == (len(p.g), len(p.low)):
+            found = self._solve(p, *start)
+            # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.
+            if found.exact:
+                return found
+        return self._solve(p, np.zeros(len(p.g)), np.zeros(len(p.low)))
 
-    def _solve(self, goal: Objective, rows: AllRows, start: tuple[FloatArray, FloatArray]) -> Solution:
-        size = rows.A.shape
+    def _solve(self, p: Programme, x: FloatArray, z: FloatArray) -> Solution:
+        """ProxQP's solution, made exact: that of the equations of the rows that are active by multipliers.
+
+        ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory
+        lies: over a march of a thousand steps that shows. The equations have no memory. Their solution is
+        taken where it keeps all rows and its multipliers have the right signs: so it is the programme's.
+        """
+        size = p.A.shape
         qp = self._solvers.get(size)
         if qp is None:
             qp = self._solvers[size] = new_solver(size[1], size[0])
-            qp.init(H=goal.H, g=goal.g, C=rows.A, l=rows.low, u=rows.up, compute_preconditioner=False)
+            qp.init(H=p.H, g=p.g, C=p.A, l=p.low, u=p.up, compute_preconditioner=False)
         else:
-            qp.update(H=goal.H, g=goal.g, C=rows.A, l=rows.low, u=rows.up)
-        qp.solve(start[0], None, start[1])
+            qp.update(H=p.H, g=p.g, C=p.A, l=p.low, u=p.up)
+        qp.solve(x, None, z)
         results = qp.results
+        info = results.info
+        self.iterations = int(info.iter)
+        if info.status == proxqp.PROXQP_SOLVED:
+            exact = kernel.refined(p.H, p.g, p.A, p.low, p.up, results.z, TOLERANCE, _KEPT)
+            if exact is not None:
+                return Solution(*exact, True, True)
         x, z = np.array(results.x), np.array(results.z)
-        self.iterations = int(results.info.iter)
         # The square is finite where all of x is.
-        solved = results.info.status == proxqp.PROXQP_SOLVED and math.isfinite(x.dot(x))
+        solved = info.status == proxqp.PROXQP_SOLVED and math.isfinite(x.dot(x))
         if not solved:
             del self._solvers[size]  # the next programme has no use for what is left in it
-        return Solution(x, z, solved)
-
-
-def _refined(goal: Objective, rows: AllRows, found: Solution) -> Solution | None:
-    """The exact solution of the equations of the rows that the multipliers say are active.
-
-    ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory lies:
-    over a march of a thousand steps that shows. The equations have no memory. Their solution is taken where
-    it keeps all rows and its multipliers have the right signs, which makes it the programme's; else None.
-    """
-    if not found.solved:
-        return None
-    exact = kernel.refined(goal.H, goal.g, rows.A, rows.low, rows.up, found.z, TOLERANCE, _KEPT)
-    return None if exact is None else Solution(*exact, True)
+        return Solution(x, z, solved, False)

@@ -1,121 +1,137 @@
-"""What a step has to know of the robot: one inertia matrix, one Jacobian and one decomposition."""
+"""The robot at the start of one step of the paper's method: what rows and objective are written from."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin import lapack
-from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.actuation import ReactionWheels
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling import decompose
 from ffsms_pin.coupling.metrics import entropy_of_values
-from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_reaction import mode_reaction
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.motion.at_step import StepFeatures, arm_stack
+from ffsms_pin.system import JointLimits, SpaceManipulator
 
-__all__ = ["step_state"]
-
-_STILL = frozen(np.zeros(6))
-_WORLD, _AXES = pin.Convention.WORLD, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+__all__ = ["StepState", "rate_bounds"]
 
 
-def step_state(
-    sms: SpaceManipulator,
-    q: FloatArray,
-    rates: FloatArray,
-    dt: float,
-    time_left: float,
-    momentum: FloatArray | None = None,
-    base_start: FloatArray | None = None,
-    data: Any = None,
-    time: float = 0.0,
-    mode: str = "floating",
-    wheel_total: FloatArray | None = None,
-) -> StepState:
-    """The robot at the start of a step.
+class StepState:
+    """One configuration with joint rates, and its kinematics.
 
     Parameters
     ----------
     sms : SpaceManipulator
     q, rates : ndarray, shape (nq,), (n,)
-        Configuration, and joint rates [rad/s].
+        Configuration, and joint rates at the step's start [rad/s].
     dt, time_left : float
-        Step, and time to the deadline [s].
+        Step, and time from its start to the deadline [s].
     momentum : ndarray, shape (6,), optional
         Total momentum [linear; angular], inertial axes, about the system's centre of mass. Default zero.
     base_start : ndarray, shape (7,), optional
         Root pose that turn and shift of the base count from; default: where it is now.
-    data : pinocchio.Data, optional
-        Scratch memory of `sms.model`, of one thread only; default: new.
     time : float
-        Of the step's start, from the start of the motion [s].
+        Of the step's start, from the start of the motion [s]: for what moves by itself.
     mode : str
         What of the base is held, one of `ffsms_pin.system.base_reaction.MODES`.
     wheel_total : ndarray, shape (w,), optional
-        See `StepState`.
+        Momenta of the wheels that hold the attitude, were the joints at rest [N m s]. Default zero.
+
+    Attributes
+    ----------
+    joints : ndarray, shape (n,)
+        Joint positions [rad].
+    reaction : ndarray, shape (6, n)
+        Root velocity a joint rate, root axes (Pinocchio's): -M_b^-1 M_bm on a floating base, and zero along
+        what the mode holds.
+    J_star : ndarray, shape (6, n)
+        Generalised Jacobian of the mode, inertial axes, [linear; angular].
+    J_arm : ndarray, shape (6, n)
+        Jacobian of the end effector with the base held still, inertial axes.
+    V : ndarray, shape (n, n)
+        Right singular vectors of the mode's C_bm.
+    entropy : float
+        H_norm.
+    pose : pinocchio.SE3
+        Of the end effector, inertial axes.
+    com : ndarray, shape (3,)
+        The system's centre of mass, or the base's where its place is held, root axes [m].
+    drift : ndarray, shape (6,)
+        Root velocity that the total momentum gives with the joints at rest, root axes; zero without momentum.
+    tip_drift : ndarray, shape (6,)
+        Twist of the end effector that belongs to it, inertial axes.
     """
-    model, n = sms.model, sms.n
-    data = model.createData() if data is None else data
-    # In the world's convention this also leaves the Jacobians of the joints and all poses in `data`.
-    M = pin.crba(model, data, q, _WORLD)
-    pose = pin.updateFramePlacement(model, data, sms.frame_id)
-    J = pin.getFrameJacobian(model, data, sms.frame_id, _AXES)
-    M_b, J_b, J_arm = M[:6, :6], J[:, :6], J[:, 6:]
-    if mode != "floating":
-        reaction, drift = mode_reaction(M, sms.base_com, mode), _STILL
-        if momentum is not None:  # linear only: see `Problem`
-            drift = np.zeros(6)
-            drift[:3] = pin.Quaternion(q[3:7]).toRotationMatrix().T @ momentum[:3] / M[0, 0]
-        tip_drift = J_b.dot(drift)
-    elif momentum is None:
-        reaction, drift = -lapack.dposv(M_b, M[:6, 6:])[1], _STILL
-        tip_drift = _STILL
-    else:
-        right = np.column_stack([-M[:6, 6:], root_momentum(M, q, momentum)])
-        solution = lapack.dposv(M_b, right)[1]
-        reaction, drift = solution[:, :n], solution[:, n]
-        tip_drift = J_b.dot(drift)
-    # Singular values depend on the reference point, not on the axes: the base's centre of mass, root's axes.
-    _, sigma, V = decompose(sms.root_to_com.dot(reaction))
-    return StepState(
-        sms=sms,
-        dt=dt,
-        time_left=time_left,
-        q=q,
-        joints=sms.layout.positions(q),
-        rates=rates,
-        M=M,
-        reaction=reaction,
-        J_star=J_b.dot(reaction) + J_arm,
-        J_arm=J_arm,
-        V=V,
-        entropy=entropy_of_values(sigma.tolist(), n),
-        pose=pose.copy(),
-        drift=drift,
-        tip_drift=tip_drift,
-        momentum=momentum,
-        base_start=q[:7].copy() if base_start is None else base_start,
-        time=time,
-        mode=mode,
-        wheel_total=wheel_total,
-    )
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        q: FloatArray,
+        rates: FloatArray,
+        dt: float,
+        time_left: float,
+        momentum: FloatArray | None = None,
+        base_start: FloatArray | None = None,
+        time: float = 0.0,
+        mode: str = "floating",
+        wheel_total: FloatArray | None = None,
+    ) -> None:
+        self.sms, self.q, self.rates, self.dt, self.time_left = sms, q, rates, dt, time_left
+        self.momentum, self.time, self.mode, self.wheel_total = momentum, time, mode, wheel_total
+        self.base_start = q[:7].copy() if base_start is None else base_start
+        self.joints: FloatArray = sms.layout.positions(q)
+        columns, more = kernel.step_state(arm_stack(sms, mode).tree, q[:7], self.joints, momentum)
+        self.reaction, self.J_star, self.J_arm, coupling = columns
+        self.com, self.drift, self.tip_drift = more[3:6], more[6:12], more[12:18]
+        self.pose: Any = pin.SE3(more[18:].reshape(3, 3), more[:3])
+        # Singular values depend on the reference point, the base's centre of mass, and not on the axes.
+        _, sigma, self.V = decompose(coupling)
+        self.entropy = entropy_of_values(sigma.tolist(), sms.n)
+
+    @property
+    def wheels(self) -> ReactionWheels | None:
+        """The wheels that hold the attitude, where wheels do."""
+        return self.sms.wheels if self.mode == "rotation-floating" else None
+
+    @cached_property
+    def M(self) -> FloatArray:
+        """Inertia matrix (6 + n, 6 + n) in Pinocchio's velocity coordinates."""
+        model = self.sms.model
+        return np.asarray(pin.crba(model, model.createData(), self.q, pin.Convention.WORLD))
+
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds on the joint rates at the step's end (`rate_bounds`)."""
+        return rate_bounds(self.joints, self.rates, self.sms.limits, self.dt)
+
+    @cached_property
+    def features(self) -> StepFeatures:
+        """What a formula sees of the step."""
+        return StepFeatures(self)
 
 
-def root_momentum(M: FloatArray, q: FloatArray, momentum: FloatArray) -> FloatArray:
-    """The total momentum (6,) about the root's origin, in the root's axes.
+def rate_bounds(
+    joints: FloatArray, rates: FloatArray, limits: JointLimits, dt: float
+) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest joint rates (n,) [rad/s] at the end of a step of constant acceleration.
+
+    A rate between the bounds keeps the rate and acceleration limits during the step, and the position limits
+    during the step and, since it leaves room to brake at full acceleration, ever after. The interval is never
+    empty for a state that itself has room to brake. For any other state the acceleration limit is kept, and
+    the other limits as nearly as it allows.
+
+    With w the rate at the step's end, a the acceleration limit and d the distance to the upper limit, room to
+    brake afterwards means dt (rate + w) / 2 + w^2 / (2 a) <= d for w >= 0: a quadratic in w. Where even w = 0
+    travels too far, w < 0 must turn round in time: rate^2 dt / (2 (rate - w)) <= d.
 
     Parameters
     ----------
-    M : ndarray, shape (6 + n, 6 + n)
-        Inertia matrix in Pinocchio's velocity coordinates.
-    q : ndarray, shape (nq,)
-    momentum : ndarray, shape (6,)
-        [linear; angular], inertial axes, about the system's centre of mass.
+    joints, rates : ndarray, shape (n,)
+        At the step's start [rad], [rad/s].
+    limits : JointLimits
+    dt : float
+        [s]
     """
-    R = pin.Quaternion(q[3:7]).toRotationMatrix()
-    # The centre of mass in the root's axes, from the blocks of a rigid body's inertia.
-    com = np.array([M[1, 5], M[2, 3], M[0, 4]]) / M[0, 0]
-    linear, angular = R.T @ momentum[:3], R.T @ momentum[3:]
-    return np.concatenate([linear, angular + np.cross(com, linear)])
+    return kernel.rate_bounds(limits.table, joints, rates, dt)

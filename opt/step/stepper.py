@@ -11,49 +11,59 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, instance, number, one_of, positive, vector
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import Place, as_goal
+from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
-from ffsms_pin.opt.limits.step_state import StepState
 from ffsms_pin.opt.one_thread import OneThread, StepperInUse
 from ffsms_pin.opt.parts.reading import asked, rows_of
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.braking import braking, stoppable, within
-from ffsms_pin.opt.step.direction import WantedMotion, wanted_motion, wanted_spin
+from ffsms_pin.opt.step.march import braking, stoppable, within
 from ffsms_pin.opt.step.programme import (
-    AllRows,
-    Objective,
+    Programme,
     StepProblem,
     StepWeights,
-    build_step,
     nearest_to,
     objective,
-    stacked_rows,
+    programme_of,
 )
-from ffsms_pin.opt.step.references import REFERENCES
-from ffsms_pin.opt.step.result import Step
+from ffsms_pin.opt.step.reference import REFERENCES, WantedMotion, wanted_motion, wanted_spin
 from ffsms_pin.opt.step.solver import StepSolver
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.terms.cost import ideal_cosine, step_cost
 from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 
-__all__ = ["Stepper"]
+__all__ = ["Step", "Stepper"]
 
 
-class _Build(NamedTuple):
-    step: StepState
-    wanted: WantedMotion
-    goal: Objective
-    rows: AllRows
+class Step(NamedTuple):
+    """The result of one step.
 
+    Attributes
+    ----------
+    alpha : ndarray, shape (n,)
+        The paper's scaling factors: joint_rates = V alpha.
+    joint_rates : ndarray, shape (n,)
+        At the step's end [rad/s]; the acceleration during the step is constant.
+    cos_theta : float
+        Coupling assistance of these rates at the step's start.
+    entropy : float
+        H_norm at the step's start.
+    cost : float
+        The paper's summand (C~ - (1 - H_norm))^2.
+    solved : bool
+        False where the programme was not solved and the arm brakes within its limits instead.
+    slack : float
+        How far the limits that may give way did [m/s]; zero where all of them are kept.
+    """
 
-class _Last(NamedTuple):
-    """The last solution, in what goes on smoothly from step to step: V turns and changes its signs."""
-
-    rates: FloatArray
-    speed_and_slack: FloatArray
-    z: FloatArray
+    alpha: FloatArray
+    joint_rates: FloatArray
+    cos_theta: float
+    entropy: float
+    cost: float
+    solved: bool
+    slack: float = 0.0
 
 
 class Stepper:
@@ -120,16 +130,12 @@ class Stepper:
         self.mode = one_of("mode", mode, MODES)
         self.wheel_total: FloatArray | None = None
         if wheel_total is not None and np.size(wheel_total):
-            count = 0 if sms.wheels is None else len(sms.wheels)
-            self.wheel_total = vector("wheel_total", wheel_total, count, "N m s")
-        self.side: FloatArray = np.zeros(3)
-        self.base_start: FloatArray | None = None
-        self.deadline: float | None = None
+            self.wheel_total = vector("wheel_total", wheel_total, len(sms.wheels or ()), "N m s")
         self._given = tuple(limits)
         self.limits = tuple(prepared(limit, sms) for limit in limits)
         self._in_braking = [one for limit in self.limits if (one := limit.in_braking) is not None]
-        self._data, self._solver, self._alone = sms.model.createData(), StepSolver(), OneThread(StepperInUse)
-        self._last: _Last | None = None
+        self._solver, self._alone = StepSolver(), OneThread(StepperInUse)
+        self.reset()
 
     @classmethod
     def of(
@@ -146,14 +152,6 @@ class Stepper:
         terms = problem.terms if terms is None else terms
         given = problem.momentum, problem.mode, problem.wheel_total
         return cls(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *given)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """All but scratch memory, which a copy has of its own."""
-        return {name: value for name, value in vars(self).items() if name not in ("_data", "_solver")}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._data, self._solver = self.sms.model.createData(), StepSolver()
 
     def like(
         self,
@@ -179,13 +177,12 @@ class Stepper:
         side : array_like, shape (3,)
             Direction whose part across the way to the target is the side of the cone to start on; default:
             the side on which the end effector is moving, and any where it is at rest.
-        base_start : ndarray, shape (7,), optional
-            Root pose that turn and shift of the base count from; default: where it is at the next step.
-        deadline : float, optional
-            Of the motion, in the time of obstacles that move [s]; default: that begins with the next step.
+        base_start, deadline : optional
+            See the attributes.
         """
-        self.side, self.base_start, self._last = vector("side", side, 3), base_start, None
-        self.deadline = deadline
+        self.side, self.base_start, self.deadline = vector("side", side, 3), base_start, deadline
+        # Of the last solution: rates at its end, since V turns from step to step; s and slack; multipliers.
+        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
         """The next joint rates.
@@ -210,8 +207,7 @@ class Stepper:
     def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
         """The quadratic programme of a step, without solving it; arguments as for `step`."""
         with self._alone:
-            built = self._build(*self._checked(q, joint_rates, target, time_left))
-        return build_step(built.goal, built.rows)
+            return self._build(*self._checked(q, joint_rates, target, time_left))[2].problem()
 
     def advance(
         self,
@@ -228,49 +224,24 @@ class Stepper:
         joint rates to come as near to as the limits allow, instead of the step's own objective.
         """
         with self._alone:
-            return self._advance(self._build(q, rates, target, time_left, rotation, prefer))
+            return self._solved(*self._build(q, rates, target, time_left, rotation, prefer))
 
     def _checked(
         self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float
     ) -> tuple[FloatArray, FloatArray, FloatArray, float, FloatArray | None]:
         """Arguments as `advance` takes them."""
         time_left = number("time_left", time_left)
-        if isinstance(target, np.ndarray):  # the most common case, and several times quicker than by a goal
-            place = Place(vector("target", target, 3, "m"))
-        else:
-            goal = as_goal(target)
-            if goal.moves:
-                raise InvalidValue("target", target, "must stand still for a step: give its place of now")
-            place = goal.place(time_left)
         q = self.sms.checked_configuration("q", q)
+        rates = vector("joint_rates", joint_rates, self.sms.n, "rad/s")
+        if isinstance(target, np.ndarray):  # the most common case, and several times quicker than by a goal
+            return q, rates, vector("target", target, 3, "m"), time_left, None
+        goal = as_goal(target)
+        if goal.moves:
+            raise InvalidValue("target", target, "must stand still for a step: give its place of now")
+        place = goal.place(time_left)
         if not place.plain:
             place = place.aim(self.sms.at(q).end_effector_pose, q)
-        rates = vector("joint_rates", joint_rates, self.sms.n, "rad/s")
         return q, rates, place.position, time_left, place.rotation
-
-    def _advance(self, built: _Build) -> Step:
-        """Solve a programme, remember its solution, and say what it comes to."""
-        step, wanted, n = built.step, built.wanted, self.sms.n
-        bounds = built.rows.least, built.rows.greatest
-        self.side, self.base_start = wanted.side, step.base_start
-        self.deadline = step.time + step.time_left
-        start = None
-        if (last := self._last) is not None:  # the last solution, in the basis of this step
-            start = np.concatenate([last.rates.dot(step.V), last.speed_and_slack]), last.z
-        found = self._solver.solve_rows(built.goal, built.rows, start)
-        if found.solved:
-            # Within the solver's tolerance already; this makes the limits hold to the last bit.
-            chosen, slack = within(step.V.dot(found.x[:n]), bounds), max(0.0, float(found.x[n + 1]))
-            self._last = _Last(chosen, found.x[n:], found.z)
-            if self._in_braking:
-                slower = within(braking(step), bounds)
-                chosen = within(stoppable(self._in_braking, step, chosen, slower), bounds)
-        else:
-            chosen, slack, self._last = within(braking(step), bounds), 0.0, None
-        velocity = step.J_star[:3].dot(chosen) + step.tip_drift[:3]
-        cos_theta = cosine(velocity, wanted.towards)
-        cost = step_cost(cos_theta, step.entropy, self.kappa)
-        return Step(chosen.dot(step.V), chosen, cos_theta, step.entropy, cost, found.solved, slack)
 
     def _build(
         self,
@@ -280,11 +251,11 @@ class Stepper:
         time_left: float,
         rotation: FloatArray | None = None,
         prefer: FloatArray | None = None,
-    ) -> _Build:
+    ) -> tuple[StepState, WantedMotion, Programme]:
         reference = REFERENCES[self.reference]
         time = 0.0 if self.deadline is None else max(0.0, self.deadline - time_left)
-        given = self.momentum, self.base_start, self._data, time, self.mode, self.wheel_total
-        step = step_state(self.sms, q, rates, self.dt, time_left, *given)
+        given = self.momentum, self.base_start, time, self.mode, self.wheel_total
+        step = StepState(self.sms, q, rates, self.dt, time_left, *given)
         cosine_wanted = ideal_cosine(step.entropy, self.kappa) if reference.on_cone else 1.0
         wanted = wanted_motion(step, target, cosine_wanted, self.side)
         if prefer is not None:
@@ -296,4 +267,28 @@ class Stepper:
             shares = [share for share in objectives if share is not None]
             goal = objective(step, wanted, self.weights, effort, spin, shares)
         rows = [rows for limit in self.limits if (rows := rows_of(limit, step)) is not None]
-        return _Build(step, wanted, goal, stacked_rows(step.V, rows))
+        return step, wanted, programme_of(goal, step.V, rows)
+
+    def _solved(self, step: StepState, wanted: WantedMotion, programme: Programme) -> Step:
+        """Solve a programme, remember its solution, and say what it comes to."""
+        n, bounds = self.sms.n, (programme.least, programme.greatest)
+        self.side, self.base_start = wanted.side, step.base_start
+        self.deadline = step.time + step.time_left
+        start = None
+        if self._last is not None:  # the last solution, in the basis of this step
+            rates, more, z = self._last
+            start = np.concatenate([rates.dot(step.V), more]), z
+        found = self._solver.solve_rows(programme, start)
+        if found.solved:
+            # Within the solver's tolerance already; this makes the limits hold to the last bit.
+            chosen, slack = within(step.V.dot(found.x[:n]), bounds), max(0.0, float(found.x[n + 1]))
+            self._last = chosen, found.x[n:], found.z
+            if self._in_braking:
+                slower = within(braking(step), bounds)
+                chosen = within(stoppable(self._in_braking, step, chosen, slower), bounds)
+        else:
+            chosen, slack, self._last = within(braking(step), bounds), 0.0, None
+        velocity = step.J_star[:3].dot(chosen) + step.tip_drift[:3]
+        cos_theta = cosine(velocity, wanted.towards)
+        cost = step_cost(cos_theta, step.entropy, self.kappa)
+        return Step(chosen.dot(step.V), chosen, cos_theta, step.entropy, cost, found.solved, slack)

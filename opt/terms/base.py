@@ -10,8 +10,8 @@ import numpy as np
 from ffsms_pin.actuation.thrusters import STANDARD_GRAVITY
 from ffsms_pin.checks import at_least_zero, positive
 from ffsms_pin.opt.motion import Features
+from ffsms_pin.opt.motion.actuated import thruster_shares
 from ffsms_pin.opt.motion.feature import root_of_size
-from ffsms_pin.opt.motion.thrusters import thruster_shares
 from ffsms_pin.opt.terms.term import Term, time_scale
 
 __all__ = ["BaseTurn", "Propellant", "WheelEnergy", "WheelMomentum"]
@@ -101,7 +101,7 @@ class WheelEnergy(Term):
 class Propellant(Term):
     """Little propellant of the thrusters that hold attitude or place; nothing where no thrusters do.
 
-    Forces follow from the force and the moment that hold the base (`opt.motion.thrusters`), shared by the
+    Forces follow from the force and the moment that hold the base (`opt.motion.actuated`), shared by the
     pseudo-inverse; each force that a thruster would have to pull counts as if an opposed one pushed it. For
     thrusters in opposed pairs that is what `Trajectory.propellant` says; for others it is a smooth stand-in.
 

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, at_least_zero, positive
-from ffsms_pin.opt.motion import Features, Motions
+from ffsms_pin.opt.motion import Feature, Features, Motions
 from ffsms_pin.opt.terms.term import Term, time_scale
-from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Coupling", "Effort", "Smooth"]
 
@@ -48,23 +47,24 @@ class Coupling(Term):
     def residual(self, m: Features) -> Any:
         """C~ - (1 - H_norm), smoothed as `m.smoothing` says."""
         fade_speed, fade_distance = m.smoothing
-        velocity = m.velocity
-        way = m.goal - m.tip + m.lag * velocity
-        length, speed = way.norm(_TINY_WAY), velocity.norm(_TINY_SPEED)
-        cosine = way.dot(velocity) / (length * speed)
-        exact = np.logaddexp(0.0, self.kappa * cosine) / self.kappa - (1.0 - m.entropy)
+        exact, length, speed = self._exact(m)
         near = length / np.hypot(length, fade_distance)
         fade = speed / np.hypot(speed, fade_speed * m.mean_speed)
         return np.sqrt(self.weight) * near * fade * exact
 
     def cost(self, motions: Motions) -> FloatArray:
         """The paper's cost integral (S,) [s] times the weight, whatever the smoothing."""
-        velocity = motions.velocity
-        way = motions.to_target + motions.lag * velocity
-        scale = np.sqrt((dot(way, way) + _TINY_WAY**2) * (dot(velocity, velocity) + _TINY_SPEED**2))
-        c_soft = np.logaddexp(0.0, self.kappa * dot(way, velocity) / scale) / self.kappa
-        result: FloatArray = (c_soft - (1.0 - motions.entropy)) ** 2 @ motions.weights
+        exact, _, _ = self._exact(Features(motions))
+        result: FloatArray = exact.value**2 @ motions.weights
         return self.weight * result
+
+    def _exact(self, m: Features) -> tuple[Any, Feature, Feature]:
+        """The residual without smoothing, the way's length and the speed."""
+        velocity = m.velocity
+        way = m.goal - m.tip + m.lag * velocity
+        length, speed = way.norm(_TINY_WAY), velocity.norm(_TINY_SPEED)
+        cosine: Any = way.dot(velocity) / (length * speed)
+        return np.logaddexp(0.0, self.kappa * cosine) / self.kappa - (1.0 - m.entropy), length, speed
 
     def share(self, motion: Motions) -> float:
         """The paper's own sum over the steps."""

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.parts.reading import Formula, formulas, residuals_of
 
 if TYPE_CHECKING:
-    from ffsms_pin.opt.limits.step_state import StepState
     from ffsms_pin.opt.motion.features import Features
     from ffsms_pin.opt.motion.motions import Motions
+    from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["REFERENCE_TIME", "Term", "time_scale"]
 
@@ -82,7 +81,7 @@ class Term(ABC):
         """
         if self.step_weight == 0.0:
             return None
-        seen = StepFeatures(step)
+        seen = step.features
         W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
         for one in formulas(self, "residual", seen):
             if isinstance(one, Feature):

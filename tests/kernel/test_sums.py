@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 from horizon_parts import TINY, integrated, spline_of
-from slopes import motions
+from slopes import motions, tip_turning_slopes
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.merit import Weighted, sums
 from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.sums import Weighted, sums
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import JointResidual, Residual
-from ffsms_pin.opt.motion.slopes import coupling_slopes, spin_slopes, velocity_slopes
+from ffsms_pin.opt.motion.slopes import coupling_slopes, velocity_slopes
 
 ROBOTS = ("planar_3r", "satellite_panda")
 MOTIONS = 3
@@ -52,7 +52,7 @@ def plain_rows(spline: RateSpline, at: Motions, residual: Residual, s: int) -> t
     """Rows (V, M n) of one motion's values, and which they are; the joints last."""
     n, M, stack, arm = at.stack.n, spline.size, at.stack, at.arm
     spin_q, jstar_q = velocity_slopes(stack, arm, at.rates)
-    tip_spin_q = spin_slopes(stack, arm, at.rates, spin_q)
+    tip_spin_q = spin_q + tip_turning_slopes(stack, arm, at.rates)
     entropy_q = coupling_slopes(stack, arm, at.entropy_slope)
     maps = [
         np.einsum("km,ij->kimj", one.free, np.eye(n)).reshape(-1, n, M * n)

@@ -7,15 +7,13 @@ Everything is in base axes with the root frame at the origin, and so depends on 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.kernel import kernel, rows
+from ffsms_pin.kernel import kernel
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.mechanism import Mechanism
 
@@ -84,10 +82,6 @@ class ArmValues:
         """End effector from the system's centre of mass, (3, ...)."""
         return self.tip - self.com
 
-    def take(self, index: Any) -> ArmValues:
-        """The arm at an index of the stack's first axis, of two."""
-        return ArmValues(*(getattr(self, field.name)[..., index, :] for field in fields(self)))
-
     def arrays(self) -> list[FloatArray]:
         """All of them, in order."""
         return [getattr(self, field.name) for field in fields(self)]
@@ -151,73 +145,43 @@ class ArmStack:
         self.carries = np.array([[float(k in carried[j]) for j in range(n)] for k in joints])
         tip = self.carries[:, self.last] if self.last >= 0 else np.zeros(n)
         self.moves_tip = tip
-        #: moves_point[p, j]: joint j moves point p. A joint that turns leaves its own origin where it is,
-        #: and its velocity there is zero anyway.
-        self.moves_point = np.vstack([self.carries.T, tip])
         #: The same, as the kernel has it.
+        turns = [place.rotation.ravel() for place in places]
+        bodies = [model.inertias[j] for j in (1, *joints)]
         self.tree = kernel.Tree(
-            joints=np.array(
-                [
-                    [up, turning, moving, *axis, *place.translation, *place.rotation.ravel()]
-                    for up, turning, moving, axis, place in zip(
-                        self.parents, self.revolute, tip, axes, places, strict=True
-                    )
-                ]
-            ),
-            bodies=np.array(
-                [
-                    [body.mass, *body.lever, *body.inertia.ravel()]
-                    for body in (model.inertias[j] for j in (1, *joints))
-                ]
-            ),
-            tip=np.array([[*self.tip_in_last, *frame.placement.rotation.ravel()]]),
-            last=self.last,
-            moves=self.moves,
-            turns_freely=self.turns_freely,
+            np.column_stack([self.parents, self.revolute, tip, axes, self.offset, turns]),
+            np.array([[body.mass, *body.lever, *body.inertia.ravel()] for body in bodies]),
+            np.array([[*self.tip_in_last, *frame.placement.rotation.ravel()]]),
+            self.last,
+            self.moves,
+            self.turns_freely,
         )
 
     def evaluate(self, positions: FloatArray) -> ArmValues:
         """The arm at joint positions (n, ...)."""
         n, shape = self.n, positions.shape[1:]
-        out = self._by(kernel.arm_values, 54 * n + 27, positions)
+        out = kernel.arm_values(self.tree, positions)
         return ArmValues(positions, *_split(out, [(*one, *shape) for one in _shapes(n)]))
 
     def poses(self, positions: FloatArray) -> tuple[FloatArray, ...]:
         """Rotations (3, 3, n, ...), origins (3, n, ...) and twists of the joints on a fixed base."""
         shape = positions.shape
-        out = self._by(kernel.poses, 18 * self.n, positions)
-        return tuple(_split(out, [(3, 3, *shape), *[(3, *shape)] * 3]))
+        return tuple(_split(kernel.poses(self.tree, positions), [(3, 3, *shape), *[(3, *shape)] * 3]))
 
     def coupled(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """C_bm and J* (6, n, ...), the end effector from the base's centre of mass (3, ...) [m]."""
         shape = positions.shape
-        out = self._by(kernel.coupled, 12 * self.n + 3, positions)
+        out = kernel.coupled(self.tree, positions)
         C_bm, J_star, tip = _split(out, [(6, *shape), (6, *shape), (3, *shape[1:])])
         return C_bm, J_star, tip
 
     def manipulator_jacobian(self, positions: FloatArray) -> FloatArray:
         """J_m (6, n, ...): end-effector twist a joint rate on a fixed base."""
-        out = self._by(kernel.manipulator_jacobian, 6 * self.n, positions)
-        return out.reshape(6, *positions.shape)
+        return kernel.manipulator_jacobian(self.tree, positions).reshape(6, *positions.shape)
 
     def reduced_inertia(self, positions: FloatArray) -> FloatArray:
         """H_q (n, n, ...): the Schur complement of H_b in H."""
-        out = self._by(kernel.reduced_inertia, self.n * self.n, positions)
-        return out.reshape(self.n, *positions.shape)
-
-    def _by(self, call: Callable[..., None], size: int, positions: FloatArray) -> FloatArray:
-        """Rows (size, B) that a function of the kernel writes."""
-        flat = rows(positions, self.n)
-        out = np.empty((size, flat.shape[1]))
-        call(self.tree, flat, out)
-        return out
-
-    def first_moment(self, arm: ArmValues) -> FloatArray:
-        """The system's mass times the place of its centre of mass (3, ...), base axes [kg m]."""
-        base_mass = self.robot.model.inertias[1].mass
-        on_base = [j for j, up in enumerate(self.parents) if up < 0]
-        base = (base_mass * self.base_com).reshape(3, *(1,) * (arm.com.ndim - 1))
-        return np.asarray(base + arm.moments[:, on_base].sum(axis=1))
+        return kernel.reduced_inertia(self.tree, positions).reshape(self.n, *positions.shape)
 
 
 def _shapes(n: int) -> list[tuple[int, ...]]:

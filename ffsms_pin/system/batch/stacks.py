@@ -15,7 +15,6 @@ __all__ = [
     "diagonal",
     "dot",
     "exp3",
-    "inverse3",
     "log3",
     "products",
     "quaternions",
@@ -55,12 +54,6 @@ def skew(v: FloatArray) -> FloatArray:
 def diagonal(A: FloatArray) -> FloatArray:
     """The diagonals (3, ...) of matrices (3, 3, ...): a view."""
     return np.asarray(np.einsum("xx...->x...", A))
-
-
-def inverse3(A: FloatArray) -> FloatArray:
-    """Inverses (3, 3, ...) of symmetric positive definite matrices, by cofactors."""
-    cofactors = cross(A.take(_NEXT, 1), A.take(_AFTER, 1))
-    return np.asarray(cofactors / dot(A[0], cofactors[:, 0]))
 
 
 def exp3(w: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -14,7 +15,7 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["Delayed", "Obstacle", "Track", "checked_obstacles", "convex_shape"]
+__all__ = ["Obstacle", "Track", "checked_obstacles", "convex_shape", "outline"]
 
 INERTIAL, BASE = "inertial", "base"
 
@@ -28,6 +29,7 @@ _CONVEX = (
     _NODE.GEOM_ELLIPSOID,
     _NODE.GEOM_CONE,
 )
+_ROUND, _BANDS = 32, 15  # points around a circle of an outline, and circles on a ball
 _POINT = 1e-6  # [m] radius of a ball that is measured for a point
 _FLAT = 1e-6  # share of a mesh's size by which its corners may stand out of its faces
 
@@ -222,3 +224,32 @@ def _hull(name: str, mesh: Any) -> Any:
             'coal.ConvexBase.convexHull(points, True, "Qt")',
         )
     return hull
+
+
+def outline(shape: Any) -> FloatArray:
+    """Points (k, 3) of a shape in its own axes [m], whose hull shows it: for figures and the viewer."""
+    if isinstance(shape, coal.Box):
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+        return np.asarray(signs * shape.halfSide)
+    if isinstance(shape, coal.Sphere):
+        return float(shape.radius) * _ball()
+    if isinstance(shape, coal.Ellipsoid):
+        return np.asarray(_ball() * shape.radii)
+    if isinstance(shape, coal.Capsule | coal.Cylinder | coal.Cone):
+        up = np.array([0.0, 0.0, shape.halfLength])
+        if isinstance(shape, coal.Capsule):
+            ball = float(shape.radius) * _ball()
+            return np.concatenate([ball + up, ball - up])
+        ring = shape.radius * _ring()
+        return np.concatenate([up[None] if isinstance(shape, coal.Cone) else ring + up, ring - up])
+    return np.array(shape.points(), dtype=np.float64)
+
+
+def _ring() -> FloatArray:
+    angle = np.linspace(0.0, 2.0 * np.pi, _ROUND, endpoint=False)
+    return np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_ROUND)])
+
+
+def _ball() -> FloatArray:
+    latitudes = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _BANDS)
+    return np.concatenate([np.cos(at) * _ring() + [0.0, 0.0, np.sin(at)] for at in latitudes])

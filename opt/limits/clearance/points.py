@@ -13,12 +13,10 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.limits.clearance.distances import Nearest
-from ffsms_pin.opt.limits.clearance.poses import Poses
+from ffsms_pin.opt.limits.clearance.distances import Entries, Nearest, Poses
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["PointStack"]
 
@@ -27,7 +25,6 @@ _STILL = 1e-9  # [m] what is closer to constant than this is constant
 # [m] Clearances of finished motions are looked at twice a step; what they can lose in between is a few
 # micrometres.
 _BETWEEN = 1e-5
-_LEAST = 1e-12  # [m] nearer than this two points have no direction from one to the other
 
 
 class PointStack(ClearanceStack):
@@ -64,60 +61,35 @@ class PointStack(ClearanceStack):
                 "base_size", None, "is needed to keep the arm out of the base: load(..., base_size=(l, w, h))"
             )
         super().__init__(sms)
-        n, arm, box = sms.n, self.arm, sms.base_box_placement
-        self._half = 0.5 * np.array(sms.base_size)
-        self._rotation, self._centre = box.rotation.copy(), box.translation.copy()
-        # Bodies that carry the points.
-        self._carriers = np.append(np.arange(n), arm.last)
-        rng = np.random.default_rng(0)
-        cloud = self._points(Poses.at(arm, rng.uniform(-1.0, 1.0, (_SAMPLES, n)).T)).transpose(2, 1, 0)
-        apart = np.linalg.norm(cloud[:, :, None] - cloud[:, None], axis=-1)
-        self.first, self.second = np.nonzero(np.triu(np.ptp(apart, axis=0) > _STILL, 1))
-        self.outside = np.flatnonzero(np.ptp(cloud, axis=0).max(axis=1) > _STILL)
-        # What is apart from a point: another point, or the base.
-        self._ends = np.concatenate([self.first, self.outside])
-        behind = np.concatenate([self._carriers[self.second], np.full(len(self.outside), -1)])
-        self.bodies = np.stack([behind, self._carriers[self._ends]], axis=1)
-        self.carried = np.vstack([arm.carries.T, np.zeros((1, n))])
-        # For the kernel: ends, what they are apart from (-1: the box), and the joints that carry each.
-        apart = np.concatenate([self.second, np.full(len(self.outside), -1)])
-        carried = (self.carried[self.bodies[:, i]] for i in (1, 0))
-        box = np.vstack([self._rotation, self._centre, self._half])
-        self._pairs = (self._ends.astype(np.int64), apart.astype(np.int64), *carried, box)
-        points = [*sms.joint_names, sms.end_effector]
-        self.names = [f"{points[i]} - {points[j]}" for i, j in zip(self.first, self.second, strict=True)]
-        self.names += [f"{points[i]} - base box" for i in self.outside]
-        self.largest = np.full(len(self.names), np.inf)
+        n, placed = sms.n, sms.base_box_placement
+        self._box = np.vstack([placed.rotation, placed.translation, 0.5 * np.array(sms.base_size)])
+        # Every point against every other and against the box, in some postures: what does not change is out.
+        first, second = np.triu_indices(n + 1, 1)
+        ends = [*zip(second, first, strict=True), *((i, -1) for i in range(n + 1))]
+        poses = Poses.of(np.random.default_rng(0).uniform(-1.0, 1.0, (n, _SAMPLES)))
+        self._take(np.array(ends, dtype=np.int64))
+        found = self.nearest(poses, self.every(poses))
+        apart, there = found.distance.reshape(_SAMPLES, -1), found.points[:, 1].reshape(_SAMPLES, -1, 3)
+        changes = np.where(self._ends[:, 1] < 0, np.ptp(there, axis=0).max(axis=1), np.ptp(apart, axis=0))
+        self._take(self._ends[changes > _STILL])
+        between = self._ends[:, 1] >= 0
+        self.second, self.first = self._ends[between].T
+        self.outside = self._ends[~between, 0]
+
+    def _take(self, ends: Indices) -> None:
+        """Points, and what they are apart from: another point, or the box (-1)."""
+        points = [*self.sms.joint_names, self.sms.end_effector]
+        carriers = np.array([*range(self.sms.n), self.arm.last, -1], dtype=np.int64)
+        self._ends, base = ends, np.full(len(ends), -1)
+        self.bodies = np.stack([carriers[ends[:, 1]], carriers[ends[:, 0]], base], axis=1)
+        self.names = [f"{points[j]} - {points[i]}" if j >= 0 else f"{points[i]} - base box" for i, j in ends]
+        self.largest = np.full(len(ends), np.inf)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PointStack, (self.sms,)
 
-    def nearest(self, poses: Poses, where: tuple[Indices, ...], near: FloatArray | float = np.inf) -> Nearest:
+    def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`: pairs of points, and how far points are outside the box."""
-        (columns, at), pairs = where, len(self.first)
-        points = self._points(poses)
-        there, here = points[:, self._ends[columns], at], np.zeros((3, len(columns)))
-        value, normal = np.empty(len(columns)), np.empty((3, len(columns)))
-        between, boxed = np.flatnonzero(columns < pairs), np.flatnonzero(columns >= pairs)
-        here[:, between] = points[:, self.second[columns[between]], at[between]]
-        apart = there[:, between] - here[:, between]
-        value[between] = length = np.sqrt(dot(apart, apart))
-        normal[:, between] = apart / np.maximum(length, _LEAST)
-        # Outside the box: beyond the face that the point is furthest beyond.
-        place = np.einsum("xi,xv->iv", self._rotation, there[:, boxed] - self._centre[:, None])
-        beyond = np.abs(place) - self._half[:, None]
-        axis = beyond.argmax(axis=0)
-        value[boxed] = beyond.max(axis=0, initial=-np.inf)
-        sign = np.where(np.take_along_axis(place, axis[None], axis=0) < 0.0, -1.0, 1.0)
-        normal[:, boxed] = sign * self._rotation[:, axis]
-        return Nearest(value, here, there, normal)
-
-    def now(self, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distances (m,) and their gradients (m, n) at joint positions (n,)."""
-        return kernel.point_clearances(self.arm.tree, joints, *self._pairs)
-
-    def _points(self, poses: Poses) -> FloatArray:
-        """The points (3, n + 1, B), base axes."""
-        tip = np.einsum("xyb,y->xb", poses.rotations[:, :, self.arm.last], self.arm.tip_in_last)
-        tip += poses.origins[:, self.arm.last]
-        return np.concatenate([poses.origins[:, : self.sms.n], tip[:, None]], axis=1)
+        columns, at = where
+        found = kernel.near_points(self.arm.tree, poses.joints, columns, at, self._ends, self._box)
+        return Nearest(*found)

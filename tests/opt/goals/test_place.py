@@ -16,7 +16,9 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Changed, Place
+from ffsms_pin.opt.goals.place import frame_at, stacked_places
 from ffsms_pin.opt.horizon.arrival import arrival
+from ffsms_pin.opt.motion.frame import EYE, Frame
 from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.motion.rollout import configurations, rolled_out
 from ffsms_pin.opt.parts.reading import residuals_of
@@ -54,16 +56,23 @@ def random_rotation(rng: np.random.Generator) -> Any:
 def test_an_error_has_as_many_rows_as_the_place_is_tied(rng: np.random.Generator) -> None:
     position, rotation, now = rng.normal(size=3), random_rotation(rng), random_rotation(rng)
     kinds = Place(position), Place(position, rotation, free_axis=AXIS), Place(position, rotation)
-    found = [place.missed(np.zeros(3), now) for place in kinds]
-    assert [len(one.way) + len(one.turn) for one in found] == [3, 5, 6]
-    assert [one.distance for one in found] == pytest.approx([np.linalg.norm(position)] * 3)
+    frame = frame_at(pin.SE3(now, np.zeros(3)))
+    found = [place.missed(frame) for place in kinds]
+    assert [len(one.parts) for one in found] == [1, 2, 2]
+    assert [float(one.distance[0, 0]) for one in found] == pytest.approx([np.linalg.norm(position)] * 3)
     angles = [0.0, np.arccos((rotation @ AXIS) @ (now @ AXIS)), np.linalg.norm(pin.log3(rotation @ now.T))]
-    assert [float(one.angle) for one in found] == pytest.approx(angles)
-    assert [float(np.linalg.norm(one.turn)) for one in found] == pytest.approx(angles)
+    assert [float(one.angle[0, 0]) for one in found] == pytest.approx(angles)
     # Turned by the vector, the frame has the attitude; with a free axis, all but its turn about that.
-    np.testing.assert_allclose(pin.exp3(found[2].vector) @ now, rotation, atol=1e-12)
-    turned = pin.exp3(found[1].vector) @ now
+    np.testing.assert_allclose(pin.exp3(found[2].vector[:, 0, 0]) @ now, rotation, atol=1e-12)
+    turned = pin.exp3(found[1].vector[:, 0, 0]) @ now
     np.testing.assert_allclose(turned @ AXIS, rotation @ AXIS, atol=1e-12)
+    # Of what joints turn the frame by, what is about the free axis does not count.
+    columns = rng.normal(size=(3, 4))
+    counting = [place.counting(columns) for place in kinds]
+    assert [len(one) for one in counting] == [0, 3, 3]
+    np.testing.assert_allclose((rotation @ AXIS) @ counting[1], np.zeros(4), atol=1e-12)
+    np.testing.assert_allclose(np.cross(rotation @ AXIS, (columns - counting[1]).T), 0.0, atol=1e-12)
+    np.testing.assert_array_equal(counting[2], columns)
 
 
 @pytest.mark.parametrize("free", [None, AXIS])
@@ -73,24 +82,29 @@ def test_slopes_of_the_turn(free: Any, angle: float, rng: np.random.Generator) -
     across = np.cross(AXIS, rng.normal(size=3))
     now = rotation @ pin.exp3(angle * across / np.linalg.norm(across))
     place = Place(np.zeros(3), rotation, free_axis=free)
-    found = place.missed(np.zeros(3), now)
-    assert float(found.angle) == pytest.approx(angle)
+    frame = Frame(np.zeros((3, 1, 1)), now[..., None, None], {"by_tip": EYE}, {"by_turn": EYE})
+    found = place.missed(frame)
+    assert float(found.angle[0, 0]) == pytest.approx(angle)
+    assert found.turn is not None
     h = 1e-6
     sides = [
-        [place.missed(np.zeros(3), pin.exp3(sign * h * one) @ now).turn for one in np.eye(3)]
+        [
+            place.missed(frame_at(pin.SE3(pin.exp3(sign * h * one) @ now, np.zeros(3)))).vector
+            for one in np.eye(3)
+        ]
         for sign in (1.0, -1.0)
     ]
-    differences = (np.array(sides[0]) - np.array(sides[1])).T / (2.0 * h)
-    np.testing.assert_allclose(found.by_turn(), differences, atol=1e-7)
+    differences = (np.array(sides[0]) - np.array(sides[1]))[..., 0, 0].T / (2.0 * h)
+    np.testing.assert_allclose(found.turn.slopes["by_turn"][..., 0, 0], differences, atol=1e-7)
 
 
 def test_an_axis_that_points_away_is_half_a_turn_off(rng: np.random.Generator) -> None:
     rotation = random_rotation(rng)
     across = np.cross(AXIS, [0.0, 0.0, 1.0])
     now = rotation @ pin.exp3(np.pi * across / np.linalg.norm(across))
-    found = Place(np.zeros(3), rotation, free_axis=AXIS).missed(np.zeros(3), now)
-    assert float(found.angle) == pytest.approx(np.pi)
-    np.testing.assert_allclose(pin.exp3(found.vector) @ now @ AXIS, rotation @ AXIS, atol=1e-9)
+    found = Place(np.zeros(3), rotation, free_axis=AXIS).missed(frame_at(pin.SE3(now, np.zeros(3))))
+    assert float(found.angle[0, 0]) == pytest.approx(np.pi)
+    np.testing.assert_allclose(pin.exp3(found.vector[:, 0, 0]) @ now @ AXIS, rotation @ AXIS, atol=1e-9)
 
 
 def test_stacks_are_places_one_by_one(rng: np.random.Generator) -> None:
@@ -99,16 +113,21 @@ def test_stacks_are_places_one_by_one(rng: np.random.Generator) -> None:
     for s, k in np.ndindex(2, 4):
         rotation[:, :, s, k], attitude[:, :, s, k] = random_rotation(rng), random_rotation(rng)
     place = Place(rng.normal(size=3), random_rotation(rng), free_axis=AXIS, on="base")
-    inertial = place.at(base, attitude).missed(position, rotation)
-    seen = place.missed(
-        np.einsum("yxsk,ysk->xsk", attitude, position - base),
-        np.einsum("yxsk,yzsk->xzsk", attitude, rotation),
-    )
+    on_base = np.einsum("yxsk,ysk->xsk", attitude, position - base)
+    seen = place.missed(Frame(on_base, np.einsum("yxsk,yzsk->xzsk", attitude, rotation), {}, {}))
     for s, k in np.ndindex(2, 4):
+        pose = pin.SE3(rotation[:, :, s, k], position[:, s, k])
         q = pin.SE3ToXYZQUAT(pin.SE3(attitude[:, :, s, k], base[:, s, k]))
-        errors = place.error(pin.SE3(rotation[:, :, s, k], position[:, s, k]), q)
-        for found in (inertial, seen):
-            assert (found.distance[s, k], found.angle[s, k]) == pytest.approx(errors)
+        errors = place.error(pose, q)
+        assert (seen.distance[s, k], seen.angle[s, k]) == pytest.approx(errors)
+        inertial = place.at(base[:, s, k], attitude[:, :, s, k])
+        assert not inertial.moves_with_base
+        assert inertial.error(pose, q) == pytest.approx(errors)
+    places = [Place(rng.normal(size=3), random_rotation(rng), free_axis=AXIS) for _ in range(4)]
+    stacked = stacked_places(places).missed(Frame(position, rotation, {}, {}))
+    for s, k in np.ndindex(2, 4):
+        errors = places[k].error(pin.SE3(rotation[:, :, s, k], position[:, s, k]), q)
+        assert (stacked.distance[s, k], stacked.angle[s, k]) == pytest.approx(errors)
 
 
 def test_a_changed_goal_keeps_what_is_free() -> None:

@@ -14,7 +14,7 @@ from ffsms_pin import opt
 from ffsms_pin.errors import FrameNotFound, InvalidValue
 from ffsms_pin.opt.horizon.shooting import joint_goals
 from ffsms_pin.opt.horizon.starts import spread_postures
-from ffsms_pin.opt.motion.robot_frame import RobotFrame
+from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.rollout import configurations, rolled_out
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.trajectory import measure
@@ -54,7 +54,8 @@ def test_a_frame_by_pinocchio(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     )
     motion = rolled_out(sms, problem.stack, q0, rates, problem.dt, problem.momentum, 0.9)
     for name in ("right_tool", "left_tool", "satellite"):
-        position, attitude = RobotFrame.of(sms, name).poses(motion)
+        frame = Features(motion).frame(name)
+        position, attitude = frame.value, frame.rotation
         for k, q in enumerate(configurations(sms, q0, motion)):
             pose = tool(sms, q, name)
             np.testing.assert_allclose(position[:, 0, 2 * k], pose.translation, atol=1e-12)

@@ -12,7 +12,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.descent import Model
 from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.ranking import Found, Ranking
+from ffsms_pin.opt.horizon.search import Found, Ranking
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,12 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.descent import Model
-from ffsms_pin.opt.horizon.obstructed import best_first
+from ffsms_pin.opt.horizon.diagnosis import keep_limits
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import joint_goals, straight_ends
-from ffsms_pin.opt.horizon.starts import spread_postures, straight_time
-from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
-from ffsms_pin.opt.limits.clearance.poses import Poses
+from ffsms_pin.opt.horizon.starts import spread_postures
+from ffsms_pin.opt.limits.clearance.bodies import BodyStack
+from ffsms_pin.opt.limits.clearance.distances import Poses
 from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.batch.stacks import apply, log3
 
@@ -45,21 +45,18 @@ def test_a_changed_goal_turns_the_base_along_the_whole_move() -> None:
     assert np.abs(beyond).max() > 0.2 * np.abs(turning).max()
 
 
-def test_of_straight_moves_those_that_keep_the_limits_come_first() -> None:
+def test_straight_moves_that_keep_the_limits_are_told_from_the_others() -> None:
     sms = ffsms.load("space_arm_7")
     problem = space_arm_problem(sms)
-    found = joint_goals(problem, spread_postures(problem, 0, 24))
-    goals, good = best_first(Model.make(problem, SearchOptions().fine), found.joints)
+    goals = joint_goals(problem, spread_postures(problem, 0, 24)).joints
+    model = Model.make(problem, SearchOptions().fine)
+    good = keep_limits(model, goals)
     assert 0 < good.sum() < len(goals)
-    assert (np.diff(good.astype(int)) <= 0).all()
-    for part in (goals[good], goals[~good]):
-        assert (np.diff([straight_time(problem, one) for one in part]) >= 0.0).all()
     stack = BodyStack(sms, "hulls", 0.01)
     for joints in goals[good]:
         way = START[:, None] + (joints - START)[:, None] * np.linspace(0.0, 1.0, 101)
-        assert stack.values(Poses.at(stack.arm, way), 0.02).min() >= 0.01
-    none, _ = best_first(Model.make(problem, SearchOptions().fine), goals[:0])
-    assert none.shape == (0, 7)
+        assert stack.values(Poses.of(way), 0.02).min() >= 0.01
+    assert keep_limits(model, goals[:0]).shape == (0,)
 
 
 @pytest.mark.parametrize(("posed", "least"), [(False, 10), (True, 6)])

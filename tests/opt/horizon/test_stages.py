@@ -6,8 +6,7 @@ import numpy as np
 from horizon_parts import COARSE, planar_problem
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.horizon.descent import Candidates, Model
-from ffsms_pin.opt.horizon.stages import EARLY_STAGES, distinct_best
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, distinct_best
 from ffsms_pin.opt.horizon.starts import straight_moves
 
 
@@ -15,7 +14,7 @@ def test_a_motion_through_a_body_goes_on_after_the_others(planar: ffsms.SpaceMan
     problem = planar_problem(planar)
     model = Model.make(problem, COARSE)
     goals = problem.joints0 + np.array([[0.3, 0.0, 0.0], [0.0, 0.4, 0.0], [0.0, 0.4, 0.01], [0.0, 0.0, 0.5]])
-    motions = Candidates.start(model, straight_moves(problem, model.spline, goals), EARLY_STAGES[0].weights)
+    motions = Candidates.start(model, straight_moves(problem, model.spline, goals), LAST_WEIGHTS)
     motions.at.merit[:] = [1.0, 1.1, 1.2, 1.3]
     motions.at.objective[:] = 0.0
     motions.at.limit_share[:] = motions.at.blocked_share[:] = 0.0

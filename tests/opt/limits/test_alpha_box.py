@@ -14,10 +14,10 @@ from step_parts import StepJoints, make_stepper
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.alpha_box import AlphaBox, alpha_box_rows
+from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.step.march import march
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.base_motion import advance
@@ -50,8 +50,8 @@ def test_alpha_stays_in_the_box_and_leaves_it_without(fast: ffsms.SpaceManipulat
 
 
 def test_slow_rates_meet_rows_that_never_give_way(planar: ffsms.SpaceManipulator) -> None:
-    step = step_state(planar, planar.configuration([0.4, 0.7, -0.5]), np.full(3, 0.3), 0.01, 5.0)
-    rows = alpha_box_rows(step)
+    step = StepState(planar, planar.configuration([0.4, 0.7, -0.5]), np.full(3, 0.3), 0.01, 5.0)
+    rows = AlphaBox().rows(step)
     np.testing.assert_array_equal(rows.G, step.V.T)
     assert rows.give == 0.0
     assert (rows.lower == -1.0).all()
@@ -61,16 +61,16 @@ def test_slow_rates_meet_rows_that_never_give_way(planar: ffsms.SpaceManipulator
 def test_where_the_box_cannot_be_kept_the_step_says_so(fast: ffsms.SpaceManipulator) -> None:
     """Rates of twice the box: with enough acceleration they are back in one step, with little not."""
     q = fast.configuration([0.4, 0.7, -0.5])
-    step = step_state(fast, q, np.zeros(3), 0.01, 5.0)
+    step = StepState(fast, q, np.zeros(3), 0.01, 5.0)
     rates = 2.0 * step.V[:, 0]
-    assert alpha_box_rows(step_state(fast, q, rates, 0.01, 5.0)).give == 0.0
+    assert AlphaBox().rows(StepState(fast, q, rates, 0.01, 5.0)).give == 0.0
     back = make_stepper(fast).step(q, rates, TARGET, 5.0)
     assert back.solved
     assert np.abs(back.alpha).max() <= 1.0 + 1e-9
     assert back.slack < 1e-9
 
     slow = fast.with_limits(replace(fast.limits, acceleration=np.full(3, 10.0)))
-    assert alpha_box_rows(step_state(slow, q, rates, 0.01, 5.0)).give > 0.0
+    assert AlphaBox().rows(StepState(slow, q, rates, 0.01, 5.0)).give > 0.0
     step_ = make_stepper(slow, collision="off").step(q, rates, TARGET, 5.0)
     assert step_.solved
     assert np.abs(step_.alpha).max() > 1.5

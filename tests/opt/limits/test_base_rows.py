@@ -11,8 +11,8 @@ from step_parts import make_stepper, marched
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.step.braking import stoppable
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.march import stoppable
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.base_motion import roll_out
 
 
@@ -69,7 +69,7 @@ def test_rows_are_the_rate_of_the_distance(
 
     for _ in range(4):
         rates = rng.normal(size=7)
-        step = step_state(panda, q[-1], rates, 1e-9, 1.0, base_start=start[:7])
+        step = StepState(panda, q[-1], rates, 1e-9, 1.0, base_start=start[:7])
         rows = opt.BaseLimits(**{kind: 0.5}).rows(step)
         assert rows is not None
         ahead, _ = roll_out(panda, q[-1], rates, np.zeros((1, 7)), h)
@@ -84,20 +84,20 @@ def test_the_spin_of_momentum_counts(planar: ffsms.SpaceManipulator) -> None:
     """A base that turns by itself leaves less to the arm on one side, and more on the other."""
     q, limits = planar.configuration([0.3, 0.6, 0.5]), opt.BaseLimits(attitude_rate=0.05)
     momentum = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
-    own = step_state(planar, q, np.zeros(3), 0.01, 1.0, momentum).drift[5]
-    turning = limits.rows(step_state(planar, q, np.zeros(3), 0.01, 1.0, momentum))
+    own = StepState(planar, q, np.zeros(3), 0.01, 1.0, momentum).drift[5]
+    turning = limits.rows(StepState(planar, q, np.zeros(3), 0.01, 1.0, momentum))
     assert turning is not None
     np.testing.assert_allclose(turning.lower, [own - 0.97 * 0.05], atol=1e-12)
     # Without momentum the same turn of the base, by the joints alone, leaves as much.
-    still = step_state(planar, q, np.zeros(3), 0.01, 1.0)
+    still = StepState(planar, q, np.zeros(3), 0.01, 1.0)
     rates = own * np.linalg.pinv(still.reaction[5:6])[:, 0]
-    rows = limits.rows(step_state(planar, q, rates, 0.01, 1.0))
+    rows = limits.rows(StepState(planar, q, rates, 0.01, 1.0))
     assert rows is not None
     np.testing.assert_allclose(rows.G @ rates - rows.lower, 0.97 * 0.05 - own, atol=1e-12)
 
 
 def test_without_limits_there_are_no_rows(planar: ffsms.SpaceManipulator) -> None:
-    step = step_state(planar, planar.configuration([0.3, 0.6, 0.5]), np.zeros(3), 0.01, 1.0)
+    step = StepState(planar, planar.configuration([0.3, 0.6, 0.5]), np.zeros(3), 0.01, 1.0)
     assert opt.BaseLimits().rows(step) is None
 
 
@@ -105,7 +105,7 @@ def test_rates_from_which_the_arm_cannot_stop_in_time_are_not_taken(
     panda: ffsms.SpaceManipulator, start: FloatArray
 ) -> None:
     rates = 0.2 * np.ones(7)
-    step = step_state(panda, start, rates, 0.02, 2.0)
+    step = StepState(panda, start, rates, 0.02, 2.0)
     slow, fast = 0.98 * rates, 1.02 * rates
     wide, narrow = opt.BaseLimits(attitude=0.5), opt.BaseLimits(attitude=1e-3)
     for limits, taken in ((wide, fast), (narrow, slow)):

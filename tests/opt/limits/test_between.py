@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from meshes import ARMS, Meshes, places
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.clearance.between import along
-from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
-from ffsms_pin.opt.limits.clearance.poses import Poses
-from ffsms_pin.opt.motion.residual import Indices
+from ffsms_pin.opt.limits.clearance.between import least_of
+from ffsms_pin.opt.limits.clearance.bodies import BodyStack
+from ffsms_pin.opt.limits.clearance.distances import Entries, Nearest, Poses
+from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.trajectory import measure
 
 
@@ -25,33 +26,42 @@ def test_no_distance_changes_faster_than_its_bound(robot: ffsms.SpaceManipulator
     stack = BodyStack(robot, "hulls", 0.01)
     rng, q = np.random.default_rng(4), places(robot, 60, 4)
     change = rng.uniform(-0.2, 0.2, q.shape)
-    before, after = (stack.values(Poses.at(stack.arm, place)) for place in (q, q + change))
+    before, after = (stack.values(Poses.of(place)) for place in (q, q + change))
     bound = stack.reaches @ np.abs(change)
     assert (np.abs(after - before) <= bound + 1e-6).all()
     assert (stack.reaches[stack.reaches > 0.0] < 3.0).all()
 
 
+class Counted(BodyStack):
+    """Counts what is measured."""
+
+    asked = 0
+
+    def nearest(self, poses: Poses, where: Entries, near: Any = np.inf) -> Nearest:
+        self.asked += len(where[0])
+        return super().nearest(poses, where, near)
+
+
 def test_little_is_measured_along_a_motion_and_nothing_is_lost(robot: ffsms.SpaceManipulator) -> None:
     """Distances at some instants and how fast they can change tell where the others are measured."""
     start, end = places(robot, 2, 7).T
-    share = np.linspace(0.0, 1.0, 200)
-    q = start[:, None] + share * (end - start)[:, None]
-    stack = BodyStack(robot, "hulls", 0.01)
-    change = np.tile(stack.reaches @ np.abs(end - start)[:, None] / 199.0, (1, 199))
-    poses, asked = Poses.at(stack.arm, q), 0
-
-    def measure(pair: Indices, k: Indices, near: FloatArray) -> FloatArray:
-        nonlocal asked
-        asked += len(k)
-        return stack.nearest(poses, (pair, k), near).distance
-
-    near = 0.03
-    found, exact = along(change, near, measure), stack.values(poses)
-    below = exact < near
-    assert 0 < below.sum() < asked < 0.5 * exact.size
-    np.testing.assert_allclose(found[below], exact[below], atol=1e-9)
-    assert (found[~below] >= near - 1e-9).all()
-    assert (found <= exact + 1e-9).all()
+    problem = opt.Problem(robot, robot.configuration(start), np.ones(3), 2.0, 0.01, limits=[])
+    rates = np.tile((end - start) / 2.0, (201, 1))
+    motion = rolled_out(robot, problem.stack, problem.q0, rates, 0.01, problem.momentum, 0.9)
+    stack, binding = BodyStack(robot, "hulls", 0.01), 0.02
+    exact = stack.values(stack.seen(motion))
+    least = float(exact.min())
+    for clearance in (least - 0.01, least + 1e-3, least + 0.03):
+        counted = Counted(robot, "hulls", 0.01)
+        counted.asked = 0
+        found = least_of(counted, motion, clearance, binding)
+        assert 0 < counted.asked < 0.5 * exact.size
+        np.testing.assert_array_equal(found.near, motion.times[(exact < clearance + binding).any(axis=0)])
+        if clearance > least:
+            shapes = stack.refined(
+                stack.seen(motion), np.nonzero(exact < clearance), exact[exact < clearance]
+            )
+            assert found.value == pytest.approx(float(shapes.min()), abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -65,8 +75,8 @@ def test_between_two_instants(name: str) -> None:
         ends = places(sms, 2, int(rng.integers(1 << 30)))
         path = ends[:, :1] + np.linspace(0.0, 1.0, 41) * (ends[:, 1:] - ends[:, :1])
         watched = path[:, [0, 20, 40]]
-        if stack.values(Poses.at(stack.arm, watched), 0.02).min() > 0.012:
-            least = stack.values(Poses.at(stack.arm, path), 0.02).min()
+        if stack.values(Poses.of(watched), 0.02).min() > 0.012:
+            least = stack.values(Poses.of(path), 0.02).min()
             if least < -0.01:
                 break
     assert least < -0.01
@@ -86,12 +96,12 @@ def test_plans_do_not_penetrate(name: str, turn: float) -> None:
     sms, rng = ffsms.load(name), np.random.default_rng(7)
     stack, meshes = BodyStack(sms, "hulls", 0.01), Meshes(sms)
     drawn = places(sms, 200, 8)
-    start = drawn[:, stack.values(Poses.at(stack.arm, drawn), 0.05).min(axis=0) >= 0.015][:, 0]
+    start = drawn[:, stack.values(Poses.of(drawn), 0.05).min(axis=0) >= 0.015][:, 0]
     clear = 0
     for _ in range(100):
         goal = (start + rng.uniform(-turn, turn, sms.n))[:, None]
         inside = (goal[:, 0] > sms.limits.lower).all() and (goal[:, 0] < sms.limits.upper).all()
-        if not inside or stack.values(Poses.at(stack.arm, goal), 0.05).min() < 0.015:
+        if not inside or stack.values(Poses.of(goal), 0.05).min() < 0.015:
             continue
         q0 = sms.configuration(start)
         target = sms.at(sms.configuration(goal[:, 0])).end_effector_pose.translation

@@ -13,9 +13,8 @@ from meshes import ARMS, Meshes, places
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.clearance.bodies import body_pairs, chosen_mode
-from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
-from ffsms_pin.opt.limits.clearance.poses import Poses
+from ffsms_pin.opt.limits.clearance.bodies import BodyStack, body_pairs, chosen_mode
+from ffsms_pin.opt.limits.clearance.distances import Poses
 
 
 @pytest.fixture(scope="module", params=ARMS)
@@ -26,7 +25,7 @@ def robot(request: pytest.FixtureRequest) -> ffsms.SpaceManipulator:
 def test_parts_are_never_further_apart_than_shapes(robot: ffsms.SpaceManipulator) -> None:
     stack, meshes = BodyStack(robot, "hulls", 0.01), Meshes(robot)
     q = places(robot, 12, 1)
-    values = stack.values(Poses.at(stack.arm, q))
+    values = stack.values(Poses.of(q))
     exact = np.array([meshes.distances(robot.configuration(row), stack.names) for row in q.T]).T
     apart = exact > 0.0
     assert (values <= exact + 1e-6)[apart].all()
@@ -37,7 +36,7 @@ def test_parts_are_never_further_apart_than_shapes(robot: ffsms.SpaceManipulator
 
 def test_screening_loses_nothing(robot: ffsms.SpaceManipulator) -> None:
     stack, q = BodyStack(robot, "hulls", 0.01), places(robot, 40, 2)
-    screened = stack.values(Poses.at(stack.arm, q), 0.05)
+    screened = stack.values(Poses.of(q), 0.05)
     # Brute force: every pair of parts of every pair of bodies by coal, placed by Pinocchio.
     model, data, parts = robot.model, robot.model.createData(), robot.convex_parts()
     pairs, request = body_pairs(robot, [part.body for part in parts]), coal.DistanceRequest()
@@ -67,10 +66,10 @@ def test_screening_loses_nothing(robot: ffsms.SpaceManipulator) -> None:
 @pytest.mark.parametrize("mode", ["hulls", "shapes"])
 def test_what_is_near_is_found_with_its_slopes(robot: ffsms.SpaceManipulator, mode: str) -> None:
     stack, near = BodyStack(robot, mode, 0.01), 0.03
-    poses = Poses.at(stack.arm, places(robot, 20, 4))
+    poses = Poses.of(places(robot, 20, 4))
     everywhere = stack.values(poses)
     where, nearest = stack.below(poses, np.full(len(stack.names), near))
-    value, slopes = nearest.distance, stack.gradients(poses, where, nearest)
+    value, slopes = nearest.distance, stack.slopes(poses, where, nearest)[0]
     assert value.size > 5
     # The same entries, in another order, and nothing else.
     found = np.zeros(everywhere.shape, dtype=bool)
@@ -79,14 +78,14 @@ def test_what_is_near_is_found_with_its_slopes(robot: ffsms.SpaceManipulator, mo
     apart = value > 0.0  # how deep meshes overlap depends on which triangles are looked at
     np.testing.assert_allclose(value[apart], everywhere[where][apart], atol=1e-9)
     at = where[0][apart], where[1][apart]
-    alone = stack.gradients(poses, at, stack.nearest(poses, at))
+    alone = stack.slopes(poses, at, stack.nearest(poses, at))[0]
     np.testing.assert_allclose(slopes[:, apart], alone, atol=1e-4)
 
 
 def test_shapes_that_are_screened_are_measured_as_by_pinocchio(robot: ffsms.SpaceManipulator) -> None:
     stack, meshes, near = BodyStack(robot, "shapes", 0.01), Meshes(robot), 0.05
     q = places(robot, 12, 5)
-    values = stack.values(Poses.at(stack.arm, q), near)
+    values = stack.values(Poses.of(q), near)
     exact = np.array([meshes.distances(robot.configuration(row), stack.names) for row in q.T]).T
     close = exact < near - 1e-6
     assert close.sum() > 5
@@ -99,18 +98,18 @@ def test_shapes_that_are_screened_are_measured_as_by_pinocchio(robot: ffsms.Spac
 def test_gradients(robot: ffsms.SpaceManipulator) -> None:
     stack, h = BodyStack(robot, "hulls", 0.01), 1e-5
     q = places(robot, 12, 3)
-    poses = Poses.at(stack.arm, q)
+    poses = Poses.of(q)
     values = stack.values(poses)
     where = np.nonzero((values > 1e-3) & (values < 0.3))
     assert where[0].size > 20
-    slopes = stack.gradients(poses, where, stack.nearest(poses, where))
+    slopes = stack.slopes(poses, where, stack.nearest(poses, where))[0]
     wrong = np.zeros(slopes.shape)
     for j in range(robot.n):
         ends = []
         for change in (h, -h):
             moved = q.copy()
             moved[j] += change
-            ends.append(stack.values(Poses.at(stack.arm, moved))[where])
+            ends.append(stack.values(Poses.of(moved))[where])
         wrong[j] = np.abs((ends[0] - ends[1]) / (2.0 * h) - slopes[j])
     # Where nearest points jump, between faces or parts, a distance has a kink.
     assert np.mean(wrong.max(axis=0) < 1e-3) > 0.9
@@ -134,11 +133,11 @@ def test_rows_leave_out_only_what_cannot_bind(robot: ffsms.SpaceManipulator) -> 
 def test_one_configuration_is_measured_as_a_stack_of_them(robot: ffsms.SpaceManipulator, mode: str) -> None:
     """To the bit, wherever the base is."""
     stack, joints, base = BodyStack(robot, mode, 0.01), places(robot, 8, 9), pin.SE3.Random()
-    poses = Poses.at(stack.arm, joints)
+    poses = Poses.of(joints)
     every = stack.every(poses)
     nearest = stack.nearest(poses, every)
     shape = len(joints.T), len(stack.names)
-    slopes = stack.gradients(poses, every, nearest).reshape(-1, *shape)
+    slopes = stack.slopes(poses, every, nearest)[0].reshape(-1, *shape)
     for k, row in enumerate(joints.T):
         value, gradient = At(stack).gradients(robot.configuration(row, base))
         np.testing.assert_allclose(value, nearest.distance.reshape(shape)[k], rtol=0.0, atol=1e-14)
@@ -177,5 +176,5 @@ def test_robots_of_other_masses_share_what_was_made_of_the_shapes(robot: ffsms.S
     assert replace(limit, collision="points").for_robot(robot)._stack is not limit._stack
     joints, kept = places(robot, 3, 5), limit._stack
     assert kept is not None
-    poses = Poses.at(kept.arm, joints)
+    poses = Poses.of(joints)
     np.testing.assert_array_equal(kept.values(poses), BodyStack(heavier, "hulls", 0.01).values(poses))

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 from clearances_at import Points
 from horizon_parts import planar_problem
@@ -11,9 +15,11 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
-from ffsms_pin.opt.limits.clearance.poses import Poses
+from ffsms_pin.opt.limits.clearance.distances import Poses
 from ffsms_pin.opt.limits.limit import tightened
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
 
 
@@ -22,16 +28,16 @@ def test_stacked_clearances(planar: ffsms.SpaceManipulator, collision: str) -> N
     stack = clearance_stack(planar, collision)
     assert stack is not None
     joints, h = np.array([[0.9, 1.6, 1.3], [-0.4, -2.1, -0.6]]).T, 1e-6
-    poses = Poses.at(stack.arm, joints)
+    poses = Poses.of(joints)
     values, every = stack.values(poses), stack.every(poses)
     if collision == "points":
         for k in range(2):
             expected = Points(planar).values(planar.configuration(joints[:, k]))
             np.testing.assert_allclose(values[:, k], expected, atol=1e-12)
-    gradients = stack.gradients(poses, every, stack.nearest(poses, every))
+    gradients = stack.slopes(poses, every, stack.nearest(poses, every))[0]
     for j in range(3):
         ahead, behind = joints + h * np.eye(3)[:, [j]], joints - h * np.eye(3)[:, [j]]
-        slope = stack.values(Poses.at(stack.arm, ahead)) - stack.values(Poses.at(stack.arm, behind))
+        slope = stack.values(Poses.of(ahead)) - stack.values(Poses.of(behind))
         np.testing.assert_allclose(gradients[j], slope[every] / (2.0 * h), atol=1e-5)
 
 
@@ -71,10 +77,67 @@ def test_what_is_broken_is_told_with_place_time_and_size(planar: ffsms.SpaceMani
 
 
 def test_a_tightened_clearance_is_greater_by_that(planar: ffsms.SpaceManipulator) -> None:
-    step = step_state(planar, planar.configuration([1.0, 1.9, 1.4]), np.zeros(3), 0.01, 1.0)
+    step = StepState(planar, planar.configuration([1.0, 1.9, 1.4]), np.zeros(3), 0.01, 1.0)
     tight = tightened(opt.Clearance(0.02), 0.01)
     assert tight.reserve == pytest.approx(0.01)
     rows, wider = (one.for_robot(planar).rows(step) for one in (tight, opt.Clearance(0.03)))
     assert rows is not None
     assert wider is not None
     np.testing.assert_allclose(rows.lower, wider.lower, atol=1e-12)
+
+
+class Formula(opt.Inequality):
+    """The clearance's formula alone, and all that follows from it."""
+
+    name = "formula"
+
+    def __init__(self, limit: opt.Clearance) -> None:
+        self.limit = limit
+
+    def room(self, m: opt.Features) -> Any:
+        return self.limit.room(m)
+
+
+@pytest.mark.parametrize("case", ["points", "hulls", "obstacles"])
+def test_rows_and_residual_are_those_that_follow_from_room(case: str) -> None:
+    """They are worked out of what is near alone; what `opt.Inequality` makes of `room` is the same."""
+    sms = ffsms.load("planar_3r" if case == "points" else "satellite_panda")
+    client = ffsms.Client(50.0, np.eye(3), pin.SE3.Identity(), np.array([0.02, 0.1, -0.05, 0.1, 0.2, 0.3]))
+    balls = [
+        opt.Obstacle(coal.Sphere(0.1), pin.SE3(np.eye(3), np.array([0.6, 0.4, 0.5]))),
+        opt.Obstacle(coal.Box(0.1, 0.2, 0.3), pin.SE3(np.eye(3), np.array([0.2, 0.9, 0.3])), client),
+        opt.Obstacle(coal.Sphere(0.1), pin.SE3(np.eye(3), np.array([0.3, -0.5, 0.6])), "base"),
+    ]
+    obstacles, mode = (balls, "off") if case == "obstacles" else ([], case)
+    limit = opt.Clearance(0.1, mode, margin=0.3, obstacles=obstacles).for_robot(sms)
+    rng, limits = np.random.default_rng(3), sms.limits
+    low, high = np.maximum(limits.lower, -2.0), np.minimum(limits.upper, 2.0)
+    checked = 0
+    for _ in range(4):
+        q0 = sms.configuration(rng.uniform(low, high))
+        state = StepState(sms, q0, rng.uniform(-0.2, 0.2, sms.n), 0.01, 5.0)
+        rows, expected = limit.rows(state), Formula(limit).rows(state)
+        assert rows is not None
+        assert expected is not None
+        near = np.abs(rows.G).any(axis=1)
+        np.testing.assert_allclose(rows.G[near], expected.G[near], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(rows.lower[near], expected.lower[near], rtol=0.0, atol=1e-9)
+        problem = opt.Problem(sms, q0, np.ones(3), 1.0, 0.25, limits=[limit])
+        rates = rng.uniform(-0.3, 0.3, (5, sms.n))
+        motion = rolled_out(sms, problem.stack, q0, rates, 0.25, problem.momentum, 0.9)
+        m = Features(motion)
+        least = 0.1 + limit.margin * motion.stack.length
+        for stack, room in zip(limit._stacks, limit.room(m), strict=True):
+            kept = np.minimum(least, 0.5 * (0.1 + stack.largest)) - 0.1
+            lack: Any = (kept[:, None, None] - room) / motion.stack.length
+            for one in limit._lack(stack, motion):
+                assert isinstance(one, opt.Residual)
+                pairs, at = np.nonzero(lack.value[:, 0] > 0.0)
+                order = np.lexsort((pairs, at))
+                where = pairs[order], at[order]
+                np.testing.assert_allclose(one.value, lack.value[:, 0][where], rtol=0.0, atol=1e-12)
+                for name, slope in one.slopes().items():
+                    dense = np.moveaxis(lack.slopes[name][:, :, 0], 1, 0)
+                    np.testing.assert_allclose(slope, dense[:, where[0], where[1]], rtol=0.0, atol=1e-9)
+                checked += one.value.size
+    assert checked > 5

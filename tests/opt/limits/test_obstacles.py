@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from by_coal import GOAL, START, ByCoal
+from clearances_at import least_clearance
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
@@ -68,7 +69,7 @@ def test_distances_are_those_of_coal(rng: np.random.Generator) -> None:
     problem = opt.Problem(sms, q0, sms.at(q0).end_effector_pose.translation, 4.0, 0.5, limits=[limit])
     rates = 0.2 * rng.normal(size=(9, sms.n))
     motion = motion_of(problem, rates)
-    least, pair = limit.least(motion)
+    least, pair = least_clearance(limit, motion)
     plan = measure(problem, rates)
     nodes = min(by_coal(q, box.shape, pose) for q in plan.q) - 0.02
     assert least <= nodes + 1e-6
@@ -97,7 +98,7 @@ def test_what_happens_between_instants_is_seen(planar: ffsms.SpaceManipulator) -
     assert min(instants) > 0.012
     assert by_coal(plan.q[2], shape, at) < 0.005
     limit = opt.Clearance(0.01, "off", obstacles=[opt.Obstacle(shape, at)]).for_robot(planar)
-    assert limit.least(motion)[0] > 0.01
+    assert least_clearance(limit, motion)[0] > 0.01
     found = limit.violation(motion)
     assert found.amount > 0.004
     assert "sphere 1" in found.note

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.rate_bounds import rate_bounds
+from ffsms_pin.opt.step.state import rate_bounds
 from ffsms_pin.system import JointLimits
 
 LIMITS = JointLimits(

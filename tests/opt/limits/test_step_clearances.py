@@ -14,11 +14,11 @@ from clearances_at import At, Points
 from motions import random_pose
 
 import ffsms_pin as ffsms
+from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
-from ffsms_pin.opt.limits.clearance.rows import clearance_rows
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
 
 
 @pytest.fixture(scope="module")
@@ -156,8 +156,9 @@ def test_rows_let_a_clearance_shrink_by_a_share_of_what_is_left(panda: ffsms.Spa
     q = panda.configuration(0.5 * (panda.limits.lower + panda.limits.upper))
     points = Points(panda)
     value, gradient = points.gradients(q)
-    rows = clearance_rows(points.stack, 0.01, step_state(panda, q, np.zeros(7), 0.01, 5.0))
-    # Of one configuration the kernel says them, of stacks numpy: two routes.
+    limit = opt.Clearance(0.01, "points").for_robot(panda)
+    rows = limit.rows(StepState(panda, q, np.zeros(7), 0.01, 5.0))
+    assert rows is not None
     np.testing.assert_allclose(rows.G, gradient, rtol=0.0, atol=1e-14)
     np.testing.assert_allclose(rows.lower, -2.0 * (value - 0.012), rtol=0.0, atol=1e-14)
     assert (rows.upper >= 1e20).all()

@@ -107,12 +107,3 @@ def test_weights_integrate_and_the_last_tenth_is_late(
         assert motion.times**power @ motion.weights == pytest.approx(expected, rel=1e-12)
     np.testing.assert_allclose(motion.times[motion.last_tenth[0]], 0.9 * T)
     assert motion.last_tenth[-1] == motion.last
-
-
-def test_motions_are_taken_by_their_index(planar: ffsms.SpaceManipulator, rng: np.random.Generator) -> None:
-    _, _, one = rolled(planar, rng, None)
-    both = one.take(np.array([0, 0]))
-    assert both.count == 2
-    np.testing.assert_array_equal(both.end_effector[:, 1], one.end_effector[:, 0])
-    np.testing.assert_array_equal(both.velocity[:, 1], one.velocity[:, 0])
-    np.testing.assert_array_equal(both.arm.coupling[:, :, 1], one.arm.coupling[:, :, 0])

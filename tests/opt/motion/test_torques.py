@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.motion.torques import joint_torques, torque_slopes
+from ffsms_pin.opt.motion.actuated import force_slopes, forces
 from ffsms_pin.system.base_reaction import MODES, mode_reaction
 from ffsms_pin.system.batch.arm import ArmStack
 
@@ -34,7 +34,7 @@ def test_the_forward_dynamics_give_the_accelerations_back(robot: str, rng: np.ra
         momentum = rng.uniform(-1.0, 1.0, 6) * (i > 0)
         start.append((q, sms.velocity(q, rates[:, i], momentum)))
         own[:, i] = arm.inverse[..., i] @ turn.T @ momentum[3:]
-    torques = joint_torques(stack, joints, rates, accelerations, own)
+    torques = forces(stack, joints, rates, accelerations, own)[:-6]
     for i, (q, v) in enumerate(start):
         found = pin.aba(model, data, q, v, np.concatenate([np.zeros(6), torques[:, i]]))
         np.testing.assert_allclose(found[6:], accelerations[:, i], rtol=0.0, atol=1e-8)
@@ -47,7 +47,7 @@ def test_torques_are_what_inverse_dynamics_say(robot: str, mode: str, rng: np.ra
     sms = ffsms.load(robot)
     model, data, stack = sms.model, sms.model.createData(), ArmStack(sms, mode)
     joints, rates, accelerations = drawn(sms, rng, 3)
-    torques = joint_torques(stack, joints, rates, accelerations, np.zeros((3, 3)))
+    torques = forces(stack, joints, rates, accelerations)[:-6]
     h = 1e-6
     for i in range(3):
         q = sms.configuration(joints[:, i])
@@ -81,8 +81,8 @@ def test_at_rest_and_without_acceleration_the_parts_are_the_states_own(
     q = sms.configuration(joints[:, 0])
     state = sms.at(q, sms.velocity(q, rates[:, 0]))
     still, own = np.zeros_like(rates), np.zeros((3, 1))
-    bias = joint_torques(stack, joints, rates, still, own)[:, 0]
-    pushed = joint_torques(stack, joints, still, accelerations, own)[:, 0]
+    bias = forces(stack, joints, rates, still, own)[:-6, 0]
+    pushed = forces(stack, joints, still, accelerations, own)[:-6, 0]
     np.testing.assert_allclose(bias, state.C_q, rtol=0.0, atol=1e-10 * np.abs(state.C_q).max())
     wanted = state.H_q @ accelerations[:, 0]
     np.testing.assert_allclose(pushed, wanted, rtol=0.0, atol=1e-10 * np.abs(wanted).max())
@@ -97,9 +97,9 @@ def test_slopes_against_differences(robot: str, mode: str, rng: np.random.Genera
     own = 0.1 * rng.normal(size=(3, 3)) * (mode == "floating")
 
     def at(joints: Any, rates: Any, accelerations: Any) -> Any:
-        return joint_torques(stack, joints, rates, accelerations, own)
+        return forces(stack, joints, rates, accelerations, own)
 
-    slopes = torque_slopes(stack, values[0], values[1], values[2], own)
+    slopes = force_slopes(stack, values[0], values[1], values[2], own)
     for kind, slope in enumerate(slopes):
         for k in range(sms.n):
             step = np.zeros((sms.n, 1))

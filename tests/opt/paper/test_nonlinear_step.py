@@ -14,7 +14,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.step.march import march
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.base_motion import roll_out
 
 TARGET = np.array([0.45, 0.75, 0.0])
@@ -52,7 +52,7 @@ def test_alpha_is_within_its_box_as_printed(planar: ffsms.SpaceManipulator) -> N
 def test_the_slope_of_the_cost_is_that_of_finite_differences(planar: ffsms.SpaceManipulator) -> None:
     rng, h = np.random.default_rng(0), 1e-6
     stepper = NonlinearStepper(planar, 0.01, 10.0, [])
-    step = step_state(planar, planar.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.01, 5.0)
+    step = StepState(planar, planar.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.01, 5.0)
     A, towards = step.J_star[:3] @ step.V, np.array([0.6, 0.8, 0.0])
     for _ in range(5):
         alpha = rng.normal(size=3)

@@ -14,8 +14,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import SimulationStopped
-from ffsms_pin.opt.step.result import Step
-from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.simulation import JointFault, Sensors, Watchdog, perturb, random_plants, simulate
 
 Array = NDArray[np.float64]

@@ -9,38 +9,37 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.step.direction import (
+from ffsms_pin.opt.step.reference import (
     ARRIVAL_POWER,
-    cone_direction,
-    lateral_direction,
+    REFERENCES,
     reference_speed,
     wanted_motion,
     wanted_spin,
 )
-from ffsms_pin.opt.step.references import REFERENCES
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-1.0, 1.0))
-def test_cone_direction_has_the_asked_angle_and_side(seed: int, cosine: float) -> None:
-    rng = np.random.default_rng(seed)
-    towards, hint = rng.normal(size=3), rng.normal(size=3)
-    towards /= np.linalg.norm(towards)
-    lateral = lateral_direction(towards, hint)
+def test_the_direction_has_the_asked_angle_and_side(seed: int, cosine: float) -> None:
+    rng, sms = np.random.default_rng(seed), ffsms.load("planar_3r")
+    way, hint = rng.normal(size=3), rng.normal(size=3)
+    towards = way / np.linalg.norm(way)
+    step = StepState(sms, sms.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.01, 5.0)
+    wanted = wanted_motion(step, step.pose.translation + way, cosine, hint)
     across = hint - (hint @ towards) * towards
-    np.testing.assert_allclose(lateral, across / np.linalg.norm(across), atol=1e-12)
-    e = cone_direction(towards, lateral, cosine)
-    assert np.linalg.norm(e) == pytest.approx(1.0)
-    assert e @ towards == pytest.approx(cosine, abs=1e-12)
-    assert lateral @ hint >= 0.0
+    np.testing.assert_allclose(wanted.side, across / np.linalg.norm(across), atol=1e-12)
+    assert np.linalg.norm(wanted.direction) == pytest.approx(1.0)
+    assert wanted.direction @ towards == pytest.approx(cosine, abs=1e-12)
+    assert wanted.side @ hint >= 0.0
 
 
-def test_lateral_direction_exists_where_the_hint_gives_none() -> None:
+def test_a_side_exists_where_the_hint_gives_none(planar: ffsms.SpaceManipulator) -> None:
     towards = np.array([0.0, 0.0, 1.0])
+    step = StepState(planar, planar.configuration([0.4, 0.7, -0.5]), np.zeros(3), 0.01, 5.0)
     for hint in (np.zeros(3), 5.0 * towards):
-        lateral = lateral_direction(towards, hint)
-        assert np.linalg.norm(lateral) == pytest.approx(1.0)
-        assert abs(lateral @ towards) < 1e-12
+        side = wanted_motion(step, step.pose.translation + towards, 0.6, hint).side
+        assert np.linalg.norm(side) == pytest.approx(1.0)
+        assert abs(side @ towards) < 1e-12
 
 
 def test_the_schedule_brings_the_path_to_an_end_at_the_deadline() -> None:
@@ -57,7 +56,7 @@ def test_the_schedule_brings_the_path_to_an_end_at_the_deadline() -> None:
 
 def test_the_side_is_given_and_comes_back(planar: ffsms.SpaceManipulator) -> None:
     q, target = planar.configuration([0.4, 0.7, -0.5]), np.array([0.45, 0.75, 0.0])
-    step = step_state(planar, q, np.array([0.1, -0.2, 0.1]), 0.01, 5.0)
+    step = StepState(planar, q, np.array([0.1, -0.2, 0.1]), 0.01, 5.0)
     towards = target - step.pose.translation
     towards /= np.linalg.norm(towards)
     moving = wanted_motion(step, target, 0.6, np.zeros(3))
@@ -77,7 +76,7 @@ def test_the_side_is_given_and_comes_back(planar: ffsms.SpaceManipulator) -> Non
 
 def test_no_more_speed_is_asked_than_the_joints_can_add(planar: ffsms.SpaceManipulator) -> None:
     q, target = planar.configuration([0.4, 0.7, -0.5]), np.array([0.45, 0.75, 0.0])
-    step = step_state(planar, q, np.zeros(3), 0.01, 0.5)
+    step = StepState(planar, q, np.zeros(3), 0.01, 0.5)
     wanted = wanted_motion(step, target, 1.0, np.zeros(3))
     most = 0.01 * np.abs(wanted.direction @ step.J_star[:3]) @ planar.limits.acceleration
     assert wanted.speed == pytest.approx(most)
@@ -86,7 +85,7 @@ def test_no_more_speed_is_asked_than_the_joints_can_add(planar: ffsms.SpaceManip
 def test_the_spin_turns_towards_the_attitude() -> None:
     sms = ffsms.load("satellite_xarm7")
     q = sms.configuration([0.2, -0.5, 0.3, 1.2, 0.2, 0.9, 0.1])
-    step = step_state(sms, q, np.zeros(7), 0.01, 5.0)
+    step = StepState(sms, q, np.zeros(7), 0.01, 5.0)
     turn = np.array([0.1, -0.2, 0.3])
     spin = wanted_spin(step, pin.exp3(turn) @ step.pose.rotation)
     np.testing.assert_allclose(spin / np.linalg.norm(spin), turn / np.linalg.norm(turn), atol=1e-9)
@@ -97,7 +96,7 @@ def test_prices_of_the_references() -> None:
     """From the state's own matrices, up to scale."""
     sms = ffsms.load("satellite_xarm7")
     q = sms.configuration([0.2, -0.5, 0.3, 1.2, 0.2, 0.9, 0.1])
-    step, state = step_state(sms, q, np.zeros(7), 0.01, 5.0), sms.at(q)
+    step, state = StepState(sms, q, np.zeros(7), 0.01, 5.0), sms.at(q)
     prices = {"least-disturbance": state.C_bm[3:].T @ state.C_bm[3:], "minimum-effort": state.H_q}
     for name, price in prices.items():
         effort = REFERENCES[name].effort

@@ -8,10 +8,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from clearances_at import At, Points
-from step_parts import TARGET, StepClearance, make_stepper, marched, missed, path
+from step_parts import TARGET, make_stepper, marched, missed, path
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.step.march import start_sides
 
 
@@ -87,7 +88,7 @@ def test_clearances_are_kept_with_their_rows_and_lost_without(
     )
     start = planar.configuration(np.deg2rad(degrees))
     target = planar.at(start).base_pose.act(np.array(goal))
-    stack = StepClearance(0.01, mode).for_robot(planar)._model
+    stack = clearance_stack(planar, mode)
     assert stack is not None
     model = At(stack)
 

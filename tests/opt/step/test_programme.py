@@ -13,9 +13,8 @@ from step_parts import StepJoints, StepRows, make_stepper
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
-from ffsms_pin.opt.limits.step_state import StepState
-from ffsms_pin.opt.step.programme import Objective, build_step, stacked_rows
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.programme import programme_of
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.terms.term import Term
 
@@ -55,7 +54,7 @@ def test_rows_with_two_sides_give_way_on_each() -> None:
     soft = Rows(
         rng.normal(size=(3, 3)), np.array([-1.0, 0.2, -UNBOUNDED]), np.array([1.0, UNBOUNDED, 0.3]), 0.5
     )
-    problem = build_step(Objective(np.eye(5), np.zeros(5)), stacked_rows(V, [hard, soft]))
+    problem = programme_of((np.eye(5), np.zeros(5)), V, [hard, soft]).problem()
     for _ in range(50):
         alpha, slack = rng.normal(size=3), float(rng.uniform(0.0, 2.0))
         x = np.concatenate([alpha, [0.4], [slack]])
@@ -93,7 +92,7 @@ def test_terms_add_to_the_objective_as_they_say() -> None:
     with_, without = (
         Stepper(sms, 0.1, 10.0, [StepJoints()], terms) for terms in ([_Posture(1e-3, wished)], [])
     )
-    V = step_state(sms, q, rates, 0.1, 5.0).V
+    V = StepState(sms, q, rates, 0.1, 5.0).V
     problems = with_.build(q, rates, target, 5.0), without.build(q, rates, target, 5.0)
     x = rng.normal(size=9)
     u = V @ x[:7]
@@ -120,5 +119,5 @@ def test_a_limit_may_be_written_by_anyone(planar: ffsms.SpaceManipulator) -> Non
             step = stepper.step(q, rates, target, 4.0 - 0.01 * k)
             assert step.solved
             rates = step.joint_rates
-        falls = float(step_state(planar, q, rates, 0.01, 1.0).J_star[1] @ rates)
+        falls = float(StepState(planar, q, rates, 0.01, 1.0).J_star[1] @ rates)
         assert (falls >= -1e-9) == held

@@ -15,9 +15,9 @@ from motions import random_pose
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.wheel_rows import wheel_rows
+from ffsms_pin.opt.limits.motors import wheel_rows
 from ffsms_pin.opt.planning.plan import METHODS
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.base_motion import advance
 
@@ -51,7 +51,7 @@ def spatial(seed: int) -> tuple[ffsms.SpaceManipulator, FloatArray, FloatArray]:
 def test_the_state_is_that_of_the_mode(mode: str) -> None:
     for seed in range(4):
         sms, q, rates = spatial(seed)
-        step, expected = step_state(sms, q, rates, 0.01, 5.0, mode=mode), coupling_of(sms.at(q), mode)
+        step, expected = StepState(sms, q, rates, 0.01, 5.0, mode=mode), coupling_of(sms.at(q), mode)
         np.testing.assert_allclose(step.J_star, expected.J_star, atol=1e-12)
         assert step.entropy == pytest.approx(expected.entropy, abs=1e-12)
         # The base as it then moves: of the paper's twist nothing along what is held.
@@ -102,7 +102,7 @@ def test_rows_say_what_the_wheels_will_do(what: str) -> None:
     most = (np.abs(now) + 5e-4) / 0.92 if what == "momentum" else np.full(4, 0.5)
     limits: dict[str, Any] = {what: most}
     sms = bare.with_actuators(wheels=replace(ffsms.ReactionWheels(PYRAMID, 0.02), **limits))
-    rows = wheel_rows(step_state(sms, q, rates, dt, 5.0, mode=mode, wheel_total=total), 0.08)
+    rows = wheel_rows(StepState(sms, q, rates, dt, 5.0, mode=mode, wheel_total=total), 0.08)
     assert rows is not None
     for i, (row, lower, upper) in enumerate(zip(*rows[:3], strict=True)):
         # The wheels lose what the arm gets: the lower bound is that of the wheel's largest momentum.
@@ -122,7 +122,7 @@ def test_friction_counts_in_the_rows() -> None:
     total, limits = np.full(4, 0.3), []
     for friction in (0.0, 2e-3):
         sms = bare.with_actuators(wheels=ffsms.ReactionWheels(PYRAMID, 0.02, 0.5, friction=friction))
-        step = step_state(sms, q, rates, 1e-3, 5.0, mode="rotation-floating", wheel_total=total)
+        step = StepState(sms, q, rates, 1e-3, 5.0, mode="rotation-floating", wheel_total=total)
         rows = wheel_rows(step, 0.0)
         assert rows is not None
         limits.append((rows.lower, rows.upper))
@@ -137,7 +137,7 @@ def test_wheels_that_feel_the_same_share_a_row() -> None:
     # Far from the limits of the joints, which would widen the row.
     fast = np.full(3, 1e9)
     sms = sms.with_limits(replace(sms.limits, acceleration=fast, velocity=fast))
-    step = step_state(sms, start(sms), np.zeros(3), 0.01, 5.0, mode="rotation-floating")
+    step = StepState(sms, start(sms), np.zeros(3), 0.01, 5.0, mode="rotation-floating")
     rows = wheel_rows(step, 0.0)
     assert rows is not None
     assert rows.G.shape == (1, 3)
@@ -150,10 +150,10 @@ def test_wheels_that_feel_the_same_share_a_row() -> None:
 def test_no_rows_where_no_wheels_hold_the_attitude() -> None:
     sms = planar()
     for mode in ("floating", "rotation-flying"):
-        assert wheel_rows(step_state(sms, start(sms), np.zeros(3), 0.01, 5.0, mode=mode), 0.0) is None
+        assert wheel_rows(StepState(sms, start(sms), np.zeros(3), 0.01, 5.0, mode=mode), 0.0) is None
     bare = ffsms.load("planar_3r")
     assert (
-        wheel_rows(step_state(bare, start(bare), np.zeros(3), 0.01, 5.0, mode="rotation-floating"), 0.0)
+        wheel_rows(StepState(bare, start(bare), np.zeros(3), 0.01, 5.0, mode="rotation-floating"), 0.0)
         is None
     )
 

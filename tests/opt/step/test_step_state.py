@@ -8,7 +8,7 @@ import pytest
 from motions import random_pose
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState
 
 
 @pytest.mark.parametrize("name", ["planar_3r", "satellite_panda"])
@@ -17,7 +17,7 @@ def test_it_is_that_of_the_robot(name: str) -> None:
     for _ in range(5):
         joints = 0.5 * rng.uniform(sms.limits.lower, sms.limits.upper)
         q, rates = sms.configuration(joints, random_pose(rng)), rng.uniform(-0.3, 0.3, sms.n)
-        step, state = step_state(sms, q, rates, 0.01, 5.0), sms.at(q)
+        step, state = StepState(sms, q, rates, 0.01, 5.0), sms.at(q)
         np.testing.assert_allclose(step.J_star, state.J_star, atol=1e-12)
         np.testing.assert_allclose(step.J_arm, state.J_m, atol=1e-12)
         np.testing.assert_allclose(step.pose.homogeneous, state.end_effector_pose.homogeneous, atol=1e-12)
@@ -44,21 +44,21 @@ def test_drift(name: str) -> None:
         momentum[[2, 3, 4]] = 0.0
     base = random_pose(rng) if sms.n > 3 else None
     q = sms.configuration(rng.uniform(-0.5, 0.5, sms.n), base)
-    step = step_state(sms, q, np.zeros(sms.n), 0.01, 5.0, momentum)
+    step = StepState(sms, q, np.zeros(sms.n), 0.01, 5.0, momentum)
     v = sms.velocity(q, np.zeros(sms.n), momentum)
     np.testing.assert_allclose(step.drift, v[:6], rtol=1e-10, atol=1e-14)
     np.testing.assert_allclose(step.tip_drift, sms.at(q, v).end_effector_twist, atol=1e-13)
-    still = step_state(sms, q, np.zeros(sms.n), 0.01, 5.0)
+    still = StepState(sms, q, np.zeros(sms.n), 0.01, 5.0)
     np.testing.assert_allclose(step.reaction, still.reaction, atol=1e-13)
 
 
 def test_it_stays_when_the_next_one_is_made(planar: ffsms.SpaceManipulator) -> None:
     """Values are no views of the scratch memory."""
-    data, rates = planar.model.createData(), np.zeros(3)
-    first = step_state(planar, planar.configuration([0.1, 0.2, 0.3]), rates, 0.01, 5.0, data=data)
+    rates = np.zeros(3)
+    first = StepState(planar, planar.configuration([0.1, 0.2, 0.3]), rates, 0.01, 5.0)
     kept = [np.array(x) for x in (first.M, first.reaction, first.J_star, first.J_arm, first.V)]
     place = first.pose.translation.copy()
-    step_state(planar, planar.configuration([0.9, -0.7, 1.3]), rates, 0.01, 5.0, data=data)
+    StepState(planar, planar.configuration([0.9, -0.7, 1.3]), rates, 0.01, 5.0)
     for before, now in zip(kept, (first.M, first.reaction, first.J_star, first.J_arm, first.V), strict=True):
         np.testing.assert_array_equal(before, now)
     np.testing.assert_array_equal(first.pose.translation, place)

@@ -14,9 +14,8 @@ from step_parts import TARGET, StepJoints, make_stepper, marched, missed, path, 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
-from ffsms_pin.opt.limits.rate_bounds import rate_bounds
 from ffsms_pin.opt.step.programme import StepWeights
-from ffsms_pin.opt.step.state import step_state
+from ffsms_pin.opt.step.state import StepState, rate_bounds
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.terms.cost import step_cost
 
@@ -35,7 +34,7 @@ def test_the_cost_of_an_unhindered_step_is_zero(planar: ffsms.SpaceManipulator, 
     assert step.cos_theta == pytest.approx(state.coupling.assistance(step.joint_rates, towards), abs=1e-9)
     assert step.entropy == pytest.approx(state.coupling.entropy, abs=1e-12)
     np.testing.assert_allclose(
-        step_state(planar, q, rates, 0.01, 1.0).V @ step.alpha, step.joint_rates, atol=1e-12
+        StepState(planar, q, rates, 0.01, 1.0).V @ step.alpha, step.joint_rates, atol=1e-12
     )
 
 

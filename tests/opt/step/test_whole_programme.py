@@ -12,7 +12,7 @@ from plain_steps import by_daqp, plain_programme
 
 import ffsms_pin as ffsms
 from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits
-from ffsms_pin.opt.limits.clearance.body_stack import BodyStack
+from ffsms_pin.opt.limits.clearance.bodies import BodyStack
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import advance
 

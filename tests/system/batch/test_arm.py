@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from slopes import tip_turning_slopes
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.motion.slopes import coupling_slopes, spin_slopes, velocity_slopes
+from ffsms_pin.opt.motion.slopes import coupling_slopes, velocity_slopes
 from ffsms_pin.system.batch.arm import ArmStack
 
 
@@ -52,7 +53,7 @@ def test_slopes_of_velocities_and_coupling(
         rates, weights = rng.normal(size=(sms.n, 2)), rng.normal(size=(6, sms.n, 2))
         arm = stack.evaluate(joints)
         spin, tip = velocity_slopes(stack, arm, rates)
-        tip_spin = spin_slopes(stack, arm, rates, spin)
+        tip_spin = spin + tip_turning_slopes(stack, arm, rates)
         coupling = coupling_slopes(stack, arm, weights)
         for k in range(sms.n):
             step = h * np.eye(sms.n)[:, [k]]

@@ -8,9 +8,13 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.entropy import entropy_and_gradient
-from ffsms_pin.opt.motion.slopes import coupling_slopes, momentum_slopes, velocity_slopes
-from ffsms_pin.opt.motion.wheels import TorqueSlopes, held_momentum
+from ffsms_pin.opt.motion.actuated import force_slopes, forces, held_momentum
+from ffsms_pin.opt.motion.slopes import (
+    coupling_slopes,
+    entropy_and_gradient,
+    momentum_slopes,
+    velocity_slopes,
+)
 from ffsms_pin.system.base_reaction import MODES, mode_coupling
 from ffsms_pin.system.batch import ArmStack, ArmValues
 
@@ -76,8 +80,9 @@ def test_momentum_and_torque_of_a_held_base(sms: ffsms.SpaceManipulator, rng: np
     np.testing.assert_allclose(D @ rates[:, 0], data.hg.angular, atol=1e-12)
     torque = D @ accelerations[:, 0] + K @ rates[:, 0]
     np.testing.assert_allclose(torque, data.dhg.angular, atol=1e-12)
+    np.testing.assert_allclose(forces(stack, joints, rates, accelerations)[-3:, 0], torque, atol=1e-12)
     # Slopes of the torque, by differences of the torque.
-    for kind, slope in enumerate(TorqueSlopes(sms).at(joints, rates, accelerations)):
+    for kind, slope in enumerate(force_slopes(stack, joints, rates, accelerations)):
         for k in range(sms.n):
             sides = []
             for sign in (1.0, -1.0):
@@ -86,4 +91,4 @@ def test_momentum_and_torque_of_a_held_base(sms: ffsms.SpaceManipulator, rng: np
                 there = stack.evaluate(moved[0])
                 of = held_momentum(there)[..., 0] @ moved[2][:, 0]
                 sides.append(of + momentum_slopes(stack, there, moved[1])[..., 0] @ moved[1][:, 0])
-            np.testing.assert_allclose(slope[:, k, 0], (sides[0] - sides[1]) / (2.0 * H), atol=1e-6)
+            np.testing.assert_allclose(slope[-3:, k, 0], (sides[0] - sides[1]) / (2.0 * H), atol=1e-6)

@@ -8,6 +8,7 @@ to `wanted_motion` and comes back from it.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,13 +16,15 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.limits.step_state import StepState
+from ffsms_pin.opt.motion.at_step import arm_stack
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = [
     "ARRIVAL_POWER",
+    "LEAST_APPROACH",
+    "REFERENCES",
+    "Reference",
     "WantedMotion",
-    "cone_direction",
-    "lateral_direction",
     "reference_speed",
     "wanted_motion",
     "wanted_spin",
@@ -30,18 +33,14 @@ __all__ = [
 # The distance left shrinks as (time left)^p. With p = 2.5 the speed and the deceleration end at zero, the
 # speed at the start is only 2.5 times the mean, and at 0.9 T, where const8 begins, 0.3 % of the way is left.
 ARRIVAL_POWER = 2.5
-# The schedule ends this many steps after the deadline. A stopped end effector has no direction, so
-# cos(theta_a) would be undefined at the last step, and the paper's cost would charge for it. What is left of
-# the speed there is some 1e-5 m/s.
-AFTER = 2.0
 # Below this cosine the path would be a spiral of many turns; its length is then taken as if at this cosine.
 LEAST_APPROACH = 0.2
-# Of the way to the point of a straight step that is nearest to the target, the share that one step goes at
-# most: a longer step at an angle to the target would go round it instead of nearing it.
-_NEARING = 0.5
-_ARRIVED = 1e-12  # [rad] nearer than this the axis to the wanted attitude is rounding
-# As the kernel takes them.
-_SCHEDULE = np.array([ARRIVAL_POWER, AFTER, LEAST_APPROACH, _NEARING])
+# As the kernel takes them, with two more. The schedule ends so many steps after the deadline: a stopped end
+# effector has no direction, so cos(theta_a) would be undefined at the last step, and the paper's cost would
+# charge for it; what is left of the speed there is some 1e-5 m/s. And of the way to the point of a straight
+# step that is nearest to the target one step goes this share at most: a longer step at an angle to the target
+# would go round it instead of nearing it.
+_SCHEDULE = np.array([ARRIVAL_POWER, 2.0, LEAST_APPROACH, 0.5])
 
 
 class WantedMotion(NamedTuple):
@@ -63,6 +62,24 @@ class WantedMotion(NamedTuple):
     direction: FloatArray
     speed: float
     side: FloatArray
+
+
+class Reference(NamedTuple):
+    """What a step may follow.
+
+    Attributes
+    ----------
+    on_cone : bool
+        Whether to move on the cone where the paper's cost vanishes; otherwise straight to the target.
+    effort : callable or None
+        From the state to the matrix W (n, n) of the redundant motion's price, rates^T W rates, scaled to a
+        mean diagonal of one. None: the identity.
+    description : str
+    """
+
+    on_cone: bool
+    effort: Callable[[StepState], FloatArray] | None
+    description: str
 
 
 def wanted_motion(step: StepState, target: FloatArray, cosine: float, side: FloatArray) -> WantedMotion:
@@ -105,7 +122,7 @@ def wanted_spin(step: StepState, rotation: FloatArray) -> FloatArray:
     """
     turn: FloatArray = pin.log3(rotation.dot(step.pose.rotation.T))
     angle = math.sqrt(turn.dot(turn))
-    if angle < _ARRIVED:
+    if angle < 1e-12:  # nearer than that it is rounding
         return np.zeros(3)
     axis = turn / angle
     J_w = step.J_star[3:]
@@ -121,6 +138,8 @@ def wanted_spin(step: StepState, rotation: FloatArray) -> FloatArray:
 def reference_speed(path_left: float, speed: float, time_left: float, dt: float) -> float:
     """End-effector speed [m/s] at the end of the next step that leads to the target at the deadline (const8).
 
+    Solved for the next speed: p (path left at the step's end) / (time left at the step's end).
+
     Parameters
     ----------
     path_left : float
@@ -132,23 +151,34 @@ def reference_speed(path_left: float, speed: float, time_left: float, dt: float)
     dt : float
         Step [s].
     """
-    # speed_next = p (path left at the step's end) / (time left at the step's end), solved for speed_next.
     return float(kernel.reference_speed(_SCHEDULE, path_left, speed, time_left, dt))
 
 
-def lateral_direction(towards: FloatArray, hint: FloatArray) -> FloatArray:
-    """Unit vector (3,) across `towards`, as near to `hint` as possible.
-
-    Parameters
-    ----------
-    towards : ndarray, shape (3,)
-        Unit vector to the target.
-    hint : ndarray, shape (3,)
-        The side to take; where it has no part across `towards`, any side is taken.
-    """
-    return kernel.lateral_direction(towards, hint)
+def _base_rotation(step: StepState) -> FloatArray:
+    """Square of the base's angular velocity: its null space is the reaction null space."""
+    spin = step.reaction[3:]
+    return _scaled(spin.T @ spin)
 
 
-def cone_direction(towards: FloatArray, lateral: FloatArray, cosine: float) -> FloatArray:
-    """Unit vector (3,) at the angle acos(cosine) to `towards`, on the side `lateral`."""
-    return kernel.cone_direction(towards, lateral, cosine)
+def _kinetic_energy(step: StepState) -> FloatArray:
+    """The reduced inertia H_q: twice the kinetic energy of the floating system."""
+    return _scaled(arm_stack(step.sms, step.mode).reduced_inertia(step.joints[:, None])[..., 0])
+
+
+def _scaled(W: FloatArray) -> FloatArray:
+    mean = float(np.trace(W)) / W.shape[0]
+    return W / mean if mean > 0.0 else W
+
+
+REFERENCES = {
+    "step": Reference(True, None, "the paper's cost as a convex step on its cone"),
+    "resolved-rate": Reference(
+        False, None, "resolved motion rate control through J* (Umetani and Yoshida 1989)"
+    ),
+    "least-disturbance": Reference(
+        False, _base_rotation, "least base rotation: redundancy in the reaction null space (Yoshida 2001)"
+    ),
+    "minimum-effort": Reference(
+        False, _kinetic_energy, "least kinetic energy: the H_q-weighted inverse of J*"
+    ),
+}

@@ -1,9 +1,10 @@
-// Torques of the joints, the base reacting: H_q u' + C_q.
+// Torques of the joints, the base reacting, H_q u' + C_q, and what holds the base where a mode holds it.
 //
 // Seen from an inertial frame that moves along with the root's origin at the instant: an even velocity
 // changes no force. Newton and Euler give the force on each body while the base is not accelerated; a joint
-// bears that of all that it carries. The base then gives way in whatever is free of it, which adds the base's
-// twist a rate of the joint times the force on the whole: N^T f, where N^T M is zero in the base's columns.
+// bears that of all that it carries. The base then gives way in whatever is free of it. A joint's torque gets
+// the base's twist a rate of the joint times the force on the whole: N^T f, where N^T M is zero in the base's
+// columns. What is not free bears the force on the whole.
 //
 // Reference: R. Featherstone, "Rigid Body Dynamics Algorithms", 2008, ch. 5 and 9.
 #pragma once
@@ -12,10 +13,11 @@
 
 namespace ffsms {
 
-// `own_spin`: what the total momentum adds to the base's angular velocity.
+// Torques (n), then force and moment about the base's centre of mass. `own_spin`: what the total momentum
+// adds to the base's angular velocity.
 template <class T>
-void joint_torques(const Tree& tree, const Arm<T>& arm, const T* rates, const T* accelerations,
-                   const Vec3<T>& own_spin, T* torques) {
+void dynamics(const Tree& tree, const Arm<T>& arm, const T* rates, const T* accelerations,
+              const Vec3<T>& own_spin, T* torques, Vec3<T>& held_force, Vec3<T>& held_moment) {
   const Vec3<T> turning = summed(tree, arm.spin, rates) + own_spin;
   // Where the base's centre of mass is held, the root's origin goes round it.
   const Vec3<T> inwards = cross(turning, cross(turning, same<T>(tree.base_com)));
@@ -46,15 +48,26 @@ void joint_torques(const Tree& tree, const Arm<T>& arm, const T* rates, const T*
   Vec3<T> whole_force = tree.moves ? cross(turning, cross(turning, same<T>(tree.base_moment))) : zero3<T>();
   Vec3<T> whole_moment = cross(turning, same<T>(tree.base_inertia) * turning);
   whole_moment += cross(same<T>(tree.base_moment), pulled);
+  Vec3<T> first = same<T>(tree.base_moment);  // of mass, of the whole
   for (int j = tree.n - 1; j >= 0; --j) {
     const int up = tree.joints[j].parent;
     (up < 0 ? whole_force : force[up]) += force[j];
     (up < 0 ? whole_moment : moment[up]) += moment[j];
+    if (up < 0) first += arm.moment[j];
   }
   for (int j = 0; j < tree.n; ++j) {
     torques[j] = dot(arm.axis[j], moment[j]) + dot(arm.velocity[j], force[j]) +
                  dot(arm.root[j], whole_force) + dot(arm.spin[j], whole_moment);
   }
+  // About the point that does not move, or the centre of mass where the whole moves.
+  held_moment = whole_moment - cross(arm.com, whole_force);
+  held_force = zero3<T>();
+  if (!tree.moves) {
+    // A base that turns freely turns by what no moment holds; what it carries goes round with it.
+    const Vec3<T> turned = -1.0 * (arm.inverse * held_moment);
+    held_force = whole_force + cross(turned, first - tree.total_mass * arm.com);
+  }
+  if (tree.turns_freely) held_moment = zero3<T>();
 }
 
 }  // namespace ffsms

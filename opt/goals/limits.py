@@ -1,0 +1,204 @@
+"""Limits of places: where another frame is at the deadline, and where the end effector passes on its way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray, at_least_zero, positive
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, as_goal, resting_place
+from ffsms_pin.opt.goals.near import BINDING, Near, arrivals
+from ffsms_pin.opt.goals.place import Place
+from ffsms_pin.opt.limits.limit import End
+from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.frame import RobotFrame
+from ffsms_pin.opt.motion.residual import Indices
+from ffsms_pin.opt.parts.all_of import AllOf
+from ffsms_pin.opt.parts.inequality import Inequality
+from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.batch.stacks import dot
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.trajectory import Trajectory
+
+__all__ = ["Also", "Via"]
+
+
+@dataclass(frozen=True, eq=False)
+class Also(AllOf):
+    """Beside the end effector, another frame of the robot is at a goal of its own at the deadline.
+
+    As for the goal itself: within `tolerance` at the deadline, and within `reach` in the last tenth of the
+    time. A plan that misses it has not `reached`, and its `note` says by how much.
+
+    Attributes
+    ----------
+    frame : str
+        Name of a frame of the robot: a link or a joint.
+    goal : array_like, shape (3,), pinocchio.SE3, opt.Position or opt.Pose
+        Where it should be; it stands still, or rides on the base (`on="base"`). Tolerance and reach are those
+        of the goal.
+    reserve, margin, ends
+        See `Limit`; set for each robot.
+    name : str
+        Key of `Trajectory.binding`; by default "also FRAME".
+
+    Raises
+    ------
+    InvalidValue
+        A goal that moves or asks for a velocity.
+    FrameNotFound
+        Once it is made ready for a robot that has no such frame.
+    """
+
+    frame: str
+    goal: Any
+    reserve: float = 0.0
+    margin: float = 0.0
+    name: str = ""
+    ends: Sequence[End] = ()
+    of_paper = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.frame, str):
+            raise InvalidValue("frame", self.frame, "must be the name of a frame")
+        if not isinstance(self.goal, Goal):
+            object.__setattr__(self, "goal", as_goal(self.goal))
+        resting_place("goal", self.goal)
+        object.__setattr__(self, "name", self.name or f"also {self.frame}")
+
+    def for_robot(self, sms: SpaceManipulator) -> Also:
+        """With the frame of this robot."""
+        end, _ = arrivals(self.goal, self.frame)
+        ends = [End(RobotFrame.of(sms, self.frame), self.goal.place(0.0))]
+        return replace(self, margin=(1.0 - end.share) * end.reach / ArmStack(sms).length, ends=ends)
+
+    @property
+    def parts(self) -> list[Inequality]:
+        """At the deadline, and in the last tenth: one margin stands for both."""
+        found = arrivals(self.goal, self.frame)
+        for one in found:
+            one.reserve, one.scale = self.reserve, (1.0 - one.share) * one.reach / (self.margin or 1.0)
+        return list(found)
+
+
+@dataclass(frozen=True, eq=False)
+class Via(Near):
+    """The end effector passes a place, at a given time or at any time before the deadline.
+
+    Several of them need a `name` each. Those without a time are passed in any order.
+
+    Attributes
+    ----------
+    place : array_like, shape (3,), pinocchio.SE3, opt.Position or opt.Pose
+        Inertial axes [m].
+    time : float, optional
+        From the start of the motion [s]. Default: any; single steps then ask for nothing, since they do not
+        know whether the place was passed already.
+    reach : float
+        How near to the place it passes [m].
+    orientation_reach : float
+        How near to the attitude, where the place is a pose [rad].
+    name : str
+        Key of `Trajectory.binding`.
+    reserve, began, margin : float
+        See `Limit`; the margin is set for each robot.
+
+    Raises
+    ------
+    InvalidValue
+        A place that moves or asks for a velocity, a time below zero, a reach that is not above zero.
+    """
+
+    place: Any
+    time: float | None = None
+    reach: float = 0.01  # half of the paper's r_th
+    orientation_reach: float = ORIENTATION_REACH
+    name: str = "via"
+    reserve: float = 0.0
+    began: float = 0.0
+    margin: float = 0.0
+    of_paper = False
+    share: float = field(default=0.5, init=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.place, Place):
+            object.__setattr__(self, "place", resting_place("place", self.place))
+        if self.place.moves_with_base:
+            raise InvalidValue("place", self.place, "must be in inertial axes")
+        if self.time is not None:
+            at_least_zero("time", self.time, "s")
+        positive("reach", self.reach, "m")
+        positive("orientation_reach", self.orientation_reach, "rad")
+        if not isinstance(self.name, str):
+            raise InvalidValue("name", self.name, "must be a text")
+        object.__setattr__(self, "in_hand", (1.0 - self.share) * self.reach)
+        object.__setattr__(self, "binding", 2.0 * BINDING * self.reach)
+        said = f"'{self.name}' is missed by {{}} at {{:.3g}} s (reach {1e3 * self.reach:.3g} mm)"
+        object.__setattr__(self, "said", said)
+
+    def for_robot(self, sms: SpaceManipulator) -> Via:
+        """With the margin for this robot."""
+        return replace(self, margin=(1.0 - self.share) * self.reach / ArmStack(sms).length)
+
+    def timed(self, plan: Trajectory) -> Via:
+        """With the time at which a plan comes nearest: for re-planning, which cannot see what was passed."""
+        if self.place.rotation is not None:
+            raise InvalidValue("place", self.place, "must be a position; give a pose its time yourself")
+        way = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
+        return replace(self, time=float(plan.t[int(np.argmin(way))]))
+
+    def places(self, m: Features) -> Place:
+        """The same at all times."""
+        place: Place = self.place
+        return place
+
+    def due(self, step: StepState) -> float:
+        """How long until its time [s]; below zero without one."""
+        return -1.0 if self.time is None else self.time - self.began - step.time
+
+    def asked(self, m: Features) -> list[tuple[Feature, float]]:
+        """Likewise; nothing once its time has passed."""
+        passed = self.time is not None and self.time < self.began
+        return [] if passed or (m.step is not None and self.due(m.step) < 0.0) else super().asked(m)
+
+    def counted(self, m: Features) -> Features:
+        """Each motion at the time, or where it is nearest: between instants it goes straight."""
+        times, motion = m.times, np.arange(m.count)
+        if self.time is None:
+            k, later = self._nearest(m)
+        else:
+            due = self.time - self.began
+            k = np.full(m.count, int(np.argmin(np.abs(times - due))))
+            later = min(due, m.duration) - times[k]  # after the deadline the arm stays where it is
+        at = m.at(motion, k)
+        at.tip = at.tip.moving_on(at.velocity, at.spin, later[None])
+        at.motions = replace(at.motions, times=at.times + later)
+        return at
+
+    def _nearest(self, m: Features) -> tuple[Indices, FloatArray]:
+        """The instants (S,), and how much later motions come nearest (S,) [s]: by shares of the reaches."""
+        speeds = (m.velocity.value, self.place.counting(m.spin.value))
+        ways = [(x.value / most, v / most) for (x, most), v in zip(self.asked(m), speeds, strict=False)]
+        along = sum(dot(x, v) for x, v in ways)
+        square = sum(dot(v, v) for _, v in ways)
+        later = np.clip(along / np.maximum(square, 1e-300), *_between(m.times))
+        left = sum(dot(x - later * v, x - later * v) for x, v in ways)
+        k = np.argmin(left, axis=1)
+        return k, later[np.arange(m.count), k]
+
+
+def _between(times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Half of the way to the neighbours of each instant, back and on [s]."""
+    order = np.argsort(times, kind="stable")
+    gaps = 0.5 * np.diff(times[order])
+    back, on = np.zeros_like(times), np.zeros_like(times)
+    back[order[1:]], on[order[:-1]] = -gaps, gaps
+    return back, on

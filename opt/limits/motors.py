@@ -1,0 +1,226 @@
+"""What motors can do, as limits of the plan: torques of the joints, torques and momenta of the wheels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, Violation
+from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion.actuated import (
+    arm_momentum,
+    forces,
+    held_momentum,
+    wheel_momentum,
+    wheel_shares,
+    wheel_torque,
+)
+from ffsms_pin.opt.motion.at_step import arm_stack
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.parts.inequality import Inequality
+from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.system import SpaceManipulator
+
+__all__ = ["TorqueLimits", "WheelLimits", "wheel_rows"]
+
+# Share of a limit kept in hand: for the feedback that follows the plan, and for what a penalty gives way.
+_SHARE = 0.08
+# What a whole limit weighs: as much as a lack of clearance of this many arm lengths.
+_SCALE = 0.03
+_LEAST_LEFT = 0.5  # share of a limit: a tighter one would hold a plan back more than the motors do
+_BOUND = 0.91  # share of a limit above which it binds: a little less than what is kept in hand leaves
+_UNMOVED = 1e-12  # [N m s/(rad/s)] joints that move a wheel by less do not move it
+_UNCOVERED = 1e-6  # share of the arm's momentum along an axis that no wheel has
+_ROOM = 1e-3  # share of what the joints can do that a row leaves them at least
+_PARALLEL = 1e-9  # rows whose cosine is so near to one are the same
+
+
+class _Motors(Inequality):
+    """Its unit is a share of what a motor has: a violation of 0.3 asks for 30 % more."""
+
+    margin = _SCALE * _SHARE
+    scale = 1.0 / _SCALE
+    in_hand = _SHARE
+    most_reserve = 1.0 - _LEAST_LEFT - _SHARE
+    eased_by_time = True
+
+
+@dataclass(frozen=True)
+class TorqueLimits(_Motors):
+    """The joints' largest torques, or forces, `sms.limits.torque`; an infinite one limits nothing.
+
+    Exact: H_q qdd + C_q with the base reacting as its mode lets it, the total momentum included. A problem
+    has this limit by default, and it asks for nothing where the robot has no such limits ("effort" in URDFs).
+
+    Its unit is a share of what the joint has: a violation of 0.3 asks for 30 % more.
+    """
+
+    name = "torques"
+
+    def room(self, m: Features) -> Feature | list[Feature]:
+        """Shares of the torques that are left."""
+        most = _robot(m.motions).limits.torque
+        return [1.0 - abs(m.torques) / most] if np.isfinite(most).any() else []
+
+    def rows(self, step: StepState) -> Rows | None:
+        """Rows of unit length, in rad/s: H_q (u - u_0) / dt + C_q, linear in the rates u at the step's end.
+
+        Of the joints that could ask for too much in this step. Where the joints' own limits leave no way to
+        keep one, they come first, and the row asks for what comes nearest.
+        """
+        if not np.isfinite(step.sms.limits.torque).any():
+            return None
+        stack, (low, high), dt, u = arm_stack(step.sms, step.mode), step.bounds, step.dt, step.rates
+        C = forces(stack, step.joints, u, np.zeros(len(u)), step.drift[3:])[: len(u)]
+        H = stack.reduced_inertia(step.joints)
+        allowed = (1.0 - _SHARE - self.kept) * step.sms.limits.torque
+        near = np.abs(C) + np.abs(H) @ np.maximum(high - u, u - low) / dt > allowed
+        if not near.any():
+            return None
+        H = H[near]
+        middle, room = H @ u - dt * C[near], dt * allowed[near]
+        return _reachable(H, middle - room, middle + room, step)
+
+    def violation(self, motion: Motions) -> Violation:
+        """The largest share by which a joint lacks torque, on both sides of every node."""
+        robot = _robot(motion)
+        most = robot.limits.torque
+        if not np.isfinite(most).any():
+            return Violation()
+        sizes = motion.torque_sizes[:, 0]
+        used = sizes / most[:, None]
+        instants = motion.times[(used > _BOUND).any(axis=0)]
+        i, k = np.unravel_index(int(np.argmax(used)), used.shape)
+        if used[i, k] <= 1.0:
+            return Violation(0.0, instants)
+        note = (
+            f"the torque limit is broken: '{robot.joint_names[i]}' would need {sizes[i, k]:.4g} N m at "
+            f"{motion.times[k]:.3g} s and has {most[i]:.4g} N m"
+        )
+        return Violation(float(used[i, k]) - 1.0, instants, note)
+
+
+@dataclass(frozen=True)
+class WheelLimits(_Motors):
+    """The wheels' largest torques and momenta, where wheels hold the attitude (mode "rotation-floating").
+
+    Momentum follows from the conservation of angular momentum, torque is its rate, with the friction of the
+    bearings made good (`opt.motion.actuated`). In other modes the wheels stand still, and the limit asks for
+    nothing. A problem in that mode, of a robot with wheels, has this limit of itself.
+
+    Its unit is a share of what the wheel has: a violation of 0.3 asks for 30 % more.
+    """
+
+    name = "wheels"
+
+    def room(self, m: Features) -> list[Feature]:
+        """Shares of momentum and torque that are left."""
+        wheels = m.motions.wheels
+        if wheels is None:
+            return []
+        return [1.0 - abs(m.wheels) / wheels.momentum, 1.0 - abs(m.wheel_torques) / wheels.torque]
+
+    def rows(self, step: StepState) -> Rows | None:
+        """Rows of the wheels' momenta at the step's end and of their torques in it."""
+        return wheel_rows(step, _SHARE + self.kept)
+
+    def violation(self, motion: Motions) -> Violation:
+        """The largest share by which a wheel lacks momentum or torque, and what would do."""
+        wheels = motion.wheels
+        if wheels is None:
+            return Violation()
+        momentum = np.abs(wheel_momentum(motion)[:, 0])
+        # Accelerations jump at the nodes: at each instant those of the step before as well.
+        before = np.concatenate([motion.accelerations[..., :1], motion.accelerations[..., :-1]], axis=-1)
+        both = motion, replace(motion, accelerations=before)
+        torque = np.max([np.abs(wheel_torque(one)[:, 0]) for one in both], axis=0)
+        worst, notes = 0.0, []
+        binds = np.zeros(len(motion.times), dtype=bool)
+        for values, most, unit in ((momentum, wheels.momentum, "N m s"), (torque, wheels.torque, "N m")):
+            used = values / most[:, None]
+            binds |= (used > _BOUND).any(axis=0)
+            # Wheels that do the same by symmetry differ by rounding: the first of them is named.
+            i, k = np.unravel_index(int(np.argmax(used.round(9))), used.shape)
+            if used[i, k] > 1.0:
+                worst = max(worst, float(used[i, k]) - 1.0)
+                notes.append(
+                    f"{wheels.names[i]} would need {values[i, k]:.3g} {unit} at {motion.times[k]:.3g} s and "
+                    f"has {most[i]:.3g} {unit}; wheels of {values.max():.3g} {unit} would do"
+                )
+        taken = arm_momentum(motion)[:, 0]
+        rest = np.abs(taken - wheels.axes.T @ (wheel_shares(wheels) @ taken)).max()
+        if rest > _UNCOVERED * max(float(np.abs(taken).max()), 1e-9):
+            worst = max(worst, 1.0)
+            notes.append(f"{rest:.3g} N m s of the arm's momentum are about an axis that no wheel has")
+        note = f"the wheels would saturate: {'; '.join(notes)}" if notes else ""
+        return Violation(worst, motion.times[binds], note)
+
+
+def wheel_rows(step: StepState, in_hand: float) -> Rows | None:
+    """Rows in rad/s, of unit length, one a wheel; None where no wheels hold the attitude, or none is moved.
+
+    With D the angular momentum a joint rate (`opt.motion.actuated`), u_0 the joint rates at the step's start
+    and u those at its end, a wheel's torque is A^+ D (u_0 - u) / dt beside the one of now, and its momentum
+    follows: both are bounds on the same sum of joint rates. What changes of D within the step beyond that is
+    of order dt^2. Where both cannot be kept, the motor's torque is; where the joints' own limits leave no way
+    to keep that, they come first, and the row asks for what comes nearest. Wheels that feel the same sum, as
+    all do that a planar arm moves, share a row.
+
+    Parameters
+    ----------
+    step : StepState
+    in_hand : float
+        Share of the limits that is kept.
+    """
+    wheels = step.wheels
+    if wheels is None:
+        return None
+    m, dt, left = step.features.motions, step.dt, 1.0 - in_hand
+    G = wheel_shares(wheels) @ held_momentum(m.arm)[..., 0, 0]
+    now, torque = wheel_momentum(m)[:, 0, 0], wheel_torque(m)[:, 0, 0]
+    rubbing = -wheels.friction_torque(now / wheels.inertia) if wheels.rubs else np.zeros(len(wheels))
+    middle, room = G @ step.rates + dt * torque, dt * np.minimum(left * wheels.torque, UNBOUNDED)
+    lower, upper = middle - room, middle + room
+    middle, room = middle + now - dt * rubbing, np.minimum(left * wheels.momentum, UNBOUNDED)
+    lower = np.maximum(lower, np.minimum(middle - room, upper))
+    upper = np.minimum(upper, np.maximum(middle + room, lower))
+    kept: list[tuple[FloatArray, float, float]] = []
+    for row, low, up in zip(G, lower, upper, strict=True):
+        _share(kept, row, float(low), float(up))
+    if not kept:
+        return None
+    directions, lowest, highest = (np.array(one) for one in zip(*kept, strict=True))
+    return _reachable(directions, lowest, highest, step)
+
+
+def _share(kept: list[tuple[FloatArray, float, float]], row: FloatArray, low: float, up: float) -> None:
+    """Add a row; of those that are parallel one is kept, with the bounds of all: a solver asks for that."""
+    size = float(np.linalg.norm(row))
+    if size <= _UNMOVED:
+        return
+    row, low, up = row / size, low / size, up / size
+    for i, (other, least, most) in enumerate(kept):
+        along = float(row @ other)
+        if abs(along) > 1.0 - _PARALLEL:
+            low, up = (low, up) if along > 0.0 else (-up, -low)
+            kept[i] = other, max(least, min(low, most)), min(most, max(up, least))
+            return
+    kept.append((row, low, up))
+
+
+def _reachable(G: FloatArray, lower: FloatArray, upper: FloatArray, step: StepState) -> Rows:
+    """Rows of unit length whose bounds each leave something that the joints can do in the step."""
+    size = np.linalg.norm(G, axis=1)
+    G, lower, upper = G / size[:, None], lower / size, upper / size
+    least, most = step.bounds
+    ends = G * least, G * most
+    lowest, highest = (np.sum(pick(*ends), axis=1) for pick in (np.minimum, np.maximum))
+    room = _ROOM * (highest - lowest)
+    return Rows(G, np.minimum(lower, highest - room), np.maximum(upper, lowest + room))
+
+
+def _robot(motions: Motions) -> SpaceManipulator:
+    return cast(SpaceManipulator, motions.stack.robot)

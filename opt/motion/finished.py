@@ -1,0 +1,97 @@
+"""What can be said of a finished motion: from its nodes alone, and step by step.
+
+The paper pairs the place at a step's start with the rates at its end.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.coupling.stacked import entropies, singular_values
+from ffsms_pin.opt.motion.slopes import singular
+from ffsms_pin.system.batch.stacks import apply, cross, dot
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.motion.motions import Motions
+
+__all__ = ["Paired", "angles_from_start", "paired", "path_ratio", "principal_rates", "sampled"]
+
+
+class Paired(NamedTuple):
+    """N steps.
+
+    Attributes
+    ----------
+    cosine, entropy : ndarray, shape (N,)
+        cos(theta_a) and H_norm.
+    """
+
+    cosine: FloatArray
+    entropy: FloatArray
+
+    def cost(self, kappa: float) -> FloatArray:
+        """The paper's summand of J (N,)."""
+        return np.asarray((np.logaddexp(0.0, kappa * self.cosine) / kappa - (1.0 - self.entropy)) ** 2)
+
+
+def paired(motion: Motions) -> Paired:
+    """The steps of one motion, at its nodes and the middles between."""
+    arm, rates = motion.arm, motion.rates[:, 0, 2::2]
+    way = motion.to_target[:, 0, :-1:2]
+    velocity = np.einsum("xjk,jk->xk", arm.jstar[..., 0, :-1:2], rates)
+    velocity += cross(motion.own_spin[:, 0, :-1:2], arm.rho[:, 0, :-1:2])
+    velocity = apply(motion.base_attitude[:, :, 0, :-1:2], velocity) + motion.drift[:, None]
+    both = np.linalg.norm(way, axis=0) * np.linalg.norm(velocity, axis=0)
+    cosine = np.clip(dot(way, velocity) / np.where(both > 0.0, both, 1.0), -1.0, 1.0)
+    sigma = singular_values(arm.coupling[..., 0, :-1:2])
+    return Paired(cosine, entropies(sigma, len(rates)))
+
+
+def principal_rates(motion: Motions) -> FloatArray:
+    """The paper's alpha (N, n) of one motion: joint rates by the right singular vectors of C_bm [rad/s]."""
+    _, V = singular(motion.arm.coupling[..., 0, :-1:2])
+    return np.asarray((motion.rates[:, 0, 2::2].T[:, None] @ V)[:, 0])
+
+
+def sampled(
+    t: float, times: FloatArray, positions: FloatArray, rates: FloatArray, accelerations: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Joint positions, rates and accelerations, each (n,), at time t [s].
+
+    Parameters
+    ----------
+    t : float
+        Before the start and after the end: the first and last positions, at rest.
+    times : ndarray, shape (N + 1,)
+        Of the nodes, evenly spaced from zero.
+    positions, rates : ndarray, shape (N + 1, n)
+        At the nodes.
+    accelerations : ndarray, shape (N, n)
+        Constant in each step.
+    """
+    n, end = accelerations.shape[1], float(times[-1])
+    if t < 0.0:
+        return positions[0].copy(), np.zeros(n), np.zeros(n)
+    if t > end:
+        return positions[-1].copy(), np.zeros(n), np.zeros(n)
+    dt = end / (len(times) - 1)
+    k = min(int(t / dt + 1e-9), len(times) - 2)
+    h = t - times[k]
+    position = positions[k] + h * (rates[k] + 0.5 * h * accelerations[k])
+    return position, rates[k] + h * accelerations[k], accelerations[k].copy()
+
+
+def path_ratio(path: FloatArray) -> float:
+    """Length of a path (N + 1, 3) over the straight line between its ends; 1 where it stays."""
+    length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    straight = float(np.linalg.norm(path[-1] - path[0]))
+    return length / straight if straight > 0.0 else 1.0
+
+
+def angles_from_start(quaternions: FloatArray) -> FloatArray:
+    """Angle of each attitude from the first one (N + 1,) [rad], of unit quaternions (N + 1, 4)."""
+    apart = np.abs(quaternions @ quaternions[0])
+    return np.asarray(2.0 * np.arccos(np.minimum(apart, 1.0)))
