@@ -13,7 +13,7 @@ from ffsms_pin.checks import LARGEST_POSITIVE, SMALLEST_POSITIVE, FloatArray, fr
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.joints import JointLayout
 
-__all__ = ["ACCELERATION_PER_VELOCITY", "JointLimits", "limits_of"]
+__all__ = ["ACCELERATION_PER_VELOCITY", "JointLimits", "limits_of", "within_turns"]
 
 _FAR = 25.2  # [rad] four turns: the position limit of a turning joint beyond this means "none"
 # A URDF has no acceleration limit. The paper's are 28.65 deg/s^2 for 22.92 deg/s.
@@ -82,15 +82,6 @@ class JointLimits:
         """Lower, upper, velocity, acceleration, one below the other (4, n)."""
         return frozen(np.array([self.lower, self.upper, self.velocity, self.acceleration]))
 
-    def within_turns(self, turns: NDArray[np.bool_]) -> JointLimits:
-        """The same limits without positions beyond four turns of the joints that turn, (n,)."""
-        lower, upper = (
-            np.where(turns & (np.abs(bound) > _FAR), np.copysign(np.inf, bound), bound)
-            for bound in (self.lower, self.upper)
-        )
-        same = np.array_equal(lower, self.lower) and np.array_equal(upper, self.upper)
-        return self if same else replace(self, lower=lower, upper=upper)
-
     def violation(self, positions: ArrayLike) -> FloatArray:
         """How far each joint is outside its position limits (n,), zero inside; (k, n) for rows of them."""
         n = self.lower.size
@@ -117,6 +108,16 @@ def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -
     else:
         limit = per_joint("acceleration", acceleration, layout.n, "rad/s^2")
     return JointLimits(lower, upper, velocity, limit, torque)
+
+
+def within_turns(limits: JointLimits, turns: NDArray[np.bool_]) -> JointLimits:
+    """The same limits without positions beyond four turns of the joints that turn, (n,)."""
+    lower, upper = (
+        np.where(turns & (np.abs(bound) > _FAR), np.copysign(np.inf, bound), bound)
+        for bound in (limits.lower, limits.upper)
+    )
+    same = np.array_equal(lower, limits.lower) and np.array_equal(upper, limits.upper)
+    return limits if same else replace(limits, lower=lower, upper=upper)
 
 
 def _entries(name: str, value: Any) -> FloatArray:

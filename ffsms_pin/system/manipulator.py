@@ -18,7 +18,7 @@ from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.batch import Batch
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.convex_parts import Part, convex_parts
-from ffsms_pin.system.limits import JointLimits, limits_of
+from ffsms_pin.system.limits import JointLimits, limits_of, within_turns
 from ffsms_pin.system.mechanism import Mechanism, scratch
 from ffsms_pin.system.shapes import ShapeKind, ShapeSource
 from ffsms_pin.system.state import State
@@ -99,7 +99,7 @@ class SpaceManipulator(Mechanism):
             raise InvalidValue("acceleration", acceleration, "is part of `limits`; give one of the two")
         elif not isinstance(limits, JointLimits) or limits.lower.shape != (self.n,):
             raise InvalidValue("limits", limits, f"must be JointLimits of {self.n} joints")
-        self.limits = limits.within_turns(self.layout.turns)
+        self.limits = within_turns(limits, self.layout.turns)
         self.base_size = _box(base_size)
         box = pin.SE3(np.eye(3), self.base_com) if base_box_placement is None else base_box_placement
         pose("base_box_placement", box)
@@ -200,7 +200,7 @@ class SpaceManipulator(Mechanism):
 
     def arm_stack(self, mode: str = "floating") -> ArmStack:
         """The robot as the compiled kernel has it, in a mode (see `opt.Problem`); made once, then kept."""
-        if mode not in self._stacks:
+        if one_of("mode", mode, base_reaction.MODES) not in self._stacks:
             self._stacks[mode] = ArmStack(self, mode)
         return self._stacks[mode]
 
@@ -209,8 +209,8 @@ class SpaceManipulator(Mechanism):
         array = vector(name, q, self.nq)
         norm = math.hypot(*array[3:7].tolist())
         if abs(norm - 1.0) > 1e-6:
-            name += "[3:7], the base quaternion (x, y, z, w),"
-            raise InvalidValue(name, array[3:7], f"must have length 1 but has {norm:.6g}")
+            part = f"{name}[3:7], the base quaternion (x, y, z, w),"
+            raise InvalidValue(part, array[3:7], f"must have length 1 but has {norm:.6g}")
         if not self.layout.plain:
             self.layout.check_circles(name, array)
         return array

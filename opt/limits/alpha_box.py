@@ -51,11 +51,11 @@ class AlphaBox(Inequality):
         where an arm that brakes as fast as its joints may is within it at the step's end: then it can be
         kept. Elsewhere it gives way by the slack that the step returns (`Step.slack`), as little as possible.
         """
-        n, (lower, upper) = step.sms.n, step.bounds
-        braking = step.V.T.dot(np.minimum(np.maximum(0.0, lower), upper))
+        one = np.ones(step.sms.n)
         # V turns without stretching: within the ball of radius 1 all rates are in the box.
-        kept = step.rates.dot(step.rates) <= 1.0 or np.abs(braking).max() <= 1.0
-        return Rows(step.V.T, np.full(n, -1.0), np.ones(n), 0.0 if kept else _GIVE)
+        slow = step.rates.dot(step.rates) <= 1.0
+        kept = slow or np.abs(step.V.T.dot(np.clip(0.0, *step.bounds))).max() <= 1.0
+        return Rows(step.V.T, -one, one, 0.0 if kept else _GIVE)
 
     def violation(self, motion: Motions) -> Violation:
         """The largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""

@@ -74,12 +74,10 @@ class Reference(NamedTuple):
     effort : callable or None
         From the state to the matrix W (n, n) of the redundant motion's price, rates^T W rates, scaled to a
         mean diagonal of one. None: the identity.
-    description : str
     """
 
-    on_cone: bool
-    effort: Callable[[StepState], FloatArray] | None
-    description: str
+    on_cone: bool = False
+    effort: Callable[[StepState], FloatArray] | None = None
 
 
 def wanted_motion(step: StepState, target: FloatArray, cosine: float, side: FloatArray) -> WantedMotion:
@@ -170,15 +168,12 @@ def _scaled(W: FloatArray) -> FloatArray:
     return W / mean if mean > 0.0 else W
 
 
+# The paper's cost as a convex step on its cone; resolved motion rate control through J* (Umetani and Yoshida
+# 1989); least base rotation: redundancy in the reaction null space (Yoshida 2001); least kinetic energy: the
+# H_q-weighted inverse of J*.
 REFERENCES = {
-    "step": Reference(True, None, "the paper's cost as a convex step on its cone"),
-    "resolved-rate": Reference(
-        False, None, "resolved motion rate control through J* (Umetani and Yoshida 1989)"
-    ),
-    "least-disturbance": Reference(
-        False, _base_rotation, "least base rotation: redundancy in the reaction null space (Yoshida 2001)"
-    ),
-    "minimum-effort": Reference(
-        False, _kinetic_energy, "least kinetic energy: the H_q-weighted inverse of J*"
-    ),
+    "step": Reference(on_cone=True),
+    "resolved-rate": Reference(),
+    "least-disturbance": Reference(effort=_base_rotation),
+    "minimum-effort": Reference(effort=_kinetic_energy),
 }
