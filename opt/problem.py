@@ -12,7 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import FloatArray, frozen, matrix, number, one_of, positive, vector
+from ffsms_pin.checks import FloatArray, dimensions, frozen, matrix, number, one_of, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Place, as_goal
 from ffsms_pin.opt.limits import (
@@ -216,7 +216,8 @@ class Problem:
     def motion(self, rates: FloatArray, dt: float | None = None) -> Motions:
         """The motion of joint rates (N + 1, n) at nodes `dt` [s] apart, and in the middles between."""
         q0, dt = self.q0, self.dt if dt is None else dt
-        rates = matrix("rates", rates, max(2, *np.shape(rates)[:1], 0), self.sms.n)
+        rows = len(rates) if dimensions("rates", rates) == 2 else 0
+        rates = matrix("rates", rates, max(2, rows), self.sms.n)
         motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum, ARRIVAL_SHARE)
         goal, (place, attitude) = self.goal.places(motion.times), self.base_from
         return replace(
@@ -266,7 +267,7 @@ class Problem:
     @cached_property
     def place_now(self) -> Place:
         """The goal's place at the deadline in inertial axes; one on the base as seen from the start."""
-        place: Place = self.goal.place(self.duration).at(self.q0[:3], self.rotation0)
+        place: Place = self.goal.place(self.duration).at(self.q0)
         return place
 
     @cached_property

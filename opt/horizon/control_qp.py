@@ -32,7 +32,6 @@ _REST_SHARE = 2e-3  # of the rate limit, for slow arms
 _RESERVE = 1e-6
 _TOLERANCE = 1e-7
 _TOUCHED = 1e-5  # A row with less room than this is at its limit.
-_OPTIONS = {"primal_tol": _TOLERANCE, "iter_limit": 1000}  # a few dozen are usual
 
 
 class _Kind(NamedTuple):
@@ -86,21 +85,15 @@ class ControlQP:
         n, size = problem.sms.n, spline.size
         self._free = np.flatnonzero(np.tile(problem.free, size))
         kinds = _kinds(problem, spline)
-        # There may be none, where nothing is limited and the end is free.
-        rows, lower, upper = [np.empty((0, size * n))], [np.empty(0)], [np.empty(0)]
-        self.labels: list[tuple[str, int]] = []
-        for kind in kinds:
-            # Those of one control point after the other, the joints last: the rates' are the identity.
-            block = np.zeros((len(kind.matrix), n, size, n))
-            for i in range(n):
-                block[:, i, :, i] = kind.scale * kind.matrix
-            rows.append(block.reshape(-1, size * n))
-            low, high = (kind.scale * (bound - kind.fixed).ravel() for bound in (kind.lower, kind.upper))
-            lower.append(np.maximum(low + _RESERVE, -UNBOUNDED))
-            upper.append(np.minimum(high - _RESERVE, UNBOUNDED))
-            self.labels.extend((kind.kind, i) for _ in kind.matrix for i in range(n))
-        self.rows, self.lower, self.upper = np.vstack(rows), np.concatenate(lower), np.concatenate(upper)
+        # There may be no rows, where nothing is limited and the end is free.
         self._matrix = np.vstack([np.empty((0, size)), *(kind.scale * kind.matrix for kind in kinds)])
+        # Those of one control point after the other, the joints last.
+        self.rows = np.kron(self._matrix, np.eye(n))
+        self.labels = [(kind.kind, i) for kind in kinds for _ in kind.matrix for i in range(n)]
+        lower = _joined([kind.scale * (kind.lower - kind.fixed) for kind in kinds])
+        upper = _joined([kind.scale * (kind.upper - kind.fixed) for kind in kinds])
+        self.lower = np.maximum(lower + _RESERVE, -UNBOUNDED)
+        self.upper = np.minimum(upper - _RESERVE, UNBOUNDED)
         self.moving = len(self.labels) - (0 if spline.free_end else n)
         # A start at its limit, or beyond: it must stay feasible.
         at = self._along(braking(problem, spline) if start is None else start)
@@ -153,7 +146,7 @@ class ControlQP:
         while True:
             transformed = lapack.dtrtrs(factor, rows[chosen].T, trans=1)[0].T
             bounds = high[chosen] - move[chosen], low[chosen] - move[chosen]
-            z, _, status, _ = daqp.solve(identity, zeros, transformed, *bounds, **_OPTIONS)
+            z, _, status, _ = daqp.solve(identity, zeros, transformed, *bounds, primal_tol=_TOLERANCE)
             if status != 1 or not np.isfinite(z).all():
                 return None
             found = unbounded + lapack.dtrtrs(factor, z)[0]
@@ -165,13 +158,9 @@ class ControlQP:
 
     def active(self, p: FloatArray) -> list[tuple[str, int]]:
         """Kind and joint of the limits that control points p touch, most often touched first."""
-        at = self._along(p)
-        touched = (at > self.upper - 1e-4 * np.abs(self.upper)) | (
-            at < self.lower + 1e-4 * np.abs(self.lower)
-        )
-        found = [
-            label for label, here in zip(self.labels, touched, strict=True) if here and label[0] != "rest"
-        ]
+        at, lower, upper = self._along(p), self.lower, self.upper
+        touched = (at > upper - 1e-4 * np.abs(upper)) | (at < lower + 1e-4 * np.abs(lower))
+        found = [self.labels[k] for k in np.flatnonzero(touched) if self.labels[k][0] != "rest"]
         return sorted(set(found), key=lambda label: -found.count(label))
 
     @staticmethod
@@ -182,6 +171,10 @@ class ControlQP:
         room[over] = high[over] / move[over]
         room[under] = low[under] / move[under]
         return max(0.0, float(room.min(initial=1.0)))
+
+
+def _joined(bounds: list[FloatArray]) -> FloatArray:
+    return np.concatenate([np.empty(0), *(one.ravel() for one in bounds)])
 
 
 def at_rest(problem: Problem) -> FloatArray:

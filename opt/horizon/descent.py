@@ -37,8 +37,8 @@ __all__ = [
 _APART = 0.05  # [rad or m] motions whose joints stay this near to each other have come together
 _LACK = 0.5  # share of a limit's margin at which a motion has landed
 _DAMPING = 0.03  # that stages after the first begin with
-_LEAST_DAMPING, _MOST_DAMPING = 1e-6, 1e4
-_HOPELESS = 1e3  # a step that fails even under this damping will not be found
+_LEAST_DAMPING = 1e-6
+_MOST_DAMPING = 1e3  # a step that fails even under this one will not be found
 _STALL = 1e-3  # the relative gain below which a motion drops out
 _MERIT_NOISE = 1e-4  # added to the merit in that: gains below a tenth of this per thousand are nothing
 
@@ -132,10 +132,10 @@ def descend(model: Model, motions: Candidates, weights: Weights, iterations: int
             motions.at.put(live[better], new.take(better))
         ratio = gain / np.maximum(expected, 1e-15)
         factor = np.where(~better, 6.0, np.where(ratio > 0.7, 0.2, np.where(ratio > 0.3, 0.5, 2.0)))
-        damping = np.clip(motions.damping[live] * factor, _LEAST_DAMPING, _MOST_DAMPING)
+        damping = np.maximum(motions.damping[live] * factor, _LEAST_DAMPING)
         motions.damping[live] = damping
         stalled = np.where(
-            better, gain < _STALL * (new.merit + model.time * _MERIT_NOISE), damping > _HOPELESS
+            better, gain < _STALL * (new.merit + model.time * _MERIT_NOISE), damping > _MOST_DAMPING
         )
         live = live[~stalled]
         if not live.size:

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.horizon.approaches import moves_to
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Model
 from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
 from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.shooting import JointGoals, too_short
-from ffsms_pin.opt.horizon.starts import joint_range, spread_postures, straight_time
+from ffsms_pin.opt.horizon.shooting import JointGoals, joint_range, spread_postures, straight_time, too_short
+from ffsms_pin.opt.horizon.starts import moves_to
 from ffsms_pin.opt.limits.limit import Limit, Violation
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
@@ -28,14 +27,8 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 
 __all__ = ["explain", "keep_limits", "reach_range", "refused", "with_limits_said", "within_workspace"]
 
-# Joint positions from which the longest and the shortest reach are looked for, and steps of the ascent.
-_SAMPLES, _ASCENT = 64, 40
 # Durations that are tried: a failed one and one that does come this near to each other, as a ratio.
 _CLOSE = 1.08
-_MORE_THAN_STRAIGHT = (
-    1.1  # than the straight move to the nearest goal found, the first duration that is tried
-)
-_LONGER, _DOUBLINGS = 1.25, 3  # than the failed duration; how often a duration that does not do is doubled
 
 
 def refused(problem: Problem) -> Trajectory | None:
@@ -227,12 +220,12 @@ def reach_range(problem: Problem) -> tuple[float, float]:
     The base's attitude does not change it, and it holds for all motions from rest: the centre stays.
     """
     low, high = joint_range(problem)
-    stack, seeds = problem.stack, spread_postures(problem, 0, _SAMPLES)
+    stack, seeds = problem.stack, spread_postures(problem, 0, 64)
     found = []
     for sense in (-1.0, 1.0):
         joints: FloatArray = seeds
         best = np.inf
-        for k in range(_ASCENT):
+        for k in range(40):
             arm = stack.evaluate(joints.T)
             distance = np.linalg.norm(arm.rho, axis=0)
             best = min(best, float((-sense * distance).min()))
@@ -261,8 +254,9 @@ def _sufficient(
     near = goals.distance <= 0.05 * problem.stack.length
     straight = [straight_time(problem, joints) for joints in goals.joints[near]]
     shorter = max(problem.duration, too_short(problem, goals))
-    longer = max(_LONGER * problem.duration, _MORE_THAN_STRAIGHT * min(straight, default=0.0) / ARRIVAL_SHARE)
-    for _ in range(_DOUBLINGS):
+    # A quarter longer than the failed one, a tenth longer than the straight move to the nearest goal takes.
+    longer = max(1.25 * problem.duration, 1.1 * min(straight, default=0.0) / ARRIVAL_SHARE)
+    for _ in range(3):
         if attempt(problem.lasting(longer)):
             break
         shorter, longer = longer, 2.0 * longer

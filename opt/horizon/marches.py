@@ -1,8 +1,6 @@
-"""Marches of the paper's step: as starts of the search, and as plans of their own.
+"""Marches of single steps, with every limit, as plans of their own.
 
-Where nothing stops it, a march costs nothing and moves the joints little, and it may arrive where no straight
-joint-space move does. As a start it is taken on the cost's cone without limits, all sides at once: one damped
-least-squares solution a step does for the programme. As a plan it is marched with every limit, step by step.
+Where nothing stops it, a march of the paper's step costs nothing and moves the joints little.
 """
 
 from __future__ import annotations
@@ -10,27 +8,19 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.horizon.control_qp import at_rest
-from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.spline import RateSpline
-from ffsms_pin.opt.horizon.starts import joint_range
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across, start_sides
+from ffsms_pin.opt.step.march import Progress, Steps, march, start_sides
 from ffsms_pin.opt.step.programme import StepWeights
-from ffsms_pin.opt.step.reference import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system.base_motion import advance
 
 __all__ = [
-    "cone_marches",
     "free_marches",
     "landed",
-    "march_starts",
     "marched",
     "reference_stepper",
     "straight_march",
@@ -40,20 +30,9 @@ __all__ = [
 # little to keep an arm from leaving a singular start.
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
-_DAMPING = 0.003  # [arm lengths] of the least squares, near singular postures
-_SHARE = 0.8  # of the rate limits
 _STRIDES = 60  # a step of a march with all limits is at most such a part of the time left
 _BEHIND = 1.5  # at such a multiple of the way that is left at the mean speed a march is given up
 _BRAKING = 0.5  # of the acceleration limits, at the end of such a march
-
-
-def march_starts(problem: Problem, spline: RateSpline, options: SearchOptions) -> FloatArray:
-    """Control points (S, M, n) nearest to the marches."""
-    rates = cone_marches(problem, options.march_steps)
-    middles = (np.arange(options.march_steps) + 0.5) * problem.duration / options.march_steps
-    maps = spline.rates_at(middles)
-    rest = rates - maps.fixed[:, None] * problem.joint_rates
-    return np.asarray(np.linalg.pinv(maps.free) @ rest)
 
 
 def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
@@ -124,31 +103,3 @@ def _between(nodes: FloatArray, rates: FloatArray) -> FloatArray:
     """Rates (N + 1, n) at every node of the motion, linear between those of some (k,), (k, n)."""
     at = np.arange(nodes[-1] + 1)
     return np.stack([np.interp(at, nodes, one) for one in rates.T], axis=1)
-
-
-def cone_marches(problem: Problem, steps: int) -> FloatArray:
-    """Joint rates (S, steps, n) in the middles of steps: a march for each side of the cone, one straight.
-
-    They are starts: a place that rides on the base, or is free about an axis, counts as seen from the start.
-    """
-    tip = pin.SE3(problem.rotation0 @ problem.arm0.tip_rotation[..., 0], problem.tip0)
-    place = problem.goal.place(problem.duration).aim(tip, problem.q0)
-    low, high = joint_range(problem)
-    most = np.where(problem.free, _SHARE * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)
-    J = problem.rotation0 @ problem.arm0.jstar[..., 0]
-    sides = np.array([*sides_across(place.position - problem.tip0, J), np.zeros(3)])
-    return kernel.cone_marches(
-        problem.stack.tree,
-        steps,
-        problem.duration,
-        problem.kappa,
-        problem.mean_speed,
-        ARRIVAL_POWER,
-        LEAST_APPROACH,
-        _DAMPING * problem.stack.length,
-        joints=np.stack([problem.joints0, low, high, most]),
-        places=np.stack([place.position, problem.com0, problem.drift]),
-        attitude=problem.rotation0,
-        rotation=place.rotation,
-        sides=sides,
-    )

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.approaches import missed_at
 from ffsms_pin.opt.horizon.shooting import JointGoals
+from ffsms_pin.opt.horizon.starts import missed_at
 from ffsms_pin.opt.problem import Problem
 
 __all__ = ["later_deadline", "time_within_reach", "too_fast"]

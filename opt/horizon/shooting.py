@@ -1,4 +1,7 @@
-"""Joint goals by shooting: where straight joint-space moves end with the base reacting, and what moves it."""
+"""Joint goals by shooting: where straight joint-space moves end with the base reacting, and what moves it.
+
+Postures that are spread evenly over the joints' range, or near the start, are what it begins from.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,6 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Place
-from ffsms_pin.opt.horizon.starts import joint_range, straight_time
 from ffsms_pin.opt.limits.limit import End
 from ffsms_pin.opt.motion.frame import Frame, RobotFrame
 from ffsms_pin.opt.motion.motions import apply_rates
@@ -17,7 +19,17 @@ from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
 
-__all__ = ["GoalFromStart", "JointGoals", "joint_goals", "straight_ends", "too_short"]
+__all__ = [
+    "GoalFromStart",
+    "JointGoals",
+    "halton",
+    "joint_goals",
+    "joint_range",
+    "spread_postures",
+    "straight_ends",
+    "straight_time",
+    "too_short",
+]
 
 # [rad] Where straight moves turn the base by more, the median over them, Newton's method needs exact slopes.
 _MUCH = 0.5
@@ -198,3 +210,69 @@ def too_short(problem: Problem, goals: JointGoals) -> float:
     if not still or not near.any():
         return 0.0
     return min(straight_time(problem, joints) for joints in goals.joints[near]) / _QUICKER
+
+
+def halton(first: int, count: int, dimensions: int) -> FloatArray:
+    """Evenly spread points (count, dimensions) in the unit cube, the same in every run.
+
+    Reference: J. H. Halton, "On the efficiency of certain quasi-random sequences of points", 1960.
+    """
+    primes: list[int] = []
+    candidate = 2
+    while len(primes) < dimensions:
+        if all(candidate % p for p in primes):
+            primes.append(candidate)
+        candidate += 1
+    out = np.zeros((count, dimensions))
+    for j, base in enumerate(primes):
+        index, fraction = np.arange(first + 1, first + count + 1), 1.0 / base
+        while index.any():
+            out[:, j] += fraction * (index % base)
+            index, fraction = index // base, fraction / base
+    return out
+
+
+def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
+    """Joint positions (count, n), evenly spread over the joint range, or over what lies near the start.
+
+    Joints that carry nothing with a goal, such as those of an idle arm, stay: what a search starts from
+    should not swing them. They still move where that holds the base, or where the terms ask for it.
+
+    Parameters
+    ----------
+    problem : Problem
+    first : int
+        How many were drawn before.
+    count : int
+    radius : float
+        Largest distance of a joint from where it starts [rad or m].
+    """
+    low, high = joint_range(problem)
+    start = problem.joints0
+    low, high = np.maximum(low, start - radius), np.minimum(high, start + radius)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    spread = middle + 0.9 * half * (2.0 * halton(first, count, problem.sms.n) - 1.0)
+    carrying = problem.stack.moves_tip > 0.0
+    for end in (end for limit in problem.limits for end in limit.ends):
+        carrying = carrying | (end.frame.moves > 0.0)
+    return np.where(carrying, spread, start)
+
+
+def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Where goals are looked for: the joint limits, or half a turn to each side where there is none."""
+    limits, start = problem.sms.limits, problem.joints0
+    low = np.where(np.isfinite(limits.lower), limits.lower, start - np.pi)
+    high = np.where(np.isfinite(limits.upper), limits.upper, start + np.pi)
+    return np.where(problem.free, low, start), np.where(problem.free, high, start)
+
+
+def straight_time(problem: Problem, goal: FloatArray) -> float:
+    """Least duration of a straight joint-space move from rest to rest [s]."""
+    limits, way = problem.sms.limits, np.abs(goal - problem.joints0)
+    if np.isinf(limits.acceleration).any():
+        return 0.0  # nothing is known of how long a joint without limits needs
+    ramp = limits.velocity / limits.acceleration
+    cruise = way / limits.velocity + ramp
+    return float(
+        np.where(way >= limits.velocity * ramp, cruise, 2.0 * np.sqrt(way / limits.acceleration)).max()
+    )

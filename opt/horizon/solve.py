@@ -20,8 +20,6 @@ from ffsms_pin.threads import one_blas_thread
 
 __all__ = ["solve"]
 
-# What counts as the momentum that a goal asks for: relative, and [kg m/s; kg m^2/s].
-_SAME, _ROUNDING = 1e-6, 1e-9
 _NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)  # failures of numbers, not of the program
 
 
@@ -90,10 +88,9 @@ def _momentum_note(problem: Problem) -> str:
     if asked is None:
         return ""
     given = np.zeros(6) if problem.momentum is None else problem.momentum
-    linear, angular = (float(np.linalg.norm((given - asked)[part])) for part in (slice(3), slice(3, 6)))
-    size = np.linalg.norm(asked[:3]), np.linalg.norm(asked[3:])
-    if linear <= _SAME * size[0] + _ROUNDING and angular <= _SAME * size[1] + _ROUNDING:
-        return ""
+    linear, angular = np.linalg.norm((given - asked).reshape(2, 3), axis=1)
+    if np.allclose([linear, angular], 0.0, atol=1e-6 * float(np.abs(asked).max()) + 1e-9):
+        return ""  # but for rounding
     return (
         f"the momentum before the capture is {linear:.3g} kg m/s and {angular:.3g} kg m^2/s from the one "
         "that leaves both at rest: so much is left after it"

@@ -14,14 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ffsms_pin.opt.horizon.approaches import moves_to
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, descend, follow, prefer_limits
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
-from ffsms_pin.opt.horizon.marches import free_marches, march_starts, straight_march
+from ffsms_pin.opt.horizon.marches import free_marches, straight_march
 from ffsms_pin.opt.horizon.search import Search, cost_of
-from ffsms_pin.opt.horizon.shooting import too_short
+from ffsms_pin.opt.horizon.shooting import spread_postures, too_short
 from ffsms_pin.opt.horizon.spline import embedded
-from ffsms_pin.opt.horizon.starts import spread_postures
+from ffsms_pin.opt.horizon.starts import march_starts, moves_to
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 

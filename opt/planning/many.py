@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.engine import Outcome, all_results, outcomes
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.planning.plan import plan
+from ffsms_pin.opt.planning.plan import KAPPA, plan
+from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
 
@@ -24,9 +25,9 @@ def plan_many(
     sms: SpaceManipulator,
     q0: ArrayLike | Sequence[ArrayLike],
     target: Any,
-    duration: ArrayLike = 12.0,
-    dt: float = 0.01,
-    kappa: float = 10.0,
+    duration: ArrayLike = Problem.duration,
+    dt: float = Problem.dt,
+    kappa: float = KAPPA,
     *,
     jobs: int | None = None,
     progress: Callable[[float], None] | None = None,
@@ -89,8 +90,8 @@ def plan_many(
 def plan_each(
     sms: SpaceManipulator,
     tasks: Iterable[tuple[ArrayLike, Any, float]],
-    dt: float = 0.01,
-    kappa: float = 10.0,
+    dt: float = Problem.dt,
+    kappa: float = KAPPA,
     *,
     jobs: int | None = None,
     **options: Any,

@@ -14,18 +14,21 @@ from ffsms_pin.opt.goals import Also, Via, as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.horizon.diagnosis import refused, with_limits_said
 from ffsms_pin.opt.horizon.marches import marched, reference_stepper
-from ffsms_pin.opt.limits import BaseLimits, Limit, Obstacle
+from ffsms_pin.opt.limits import BaseLimits, Clearance, Limit, Obstacle
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms
 from ffsms_pin.opt.step.march import Progress, start_sides
 from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["METHODS", "plan", "plan_problem"]
+__all__ = ["KAPPA", "METHODS", "plan", "plan_problem"]
 
 METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
+
+KAPPA = Coupling.kappa  # of the paper's cost, where none is given
 
 # [m, rad] Nearer than this to its target, an arm is there and stays.
 ALREADY_THERE = 1e-6
@@ -35,12 +38,12 @@ def plan(
     sms: SpaceManipulator,
     q0: ArrayLike,
     target: Any,
-    duration: float = 12.0,
-    dt: float = 0.01,
-    kappa: float = 10.0,
+    duration: float = Problem.duration,
+    dt: float = Problem.dt,
+    kappa: float = KAPPA,
     *,
-    clearance: float = 0.01,
-    collision: str = "auto",
+    clearance: float = Clearance.clearance,
+    collision: str = Clearance.collision,
     obstacles: Sequence[Obstacle] = (),
     method: str = "horizon",
     base_limits: BaseLimits | None = None,
@@ -53,7 +56,7 @@ def plan(
     also: Mapping[str, Any] | None = None,
     via: Sequence[Any] = (),
     progress: Progress | None = None,
-    mode: str = "floating",
+    mode: str = Problem.mode,
     wheel_momentum: ArrayLike | None = None,
 ) -> Trajectory:
     """Plan a coupling-informed motion from `q0` to `target`.

@@ -15,7 +15,7 @@ from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.motion.actuated import wheel_total
 from ffsms_pin.opt.one_thread import OneThread, ReferenceInUse
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.replan.aim import aim
+from ffsms_pin.opt.replan.approach import aim
 from ffsms_pin.opt.replan.correctable import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import JointPlan
@@ -90,8 +90,6 @@ class Replanning:
             raise InvalidValue("hold", hold, "must be at least zero [s]")
         instance("problem", problem, Problem)
         instance("options", options, ReplanOptions, optional=True)
-        if problem.goal.place(0.0).moves_with_base:
-            raise InvalidValue("goal", problem.goal, "must not ride on the base: fly its plan instead")
         sms, n = problem.sms, problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + hold
@@ -101,7 +99,7 @@ class Replanning:
         if problem.locked:
             self._renew_stepper()
         self._thread = OneThread(ReferenceInUse, for_good=True)
-        self._step = -1
+        self._step, self._seen = -1, problem.q0
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = 0
@@ -117,10 +115,15 @@ class Replanning:
 
     @property
     def target(self) -> Any:
-        """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one."""
-        if (goal := self.problem.goal).moves:
+        """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one.
+
+        On the base: with the base where it was last measured.
+        """
+        goal, duration = self.problem.goal, self.problem.duration
+        if goal.moves:
             return lambda t: goal.places(np.array([t])).position[:, 0]
-        return goal.place(self.problem.duration).position
+        place = goal.place(duration)
+        return (lambda t: place.at(self._seen).position) if place.moves_with_base else place.position
 
     @property
     def momentum(self) -> FloatArray | None:
@@ -208,7 +211,7 @@ class Replanning:
         failed = planner.failed
         self._start = np.where(failed, self.problem.sms.layout.positions(q), self._start)
         self._rates = np.where(failed, 0.0, self._rates)
-        self._step, now = step, step * dt
+        self._step, now, self._seen = step, step * dt, q.copy()
         deadline = now if self.problem.goal.moves else self.problem.duration
         goal, self._uncorrectable = self._correctable.goal(self.problem.goal, q, deadline)
         plan = planner.current
@@ -262,7 +265,7 @@ class Replanning:
         dt, left, options = self.problem.dt, self.problem.duration - now, self.options
         rotation, wanted = None, None
         if self.mode == "plan" or plan.miss > options.follow_miss:
-            position = goal.place(now).position
+            position = goal.place(now).at(q).position
             there, wanted = plan.sample(now + dt)
             wanted = wanted + options.return_rate * (there - self._start - dt * wanted)
         else:

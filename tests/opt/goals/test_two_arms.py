@@ -12,8 +12,7 @@ from motions import HASTY
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FrameNotFound, InvalidValue
-from ffsms_pin.opt.horizon.shooting import joint_goals
-from ffsms_pin.opt.horizon.starts import spread_postures
+from ffsms_pin.opt.horizon.shooting import joint_goals, spread_postures
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.rollout import configurations, rolled_out
 from ffsms_pin.opt.replan.rest import rest_of

@@ -10,8 +10,7 @@ from ffsms_pin import opt
 from ffsms_pin.opt.horizon.descent import Model
 from ffsms_pin.opt.horizon.diagnosis import keep_limits
 from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.shooting import joint_goals, straight_ends
-from ffsms_pin.opt.horizon.starts import spread_postures
+from ffsms_pin.opt.horizon.shooting import joint_goals, spread_postures, straight_ends
 from ffsms_pin.opt.limits.clearance.bodies import BodyStack
 from ffsms_pin.opt.limits.clearance.distances import Poses
 from ffsms_pin.system.base_motion import roll_out
