@@ -14,10 +14,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.goals import Changed
 from ffsms_pin.opt.horizon.spline import Grid
-from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.replan.rest import rest_of
-from ffsms_pin.opt.replan.warm import replanned
+from ffsms_pin.opt.replan.rest import JointPlan, replanned, rest_of
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.simulation import perturb
 
