@@ -68,7 +68,7 @@ class WheelEnergy(Term):
     """Little energy of the wheels that hold the attitude; nothing where no wheels do.
 
     The energy is the integral of the sum of |motor torque x wheel speed|: wheels win nothing back in braking
-    (`Trajectory.wheel_energy`). Its slopes take a call of Pinocchio an instant, which makes a search slower.
+    (`Trajectory.wheel_energy`).
 
     Attributes
     ----------

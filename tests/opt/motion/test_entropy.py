@@ -41,7 +41,7 @@ def test_entropy_of_coupling_that_lacks_a_direction(rng: np.random.Generator) ->
 
 @pytest.mark.parametrize("n", [3, 6, 7])
 def test_singular_values_and_vectors(n: int, rng: np.random.Generator) -> None:
-    """By the eigenvalues of C^T C; by the decomposition itself where these lose digits."""
+    """Against the decomposition itself, where values are lost, too."""
     C = rng.normal(size=(6, n, 3))
     C[2:, :, 1] = 0.0  # of rank two
     C[:, -1, 2] = (1.0 + 1e-7) * C[:, 0, 2]  # nearly singular
