@@ -139,9 +139,9 @@ def finest_spline(search: Search) -> None:
 
 def within_limits(search: Search) -> None:
     """Where none of those found arrives: the nearest, taken back within the limits."""
-    if not search.found or search.arrived():
+    if not search.fresh or search.arrived():
         return
-    nearest = search.best()
+    nearest = search.ranking.best(search.fresh)
     if nearest.plan.broken:
         model = replace(nearest.model, problem=search.problem, goal=search.problem.goal)
         motion = Candidates.start(model, nearest.p[None], LAST_WEIGHTS, 0.03)
@@ -187,14 +187,16 @@ STRATEGIES = (
     Strategy("coarse marches", coarse_marches),
     Strategy("descent", partial(descend_from_starts, keep=(3, 2, 1), repeats=1)),
     Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
     Strategy("more starts", partial(straight_starts, near=4, far=8, enough=(3e-3, 0.2))),
     Strategy("descent", partial(descend_from_starts, keep=(6, 4, 2), repeats=2)),
     Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
     Strategy("most starts", partial(straight_starts, near=4, far=20, enough=(0.03, 0.5), insist=False)),
     Strategy("descent", partial(descend_from_starts, keep=(10, 6, 4), repeats=4)),
     Strategy("finest spline", finest_spline),
-    Strategy("marches", marches),
     Strategy("within limits", within_limits),
+    Strategy("marches", marches),
     Strategy("straight line", straight_line),
 )
 # For a plan at any cost.
