@@ -10,9 +10,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # so that a type checker reports a routine that is misspelt
-    from scipy.linalg.lapack import dgelsy, dgesdd, dgesv, dposv, dpotrf, dpotrs
+    from scipy.linalg.lapack import dgesdd, dgesv, dposv, dpotrf, dpotrs
 
-    __all__ = ["dgelsy", "dgesdd", "dgesv", "dposv", "dpotrf", "dpotrs"]
+    __all__ = ["dgesdd", "dgesv", "dposv", "dpotrf", "dpotrs"]
 else:
 
     def __getattr__(name: str) -> Any:

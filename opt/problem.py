@@ -270,7 +270,7 @@ class Problem:
     @cached_property
     def place_now(self) -> Place:
         """The goal's place at the deadline in inertial axes; one on the base as seen from the start."""
-        place: Place = self.goal.place(self.duration).at(self.q0[:3], self.rotation0)
+        place: Place = self.goal.place(self.duration).at(self.q0)
         return place
 
     @cached_property

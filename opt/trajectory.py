@@ -6,13 +6,11 @@ import os
 from dataclasses import dataclass, field, fields
 
 import numpy as np
-import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
-from ffsms_pin.opt.goals.contact import contact_velocity, end_errors, late, missed
+from ffsms_pin.opt.goals.near import verdict
 from ffsms_pin.opt.motion.actuated import nodal_momentum, propellant, wheel_energy
-from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.finished import angles_from_start, path_ratio, principal_rates, sampled
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import configurations, velocities
@@ -231,18 +229,9 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     """
     sms, goal, kappa, q0 = problem.sms, problem.goal, problem.kappa, problem.q0
     momentum, motion, nodes = problem.momentum, problem.motion(rates), slice(None, None, 2)
-    way, steps = motion.to_target[:, 0, nodes], motion.paired
-    places = goal.places(motion.times)
-    tip = Features(motion).frame("tip", places.on)
-    distance, turned = np.linalg.norm(way, axis=0), places.missed(tip).angle[0, nodes]
-    place, q = goal.place(problem.duration), configurations(sms, q0, motion)
-    base, contact = pin.XYZQUATToSE3(q[-1, :7]), contact_velocity(place, motion)
-    errors = end_errors(goal, float(distance[-1]), float(turned[-1]), contact, problem.duration)
-    misses = missed(goal, errors)
+    steps, q, at_goal = motion.paired, configurations(sms, q0, motion), verdict(goal, motion)
     found = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
-    tail = motion.times[nodes] >= ARRIVAL_SHARE * problem.duration - 1e-9
-    ends = misses or late(goal, float(distance[tail].max()), float(turned[tail].max()))
-    notes = [note, ends, *(violation.note for _, violation in found)]
+    notes = [note, at_goal.misses or at_goal.late, *(violation.note for _, violation in found)]
     return Trajectory(
         t=motion.times[nodes],
         q=q,
@@ -254,10 +243,10 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         entropy=steps.entropy,
         cost=steps.cost(kappa),
         end_effector=motion.end_effector[:, 0, nodes].T,
-        position_error=distance,
+        position_error=at_goal.distance,
         target=motion.target_points[:, 0, -1],
-        target_rotation=place.at(base.translation, base.rotation).target_rotation,
-        orientation_error=turned,
+        target_rotation=goal.place(problem.duration).at(q[-1]).target_rotation,
+        orientation_error=at_goal.angle,
         kappa=kappa,
         reach=goal.reach,
         orientation_reach=goal.orientation_reach,
@@ -266,9 +255,9 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         momentum=np.zeros(6) if momentum is None else momentum,
         shares={term.name: term.share(motion) for term in problem.terms},
         binding={name: violation.instants for name, violation in found if violation.instants.size},
-        contact_velocity=contact,
-        met=not (goal.exact and misses),
-        within_tolerance=not misses,
+        contact_velocity=at_goal.contact,
+        met=not (goal.exact and at_goal.misses),
+        within_tolerance=not at_goal.misses,
         broken={name: violation.amount for name, violation in found if violation.amount > 0.0},
         wheel_momentum=nodal_momentum(motion, sms),
         wheel_energy=wheel_energy(motion),

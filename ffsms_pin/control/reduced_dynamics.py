@@ -37,7 +37,7 @@ def reduced_dynamics(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> tup
     M = dynamics.inertia_matrix(sms, q)
     N = floating_motion(M)
     effects = dynamics.velocity_effects(sms, q, v)
-    return dynamics.reduced_inertia(M, N), dynamics.reduced_effects(effects, N)
+    return M[6:] @ N, effects @ N
 
 
 def reduced_torque(sms: SpaceManipulator, q: FloatArray, v: FloatArray, qdd: FloatArray) -> FloatArray:
@@ -69,4 +69,4 @@ def reduced_coriolis(
     N = floating_motion(M)
     effects = dynamics.velocity_effects(sms, q, v)
     C = dynamics.reduced_coriolis_matrix(sms, q, N, v[6:])
-    return dynamics.reduced_inertia(M, N), dynamics.reduced_effects(effects, N), C
+    return M[6:] @ N, effects @ N, C

@@ -33,9 +33,7 @@ def planned(
     return replace(trajectory, reach=scenario.plan.get("reach", trajectory.reach))
 
 
-def replanning(
-    scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | None = None
-) -> Replanning | Watching:
+def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | None = None) -> Replanning:
     """A reference that plans again from the measured state; one run uses it up.
 
     Where the client has a sensor, what is planned for is its estimate. Waypoints without a time get that at
@@ -53,10 +51,10 @@ def replanning(
     options = ReplanOptions(
         dead_band=scenario.reference.get("dead_band"), jerk=scenario.per_joint(sms, "reference", "jerk")
     )
-    reference = Replanning(problem, scenario.reference.get("hold", 0.0), options=options)
+    hold = scenario.reference.get("hold", 0.0)
     if client is None or seen is None or estimate is None:
-        return reference
-    return Watching(reference, client, seen, estimate)
+        return Replanning(problem, hold, options=options)
+    return Watching(problem, client, seen, estimate, hold=hold, options=options)
 
 
 def _untimed(limit: Limit) -> TypeGuard[Via]:

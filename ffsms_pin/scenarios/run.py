@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 from ffsms_pin.control import JointLaw
 from ffsms_pin.opt import Replanning, Trajectory
-from ffsms_pin.opt.replan.watching import Watching
 from ffsms_pin.scenarios.capture import Captured, captured
 from ffsms_pin.scenarios.closed_loop import Attempt, attempt, named, prepared
 from ffsms_pin.scenarios.conditions import controller
@@ -117,7 +116,7 @@ def run(
         tracking = loop.run(reference, law, stage(progress, "tracking"), **files)
         tracked = time.perf_counter()
         note, open_loop, capture = "", None, None
-        if isinstance(reference, (Replanning, Watching)):
+        if isinstance(reference, Replanning):
             note = reference.note
             open_loop = attempt(
                 partial(loop.run, loop.plan_once(trajectory), law, stage(progress, "plan once"))

@@ -22,14 +22,9 @@ __all__ = [
     "bias_accelerations",
     "centroidal",
     "floating_torque",
-    "generalised_inertia",
     "inertia_matrix",
     "reduced_coriolis_matrix",
-    "reduced_effects",
-    "reduced_inertia",
-    "turned_along",
     "velocity_effects",
-    "velocity_forces",
 ]
 
 
@@ -45,40 +40,7 @@ def velocity_effects(robot: Mechanism, q: FloatArray, v: FloatArray) -> FloatArr
     return effects
 
 
-def generalised_inertia(M: FloatArray, T: FloatArray) -> FloatArray:
-    """H (6 + n, 6 + n) for [base twist; joint rates] (paper Eq. T): [[H_b, H_bm], [H_bm^T, H_m]]."""
-    H: FloatArray = T.T.dot(M.dot(T))
-    return H
-
-
-def velocity_forces(effects: FloatArray, T: FloatArray, H: FloatArray, base_twist: FloatArray) -> FloatArray:
-    """[C_b; C_m] (6 + n,) [N; N m]: the force that holds base twist and joint rates constant.
-
-    `effects` (6 + n,) holds Pinocchio's velocity constant, in axes that turn with the base. Then the base's
-    centre of mass accelerates by omega x (its velocity), and nothing else of [base twist; joint rates] does.
-    """
-    vx, vy, vz, wx, wy, wz = base_twist.tolist()
-    turning = np.array([wy * vz - wz * vy, wz * vx - wx * vz, wx * vy - wy * vx])
-    C: FloatArray = effects.dot(T) - turning.dot(H[:3])
-    return C
-
-
 # -- the base reacting -------------------------------------------------------------------------------------
-
-
-def reduced_inertia(M: FloatArray, N: FloatArray) -> FloatArray:
-    """H_q (n, n), the Schur complement of H_b in H: N^T M N, which is the joints' rows of M N."""
-    H_q: FloatArray = M[6:].dot(N)
-    return H_q
-
-
-def reduced_effects(effects: FloatArray, N: FloatArray) -> FloatArray:
-    """C_q (n,) [N m], C_m - H_bm^T H_b^-1 C_b: N^T times the velocity effects.
-
-    It does not matter at which base acceleration the forces are: N^T M is zero in the base's columns.
-    """
-    C_q: FloatArray = effects.dot(N)
-    return C_q
 
 
 def reduced_coriolis_matrix(robot: Mechanism, q: FloatArray, N: FloatArray, rates: FloatArray) -> FloatArray:
@@ -172,23 +134,3 @@ def bias_accelerations(
     lever, turning = rotation @ robot.base_com, cross_matrix(rotation @ v[3:6])
     base[:3] += cross_matrix(base[3:]) @ lever + turning @ (turning @ lever)
     return base, end_effector
-
-
-def turned_along(product: FloatArray, twist: FloatArray, drift_twist: FloatArray) -> FloatArray:
-    """dA/dt qd (6,) [m/s^2; rad/s^2] along a motion with momentum, A being C_bm or J*.
-
-    Seen from the base, both matrices depend on the joints alone. What else the base turns by, because of the
-    momentum, turns them as a whole.
-
-    Parameters
-    ----------
-    product : ndarray, shape (6,)
-        The same at the same joint rates and zero momentum: a bias acceleration.
-    twist : ndarray, shape (6,)
-        A qd.
-    drift_twist : ndarray, shape (6,)
-        Base twist that the momentum alone gives.
-    """
-    turning = cross_matrix(drift_twist[3:])
-    turned: FloatArray = np.concatenate([turning @ twist[:3], turning @ twist[3:]])
-    return product + turned

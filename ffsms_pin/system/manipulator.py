@@ -17,7 +17,6 @@ from ffsms_pin.errors import GeometryError, InvalidValue
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.batch import Batch
 from ffsms_pin.system.batch.arm import ArmStack
-from ffsms_pin.system.bodies import check_bodies
 from ffsms_pin.system.convex_parts import Part, convex_parts
 from ffsms_pin.system.limits import JointLimits, limits_of, within_turns
 from ffsms_pin.system.mechanism import Mechanism, scratch
@@ -112,7 +111,6 @@ class SpaceManipulator(Mechanism):
         self.wheels, self.thrusters = wheels, thrusters
         self._geometry: dict[str, Any] = {}
         self._stacks: dict[str, ArmStack] = {}
-        check_bodies(self.model, self.layout)
         if wheels is not None:
             check_inertia(self.model, wheels)
         self._complete = True

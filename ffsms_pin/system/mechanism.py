@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen
-from ffsms_pin.errors import FrameNotFound, InvalidValue
+from ffsms_pin.errors import FrameNotFound, InvalidInertia, InvalidValue
 from ffsms_pin.system.base_reaction import cross_matrix
 from ffsms_pin.system.joints import JointLayout
 
@@ -66,6 +66,7 @@ class Mechanism:
         self.root_to_com[:3, 3:] = -cross_matrix(self.base_com)  # omega x com
         frozen(self.root_to_com)
         self._scratch = _Scratch(self.model)
+        _check_bodies(self.model, self.layout)
 
     def __setattr__(self, name: str, value: object) -> None:
         if self._complete:
@@ -88,6 +89,19 @@ class _Scratch(threading.local):
 
     def __init__(self, model: Any) -> None:
         self.data = model.createData()
+
+
+def _check_bodies(model: Any, layout: JointLayout) -> None:
+    """Raise `InvalidInertia` where a body's inertia is not positive definite: H could not be inverted."""
+    for j in range(1, model.njoints):
+        body = model.inertias[j]
+        finite = np.isfinite(body.mass) and np.isfinite(body.lever).all() and np.isfinite(body.inertia).all()
+        if not finite or body.mass <= 0.0 or np.linalg.eigvalsh(body.inertia)[0] <= 0.0:
+            raise InvalidInertia(
+                model.name,
+                layout.body_name(model, j),
+                f"moves but its inertia is not positive definite (mass {body.mass:g} kg)",
+            )
 
 
 def scratch(robot: Mechanism) -> Any:

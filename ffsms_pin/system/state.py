@@ -118,13 +118,13 @@ class State:
     @cached_property
     def J_star(self) -> FloatArray:
         """Generalised Jacobian (6, n): J_b C_bm + J_m (paper Eq. DC_GJM; Umetani and Yoshida 1989)."""
-        return frozen(kinematics.generalised_jacobian(self._J_e, self._N))
+        return frozen(self._J_e.dot(self._N))
 
     # -- dynamics
     @cached_property
     def H(self) -> FloatArray:
         """Generalised inertia matrix (6 + n, 6 + n) for [base twist; joint rates] (paper Eq. T)."""
-        return frozen(dynamics.generalised_inertia(self._M, self._T))
+        return frozen(self._T.T.dot(self._M.dot(self._T)))
 
     @property
     def H_b(self) -> FloatArray:
@@ -143,12 +143,15 @@ class State:
 
     @cached_property
     def H_q(self) -> FloatArray:
-        """Reduced inertia matrix (n, n): the Schur complement of H_b in H."""
-        return frozen(dynamics.reduced_inertia(self._M, self._N))
+        """Reduced inertia matrix (n, n): the Schur complement of H_b in H, which is N^T M N."""
+        return frozen(self._M[6:].dot(self._N))
 
     @cached_property
     def _C(self) -> FloatArray:
-        return frozen(dynamics.velocity_forces(self._effects, self._T, self.H, self.base_twist))
+        # The effects hold Pinocchio's velocity constant, in axes that turn with the base: then the base's
+        # centre of mass accelerates by omega x (its velocity), and nothing else of v does.
+        turning = base_reaction.cross_matrix(self.base_twist[3:]).dot(self.base_twist[:3])
+        return frozen(self._effects.dot(self._T) - turning.dot(self.H[:3]))
 
     @property
     def C_b(self) -> FloatArray:
@@ -163,7 +166,7 @@ class State:
     @cached_property
     def C_q(self) -> FloatArray:
         """Reduced Coriolis and centrifugal torque (n,) [N m]: C_m - H_bm^T H_b^-1 C_b, the base reacting."""
-        return frozen(dynamics.reduced_effects(self._effects, self._N))
+        return frozen(self._effects.dot(self._N))
 
     @cached_property
     def C_q_matrix(self) -> FloatArray:
@@ -205,8 +208,12 @@ class State:
 
     @cached_property
     def C_be(self) -> FloatArray:
-        """End-to-base coupling (6, 6): C_bm J*^+ (paper Eq. DC_4), J*^+ the pseudo-inverse."""
-        return frozen(kinematics.end_to_base(self.C_bm, self.J_star))
+        """End-to-base coupling (6, 6): C_bm J*^+ (paper Eq. DC_4), J*^+ the pseudo-inverse.
+
+        Rounding leaves about 1e-16 of what is exactly zero at a singular posture, or out of an arm's plane,
+        so singular values of J* below 1e-10 of the largest count as zero.
+        """
+        return frozen(self.C_bm.dot(np.linalg.pinv(self.J_star, rcond=1e-10)))
 
     @cached_property
     def coupling(self) -> Coupling:
@@ -286,10 +293,13 @@ class State:
 
     @cached_property
     def _products(self) -> tuple[FloatArray, FloatArray]:
-        still = dynamics.bias_accelerations(self._robot, self._M, self.q, self._N @ self.v[6:])
-        base = dynamics.turned_along(still[0], self.C_bm @ self.v[6:], self.drift_twist)
-        end_effector = dynamics.turned_along(still[1], self.J_star @ self.v[6:], self.drift_twist)
-        return frozen(base), frozen(end_effector)
+        rates, turning = self.v[6:], base_reaction.cross_matrix(self.drift_twist[3:])
+        found = dynamics.bias_accelerations(self._robot, self._M, self.q, self._N @ rates)
+        # Seen from the base, both matrices depend on the joints alone. What else the base turns by, because
+        # of the momentum, turns them as a whole.
+        for product, twist in zip(found, (self.C_bm @ rates, self.J_star @ rates), strict=True):
+            product += (turning @ twist.reshape(2, 3).T).T.ravel()
+        return frozen(found[0]), frozen(found[1])
 
     @property
     def C_bm_dot_qd(self) -> FloatArray:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
-
-import numpy as np
+from dataclasses import dataclass
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.goal import Goal
@@ -37,8 +34,6 @@ class Changed(Goal):
     tolerance: float = None  # type: ignore[assignment]  # the other's are put in their place
     reach: float = None  # type: ignore[assignment]
     orientation_reach: float = None  # type: ignore[assignment]
-    # A descent asks for the same times in every iteration, and a path may be slow to tell.
-    _known: dict[tuple[bytes, str], Place] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("moves", "exact", "coupled", "at_rest_with"):
@@ -49,24 +44,16 @@ class Changed(Goal):
 
     def place(self, t: float) -> Place:
         """The other's place, `later` seconds later, changed."""
-        return self._kept(self.goal.place, t)
+        return self._changed(self.goal.place(t + self.later))
 
     def places(self, times: FloatArray) -> Place:
         """Likewise."""
-        return self._kept(self.goal.places, times)
-
-    def _kept(self, places: Callable[[Any], Place], times: Any) -> Place:
-        key = np.asarray(times).tobytes()
-        if (key, places.__name__) not in self._known:
-            self._known[key, places.__name__] = self._changed(places(times + self.later))
-        return self._known[key, places.__name__]
+        return self._changed(self.goal.places(times + self.later))
 
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """The other's, as far as it still lies ahead."""
-        ahead = self.goal.approach(duration + self.later)
-        return [
-            (t - self.later, self._changed(place)) for t, place in ahead if t > self.later or not self.later
-        ]
+        ahead = [(t - self.later, place) for t, place in self.goal.approach(duration + self.later)]
+        return [(t, self._changed(place)) for t, place in ahead if t > 0.0 or not self.later]
 
     def _changed(self, place: Place) -> Place:
         return place if self.change is None else self.change(place)

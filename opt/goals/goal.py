@@ -216,7 +216,12 @@ class Moving(Goal):
 
     def places(self, times: FloatArray) -> Place:
         """Where the path is at times (K,) [s]."""
-        return stacked_places([self._where(t) for t in checked_times("times", times).tolist()])
+        found = [self.path(t) for t in checked_times("times", times).tolist()]
+        turned = hasattr(found[0], "translation")
+        position = np.stack([x.translation if turned else np.asarray(x, dtype=float) for x in found], axis=-1)
+        if not np.isfinite(position).all():
+            raise InvalidValue("path", position, "must give finite positions [m]")
+        return Place(position, np.stack([x.rotation for x in found], axis=-1) if turned else None)
 
     def _where(self, t: float) -> Place:
         return as_goal(self.path(t)).place(t)

@@ -1,8 +1,9 @@
-"""Being near a place, at the times at which that counts: an inequality, for the goal and for limits."""
+"""Being near a place, when that counts: an inequality for the goal and for limits, and the goal's verdict."""
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.system.batch.stacks import diagonal, dot
 
-__all__ = ["BINDING", "Near", "arrivals", "beyond"]
+__all__ = ["BINDING", "Near", "Verdict", "arrivals", "beyond", "end_errors", "verdict"]
 
 # Shares of the tolerance at the deadline and of the reach in the last tenth: nearer than that there is
 # nothing to gain. What is kept in hand is for the difference between the spline and the finished motion, and
@@ -127,3 +128,71 @@ def beyond(x: Feature, allowed: float) -> Feature:
         return {name: np.einsum("xy...,yz...->xz...", matrix, slope) for name, slope in x.slopes.items()}
 
     return Feature(share * x.value, slopes, x.where)
+
+
+class Verdict(NamedTuple):
+    """How a finished motion comes to its goal.
+
+    Attributes
+    ----------
+    distance, angle : ndarray, shape (N + 1,)
+        To the wanted position and attitude at the nodes [m], [rad].
+    contact : ndarray, shape (6,)
+        Velocity and angular velocity of the end effector relative to the place at the deadline; one without
+        velocities counts as standing still.
+    misses : str
+        By how much the end misses the goal beyond its tolerance, in words; empty where it is within.
+    late : str
+        By how much the motion is too far off in the last tenth, in words; empty where it is not.
+    """
+
+    distance: FloatArray
+    angle: FloatArray
+    contact: FloatArray
+    misses: str
+    late: str
+
+
+def verdict(goal: Goal, motion: Motions) -> Verdict:
+    """Of a motion at its nodes and the middles between."""
+    m, place, last = Features(motion), goal.place(motion.duration), motion.last
+    places = goal.places(motion.times)
+    found = places.missed(m.frame("tip", places.on))
+    distance, angle = found.distance[0, ::2], found.angle[0, ::2]
+    wanted = [np.zeros(3) if one is None else one for one in (place.velocity, place.spin)]
+    moving = [motion.velocity[:, 0, last], motion.spin[:, 0, last]]
+    contact: FloatArray = np.concatenate(moving) - np.concatenate(wanted)
+    errors = end_errors(goal, float(distance[-1]), float(angle[-1]), contact, motion.duration)
+    nodes = motion.last_tenth[motion.last_tenth % 2 == 0] // 2
+    late = _late(goal, float(distance[nodes].max()), float(angle[nodes].max()))
+    return Verdict(distance, angle, contact, _misses(goal, errors), late)
+
+
+def end_errors(goal: Goal, distance: float, angle: float, contact: FloatArray, duration: float) -> FloatArray:
+    """Of position, attitude, velocity and angular velocity at the deadline (4,) [m, rad, m/s, rad/s].
+
+    Zero for a velocity that is not asked for; `contact` as in `Verdict`.
+    """
+    place = goal.place(duration)
+    asked = [goal.exact or one is not None for one in (place.velocity, place.spin)]
+    return np.array([distance, angle, *np.linalg.norm(np.split(contact, 2), axis=1) * asked])
+
+
+def _misses(goal: Goal, errors: FloatArray) -> str:
+    if not errors.max() > goal.tolerance:
+        return ""
+    units = zip(errors, (1e3, math.degrees(1.0)) * 2, ("mm", "deg", "mm/s", "deg/s"), strict=True)
+    told = [(error, size, unit) for error, size, unit in units if goal.exact or error > 0.0]
+    found = ", ".join(f"{size * error:.3g} {unit}" for error, size, unit in told)
+    allowed = ", ".join(f"{size * goal.tolerance:.2g} {unit}" for _, size, unit in told)
+    what = "at contact the grasp is missed by" if goal.exact else "the end is off by"
+    return f"{what} {found}; its tolerance is {allowed}"
+
+
+def _late(goal: Goal, distance: float, angle: float) -> str:
+    if distance <= goal.reach and angle <= goal.orientation_reach:
+        return ""
+    return (
+        f"too late: up to {1e3 * distance:.3g} mm and {math.degrees(angle):.3g} deg off in the last tenth of "
+        f"the time, where {1e3 * goal.reach:.3g} mm and {math.degrees(goal.orientation_reach):.3g} deg may be"
+    )

@@ -141,9 +141,12 @@ class Place:
         found = self.missed(self.seen(pose, q))
         return float(found.distance[0, 0]), float(found.angle[0, 0])
 
-    def at(self, position: FloatArray, rotation: FloatArray) -> Place:
-        """The place in inertial axes, with the base link at a position (3,), in an attitude (3, 3)."""
-        return replace(self.transformed(position, rotation), on=INERTIAL) if self.moves_with_base else self
+    def at(self, q: FloatArray) -> Place:
+        """The place in inertial axes, in a configuration (nq,)."""
+        if not self.moves_with_base:
+            return self
+        base = pin.XYZQUATToSE3(q[:7])
+        return replace(self.transformed(base.translation, base.rotation), on=INERTIAL)
 
     def transformed(self, shift: FloatArray, turn: FloatArray) -> Place:
         """The place x at turn x + shift, by a rotation (3, 3) and a way (3,)."""
@@ -156,8 +159,7 @@ class Place:
 
     def aim(self, pose: Any, q: FloatArray) -> Place:
         """A plain place for a step from there: where this one is now, its free turn as the frame has it."""
-        base = pin.XYZQUATToSE3(q[:7])
-        here = self.at(base.translation, base.rotation)
+        here = self.at(q)
         if here.free_axis is None:
             return here
         turn = here.missed(frame_at(pose)).vector[:, 0, 0]

@@ -1,21 +1,32 @@
-"""The goal as residuals of whole motions: at the deadline, and in the last tenth (const8)."""
+"""How whole motions arrive at the goal: as residuals, and what to aim at where the finished motion does not.
+
+The descent sees the motion at the instants of a quadrature; the finished one is rolled out at its nodes.
+Where the two differ, by a millimetre at a long arm's end, the descent is given another goal: beside the one
+before by as much as the finished motion missed the true one, and with less reach where that motion ends at
+the goal but is too far from it in the last tenth.
+"""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.goals import Goal
-from ffsms_pin.opt.goals.near import arrivals, beyond
+from ffsms_pin.opt.goals import Changed, Goal
+from ffsms_pin.opt.goals.near import arrivals, beyond, end_errors
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residuals
+from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system.batch.stacks import dot
 
-__all__ = ["Arrival", "arrival"]
+__all__ = ["Arrival", "arrival", "arrival_error", "corrected_goal"]
+
+_SPARE = 0.95  # of the reaches: what a corrected motion shall use of them in the last tenth
 
 
 class Arrival(NamedTuple):
@@ -64,3 +75,35 @@ def _largest(asked: list[tuple[Feature, float]]) -> FloatArray:
     shares = [np.sqrt(dot(x.value, x.value)).max(axis=1) / most for x, most in asked]
     largest: FloatArray = np.max(shares, axis=0)
     return largest
+
+
+def arrival_error(goal: Goal, plan: Trajectory) -> float:
+    """The largest error at the deadline [m, rad], and of velocities that the goal asks for [m/s, rad/s]."""
+    last = float(plan.position_error[-1]), float(plan.orientation_error[-1])
+    return float(end_errors(goal, *last, plan.contact_velocity, plan.duration).max())
+
+
+def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
+    """The next goal, after a landing at `goal` gave this plan; None where the plan arrives."""
+    within = arrival_error(problem.goal, plan) <= problem.goal.tolerance
+    if plan.reached and within:
+        return None
+    place, q = problem.goal.place(problem.duration), plan.q[-1]
+    missed = place.missed(place.seen(problem.sms.at(q).end_effector_pose, q))
+    way, turn = missed.way.value[:, 0, 0], pin.exp3(missed.vector[:, 0, 0])
+    late, nearer = _late_share(problem.goal, plan), 1.0
+    if late > 1.0 and within:
+        nearer = _SPARE / late
+    return Changed(
+        goal,
+        lambda place: place.moved(way, turn),
+        reach=nearer * goal.reach,
+        orientation_reach=nearer * goal.orientation_reach,
+    )
+
+
+def _late_share(goal: Goal, plan: Trajectory) -> float:
+    """The largest error in the last tenth, as a share of the goal's reaches."""
+    late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
+    errors = (plan.position_error, goal.reach), (plan.orientation_error, goal.orientation_reach)
+    return max(float(error[late].max()) / reach for error, reach in errors)

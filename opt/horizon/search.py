@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.correction import arrival_error, corrected_goal
+from ffsms_pin.opt.horizon.arrival import arrival_error, corrected_goal
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, take_down, tighten
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals

@@ -125,17 +125,21 @@ class Inequality(Limit):
         least = -np.where(jumps, left, self.rate * left) - share * drift + jump @ step.rates
         return Rows(G, least, most, self.give)
 
+    def lack(self, m: Features) -> Feature:
+        """What room lacks of what whole motions keep in hand, (c, S, K); below zero where there is enough."""
+        lack: Feature = self._kept(m.motions)[1] + self.kept - self.rooms(m)
+        return lack
+
     def residual(self, m: Features) -> Residuals:
         """What room lacks of what is kept in hand, over `scale`, where it lacks some."""
-        scale, least = self._kept(m.motions)
-        least += self.kept
-        counted = self.counted(m)
+        scale, counted = self._kept(m.motions)[0], self.counted(m)
         if always := counted.where is None:
-            lacking = np.nonzero((self.rooms(m).value < least).any(axis=0))
+            lacks = self.lack(m).value > 0.0
+            lacking = np.nonzero(lacks.any(axis=0) if lacks.ndim == 3 else lacks)
             if not lacking[0].size:
                 return []
             counted = m.at(*lacking)
-        lack = np.maximum(least - self.rooms(counted), 0.0) / scale
+        lack: Feature = np.maximum(self.lack(counted), 0.0) / scale  # type: ignore[assignment]
         return [one for one in lack.residuals(over_time=always) if one.value.any()]
 
     def _kept(self, motions: Motions) -> tuple[float, float]:

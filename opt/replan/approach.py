@@ -1,4 +1,4 @@
-"""What re-plans from noisy measurements ask for: to come nearer to the goal, and not to go away from it."""
+"""How re-planned motions come to the goal: where a step has to aim, and with noise only nearer."""
 
 from __future__ import annotations
 
@@ -7,14 +7,36 @@ from typing import Any
 
 import numpy as np
 
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.motion import Features
+from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms.term import Term
 
-__all__ = ["Approach", "narrower"]
+__all__ = ["Approach", "aim", "narrower"]
 
 _NEAR = 1e-3  # [m] nearer than this the direction to the goal is noise
-_SHARE = 0.1  # of the tolerance
+
+
+def aim(problem: Problem, goal: Goal, now: float, q: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+    """Where a step has to aim, ahead of a goal that moves: a position (3,) [m], and an attitude or None.
+
+    A step's speed is 2.5 times the way over the time left, each a little later (`reference_speed`). Aimed
+    ahead by that time's share of the goal's velocity, what is left of the way shrinks as for a goal at rest,
+    and the end effector arrives with that velocity. A goal that stays, but asks for a velocity at the
+    deadline, counts as passing by with it. From a configuration q (nq,).
+    """
+    dt, left = problem.dt, problem.duration - now
+    place = goal.place(now if goal.moves else problem.duration)
+    if not place.plain:
+        place = place.aim(problem.sms.at(q).end_effector_pose, q)
+    position, velocity = place.position, place.velocity
+    if velocity is None or (left <= 0.0 and not goal.moves):
+        return position, place.rotation
+    if not goal.moves:
+        position = position - left * velocity
+    ahead = velocity * ((max(left - dt, 0.0) + 3.25 * dt) / 2.5 + 0.5 * dt)
+    return position + ahead, place.rotation
 
 
 @dataclass(frozen=True)
@@ -42,5 +64,5 @@ class Approach(Term):
 
 
 def narrower(goal: Goal) -> Goal:
-    """The same goal with a tenth of its tolerance, which is left to what the model does not know."""
-    return Changed(goal, tolerance=_SHARE * goal.tolerance)
+    """The same goal with a tenth of its tolerance: the rest is left to what the model does not know."""
+    return Changed(goal, tolerance=0.1 * goal.tolerance)

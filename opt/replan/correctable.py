@@ -9,7 +9,6 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Changed, Goal, Place
-from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, exp3
 
@@ -34,15 +33,10 @@ class Correctable:
     """
 
     def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
-        self._model, self._frame, self._data = sms.model, sms.frame_id, sms.model.createData()
+        self._sms = sms
         lower, upper = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
-        rng, rates = np.random.default_rng(0), np.zeros(sms.n)
-        q = sms.configuration(np.clip(rates, sms.limits.lower, sms.limits.upper))
-        ways = []
-        for _ in range(_SAMPLES):
-            sms.layout.set_positions(q, rng.uniform(lower, upper))
-            ways.append(StepState(sms, q, rates, 1.0, 1.0, mode=mode).J_star)
-        J = np.hstack(ways)  # the base is unturned: inertial axes are the root's
+        joints = np.random.default_rng(0).uniform(lower, upper, (_SAMPLES, sms.n)).T
+        J = sms.arm_stack(mode).coupled(joints)[1].reshape(6, -1)
         self._shifts, self._turns = _range(J[:3]), _range(J[3:])
 
     @property
@@ -63,8 +57,7 @@ class Correctable:
         """
         if self.everything:
             return goal, 0.0
-        pin.framesForwardKinematics(self._model, self._data, q)
-        here, place = self._data.oMf[self._frame].copy(), goal.place(t)
+        here, place = self._sms.at(q).end_effector_pose, goal.place(t)
         root = np.eye(3) if place.moves_with_base else pin.XYZQUATToSE3(q[:7]).rotation
         shifts, turns = (
             np.eye(3) if part is None else root @ part @ root.T for part in (self._shifts, self._turns)

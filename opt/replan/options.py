@@ -32,9 +32,14 @@ class ReplanOptions:
     cost_until : float
         From this share of the whole time on the paper's cost is left out: so near to its end a motion has no
         room for ways round, and a cost that does not see speed only stirs an arm that comes to rest.
-    iterations, corrections : int
-        Iterations of the descent, and how many times these are made again, with a stiffer goal and stiffer
-        limits, where these are not met. An iteration costs two to three milliseconds.
+    iterations : int
+        Of the descent. Each costs some two milliseconds.
+    corrections, correcting : int
+        How many times some more are made, with ten times as stiff a goal and limits, where these are not met;
+        and how many each time.
+    enough, limit_enough : float
+        A plan meets its goal within this share of the tolerance, of which the solver leaves 0.4 alone; and a
+        limit within that share of its margin.
     weights : Weights
         Of the goal and of the limits: those with which a search ends. No smoothing: the rest of a plan is
         near its minimum.
@@ -81,8 +86,11 @@ class ReplanOptions:
     middle: Grid = _MIDDLE
     short: Grid = _SHORT
     cost_until: float = 0.1
-    iterations: int = 3
+    iterations: int = 2
     corrections: int = 3
+    correcting: int = 3
+    enough: float = 0.5
+    limit_enough: float = 0.5
     weights: Weights = _WEIGHTS
     damping: float = 0.03
     handover: float = 0.1
@@ -96,6 +104,11 @@ class ReplanOptions:
     dead_band: float | None = None
     settle: float = 0.1
     jerk: Any = None
+
+    @property
+    def calm(self) -> float:
+        """Time in which a limited jerk lets an error be closed without swinging [s]; see `settle`."""
+        return 5.0 * self.settle
 
     def band(self, noise: float | None) -> float:
         """The dead band [m], for sensors of which `noise` [m] is known; None: they are perfect."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -15,24 +15,36 @@ from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.motion.actuated import wheel_total
 from ffsms_pin.opt.one_thread import OneThread, ReferenceInUse
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.replan.aim import aim
+from ffsms_pin.opt.replan.approach import aim
 from ffsms_pin.opt.replan.correctable import Correctable
-from ffsms_pin.opt.replan.dead_band import DeadBand
-from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.replan.rest import JointPlan
 from ffsms_pin.opt.replan.rest_planner import RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 
-__all__ = ["Replanning"]
+__all__ = ["DeadBand", "Replanning"]
 
 # Ten times a step's own price of redundant motion: a goal at the edge of the workspace is not worth fast
 # joints.
 _GENTLE = StepWeights(effort=1e-5)
 _STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
-_JERKY = 5.0  # times the time to settle: an error that is closed faster than the jerk allows swings
-_DEADLINE = 0.5  # steps before the deadline that count as the deadline
+
+
+@dataclass
+class DeadBand:
+    """Whether an arm that has arrived should rest, so that it does not chase the noise of its sensors."""
+
+    resting: bool = False
+
+    def rests(self, band: float, distance: float) -> bool:
+        """Whether to rest at a distance from the goal [m], for a band [m]; zero: never.
+
+        An arm comes well inside before it rests, or it would rest at the edge.
+        """
+        self.resting = distance < (band if self.resting else band / 3.0)
+        return self.resting
 
 
 class Replanning:
@@ -78,8 +90,6 @@ class Replanning:
             raise InvalidValue("hold", hold, "must be at least zero [s]")
         instance("problem", problem, Problem)
         instance("options", options, ReplanOptions, optional=True)
-        if problem.goal.place(0.0).moves_with_base:
-            raise InvalidValue("goal", problem.goal, "must not ride on the base: fly its plan instead")
         sms, n = problem.sms, problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + hold
@@ -89,14 +99,14 @@ class Replanning:
         if problem.locked:
             self._renew_stepper()
         self._thread = OneThread(ReferenceInUse, for_good=True)
-        self._step = -1
+        self._step, self._seen = -1, problem.q0
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = 0
         self._noise: float | None = None
         self._wheels: FloatArray | None = None
         self._correctable, self._uncorrectable = Correctable(sms, problem.mode), 0.0
-        self._dead_band = DeadBand(sms)
+        self._dead_band = DeadBand()
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
         at_least_zero("dead_band", self.options.band(None), "m")
 
@@ -105,10 +115,15 @@ class Replanning:
 
     @property
     def target(self) -> Any:
-        """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one."""
-        if (goal := self.problem.goal).moves:
+        """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one.
+
+        On the base: with the base where it was last measured.
+        """
+        goal, duration = self.problem.goal, self.problem.duration
+        if goal.moves:
             return lambda t: goal.places(np.array([t])).position[:, 0]
-        return goal.place(self.problem.duration).position
+        place = goal.place(duration)
+        return (lambda t: place.at(self._seen).position) if place.moves_with_base else place.position
 
     @property
     def momentum(self) -> FloatArray | None:
@@ -139,7 +154,7 @@ class Replanning:
     def mode(self) -> Literal["plan", "step", "hold"]:
         """What the steps follow at present: the plan; the way to the goal; likewise after the deadline."""
         left = self._left
-        if left <= _DEADLINE * self.problem.dt:
+        if left <= 0.5 * self.problem.dt:
             return "hold"
         return "step" if left <= self._handover and not self.problem.goal.exact else "plan"
 
@@ -177,14 +192,13 @@ class Replanning:
             Another thread has begun.
         """
         with self._thread:
-            self._observe(t, q, v)
+            step = int(t / self.problem.dt + 1e-6)
+            if step != self._step:
+                self._take(step, q, v)
 
-    def _observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        dt = self.problem.dt
-        step = int(t / dt + 1e-6)
-        if step == self._step:
-            return
-        planner, wheels = self._planner, self.problem.wheels
+    def _take(self, step: int, q: FloatArray, v: FloatArray) -> None:
+        """Begin a planning step."""
+        dt, planner, wheels = self.problem.dt, self._planner, self.problem.wheels
         planner.observe(q, v)
         if wheels is not None and self._wheels is not None:
             planner.wheel_total = wheel_total(self._robot, wheels, q, v, self._wheels)
@@ -197,7 +211,7 @@ class Replanning:
         failed = planner.failed
         self._start = np.where(failed, self.problem.sms.layout.positions(q), self._start)
         self._rates = np.where(failed, 0.0, self._rates)
-        self._step, now = step, step * dt
+        self._step, now, self._seen = step, step * dt, q.copy()
         deadline = now if self.problem.goal.moves else self.problem.duration
         goal, self._uncorrectable = self._correctable.goal(self.problem.goal, q, deadline)
         plan = planner.current
@@ -251,15 +265,16 @@ class Replanning:
         dt, left, options = self.problem.dt, self.problem.duration - now, self.options
         rotation, wanted = None, None
         if self.mode == "plan" or plan.miss > options.follow_miss:
-            position = goal.place(now).position
+            position = goal.place(now).at(q).position
             there, wanted = plan.sample(now + dt)
             wanted = wanted + options.return_rate * (there - self._start - dt * wanted)
         else:
             position, rotation = aim(self.problem, goal, now, q)
             if self._jerk is not None and not goal.moves:
-                left = max(left, _JERKY * options.settle)
+                left = max(left, options.calm)
             if self.mode == "hold" and not goal.moves:
-                if self._dead_band.rests(options.band(self._noise), q, position):
+                here = self.problem.sms.at(q).end_effector_pose.translation
+                if self._dead_band.rests(options.band(self._noise), float(np.linalg.norm(position - here))):
                     wanted = np.zeros_like(self._rates)
                 elif self._noise is not None:
                     left = max(left, options.settle)

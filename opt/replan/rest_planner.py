@@ -15,11 +15,9 @@ from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.approach import Approach, narrower
-from ffsms_pin.opt.replan.joint_plan import JointPlan
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.reaction import ReactionEstimate
-from ffsms_pin.opt.replan.rest import rest_of
-from ffsms_pin.opt.replan.warm import replanned
+from ffsms_pin.opt.replan.rest import JointPlan, replanned, rest_of
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import one_blas_thread
 
@@ -96,20 +94,17 @@ class RestPlanner:
         goal : Goal
             The problem's, as far as the arm can come to it.
         """
-        begun, options, whole = time.perf_counter(), self._options, self._problem
+        begun, options, whole, last = time.perf_counter(), self._options, self._problem, self.current
         self._learn()
-        names = whole.sms.joint_names
-        locked = [names[i] for i in np.flatnonzero(self.failed)]
+        locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
         base_start = q[:7] if self._base_start is None else self._base_start
-        wheels = self.wheel_total
-        rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked, goal, wheels)
-        if self.current is not None:
-            share = rest.duration / whole.duration
-            plan = replanned(self._careful(rest), now, joints, self.current, options, share)
+        rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked, goal, self.wheel_total)
+        if last is None:
+            plan = JointPlan.of_trajectory(self._given or _searched(rest), now)
+        else:
+            plan = replanned(self._careful(rest), now, joints, last, options, rest.duration / whole.duration)
             if plan.miss > options.arrived_miss and now >= self._next_search:
                 plan = self._searched_again(rest, now, joints, plan)
-        else:
-            plan = JointPlan.of_trajectory(self._given or _searched(rest), now)
         self.computing_time = time.perf_counter() - begun
         self.current, self.made = plan, now
         self.due = now + max(min(options.period, options.share * rest.duration), whole.dt)

@@ -8,24 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.opt.limits import BaseLimits, Limit
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms, step_limits
 from ffsms_pin.opt.problem_checks import check_parts
 from ffsms_pin.opt.replan.replanning import Replanning
-from ffsms_pin.opt.step.programme import StepProblem, StepWeights
-from ffsms_pin.opt.step.stepper import Step, Stepper
+from ffsms_pin.opt.step.programme import StepWeights
+from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.terms import Term
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["StepPlanner"]
 
 
-class StepPlanner:
+class StepPlanner(Stepper):
     """One step of the paper's method after the other, with the limits of the paper.
 
-    A short name for a `Stepper` with the joints' limits, a clearance, the paper's |alpha_i| <= 1 and limits
-    on the base; see there for what a step does.
+    A `Stepper` with the joints' limits, a clearance, the paper's |alpha_i| <= 1 and limits on the base; see
+    there for what a step does.
 
     Parameters
     ----------
@@ -55,11 +54,6 @@ class StepPlanner:
         `WheelLimits`, unless you give others.
     wheel_momentum : array_like, shape (w,), optional
         Of the wheels with the joints at rest, where they hold the attitude [N m s]. Default zero.
-
-    Attributes
-    ----------
-    stepper : Stepper
-        What takes the steps.
     """
 
     def __init__(
@@ -83,12 +77,8 @@ class StepPlanner:
             limits = step_limits(default_limits(clearance, collision, base=base_limits), mode)
         check_parts("limits", limits, Limit)
         check_parts("terms", terms, Term)
-        self.clearance, self.base_limits = clearance, base_limits
-        self.limits, self.terms = tuple(limits), tuple(terms)
-        self._weights = weights
-        self.stepper = Stepper(
-            sms, dt, kappa, self.limits, self.terms, weights, aim, momentum, mode, wheel_momentum
-        )
+        self.clearance, self.base_limits, self._step_weights = clearance, base_limits, weights
+        super().__init__(sms, dt, kappa, limits, terms, weights, aim, momentum, mode, wheel_momentum)
 
     def __repr__(self) -> str:
         names = [*(limit.name for limit in self.limits), *(term.name for term in self.terms)]
@@ -96,52 +86,9 @@ class StepPlanner:
         return f"StepPlanner({self.sms.model.name}, {how}; {', '.join(names)})"
 
     @property
-    def sms(self) -> SpaceManipulator:
-        """The robot."""
-        return self.stepper.sms
-
-    @property
-    def kappa(self) -> float:
-        """Sharpness of C~."""
-        return self.stepper.kappa
-
-    @property
-    def momentum(self) -> FloatArray | None:
-        """Total momentum (6,), or None."""
-        return self.stepper.momentum
-
-    @property
-    def dt(self) -> float:
-        """Step [s]; may be changed between steps."""
-        return self.stepper.dt
-
-    @dt.setter
-    def dt(self, value: float) -> None:
-        self.stepper.dt = positive("dt", value, "s")
-
-    def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
-        """The next joint rates; see `Stepper.step`."""
-        return self.stepper.step(q, joint_rates, target, time_left)
-
-    def build(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> StepProblem:
-        """The quadratic programme of a step, without solving it; see `Stepper.build`."""
-        return self.stepper.build(q, joint_rates, target, time_left)
-
-    def advance(
-        self,
-        q: FloatArray,
-        rates: FloatArray,
-        target: FloatArray,
-        time_left: float,
-        rotation: FloatArray | None = None,
-        prefer: FloatArray | None = None,
-    ) -> Step:
-        """`step` for arguments that are known to be right; see `Stepper.advance`."""
-        return self.stepper.advance(q, rates, target, time_left, rotation, prefer)
-
-    def reset(self, side: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """Forget the last step; see `Stepper.reset`."""
-        self.stepper.reset(side)
+    def stepper(self) -> Stepper:
+        """What takes the steps: itself."""
+        return self
 
     def track(self, target: Any, duration: float, hold: float = 0.0) -> Replanning:
         """A reference for a closed loop that plans again from the measured state.
@@ -167,9 +114,9 @@ class StepPlanner:
             duration,
             min(self.dt, duration),
             terms,
-            self.limits,
+            self._given,
             momentum=self.momentum,
-            mode=self.stepper.mode,
-            wheel_momentum=self.stepper.wheel_total,
+            mode=self.mode,
+            wheel_momentum=self.wheel_total,
         )
-        return Replanning(problem, hold, weights=self._weights)
+        return Replanning(problem, hold, weights=self._step_weights)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hand_written import Above, Gaze
 from part_cases import LIMITS, TERMS, finished, problem_of
@@ -268,3 +269,60 @@ def test_a_room_without_slopes_is_kept_in_steps_and_plans(planar: ffsms.SpaceMan
     assert isinstance(other, opt.Residual)
     np.testing.assert_allclose(one.value, other.value, atol=1e-12)
     np.testing.assert_allclose(one.slopes()["by_tip"], other.slopes()["by_tip"], atol=1e-8)
+
+
+@dataclass(frozen=True)
+class Elbow(opt.Inequality):
+    """A joint is near a place, at the times at which that counts."""
+
+    when: str = "always"
+    name = "elbow"
+    in_hand = 0.01
+    binding = 1e-3
+    at = np.array([0.601, 0.24, 0.0])  # that is 0.3 m from the goal, as long as the last link
+
+    def room(self, m: Any) -> Any:
+        return 0.02 - (m.frame("joint_3") - self.at).norm()
+
+
+@pytest.mark.parametrize("when", ["deadline", "last tenth"])
+def test_room_may_count_at_the_end_only(planar: ffsms.SpaceManipulator, when: str) -> None:
+    q0 = planar.configuration([0.2, 0.4, -0.3])
+    free, kept = (
+        opt.Problem(planar, q0, [0.75, 0.5, 0.0], 6.0, 0.05, limits=[opt.JointLimits(), *limits])
+        for limits in ([], [Elbow(when)])
+    )
+    data, frame = planar.model.createData(), planar.model.getFrameId("joint_3")
+
+    def ways(plan: opt.Trajectory) -> FloatArray:
+        found = []
+        for q in plan.q:
+            pin.framesForwardKinematics(planar.model, data, q)
+            found.append(np.linalg.norm(data.oMf[frame].translation - Elbow.at))
+        return np.array(found)
+
+    plan, otherwise = opt.solve(kept), opt.solve(free)
+    assert plan.reached, plan.note
+    late = plan.t >= (0.9 * 6.0 - 1e-9 if when == "last tenth" else 6.0)
+    assert ways(plan)[late].max() <= 0.02
+    assert ways(plan)[0] > 0.05
+    assert ways(otherwise)[-1] > 0.05
+    broken = measure(kept, otherwise.joint_rates)
+    assert broken.broken["elbow"] == pytest.approx(ways(otherwise)[late].max() - 0.02, abs=1e-6)
+    assert opt.check(Elbow(when), kept) < 1e-4
+
+
+def test_steps_come_as_fast_as_they_must(planar: ffsms.SpaceManipulator) -> None:
+    """Early no row asks for anything; late for the way over the time that is left, and a little more."""
+    q0 = planar.configuration([0.2, 0.4, -0.3])
+    limit, rates = Elbow("deadline"), np.zeros(3)
+    least = []
+    for left in (30.0, 2.0):
+        rows = limit.rows(StepState(planar, q0, rates, 0.01, left))
+        assert rows is not None
+        least.append(float(rows.lower[0]))
+    data = planar.model.createData()
+    pin.framesForwardKinematics(planar.model, data, q0)
+    way = float(np.linalg.norm(data.oMf[planar.model.getFrameId("joint_3")].translation - Elbow.at))
+    assert least[0] < 0.0
+    assert (way - 0.01) / 2.0 < least[1] <= 1.5 * (way - 0.01) / (2.0 - 0.1) + 1e-9
