@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, descend, follow, prefer_limits
-from ffsms_pin.opt.horizon.diagnosis import within_workspace
+from ffsms_pin.opt.horizon.diagnosis import keep_limits, within_workspace
 from ffsms_pin.opt.horizon.marches import free_marches, straight_march
 from ffsms_pin.opt.horizon.search import Search, cost_of
-from ffsms_pin.opt.horizon.shooting import spread_postures, too_short
+from ffsms_pin.opt.horizon.shooting import spread_postures, straight_time, too_short
 from ffsms_pin.opt.horizon.spline import embedded
 from ffsms_pin.opt.horizon.starts import march_starts, moves_to
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
 __all__ = ["QUICK", "STRATEGIES", "Strategy"]
@@ -171,6 +171,25 @@ def marches(search: Search) -> None:
             break
 
 
+def straight_moves_that_end_there(search: Search) -> None:
+    """Where every cheap way round fails: straight moves that end at the goal, whatever they cost.
+
+    First those that keep the limits, then the quickest, half a dozen at most.
+    """
+    search.fresh = []
+    if search.hopeless or search.arrived():
+        return
+    problem, model, goals = search.problem, search.fine, search.goals.joints[search.there()]
+    times = np.array([straight_time(problem, goal) for goal in goals])
+    poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
+    weights = LAST_WEIGHTS.stiffer()
+    for goal in goals[np.lexsort((times, poor))][:6]:
+        p = model.qp.within(moves_to(problem, model.spline, goal[None])[0])
+        search.finish(model, descend(model, Candidates.start(model, p[None], weights, 1.0), weights, 10))
+        if search.arrived() or search.out_of_time():
+            break
+
+
 def straight_line(search: Search) -> None:
     """Where nothing else reaches: straight to the target by single steps, as method "resolved-rate" goes."""
     if not any(one.plan.reached for one in search.found) and _can_march(search.problem):
@@ -197,6 +216,8 @@ STRATEGIES = (
     Strategy("finest spline", finest_spline),
     Strategy("within limits", within_limits),
     Strategy("marches", marches),
+    Strategy("straight moves", straight_moves_that_end_there),
+    Strategy("within limits", within_limits),
     Strategy("straight line", straight_line),
 )
 # For a plan at any cost.
@@ -205,6 +226,8 @@ QUICK = (
     Strategy("first starts", partial(straight_starts, near=4, far=4)),
     Strategy("descent", partial(descend_from_starts, keep=(1, 1, 1), repeats=2)),
     Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
+    Strategy("straight moves", straight_moves_that_end_there),
     Strategy("within limits", within_limits),
 )
 
