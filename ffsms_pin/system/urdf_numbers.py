@@ -1,4 +1,4 @@
-"""Reads the XML of a URDF, and its numbers: decimal, finite and of a sane size, or an error that says where."""
+"""The XML of a URDF, and its numbers: decimal, finite and of a sane size, or an error that says where."""
 
 from __future__ import annotations
 
