@@ -38,7 +38,7 @@ MODELS = ("planar_3r", "satellite_panda")
 # Of a step: where what it calls stands, and by which names.
 PARTS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "checks of the arguments": (Stepper, ("_checked",)),
-    "state: M, J*, V, entropy": (stepper, ("StepState",)),
+    "state: J*, V, entropy": (stepper, ("StepState",)),
     "direction and speed": (stepper, ("ideal_cosine", "wanted_motion")),
     "objective": (stepper, ("objective",)),
     "rows of the joint limits": (JointLimits, ("rows",)),

@@ -22,7 +22,6 @@ from ffsms_pin.system.convex_parts import Part, part_of, whole_shapes
 
 __all__ = ["BodyStack", "body_pairs", "chosen_mode"]
 
-_SAMPLES = 6  # postures, beside zero and the middle, in which a pair that can be apart is looked for
 _FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are given the whole margin
 _THIN = 1e-6  # [m] of points and the lines between them; axes whose cross product is shorter are parallel
 
@@ -173,12 +172,12 @@ class BodyStack(ClearanceStack):
         return -clearance - float(self._margins[pair])
 
     def _postures(self) -> Poses:
-        """The arm at zero, in its middle posture, and in some that are drawn."""
+        """The arm at zero, in its middle posture, and in six that are drawn."""
         limits, rng = self.sms.limits, np.random.default_rng(0)
         low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
         high = np.where(np.isfinite(limits.upper), limits.upper, np.pi)
         rest = np.array([np.clip(0.0, low, high), 0.5 * (low + high)])
-        drawn = rng.uniform(low, high, (_SAMPLES, len(low)))
+        drawn = rng.uniform(low, high, (6, len(low)))
         return Poses.of(np.concatenate([rest, drawn]).T)
 
     def _judged(self, clearance: float) -> FloatArray:

@@ -87,20 +87,20 @@ class PartPairs:
         parts = list(once.values())
         number = {id(part): k for k, part in enumerate(parts)}
         flat = [(number[id(a)], number[id(b)]) for one, other in pairs for a in one for b in other]
-        self._parts = [(one.shape, one.place, one.convex) for one in parts]
-        self._pairs = flat
+        ends = [(parts[i], parts[j]) for i, j in flat]
+        self._measured = [(a.shape, a.place, b.shape, b.place, a.convex and b.convex) for a, b in ends]
         self.bodies = np.array([(one[0].body, other[0].body) for one, other in pairs], dtype=np.int64)
         self.bodies = self.bodies.reshape(-1, 2)
         used = sorted(set(self.bodies.ravel().tolist()))
-        ends = np.searchsorted(used, self.bodies)
+        which = np.searchsorted(used, self.bodies)
         covers = _covers(parts)
         far = np.linalg.norm(covers[:, 1:4], axis=1) + covers[:, 4]
-        self.sizes = np.array([far[covers[:, 0] == body].max() for body in used])[ends]
+        self.sizes = np.array([far[covers[:, 0] == body].max() for body in used])[which]
         corners = [_corners(part) for part in parts]
         self._table: tuple[Any, ...] = (
             np.array([_around(parts, body) for body in used]).reshape(-1, 17),
             covers,
-            ends,
+            which,
             np.cumsum([0, *(len(one) * len(other) for one, other in pairs)], dtype=np.int64),
             np.array(flat, dtype=np.int64).reshape(-1, 2),
             np.concatenate([*(points for points, _ in corners), np.zeros((0, 3))]),
@@ -118,26 +118,25 @@ class PartPairs:
         columns, at = where
         distance, close, seen = kernel.near_parts(self.arm.tree, *poses, columns, at, most, *self._table)
         points = np.zeros((len(distance), 3, 3))
-        parts, pairs = self._parts, self._pairs
         request, result = coal.DistanceRequest(), coal.DistanceResult()
         for (v, least, candidates), placed in zip(close, seen, strict=True):
             second = coal.Transform3s(placed[:3], placed[3])
             for bound, pair in candidates:
                 if bound >= least:
                     break
-                (shape, place, convex), (other, there, also) = (parts[i] for i in pairs[pair])
-                exact = convex and also
+                shape, place, other, on_other, convex = self._measured[pair]
                 result.clear()
-                if not exact and 0.0 < least < np.inf:
+                if not convex and 0.0 < least < np.inf:
                     result.min_distance = least  # triangles that are farther need not be measured
-                found = coal.distance(shape, place, other, second * there, request, result)
+                found = coal.distance(shape, place, other, second * on_other, request, result)
                 if found >= least:
                     continue
                 distance[v] = least = found
-                here, there = result.getNearestPoint1(), result.getNearestPoint2()
+                here, there = points[v, 0], points[v, 1]
+                here[:], there[:] = result.getNearestPoint1(), result.getNearestPoint2()
                 # coal leaves the normal of meshes unset.
-                known = exact or abs(found) < _TOUCHING
-                points[v] = here, there, result.normal if known else (there - here) / found
+                known = convex or abs(found) < _TOUCHING
+                points[v, 2] = result.normal if known else (there - here) / found
         return Nearest(distance, points)
 
     def reaches(self, slides: FloatArray) -> FloatArray:

@@ -29,8 +29,6 @@ _CONVEX = (
     _NODE.GEOM_ELLIPSOID,
     _NODE.GEOM_CONE,
 )
-_ROUND, _BANDS = 32, 15  # points around a circle of an outline, and circles on a ball
-_POINT = 1e-6  # [m] radius of a ball that is measured for a point
 _FLAT = 1e-6  # share of a mesh's size by which its corners may stand out of its faces
 
 
@@ -123,8 +121,8 @@ class Obstacle:
         track = self.track(np.array([time]))
         place = coal.Transform3s(track.rotations[0], track.positions[0])
         here, result = coal.Transform3s(np.eye(3), np.asarray(point)), coal.DistanceResult()
-        ball = coal.Sphere(_POINT)
-        return float(coal.distance(ball, here, self.shape, place, coal.DistanceRequest(), result)) + _POINT
+        ball = coal.Sphere(0.0)
+        return float(coal.distance(ball, here, self.shape, place, coal.DistanceRequest(), result))
 
     def later(self, by: float) -> Obstacle:
         """The same obstacle for times that are counted from `by` seconds later."""
@@ -246,10 +244,10 @@ def outline(shape: Any) -> FloatArray:
 
 
 def _ring() -> FloatArray:
-    angle = np.linspace(0.0, 2.0 * np.pi, _ROUND, endpoint=False)
-    return np.column_stack([np.cos(angle), np.sin(angle), np.zeros(_ROUND)])
+    angle = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+    return np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
 
 
 def _ball() -> FloatArray:
-    latitudes = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _BANDS)
+    latitudes = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 15)
     return np.concatenate([np.cos(at) * _ring() + [0.0, 0.0, np.sin(at)] for at in latitudes])

@@ -20,7 +20,6 @@ from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["PointStack"]
 
-_SAMPLES = 4
 _STILL = 1e-9  # [m] what is closer to constant than this is constant
 # [m] Clearances of finished motions are looked at twice a step; what they can lose in between is a few
 # micrometres.
@@ -63,13 +62,13 @@ class PointStack(ClearanceStack):
         super().__init__(sms)
         n, placed = sms.n, sms.base_box_placement
         self._box = np.vstack([placed.rotation, placed.translation, 0.5 * np.array(sms.base_size)])
-        # Every point against every other and against the box, in some postures: what does not change is out.
+        # Every point against every other and against the box, in four postures: what does not change is out.
         first, second = np.triu_indices(n + 1, 1)
         ends = [*zip(second, first, strict=True), *((i, -1) for i in range(n + 1))]
-        poses = Poses.of(np.random.default_rng(0).uniform(-1.0, 1.0, (n, _SAMPLES)))
+        poses = Poses.of(np.random.default_rng(0).uniform(-1.0, 1.0, (n, 4)))
         self._take(np.array(ends, dtype=np.int64))
         found = self.nearest(poses, self.every(poses))
-        apart, there = found.distance.reshape(_SAMPLES, -1), found.points[:, 1].reshape(_SAMPLES, -1, 3)
+        apart, there = found.distance.reshape(4, -1), found.points[:, 1].reshape(4, -1, 3)
         changes = np.where(self._ends[:, 1] < 0, np.ptp(there, axis=0).max(axis=1), np.ptp(apart, axis=0))
         self._take(self._ends[changes > _STILL])
         between = self._ends[:, 1] >= 0
