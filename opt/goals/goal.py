@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, number, positive, vector
 from ffsms_pin.checks import times as checked_times
@@ -209,10 +208,7 @@ class Moving(Goal):
         """Where the path is, and how fast."""
         t = number("t", t)
         here, ahead, behind = (self._where(t + h) for h in (0.0, self._STEP, -self._STEP))
-        velocity, spin = (ahead.position - behind.position) / (2.0 * self._STEP), None
-        if ahead.rotation is not None and behind.rotation is not None:
-            spin = pin.log3(ahead.rotation @ behind.rotation.T) / (2.0 * self._STEP)
-        return replace(here, velocity=velocity, spin=spin)
+        return here.moving(behind, ahead, 2.0 * self._STEP)
 
     def places(self, times: FloatArray) -> Place:
         """Where the path is at times (K,) [s]."""

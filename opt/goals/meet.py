@@ -137,8 +137,7 @@ class Meet(Goal):
         if self.standoff == 0.0:
             return ()
         one = Corridor(
-            client=self.client,
-            grasp=self.grasp,
+            goal=self,
             deadline=duration,
             length=self.standoff,
             half_angle=self.half_angle,

@@ -157,6 +157,13 @@ class Place:
         rotation = None if self.rotation is None else np.einsum("xy,yz...->xz...", turn, self.rotation)
         return replace(self, position=(self.position.T + shift.T).T, rotation=rotation)
 
+    def moving(self, before: Place, after: Place, time: float) -> Place:
+        """With the velocities that lead from one place to another in so long [s]."""
+        spin = None
+        if before.rotation is not None and after.rotation is not None:
+            spin = pin.log3(after.rotation @ before.rotation.T) / time
+        return replace(self, velocity=(after.position - before.position) / time, spin=spin)
+
     def aim(self, pose: Any, q: FloatArray) -> Place:
         """A plain place for a step from there: where this one is now, its free turn as the frame has it."""
         here = self.at(q)

@@ -8,30 +8,31 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import Client, ClientEstimate
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.frame import Frame
 from ffsms_pin.opt.parts.inequality import Inequality
+
+if TYPE_CHECKING:
+    from ffsms_pin.opt.goals.goal import Goal
 
 __all__ = ["Corridor"]
 
 
 @dataclass(frozen=True, eq=False)
 class Corridor(Inequality):
-    """Near a grasp, the end effector stays in a cone that is fixed to the client.
+    """Near a grasp, the end effector stays in a cone that is fixed to it.
 
     Attributes
     ----------
-    client : Client
-    grasp : pinocchio.SE3
-        In the client's body axes.
+    goal : Goal
+        The grasp: a goal whose places are poses.
     deadline : float
-        Time of the client at the motion's deadline [s].
+        Time of the goal at the motion's deadline [s].
     length : float
         The corridor counts within this distance of the grasp [m].
     half_angle : float
@@ -47,11 +48,10 @@ class Corridor(Inequality):
     reserve : float
         What they keep in hand beyond the margin, at the cone and round the ball [m].
     began : float
-        See `Limit`; the client's time is counted from the start of the whole motion [s].
+        See `Limit`; the goal's time is counted from the start of the whole motion [s].
     """
 
-    client: Client | ClientEstimate
-    grasp: Any
+    goal: Goal
     deadline: float
     length: float
     half_angle: float
@@ -93,15 +93,13 @@ class Corridor(Inequality):
     def _grasp(self, m: Features) -> Frame:
         """The grasp frame, which moves by itself: in a step that counts."""
         times = self.began + m.times
-        positions, attitudes = self.client.poses(times)
-        lever = attitudes @ self.grasp.translation
-        rotation = np.moveaxis(attitudes @ self.grasp.rotation, 0, -1)[:, :, None]
-        place, turn = {}, {}
+        places, place, turn = self.goal.places(times), {}, {}
+        assert places.rotation is not None
         if m.step is not None:
-            twist = self.client.twist(float(times[0]))
-            moving = twist[:3] + np.cross(twist[3:], lever[0])
-            place, turn = ({"by_time": one[:, None, None]} for one in (moving, twist[3:]))
-        return Frame((positions + lever).T[:, None], rotation, place, turn, m.where)
+            now = self.goal.place(float(times[0]))
+            moves = (np.zeros(3) if one is None else one for one in (now.velocity, now.spin))
+            place, turn = ({"by_time": one[:, None, None]} for one in moves)
+        return Frame(places.position[:, None], places.rotation[:, :, None], place, turn, m.where)
 
     def note(self, room: float, time: float) -> str:
         """What is said of a motion that leaves it."""
