@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray, dimensions, frozen, matrix, number, one_of, positive, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import Place, as_goal
+from ffsms_pin.opt.goals import Goal, Place, as_goal
 from ffsms_pin.opt.limits import (
     AlphaBox,
     BaseLimits,
@@ -219,18 +219,21 @@ class Problem:
         rows = len(rates) if dimensions("rates", rates) == 2 else 0
         rates = matrix("rates", rates, max(2, rows), self.sms.n)
         motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum, ARRIVAL_SHARE)
-        goal, (place, attitude) = self.goal.places(motion.times), self.base_from
-        return replace(
-            motion,
-            base_start=place,
-            rotation_start=attitude,
-            target=np.broadcast_to(goal.position, (3, len(motion.times))),
-            target_on=goal.on,
-            mean_speed=self.mean_speed,
-            wheels=self.wheels,
-            wheel_total=self.wheel_total,
-            thrusters=self.thrusters,
-        )
+        return replace(motion, **self.given(self.goal, motion.times))
+
+    def given(self, goal: Goal, times: FloatArray) -> dict[str, Any]:
+        """What motions at times (K,) have from the problem, beside what moves; its goal, or one near it."""
+        (place, attitude), wanted = self.base_from, goal.places(times)
+        return {
+            "base_start": place,
+            "rotation_start": attitude,
+            "target": np.broadcast_to(wanted.position, (3, len(times))),
+            "target_on": wanted.on,
+            "mean_speed": self.mean_speed,
+            "wheels": self.wheels,
+            "wheel_total": self.wheel_total,
+            "thrusters": self.thrusters,
+        }
 
     @cached_property
     def joints0(self) -> FloatArray:

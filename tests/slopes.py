@@ -9,8 +9,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Problem
-from ffsms_pin.opt.horizon.merit import Weighted, sums
-from ffsms_pin.opt.horizon.motions import motions_of, targets
+from ffsms_pin.opt.horizon.merit import Weighted, motions_of, sums
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing
 from ffsms_pin.opt.motion.residual import JointResidual, Residual, Residuals
@@ -21,7 +20,7 @@ __all__ = ["by_differences", "by_slopes", "motions", "tip_turning_slopes", "valu
 
 def motions(problem: Problem, spline: RateSpline, p: FloatArray, smoothing: Smoothing = EXACT) -> Motions:
     """Motions of control points p (S, M, n)."""
-    return motions_of(problem, spline, p, smoothing, targets(problem.goal, spline.times))
+    return motions_of(problem, spline, p, smoothing)
 
 
 def values_of(residuals: Residuals, shape: tuple[int, int, int]) -> FloatArray:

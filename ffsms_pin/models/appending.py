@@ -19,8 +19,8 @@ from ffsms_pin.models.satellite_shapes import satellite_shapes
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.given_shapes import GivenShapes, checked_shapes
 from ffsms_pin.system.joints import JointLayout
-from ffsms_pin.system.tool_frames import only_tool
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
+from ffsms_pin.system.urdf_parts import only_tool
 
 __all__ = ["append", "is_mjcf", "read_mjcf", "whole"]
 

@@ -8,11 +8,12 @@ parts is never greater than that between shapes.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import coal
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 
@@ -82,12 +83,12 @@ def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
     """A shape of coal's own that is fixed to a body (-1: the base) at a pose, in its box and a ball."""
     shape.computeLocalAABB()
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
-    centre, half = 0.5 * (low + high), 0.5 * (high - low)
+    half = 0.5 * (high - low)
     return Part(
         shape=shape,
         body=body,
         place=coal.Transform3s(placed.rotation, placed.translation),
-        centre=placed.act(centre),
+        centre=placed.act(0.5 * (low + high)),
         radius=math.hypot(*half.tolist()),  # does not overflow where the square of a side would
         axes=placed.rotation.copy(),
         half=half,
@@ -98,28 +99,15 @@ def part_of(shape: Any, body: int, placed: Any, convex: bool) -> Part:
 def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
     """The convex hull of points (k, 3), a box around them where they are flat."""
     low, high = corners.min(axis=0), corners.max(axis=0)
-    centre, half = 0.5 * (low + high), 0.5 * (high - low)
+    centre = 0.5 * (low + high)
     try:
         points = coal.StdVec_Vec3s()
         points.extend(list(corners))
-        shape = coal.ConvexBase.convexHull(points, True, "Qt")
-        place = coal.Transform3s(placed.rotation, placed.translation)
-        radius = float(np.linalg.norm(corners - centre, axis=1).max())
+        part = part_of(coal.ConvexBase.convexHull(points, True, "Qt"), body, placed, True)
     except Exception:  # qhull refuses what is flat, with kinds of its own
-        half = np.maximum(half, _LEAST_HALF)
-        shape = coal.Box(2.0 * half)
-        place = coal.Transform3s(placed.rotation, placed.act(centre))
-        radius = math.hypot(*half.tolist())
-    return Part(
-        shape=shape,
-        body=body,
-        place=place,
-        centre=placed.act(centre),
-        radius=radius,
-        axes=placed.rotation.copy(),
-        half=half,
-        convex=True,
-    )
+        box = coal.Box(np.maximum(high - low, 2.0 * _LEAST_HALF))
+        return part_of(box, body, placed * pin.SE3(np.eye(3), centre), True)
+    return replace(part, radius=float(np.linalg.norm(corners - centre, axis=1).max()))
 
 
 def _slabs(mesh: Any) -> list[FloatArray]:

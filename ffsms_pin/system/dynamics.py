@@ -1,31 +1,67 @@
-"""Inertia, velocity-dependent forces, momentum, energy and accelerations, as functions that return them.
+"""Poses, Jacobians, inertia, velocity-dependent forces, momentum, energy and accelerations, as functions.
 
-M, N and `effects` are in Pinocchio's velocity coordinates (root frame, its own axes); T takes the paper's,
-[base twist; joint rates], to them: v = T x. So H = T^T M T, and what the joints see while the base reacts
-follows from N = [-M_b^-1 M_bm; I], whatever the coordinates of the base's velocity.
+M, N and `effects` are in Pinocchio's velocity coordinates (root frame, its own axes); what the joints see
+while the base reacts follows from N = [-M_b^-1 M_bm; I], whatever the coordinates of the base's velocity.
+Twists are in inertial axes, ordered [linear; angular]. The base's reference point is the centre of mass of
+the base body, the end effector's the origin of its frame.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.system.base_reaction import cross_matrix, joint_torques, over_base
-from ffsms_pin.system.kinematics import at_origin
 from ffsms_pin.system.mechanism import Mechanism, scratch
 
 __all__ = [
     "Centroidal",
+    "base_pose",
     "bias_accelerations",
     "centroidal",
     "floating_torque",
+    "frame_jacobian",
+    "frame_pose",
     "inertia_matrix",
     "reduced_coriolis_matrix",
     "velocity_effects",
 ]
+
+_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+def at_origin(q: FloatArray) -> FloatArray:
+    """Copy of q (nq,) with the root at the inertial origin.
+
+    For all that does not depend on where the root is: sums about the origin lose digits with the square of
+    the distance.
+    """
+    moved = q.copy()
+    moved[:3] = 0.0
+    return moved
+
+
+def base_pose(robot: Mechanism, q: FloatArray) -> Any:
+    """Pose of the base (pinocchio.SE3): the root's axes, at the base's centre of mass."""
+    pose = pin.XYZQUATToSE3(q[:7])
+    pose.translation = pose.act(robot.base_com)
+    return pose
+
+
+def frame_pose(robot: Mechanism, q: FloatArray) -> Any:
+    """Pose of the end-effector frame (pinocchio.SE3) at q (nq,)."""
+    data = scratch(robot)
+    pin.forwardKinematics(robot.model, data, q)
+    return pin.updateFramePlacement(robot.model, data, robot.frame_id).copy()
+
+
+def frame_jacobian(robot: Mechanism, q: FloatArray) -> FloatArray:
+    """Jacobian (6, 6 + n) of the end-effector twist, in Pinocchio's velocity coordinates."""
+    J: FloatArray = pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), robot.frame_id, _AXES)
+    return J
 
 
 def inertia_matrix(robot: Mechanism, q: FloatArray) -> FloatArray:
@@ -124,12 +160,12 @@ def bias_accelerations(
         effector's origin. The linear part is the acceleration of the point (the classical one, not the
         spatial one).
     """
-    model, data, axes = robot.model, scratch(robot), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    model, data = robot.model, scratch(robot)
     acceleration = np.zeros(robot.nv)
     acceleration[:6] = -over_base(M, velocity_effects(robot, q, v)[:6])
     pin.forwardKinematics(model, data, q, v, acceleration)
-    end_effector = pin.getFrameClassicalAcceleration(model, data, robot.frame_id, axes).vector.copy()
-    base = pin.getClassicalAcceleration(model, data, 1, axes).vector.copy()
+    end_effector = pin.getFrameClassicalAcceleration(model, data, robot.frame_id, _AXES).vector.copy()
+    base = pin.getClassicalAcceleration(model, data, 1, _AXES).vector.copy()
     rotation = data.oMi[1].rotation
     lever, turning = rotation @ robot.base_com, cross_matrix(rotation @ v[3:6])
     base[:3] += cross_matrix(base[3:]) @ lever + turning @ (turning @ lever)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 import coal
 import numpy as np
@@ -40,23 +40,14 @@ class GivenShapes(ShapeSource):
         return _rebuilt, (_packed(self.visual), _packed(self.collision))
 
 
-class _Item(NamedTuple):
-    """A shape on its way to another process: the geometry without its shape, and the shape or its file."""
-
-    name: str
-    joint: int
-    frame: int
-    place: Any
-    shape: Any  # None: a mesh that is read from `path`
-    path: str
-    scale: Any
-    override: bool  # whether the colour takes the place of the mesh's own
-    colour: Any
+# What makes a pinocchio.GeometryObject again, in the order of its arguments; None for a shape that is a mesh
+# in a file.
+_Packed: TypeAlias = tuple[Any, ...]
 
 
-def _packed(shapes: Any) -> list[_Item]:
+def _packed(shapes: Any) -> list[_Packed]:
     return [
-        _Item(
+        (
             item.name,
             int(item.parentJoint),
             int(item.parentFrame),
@@ -64,7 +55,7 @@ def _packed(shapes: Any) -> list[_Item]:
             None if _has_file(item) else item.geometry,
             item.meshPath,
             np.array(item.meshScale),
-            bool(item.overrideMaterial),
+            bool(item.overrideMaterial),  # whether the colour takes the place of the mesh's own
             np.array(item.meshColor),
         )
         for item in shapes.geometryObjects
@@ -76,18 +67,15 @@ def _has_file(item: Any) -> bool:
     return bool(is_mesh and os.path.isfile(item.meshPath))
 
 
-def _rebuilt(visual: list[_Item], collision: list[_Item]) -> GivenShapes:
-    return GivenShapes(*(_geometry(items) for items in (visual, collision)))
+def _rebuilt(visual: list[_Packed], collision: list[_Packed]) -> GivenShapes:
+    return GivenShapes(_geometry(visual), _geometry(collision))
 
 
-def _geometry(items: list[_Item]) -> Any:
+def _geometry(items: list[_Packed]) -> Any:
     found, loader = pin.GeometryModel(), coal.MeshLoader()
-    for one in items:
-        shape = loader.load(one.path, one.scale) if one.shape is None else one.shape
-        item = pin.GeometryObject(
-            one.name, one.joint, one.frame, one.place, shape, one.path, one.scale, one.override, one.colour
-        )
-        found.addGeometryObject(item)
+    for *carried, shape, path, scale, override, colour in items:
+        shape = loader.load(path, scale) if shape is None else shape
+        found.addGeometryObject(pin.GeometryObject(*carried, shape, path, scale, override, colour))
     return found
 
 

@@ -40,8 +40,7 @@ class JointLayout:
         if model.njoints == 2:
             raise UnsupportedJoint(model.name, "the robot has no joint that moves; an arm needs at least one")
         self.names: list[str] = []
-        self._index: list[int] = []
-        self._circle: list[bool] = []
+        joints = list(model.joints)[2:]
         for j in range(2, model.njoints):
             joint = model.joints[j]
             if joint.nv != 1 or joint.nq not in (1, 2):
@@ -61,37 +60,29 @@ class JointLayout:
                     "add the joints of a branch one after the other (depth first)",
                 )
             self.names.append(model.names[j])
-            self._index.append(joint.idx_q)
-            self._circle.append(joint.nq == 2)
         self.n = len(self.names)
-        self.continuous = np.array(self._circle, dtype=bool)
-        self.continuous.setflags(write=False)
-        kinds = [joint.shortname() for joint in list(model.joints)[2:]]
-        self.turns = np.array([not kind.startswith("JointModelP") for kind in kinds])
-        self.turns.setflags(write=False)
-        self.plain = not any(self._circle)
+        self._index = np.array([joint.idx_q for joint in joints])
+        self.continuous = np.array([joint.nq == 2 for joint in joints])
+        self.turns = np.array([not joint.shortname().startswith("JointModelP") for joint in joints])
+        for array in (self.continuous, self.turns):
+            array.setflags(write=False)
+        self.plain = not self.continuous.any()
 
     def positions(self, q: FloatArray) -> FloatArray:
         """Joint positions (n,) of a configuration (nq,)."""
         if self.plain:
             return q[7:].copy()
-        return np.array(
-            [
-                np.arctan2(q[k + 1], q[k]) if circle else q[k]
-                for k, circle in zip(self._index, self._circle, strict=True)
-            ]
-        )
+        first, second = q[self._index], q[self._index + self.continuous]
+        return np.asarray(np.where(self.continuous, np.arctan2(second, first), first))
 
     def set_positions(self, q: FloatArray, positions: FloatArray) -> None:
         """Write joint positions (n,) into a configuration (nq,), in place."""
         if self.plain:
             q[7:] = positions
             return
-        for k, circle, value in zip(self._index, self._circle, positions, strict=True):
-            if circle:
-                q[k], q[k + 1] = np.cos(value), np.sin(value)
-            else:
-                q[k] = value
+        circles = self.continuous
+        q[self._index] = np.where(circles, np.cos(positions), positions)
+        q[self._index[circles] + 1] = np.sin(positions[circles])
 
     def difference(self, q: FloatArray, positions: FloatArray) -> FloatArray:
         """Joint positions of q (nq,) less `positions` (n,); of a continuous joint the shorter way round.
@@ -106,7 +97,7 @@ class JointLayout:
 
     def check_circles(self, name: str, q: FloatArray) -> None:
         """Check that the cosine and sine of every continuous joint in q (nq,) make a unit vector."""
-        for k, circle, joint in zip(self._index, self._circle, self.names, strict=True):
+        for k, circle, joint in zip(self._index, self.continuous, self.names, strict=True):
             if circle and abs(np.hypot(q[k], q[k + 1]) - 1.0) > 1e-6:
                 raise InvalidValue(
                     f"{name}[{k}:{k + 2}], the cosine and sine of joint '{joint}',",
@@ -115,16 +106,10 @@ class JointLayout:
                 )
 
     def position_limits(self, model: Any) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper position limits (n,); infinite for continuous joints and where there is none."""
-        lower, upper = np.full(self.n, -np.inf), np.full(self.n, np.inf)
-        largest = np.finfo(np.float64).max
-        for i, (k, circle) in enumerate(zip(self._index, self._circle, strict=True)):
-            low, high = model.lowerPositionLimit[k], model.upperPositionLimit[k]
-            if not circle and low > -largest:
-                lower[i] = low
-            if not circle and high < largest:
-                upper[i] = high
-        return lower, upper
+        """Lower and upper position limits (n,) as the model has them; infinite for continuous joints."""
+        unlimited = np.where(self.continuous, np.inf, 0.0)
+        lower, upper = model.lowerPositionLimit[self._index], model.upperPositionLimit[self._index]
+        return lower - unlimited, upper + unlimited
 
     @staticmethod
     def body_name(model: Any, joint: int) -> str:

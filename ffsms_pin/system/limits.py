@@ -99,10 +99,7 @@ def limits_of(model: Any, layout: JointLayout, acceleration: ArrayLike | None) -
     lower, upper = layout.position_limits(model)
     velocity = np.array(model.upperVelocityLimit[6:])  # the lower one has the wrong sign in Pinocchio 4.1
     torque = np.array(model.upperEffortLimit[6:])
-    # Pinocchio writes "no limit" as the largest float; as infinity it can be tested for.
-    largest = np.finfo(np.float64).max
-    velocity[velocity >= largest] = np.inf
-    torque[torque >= largest] = np.inf
+    velocity[velocity > LARGEST_POSITIVE] = np.inf  # Pinocchio writes "no limit" as the largest float
     if acceleration is None:
         limit = ACCELERATION_PER_VELOCITY * velocity
     else:

@@ -7,14 +7,13 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, one_of, per_joint
+from ffsms_pin.checks import one_of, per_joint
 from ffsms_pin.errors import (
     FfsmsWarning,
     InvalidUrdf,
@@ -23,10 +22,10 @@ from ffsms_pin.errors import (
     UnsupportedJoint,
 )
 from ffsms_pin.system.manipulator import SpaceManipulator
-from ffsms_pin.system.robot_element import read_robot
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import Inertias, lenient
+from ffsms_pin.system.urdf_numbers import read_robot
 from ffsms_pin.system.wheel_joints import taken_out, wheel_names
 from ffsms_pin.urdf import model_names, model_path
 
@@ -143,11 +142,14 @@ def build(
         model = pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
     except Exception as error:  # whatever the parser objects to that the checks before it did not
         raise InvalidUrdf(urdf.path, f"Pinocchio cannot build a model from it ({error})") from None
-    model.upperVelocityLimit = _rate_limits(model, velocity, missing_velocity)
+    rates, efforts, n = np.array(model.upperVelocityLimit), np.array(model.upperEffortLimit), model.nv - 6
+    if velocity is not None:
+        rates[6:] = per_joint("velocity", velocity, n, "rad/s")
+    elif missing_velocity is not None:
+        rates[6:][rates[6:] >= np.finfo(np.float64).max] = missing_velocity
     if torque is not None:
-        efforts = np.array(model.upperEffortLimit)
-        efforts[6:] = per_joint("torque", torque, model.nv - 6, "N m")
-        model.upperEffortLimit = efforts
+        efforts[6:] = per_joint("torque", torque, n, "N m")
+    model.upperVelocityLimit, model.upperEffortLimit = rates, efforts
     placement = None
     box = urdf.links[urdf.root].box
     if base_size is None and box is not None:
@@ -165,16 +167,6 @@ def folders(package_dirs: Sequence[str | os.PathLike[str]]) -> tuple[Path, ...]:
         return tuple(Path(folder).expanduser() for folder in package_dirs)
     except (TypeError, RuntimeError):  # the latter: of a user who has no home folder
         raise InvalidValue("package_dirs", package_dirs, "must be a sequence of paths") from None
-
-
-def _rate_limits(model: Any, velocity: ArrayLike | None, missing: float | None) -> FloatArray:
-    limits = np.array(model.upperVelocityLimit)
-    n = limits.size - 6
-    if velocity is not None:
-        limits[6:] = per_joint("velocity", velocity, n, "rad/s")
-    elif missing is not None:
-        limits[6:][limits[6:] >= np.finfo(np.float64).max] = missing
-    return limits
 
 
 def _path(robot: str | os.PathLike[str]) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -158,10 +159,7 @@ class SpaceManipulator(Mechanism):
             if list(inertias.names) != list(model.names):
                 raise InvalidValue("inertias", list(inertias.names), "must be a model of the same joints")
             inertias = list(inertias.inertias)[1:]
-        try:
-            bodies = list(inertias)
-        except TypeError:
-            bodies = []
+        bodies = list(inertias) if isinstance(inertias, Iterable) else []
         if len(bodies) != self.n + 1 or not all(isinstance(body, pin.Inertia) for body in bodies):
             raise InvalidValue("inertias", inertias, f"must be {self.n + 1} pinocchio.Inertia, base first")
         for joint, body in enumerate(bodies, start=1):

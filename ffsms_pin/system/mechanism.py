@@ -19,7 +19,7 @@ __all__ = ["Mechanism", "frame_index", "scratch"]
 class Mechanism:
     """A model with a free-flyer root, and its end-effector frame; it does not change once it is made.
 
-    The functions of `kinematics` and `dynamics` take one as their first argument. Users have its subclass,
+    The functions of `dynamics` take one as their first argument. Users have its subclass,
     `SpaceManipulator`.
 
     Parameters

@@ -12,7 +12,7 @@ from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.coupling import Coupling, reaction_null_space, scaled
 from ffsms_pin.coupling.null_space import NULL_SPACE_TOLERANCE
 from ffsms_pin.coupling.scaling import Rows
-from ffsms_pin.system import base_reaction, dynamics, kinematics
+from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.mechanism import Mechanism
 
 __all__ = ["State"]
@@ -23,7 +23,7 @@ class State:
 
     Inertial axes; twists and momenta ordered [linear; angular]; the base's reference point is the centre of
     mass of the base body. Each quantity is computed when it is first asked for, then kept, read-only. Made by
-    `SpaceManipulator.at`; the formulas are in `base_reaction`, `kinematics` and `dynamics`.
+    `SpaceManipulator.at`; the formulas are in `base_reaction` and `dynamics`.
 
     Attributes
     ----------
@@ -82,18 +82,18 @@ class State:
 
     @cached_property
     def _J_e(self) -> FloatArray:
-        return frozen(kinematics.frame_jacobian(self._robot, self.q))
+        return frozen(dynamics.frame_jacobian(self._robot, self.q))
 
     # -- kinematics
     @property
     def base_pose(self) -> Any:
         """Pose of the base (a new pinocchio.SE3): the root's axes, at the base's centre of mass."""
-        return kinematics.base_pose(self._robot, self.q)
+        return dynamics.base_pose(self._robot, self.q)
 
     @property
     def end_effector_pose(self) -> Any:
         """Pose of the end-effector frame (a new pinocchio.SE3)."""
-        return kinematics.frame_pose(self._robot, self.q)
+        return dynamics.frame_pose(self._robot, self.q)
 
     @cached_property
     def base_twist(self) -> FloatArray:

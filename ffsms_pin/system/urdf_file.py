@@ -11,10 +11,8 @@ import numpy as np
 
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
 from ffsms_pin.system.rigid_body import ROUNDING, inertia_problem
-from ffsms_pin.system.robot_element import read_robot
-from ffsms_pin.system.tool_frames import only_tool
-from ffsms_pin.system.urdf_numbers import number_of, origin_of, triple_of
-from ffsms_pin.system.urdf_parts import MOVING, Box, Inertial, Joint, Link
+from ffsms_pin.system.urdf_numbers import number_of, origin_of, read_robot, triple_of
+from ffsms_pin.system.urdf_parts import MOVING, Box, Inertial, Joint, Link, only_tool
 
 __all__ = ["UrdfFile"]
 

@@ -1,17 +1,17 @@
-"""Numbers in a URDF: decimal, finite and of a sane size, or an error that says where."""
+"""The XML of a URDF, and its numbers: decimal, finite and of a sane size, or an error that says where."""
 
 from __future__ import annotations
 
 import math
 import re
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 from xml.etree import ElementTree
 
 from ffsms_pin.checks import LARGEST_POSITIVE
 from ffsms_pin.errors import InvalidUrdf
 
-__all__ = ["is_number", "number_of", "origin_of", "triple_of"]
+__all__ = ["is_number", "number_of", "origin_of", "read_robot", "triple_of"]
 
 Triple: TypeAlias = tuple[float, float, float]
 
@@ -20,6 +20,22 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 # Above anything that is built, and small enough for products of it to stay finite. Limits may be larger: one
 # beyond this is none.
 _LARGEST = LARGEST_POSITIVE
+DEEPEST = 100  # elements within each other; a URDF needs five
+MOST_ELEMENTS = 20_000  # some thousand links
+
+
+def read_robot(path: Path) -> ElementTree.Element:
+    """The <robot> element of a file; comments are kept."""
+    parser = ElementTree.XMLParser(target=_Builder(insert_comments=True))
+    try:
+        robot = ElementTree.fromstring(path.read_bytes(), parser)
+    except OSError as error:
+        raise InvalidUrdf(path, f"cannot be read ({error.strerror})") from None
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise InvalidUrdf(path, f"is not an XML file ({error})") from None
+    if robot.tag != "robot":
+        raise InvalidUrdf(path, f"is not a URDF: its root element is <{robot.tag}>, not <robot>")
+    return robot
 
 
 def is_number(text: str) -> bool:
@@ -67,3 +83,23 @@ def _parse(path: Path, text: str, key: str, where: str, largest: float) -> float
     if abs(float(text)) > largest:
         raise InvalidUrdf(path, f'{where} has {key}="{text}", which is too large')
     return float(text)
+
+
+class _Builder(ElementTree.TreeBuilder):
+    """Makes the elements, and refuses what no robot needs: it would take other readers' stacks and time."""
+
+    depth = count = 0
+
+    def start(self, tag: Any, attrs: Any, /) -> ElementTree.Element:
+        """Open an element."""
+        self.depth, self.count = self.depth + 1, self.count + 1
+        if self.depth > DEEPEST:
+            raise ValueError(f"elements within each other deeper than {DEEPEST}")
+        if self.count > MOST_ELEMENTS:
+            raise ValueError(f"more than {MOST_ELEMENTS} elements")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ElementTree.Element:
+        """Close it."""
+        self.depth -= 1
+        return super().end(tag)

@@ -15,16 +15,15 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.arrival import arrival
-from ffsms_pin.opt.horizon.motions import motions_of, targets
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.motion.features import Features
-from ffsms_pin.opt.motion.motions import Motions, Smoothing
+from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing, apply_rates
 from ffsms_pin.opt.motion.residual import Indices, JointResidual, Residual
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms.term import time_scale
 
-__all__ = ["Linearisation", "Weighted", "Weights", "linearise", "sums"]
+__all__ = ["Linearisation", "Weighted", "Weights", "linearise", "motions_of", "sums"]
 
 
 class Weights(NamedTuple):
@@ -105,6 +104,58 @@ class Linearisation:
         return Linearisation(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
 
 
+def motions_of(
+    problem: Problem,
+    spline: RateSpline,
+    p: FloatArray,
+    smoothing: Smoothing = EXACT,
+    goal: Goal | None = None,
+) -> Motions:
+    """Motions with control points p (S, M, n): joints, base and end effector at the spline's instants.
+
+    The base's attitude follows from the joints by the momentum equation: dR/dt = R [omega]x, with omega the
+    sum of spin @ u and of what the total momentum adds, where there is one. What it adds depends on the
+    attitude (Picard's iteration). How it changes with the control points is left out of the slopes; the
+    values are exact, so a motion that arrives does arrive. `goal` is the problem's, or near it.
+    """
+    stack, rates0 = problem.stack, problem.joint_rates
+    # Joints first, and in memory too.
+    joints, rates, accelerations = (
+        p.transpose(2, 0, 1) @ one.free.T + (rates0[:, None] * one.fixed)[:, None]
+        for one in (spline.travel, spline.rates, spline.accelerations)
+    )
+    joints = problem.joints0[:, None, None] + joints
+    arm = stack.evaluate(joints)
+    momentum, start = problem.momentum, problem.com0
+    turned = kernel.spline_attitudes(
+        spline.quadrature,
+        apply_rates(arm.spin, rates),
+        arm.inverse,
+        problem.rotation0,
+        None if momentum is None else momentum[3:],
+    )
+    R, own = turned[:9].reshape(3, 3, *rates.shape[1:]), turned[9:].reshape(3, *rates.shape[1:])
+    return Motions(
+        stack=stack,
+        times=spline.times,
+        weights=spline.over_time,
+        limit_weights=spline.limit_weights,
+        last_tenth=spline.last_tenth,
+        last=len(spline.times) - 1,
+        joints=joints,
+        rates=rates,
+        accelerations=accelerations,
+        evaluated=arm,
+        base_attitude=R,
+        com=start[:, None] + problem.drift[:, None] * spline.times,
+        drift=problem.drift,
+        own_spin=own,
+        smoothing=smoothing,
+        lag=problem.dt,
+        **problem.given(goal or problem.goal, spline.times),
+    )
+
+
 def linearise(
     problem: Problem,
     goal: Goal,
@@ -120,7 +171,7 @@ def linearise(
     """
     length = problem.stack.length
     smoothing = Smoothing(weights.fade_speed, weights.fade_distance * length)
-    motions = motions_of(problem, spline, p, smoothing, targets(goal, spline.times))
+    motions = motions_of(problem, spline, p, smoothing, goal)
     result, residuals = _measured(problem, goal, motions, weights)
     good = np.flatnonzero(result.merit < below)
     size = p[0].size

@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, descend, follow, prefer_limits
-from ffsms_pin.opt.horizon.diagnosis import within_workspace
+from ffsms_pin.opt.horizon.diagnosis import keep_limits, within_workspace
 from ffsms_pin.opt.horizon.marches import free_marches, straight_march
 from ffsms_pin.opt.horizon.search import Search, cost_of
-from ffsms_pin.opt.horizon.shooting import spread_postures, too_short
+from ffsms_pin.opt.horizon.shooting import spread_postures, straight_time, too_short
 from ffsms_pin.opt.horizon.spline import embedded
 from ffsms_pin.opt.horizon.starts import march_starts, moves_to
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
 __all__ = ["QUICK", "STRATEGIES", "Strategy"]
@@ -139,9 +139,9 @@ def finest_spline(search: Search) -> None:
 
 def within_limits(search: Search) -> None:
     """Where none of those found arrives: the nearest, taken back within the limits."""
-    if not search.found or search.arrived():
+    if not search.fresh or search.arrived():
         return
-    nearest = search.best()
+    nearest = search.ranking.best(search.fresh)
     if nearest.plan.broken:
         model = replace(nearest.model, problem=search.problem, goal=search.problem.goal)
         motion = Candidates.start(model, nearest.p[None], LAST_WEIGHTS, 0.03)
@@ -171,6 +171,25 @@ def marches(search: Search) -> None:
             break
 
 
+def straight_moves_that_end_there(search: Search) -> None:
+    """Where every cheap way round fails: straight moves that end at the goal, whatever they cost.
+
+    First those that keep the limits, then the quickest, half a dozen at most.
+    """
+    search.fresh = []
+    if search.hopeless or search.arrived():
+        return
+    problem, model, goals = search.problem, search.fine, search.goals.joints[search.there()]
+    times = np.array([straight_time(problem, goal) for goal in goals])
+    poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
+    weights = LAST_WEIGHTS.stiffer()
+    for goal in goals[np.lexsort((times, poor))][:6]:
+        p = model.qp.within(moves_to(problem, model.spline, goal[None])[0])
+        search.finish(model, descend(model, Candidates.start(model, p[None], weights, 1.0), weights, 10))
+        if search.arrived() or search.out_of_time():
+            break
+
+
 def straight_line(search: Search) -> None:
     """Where nothing else reaches: straight to the target by single steps, as method "resolved-rate" goes."""
     if not any(one.plan.reached for one in search.found) and _can_march(search.problem):
@@ -187,13 +206,17 @@ STRATEGIES = (
     Strategy("coarse marches", coarse_marches),
     Strategy("descent", partial(descend_from_starts, keep=(3, 2, 1), repeats=1)),
     Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
     Strategy("more starts", partial(straight_starts, near=4, far=8, enough=(3e-3, 0.2))),
     Strategy("descent", partial(descend_from_starts, keep=(6, 4, 2), repeats=2)),
     Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
     Strategy("most starts", partial(straight_starts, near=4, far=20, enough=(0.03, 0.5), insist=False)),
     Strategy("descent", partial(descend_from_starts, keep=(10, 6, 4), repeats=4)),
     Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
     Strategy("marches", marches),
+    Strategy("straight moves", straight_moves_that_end_there),
     Strategy("within limits", within_limits),
     Strategy("straight line", straight_line),
 )
@@ -203,6 +226,8 @@ QUICK = (
     Strategy("first starts", partial(straight_starts, near=4, far=4)),
     Strategy("descent", partial(descend_from_starts, keep=(1, 1, 1), repeats=2)),
     Strategy("finest spline", finest_spline),
+    Strategy("within limits", within_limits),
+    Strategy("straight moves", straight_moves_that_end_there),
     Strategy("within limits", within_limits),
 )
 

@@ -10,10 +10,9 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
-from ffsms_pin.opt.horizon.motions import motions_of, targets
+from ffsms_pin.opt.horizon.merit import motions_of
 from ffsms_pin.opt.limits.limit import later
 from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
-from ffsms_pin.opt.motion.motions import EXACT
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.trajectory import Trajectory
@@ -175,7 +174,7 @@ def replanned(
             break
         weights = weights.stiffer()
     spline = model.spline
-    ends = motions_of(problem, spline, p, EXACT, targets(model.goal, spline.times))
+    ends = motions_of(problem, spline, p)
     nodes = np.arange(problem.steps + 1, dtype=np.float64) * problem.dt
     rates = spline.rates_at(nodes).of(p[0], problem.joint_rates)
     rates[0] = problem.joint_rates

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from mode_couplings import coupling_of
 
 import ffsms_pin as ffsms
 from ffsms_pin.coupling import decompose, normalised_entropy
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.system.mode_state import coupling_of
 
 FREE = {
     "rotation-floating": (0, 1, 2),

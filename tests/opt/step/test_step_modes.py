@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from mode_couplings import coupling_of
 from motions import random_pose
 
 import ffsms_pin as ffsms
@@ -20,6 +19,7 @@ from ffsms_pin.opt.planning.plan import METHODS
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.base_motion import advance
+from ffsms_pin.system.mode_state import coupling_of
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 HELD = ("rotation-floating", "rotation-flying", "translation-flying", "flying")

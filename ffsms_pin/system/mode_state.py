@@ -1,4 +1,4 @@
-"""The paper's measures where something of the base is held, from the blocks of its inertia matrix."""
+"""The paper's coupling where something of the base is held."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling import decompose, normalised_entropy
 from ffsms_pin.system.base_reaction import mode_coupling
 from ffsms_pin.system.state import State
+
+__all__ = ["ModeCoupling", "coupling_of"]
 
 
 class ModeCoupling(NamedTuple):
