@@ -16,11 +16,10 @@ import numpy as np
 
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, descend, follow, prefer_limits
 from ffsms_pin.opt.horizon.diagnosis import keep_limits, within_workspace
-from ffsms_pin.opt.horizon.marches import free_marches, straight_march
 from ffsms_pin.opt.horizon.search import Search, cost_of
 from ffsms_pin.opt.horizon.shooting import spread_postures, straight_time, too_short
 from ffsms_pin.opt.horizon.spline import embedded
-from ffsms_pin.opt.horizon.starts import march_starts, moves_to
+from ffsms_pin.opt.horizon.starts import free_marches, march_starts, marched, moves_to, reference_stepper
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
@@ -193,7 +192,7 @@ def straight_moves_that_end_there(search: Search) -> None:
 def straight_line(search: Search) -> None:
     """Where nothing else reaches: straight to the target by single steps, as method "resolved-rate" goes."""
     if not any(one.plan.reached for one in search.found) and _can_march(search.problem):
-        plan = straight_march(search.problem)
+        plan = marched(search.problem, reference_stepper(search.problem, "resolved-rate"))
         if plan.reached:
             search.keep_plan(plan)
 
