@@ -39,16 +39,8 @@ class _Kind(NamedTuple):
 
     A spline lies within the range of its control points, so bounds on these hold at every instant.
 
-    Attributes
-    ----------
-    kind : str
-        "rate", "acceleration", "position", "rest": for messages.
-    scale : float
-        Makes rows of different kinds alike in size.
-    matrix : ndarray, shape (k, M)
-    fixed : ndarray, shape (k, n)
-        What the state at the start adds.
-    lower, upper : ndarray, shape (n,)
+    `kind` is for messages; `scale` makes rows of different kinds alike in size; `fixed` (k, n) is what the
+    state at the start adds.
     """
 
     kind: str

@@ -49,8 +49,7 @@ def solve(
     Returns
     -------
     Trajectory
-        `reached` says whether the goal was met; `note` what stood in the way; `shares` what each term came
-        to; `binding` when each limit binds. A numerical failure inside is a plan with a note, too.
+        `note` says what stood in the way. A numerical failure inside is a plan with a note, too.
 
     Raises
     ------
