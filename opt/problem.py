@@ -12,7 +12,17 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import FloatArray, dimensions, frozen, instance, matrix, number, one_of, positive, vector
+from ffsms_pin.checks import (
+    FloatArray,
+    dimensions,
+    frozen,
+    instance,
+    matrix,
+    number,
+    one_of,
+    positive,
+    vector,
+)
 from ffsms_pin.checks import times as instants
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal, Place, as_goal
