@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, frozen, one_of, vector
+from ffsms_pin.checks import FloatArray, direction, one_of
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import BASE, INERTIAL, Frame
@@ -216,10 +216,7 @@ def checked_freedom(axis: Any, on: Any, velocity: FloatArray | None) -> tuple[Fl
         No direction, another name, or a velocity asked for on the base.
     """
     if axis is not None:
-        axis = vector("goal.free_axis", axis, 3)
-        if (length := float(np.linalg.norm(axis))) < 1e-9:
-            raise InvalidValue("goal.free_axis", axis, "must not be zero")
-        axis = frozen(axis / length)
+        axis = direction("goal.free_axis", axis)
     if one_of("goal.on", on, (INERTIAL, BASE)) == BASE and velocity is not None:
         raise InvalidValue("goal.velocity", velocity, "must be left out of a goal on the base")
     return axis, on

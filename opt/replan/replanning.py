@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, vector
-from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.motion.actuated import wheel_total
 from ffsms_pin.opt.one_thread import OneThread, ReferenceInUse
@@ -24,27 +23,12 @@ from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 
-__all__ = ["DeadBand", "Replanning"]
+__all__ = ["Replanning"]
 
 # Ten times a step's own price of redundant motion: a goal at the edge of the workspace is not worth fast
 # joints.
 _GENTLE = StepWeights(effort=1e-5)
 _STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
-
-
-@dataclass
-class DeadBand:
-    """Whether an arm that has arrived should rest, so that it does not chase the noise of its sensors."""
-
-    resting: bool = False
-
-    def rests(self, band: float, distance: float) -> bool:
-        """Whether to rest at a distance from the goal [m], for a band [m]; zero: never.
-
-        An arm comes well inside before it rests, or it would rest at the edge.
-        """
-        self.resting = distance < (band if self.resting else band / 3.0)
-        return self.resting
 
 
 class Replanning:
@@ -74,6 +58,8 @@ class Replanning:
     ----------
     duration : float
         Time to arrive and to hold [s].
+    momentum, base_mode
+        Those of the problem (`momentum` and `mode`); `mode` is what the steps follow.
     failed_steps, failed_in_a_row : int
         Steps whose programme was not solved, and how many of them up to now in a row; the arm braked in each.
     """
@@ -86,13 +72,12 @@ class Replanning:
         options: ReplanOptions | None = None,
         weights: StepWeights | None = None,
     ) -> None:
-        if number("hold", hold) < 0.0:
-            raise InvalidValue("hold", hold, "must be at least zero [s]")
         instance("problem", problem, Problem)
         instance("options", options, ReplanOptions, optional=True)
         sms, n = problem.sms, problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
-        self.duration = problem.duration + hold
+        self.duration = problem.duration + at_least_zero("hold", hold, "s")
+        self.momentum, self.base_mode = problem.momentum, problem.mode
         self._stepper = Stepper.of(problem, "resolved-rate", _GENTLE if weights is None else weights)
         self._planner = RestPlanner(problem, self.options, plan)
         self._robot = sms
@@ -106,7 +91,7 @@ class Replanning:
         self._noise: float | None = None
         self._wheels: FloatArray | None = None
         self._correctable, self._uncorrectable = Correctable(sms, problem.mode), 0.0
-        self._dead_band = DeadBand()
+        self._rests = False
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
         at_least_zero("dead_band", self.options.band(None), "m")
 
@@ -124,17 +109,6 @@ class Replanning:
             return lambda t: goal.places(np.array([t])).position[:, 0]
         place = goal.place(duration)
         return (lambda t: place.at(self._seen).position) if place.moves_with_base else place.position
-
-    @property
-    def momentum(self) -> FloatArray | None:
-        """Total momentum that is reckoned with (6,); None: zero."""
-        momentum: FloatArray | None = self.problem.momentum
-        return momentum
-
-    @property
-    def base_mode(self) -> str:
-        """What of the base is held, as in `opt.Problem`; `mode` is what the steps follow."""
-        return self.problem.mode
 
     @property
     def expected_miss(self) -> float:
@@ -274,7 +248,9 @@ class Replanning:
                 left = max(left, options.calm)
             if self.mode == "hold" and not goal.moves:
                 here = self.problem.sms.at(q).end_effector_pose.translation
-                if self._dead_band.rests(options.band(self._noise), float(np.linalg.norm(position - here))):
+                distance = float(np.linalg.norm(position - here))
+                self._rests = options.rests(distance, self._noise, self._rests)
+                if self._rests:
                     wanted = np.zeros_like(self._rates)
                 elif self._noise is not None:
                     left = max(left, options.settle)
