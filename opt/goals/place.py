@@ -16,6 +16,7 @@ from ffsms_pin.checks import FloatArray, direction, one_of
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import BASE, INERTIAL, Frame
+from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Missed", "Place", "checked_freedom", "frame_at", "stacked_places"]
@@ -164,11 +165,12 @@ class Place:
             spin = pin.log3(after.rotation @ before.rotation.T) / time
         return replace(self, velocity=(after.position - before.position) / time, spin=spin)
 
-    def aim(self, pose: Any, q: FloatArray) -> Place:
-        """A plain place for a step from there: where this one is now, its free turn as the frame has it."""
+    def aim(self, sms: SpaceManipulator, q: FloatArray) -> Place:
+        """A plain place for a step from there: where this one is now, its free turn as the arm has it."""
         here = self.at(q)
         if here.free_axis is None:
             return here
+        pose = sms.at(q).end_effector_pose
         turn = here.missed(frame_at(pose)).vector[:, 0, 0]
         return replace(here, rotation=pin.exp3(turn) @ pose.rotation, free_axis=None)
 

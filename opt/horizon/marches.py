@@ -19,6 +19,7 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system.base_motion import advance
 
 __all__ = [
+    "REFERENCE_WEIGHTS",
     "free_marches",
     "landed",
     "marched",
@@ -27,7 +28,8 @@ __all__ = [
 ]
 
 # The references are about what they spare: ten times the step's own price of redundant motion, and still too
-# little to keep an arm from leaving a singular start.
+# little to keep an arm from leaving a singular start. Re-planned motions have it too: a goal at the edge of
+# the workspace is not worth fast joints.
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 
 _STRIDES = 60  # a step of a march with all limits is at most such a part of the time left

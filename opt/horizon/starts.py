@@ -13,7 +13,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
@@ -148,8 +147,7 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
 
     They are starts: a place that rides on the base, or is free about an axis, counts as seen from the start.
     """
-    tip = pin.SE3(problem.rotation0 @ problem.arm0.tip_rotation[..., 0], problem.tip0)
-    place = problem.goal.place(problem.duration).aim(tip, problem.q0)
+    place = problem.goal.place(problem.duration).aim(problem.sms, problem.q0)
     low, high = joint_range(problem)
     most = np.where(problem.free, 0.8 * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, vector
 from ffsms_pin.opt.goals import Goal
+from ffsms_pin.opt.horizon.marches import REFERENCE_WEIGHTS
 from ffsms_pin.opt.motion.actuated import wheel_total
 from ffsms_pin.opt.one_thread import OneThread, ReferenceInUse
 from ffsms_pin.opt.problem import Problem
@@ -25,9 +26,6 @@ from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = ["Replanning"]
 
-# Ten times a step's own price of redundant motion: a goal at the edge of the workspace is not worth fast
-# joints.
-_GENTLE = StepWeights(effort=1e-5)
 _STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
 
 
@@ -78,7 +76,9 @@ class Replanning:
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + at_least_zero("hold", hold, "s")
         self.momentum, self.base_mode = problem.momentum, problem.mode
-        self._stepper = Stepper.of(problem, "resolved-rate", _GENTLE if weights is None else weights)
+        self._stepper = Stepper.of(
+            problem, "resolved-rate", REFERENCE_WEIGHTS if weights is None else weights
+        )
         self._planner = RestPlanner(problem, self.options, plan)
         self._robot = sms
         if problem.locked:
