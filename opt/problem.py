@@ -12,7 +12,18 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import FloatArray, dimensions, frozen, matrix, number, one_of, positive, vector
+from ffsms_pin.checks import (
+    FloatArray,
+    dimensions,
+    frozen,
+    instance,
+    matrix,
+    number,
+    one_of,
+    positive,
+    vector,
+)
+from ffsms_pin.checks import times as instants
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal, Place, as_goal
 from ffsms_pin.opt.limits import (
@@ -223,6 +234,8 @@ class Problem:
 
     def given(self, goal: Goal, times: FloatArray) -> dict[str, Any]:
         """What motions at times (K,) have from the problem, beside what moves; its goal, or one near it."""
+        instance("goal", goal, Goal)
+        times = instants("times", times)
         (place, attitude), wanted = self.base_from, goal.places(times)
         return {
             "base_start": place,

@@ -211,7 +211,10 @@ class Moving(Goal):
 
     def places(self, times: FloatArray) -> Place:
         """Where the path is at times (K,) [s]."""
-        found = [self.path(t) for t in checked_times("times", times).tolist()]
+        instants = checked_times("times", times).tolist()
+        if not instants:
+            raise InvalidValue("times", times, "must have at least one entry [s]")
+        found = [self.path(t) for t in instants]
         turned = hasattr(found[0], "translation")
         position = np.stack([x.translation if turned else np.asarray(x, dtype=float) for x in found], axis=-1)
         if not np.isfinite(position).all():
