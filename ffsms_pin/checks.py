@@ -26,6 +26,7 @@ __all__ = [
     "FloatArray",
     "at_least_zero",
     "dimensions",
+    "direction",
     "frozen",
     "inertia",
     "instance",
@@ -92,6 +93,15 @@ def vector(name: str, value: ArrayLike, size: int, unit: str = "", largest: floa
         wanted = f"must have shape ({size},)" + (f" [{unit}]" if unit else "")
         raise InvalidValue(name, value, f"{wanted} but has shape {array.shape}")
     return _within(name, value, array, largest)
+
+
+def direction(name: str, value: ArrayLike) -> FloatArray:
+    """Unit vector (3,) along `value`, read-only."""
+    along = vector(name, value, 3)
+    length = math.hypot(*along.tolist())
+    if length < 1e-9:
+        raise InvalidValue(name, value, "must not be zero")
+    return frozen(along / length)
 
 
 def matrix(name: str, value: ArrayLike, rows: int, columns: int) -> FloatArray:

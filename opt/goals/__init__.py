@@ -10,7 +10,6 @@ from ffsms_pin.opt.goals.goal import (
     Pose,
     Position,
     as_goal,
-    rotation_matrix,
 )
 from ffsms_pin.opt.goals.limits import Also, Via
 from ffsms_pin.opt.goals.meet import Meet
@@ -30,5 +29,4 @@ __all__ = [
     "Position",
     "Via",
     "as_goal",
-    "rotation_matrix",
 ]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, frozen, number, positive, vector
+from ffsms_pin.checks import FloatArray, frozen, number, positive, rotation, vector
 from ffsms_pin.checks import times as checked_times
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.place import Place, checked_freedom, stacked_places
@@ -29,7 +29,6 @@ __all__ = [
     "as_goal",
     "check_reaches",
     "resting_place",
-    "rotation_matrix",
 ]
 
 REACH = 0.02  # [m] the paper's r_th
@@ -168,13 +167,13 @@ class Pose(Fixed):
         if not (hasattr(self.pose, "translation") and hasattr(self.pose, "rotation")):
             raise InvalidValue("pose", self.pose, "must be a pinocchio.SE3")
         position = frozen(vector("target.translation", self.pose.translation, 3, "m"))
-        rotation = frozen(rotation_matrix("target.rotation", self.pose.rotation))
+        turn = frozen(rotation("target.rotation", self.pose.rotation))
         velocity = spin = None
         if self.twist is not None:
             twist = frozen(vector("goal.twist", self.twist, 6))
             velocity, spin = twist[:3], twist[3:]
         axis, on = checked_freedom(self.free_axis, self.on, velocity)
-        self._stay(Place(position, rotation, velocity, spin, axis, on))
+        self._stay(Place(position, turn, velocity, spin, axis, on))
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,19 +252,6 @@ def resting_place(name: str, target: Any) -> Place:
     if place is None or not place.rests:
         raise InvalidValue(name, target, "must stand still: a position, or a pinocchio.SE3")
     return place
-
-
-def rotation_matrix(name: str, value: Any) -> FloatArray:
-    """A rotation matrix (3, 3), checked: a mirror is none."""
-    rotation = np.array(value, dtype=np.float64)
-    if (
-        rotation.shape != (3, 3)
-        or not (np.abs(rotation) < 2.0).all()  # false for what is not a number too
-        or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6
-        or np.linalg.det(rotation) < 0.0
-    ):
-        raise InvalidValue(name, rotation, "must be a rotation matrix")
-    return rotation
 
 
 def check_reaches(goal: Goal) -> None:

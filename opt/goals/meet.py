@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import checks
-from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, check_reaches
@@ -89,10 +89,6 @@ class Meet(Goal):
             raise InvalidValue("client", self.client, "must be a Client, or a ClientEstimate")
         grasp = pin.SE3.Identity() if self.grasp is None else self.grasp
         checks.pose("grasp", grasp)
-        axis = checks.vector("axis", self.axis, 3)
-        length = float(np.linalg.norm(axis))
-        if length < 1e-9:
-            raise InvalidValue("axis", self.axis, "must not be zero")
         half_angle = checks.positive("half_angle", self.half_angle, "rad")
         if half_angle >= 0.5 * math.pi:
             raise InvalidValue("half_angle", self.half_angle, "must be below a right angle [rad]")
@@ -102,7 +98,7 @@ class Meet(Goal):
             "grasp": pin.SE3(grasp),
             "standoff": checks.at_least_zero("standoff", self.standoff, "m"),
             "half_angle": half_angle,
-            "axis": frozen(axis / length),
+            "axis": checks.direction("axis", self.axis),
             "coupled": not self.standoff,  # a corridor sets the way
             "at_rest_with": self.client if self.rest_after else None,
         }

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, frozen, one_of, vector
+from ffsms_pin.checks import FloatArray, direction, one_of
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import BASE, INERTIAL, Frame
+from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Missed", "Place", "checked_freedom", "frame_at", "stacked_places"]
@@ -164,11 +165,12 @@ class Place:
             spin = pin.log3(after.rotation @ before.rotation.T) / time
         return replace(self, velocity=(after.position - before.position) / time, spin=spin)
 
-    def aim(self, pose: Any, q: FloatArray) -> Place:
-        """A plain place for a step from there: where this one is now, its free turn as the frame has it."""
+    def aim(self, sms: SpaceManipulator, q: FloatArray) -> Place:
+        """A plain place for a step from there: where this one is now, its free turn as the arm has it."""
         here = self.at(q)
         if here.free_axis is None:
             return here
+        pose = sms.at(q).end_effector_pose
         turn = here.missed(frame_at(pose)).vector[:, 0, 0]
         return replace(here, rotation=pin.exp3(turn) @ pose.rotation, free_axis=None)
 
@@ -216,10 +218,7 @@ def checked_freedom(axis: Any, on: Any, velocity: FloatArray | None) -> tuple[Fl
         No direction, another name, or a velocity asked for on the base.
     """
     if axis is not None:
-        axis = vector("goal.free_axis", axis, 3)
-        if (length := float(np.linalg.norm(axis))) < 1e-9:
-            raise InvalidValue("goal.free_axis", axis, "must not be zero")
-        axis = frozen(axis / length)
+        axis = direction("goal.free_axis", axis)
     if one_of("goal.on", on, (INERTIAL, BASE)) == BASE and velocity is not None:
         raise InvalidValue("goal.velocity", velocity, "must be left out of a goal on the base")
     return axis, on

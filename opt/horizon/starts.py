@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
@@ -35,6 +34,7 @@ from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.batch.stacks import exp3
 
 __all__ = [
+    "REFERENCE_WEIGHTS",
     "cone_marches",
     "free_marches",
     "landed",
@@ -47,6 +47,10 @@ __all__ = [
 ]
 
 
+# The references are about what they spare: ten times the step's own price of redundant motion, and still too
+# little to keep an arm from leaving a singular start. Re-planned motions have it too: a goal at the edge of
+# the workspace is not worth fast joints.
+REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 _STRIDES = 60  # a step of a march with all limits is at most such a part of the time left
 _BEHIND = 1.5  # at such a multiple of the way that is left at the mean speed a march is given up
 _BRAKING = 0.5  # of the acceleration limits, at the end of such a march
@@ -159,8 +163,7 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
 
     They are starts: a place that rides on the base, or is free about an axis, counts as seen from the start.
     """
-    tip = pin.SE3(problem.rotation0 @ problem.arm0.tip_rotation[..., 0], problem.tip0)
-    place = problem.goal.place(problem.duration).aim(tip, problem.q0)
+    place = problem.goal.place(problem.duration).aim(problem.sms, problem.q0)
     low, high = joint_range(problem)
     most = np.where(problem.free, 0.8 * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
@@ -224,9 +227,7 @@ def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
 
 def reference_stepper(problem: Problem, method: str) -> Stepper:
     """The stepper of one of the classical references."""
-    # They are about what they spare: ten times the step's own price of redundant motion, and still too little
-    # to keep an arm from leaving a singular start.
-    return Stepper.of(problem, method, StepWeights(effort=1e-5), limits=problem.step_limits, terms=())
+    return Stepper.of(problem, method, REFERENCE_WEIGHTS, limits=problem.step_limits, terms=())
 
 
 def marched(problem: Problem, stepper: Steps, progress: Progress | None = None) -> Trajectory:

@@ -14,15 +14,15 @@ from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.parts.all_of import AllOf
 from ffsms_pin.opt.parts.inequality import Inequality
 
-__all__ = ["BaseLimits"]
+__all__ = ["SCALE", "SHARE", "BaseLimits"]
 
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
 # Share of a limit kept in hand: a penalty gives way, only some instants of a whole motion are watched, and
 # the steps that follow a plan let the base come nearer to its limit only slowly. With half of it re-planned
 # motions ended up to 5 mm off their targets under a limit of 1 degree, with this a hundredth of that.
-_SHARE = 0.08
+SHARE = 0.08
 # What a whole limit weighs: as much as a lack of clearance of this many arm lengths.
-_SCALE = 0.03
+SCALE = 0.03
 # [rad] A turn beyond a limit narrower than this weighs as if the limit were so wide: one of a tenth of a
 # degree would be too stiff for a motion that is still finding its way.
 _NARROW = 0.02
@@ -38,13 +38,13 @@ _UNDONE = 10  # steps before the deadline at which it should be undone
 class _Most(Inequality):
     """One of the limits: something of the base is at most so large."""
 
-    margin = _SCALE * _SHARE
+    margin = SCALE * SHARE
     give = _GIVE
 
     def __init__(self, name: str, most: float) -> None:
         self.name, self.most, self.unit = name, most, _UNITS[name]
         narrow = _NARROW if self.unit == "rad" else 0.0
-        self.scale, self.in_hand = max(most, narrow) / _SCALE, _SHARE * most
+        self.scale, self.in_hand = max(most, narrow) / SCALE, SHARE * most
         self.step_margin = _STEP_SHARE * most
 
     def room(self, m: Features) -> Any:
@@ -97,7 +97,7 @@ class BaseLimits(AllOf):
     final_attitude: float = math.inf
     name = "base"
     of_paper = False
-    margin = _SCALE * _SHARE
+    margin = SCALE * SHARE
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.limits.base import SCALE, SHARE
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.actuated import (
@@ -26,10 +27,6 @@ from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["TorqueLimits", "WheelLimits", "wheel_rows"]
 
-# Share of a limit kept in hand: for the feedback that follows the plan, and for what a penalty gives way.
-_SHARE = 0.08
-# What a whole limit weighs: as much as a lack of clearance of this many arm lengths.
-_SCALE = 0.03
 _LEAST_LEFT = 0.5  # share of a limit: a tighter one would hold a plan back more than the motors do
 _BOUND = 0.91  # share of a limit above which it binds: a little less than what is kept in hand leaves
 _UNMOVED = 1e-12  # [N m s/(rad/s)] joints that move a wheel by less do not move it
@@ -41,10 +38,10 @@ _PARALLEL = 1e-9  # rows whose cosine is so near to one are the same
 class _Motors(Inequality):
     """Its unit is a share of what a motor has: a violation of 0.3 asks for 30 % more."""
 
-    margin = _SCALE * _SHARE
-    scale = 1.0 / _SCALE
-    in_hand = _SHARE
-    most_reserve = 1.0 - _LEAST_LEFT - _SHARE
+    margin = SCALE * SHARE
+    scale = 1.0 / SCALE
+    in_hand = SHARE
+    most_reserve = 1.0 - _LEAST_LEFT - SHARE
     eased_by_time = True
 
 
@@ -76,7 +73,7 @@ class TorqueLimits(_Motors):
         stack, (low, high), dt, u = arm_stack(step.sms, step.mode), step.bounds, step.dt, step.rates
         C = forces(stack, step.joints, u, np.zeros(len(u)), step.drift[3:])[: len(u)]
         H = stack.reduced_inertia(step.joints)
-        allowed = (1.0 - _SHARE - self.kept) * step.sms.limits.torque
+        allowed = (1.0 - SHARE - self.kept) * step.sms.limits.torque
         near = np.abs(C) + np.abs(H) @ np.maximum(high - u, u - low) / dt > allowed
         if not near.any():
             return None
@@ -125,7 +122,7 @@ class WheelLimits(_Motors):
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows of the wheels' momenta at the step's end and of their torques in it."""
-        return wheel_rows(step, _SHARE + self.kept)
+        return wheel_rows(step, SHARE + self.kept)
 
     def violation(self, motion: Motions) -> Violation:
         """The largest share by which a wheel lacks momentum or torque, and what would do."""

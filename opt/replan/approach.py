@@ -27,9 +27,7 @@ def aim(problem: Problem, goal: Goal, now: float, q: FloatArray) -> tuple[FloatA
     deadline, counts as passing by with it. From a configuration q (nq,).
     """
     dt, left = problem.dt, problem.duration - now
-    place = goal.place(now if goal.moves else problem.duration)
-    if not place.plain:
-        place = place.aim(problem.sms.at(q).end_effector_pose, q)
+    place = goal.place(now if goal.moves else problem.duration).aim(problem.sms, q)
     position, velocity = place.position, place.velocity
     if velocity is None or (left <= 0.0 and not goal.moves):
         return position, place.rotation

@@ -116,6 +116,13 @@ class ReplanOptions:
             return self.dead_band
         return 0.0 if noise is None else min(max(_BAND * noise, _NARROWEST), _WIDEST)
 
+    def rests(self, distance: float, noise: float | None, rested: bool) -> bool:
+        """Whether an arm rests at a distance [m] after the deadline, so that it does not chase noise.
+
+        It comes well inside the dead band before it rests, or it would rest at the edge.
+        """
+        return distance < self.band(noise) / (1.0 if rested else 3.0)
+
     def grid(self, share_left: float) -> Grid:
         """The spline for a share of the whole time."""
         if share_left > 0.5:

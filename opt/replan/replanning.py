@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, vector
-from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
+from ffsms_pin.opt.horizon.starts import REFERENCE_WEIGHTS
 from ffsms_pin.opt.motion.actuated import wheel_total
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.approach import aim
@@ -24,31 +24,13 @@ from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import OneThread
 
-__all__ = ["DeadBand", "Replanning"]
+__all__ = ["Replanning"]
 
-# Ten times a step's own price of redundant motion: a goal at the edge of the workspace is not worth fast
-# joints.
-_GENTLE = StepWeights(effort=1e-5)
 _FOLLOWED = (
     "another thread has begun to follow this Replanning, and it remembers one motion only;"
     " make one for each run: opt.Replanning(problem)"
 )
 _STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
-
-
-@dataclass
-class DeadBand:
-    """Whether an arm that has arrived should rest, so that it does not chase the noise of its sensors."""
-
-    resting: bool = False
-
-    def rests(self, band: float, distance: float) -> bool:
-        """Whether to rest at a distance from the goal [m], for a band [m]; zero: never.
-
-        An arm comes well inside before it rests, or it would rest at the edge.
-        """
-        self.resting = distance < (band if self.resting else band / 3.0)
-        return self.resting
 
 
 class Replanning:
@@ -78,6 +60,8 @@ class Replanning:
     ----------
     duration : float
         Time to arrive and to hold [s].
+    momentum, base_mode
+        Those of the problem (`momentum` and `mode`); `mode` is what the steps follow.
     failed_steps, failed_in_a_row : int
         Steps whose programme was not solved, and how many of them up to now in a row; the arm braked in each.
     """
@@ -90,14 +74,13 @@ class Replanning:
         options: ReplanOptions | None = None,
         weights: StepWeights | None = None,
     ) -> None:
-        if number("hold", hold) < 0.0:
-            raise InvalidValue("hold", hold, "must be at least zero [s]")
         instance("problem", problem, Problem)
         instance("options", options, ReplanOptions, optional=True)
         sms, n = problem.sms, problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
-        self.duration = problem.duration + hold
-        self._stepper = Stepper.of(problem, "resolved-rate", _GENTLE if weights is None else weights)
+        self.duration = problem.duration + at_least_zero("hold", hold, "s")
+        self.momentum, self.base_mode = problem.momentum, problem.mode
+        self._stepper = Stepper.of(problem, "resolved-rate", weights or REFERENCE_WEIGHTS)
         self._planner = RestPlanner(problem, self.options, plan)
         self._robot = sms
         if problem.locked:
@@ -110,7 +93,7 @@ class Replanning:
         self._noise: float | None = None
         self._wheels: FloatArray | None = None
         self._correctable, self._uncorrectable = Correctable(sms, problem.mode), 0.0
-        self._dead_band = DeadBand()
+        self._rests = False
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
         at_least_zero("dead_band", self.options.band(None), "m")
 
@@ -128,17 +111,6 @@ class Replanning:
             return lambda t: goal.places(np.array([t])).position[:, 0]
         place = goal.place(duration)
         return (lambda t: place.at(self._seen).position) if place.moves_with_base else place.position
-
-    @property
-    def momentum(self) -> FloatArray | None:
-        """Total momentum that is reckoned with (6,); None: zero."""
-        momentum: FloatArray | None = self.problem.momentum
-        return momentum
-
-    @property
-    def base_mode(self) -> str:
-        """What of the base is held, as in `opt.Problem`; `mode` is what the steps follow."""
-        return self.problem.mode
 
     @property
     def expected_miss(self) -> float:
@@ -278,7 +250,9 @@ class Replanning:
                 left = max(left, options.calm)
             if self.mode == "hold" and not goal.moves:
                 here = self.problem.sms.at(q).end_effector_pose.translation
-                if self._dead_band.rests(options.band(self._noise), float(np.linalg.norm(position - here))):
+                distance = float(np.linalg.norm(position - here))
+                self._rests = options.rests(distance, self._noise, self._rests)
+                if self._rests:
                     wanted = np.zeros_like(self._rates)
                 elif self._noise is not None:
                     left = max(left, options.settle)

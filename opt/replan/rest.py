@@ -91,24 +91,16 @@ def rest_of(
 
     Parameters
     ----------
-    problem : Problem
-        The whole one.
-    sms : SpaceManipulator
-        The robot as it is known now.
+    problem, sms : Problem, SpaceManipulator
+        The whole one, and the robot as it is known now.
     t : float
         A whole number of the problem's steps [s].
     q : ndarray, shape (nq,)
         Measured configuration: the base is there.
     joints, rates : ndarray, shape (n,)
         Joint positions [rad] and rates [rad/s] that the rest begins with.
-    base_start : ndarray, shape (7,)
-        Root pose that turn and shift of the base count from.
-    locked : sequence of str
-        Joints that cannot move.
-    goal : Goal, optional
-        Default: the problem's.
-    wheel_total : ndarray, shape (w,), optional
-        Momenta of the wheels that hold the attitude, were all else at rest [N m s]. Default: the problem's.
+    base_start, locked, goal, wheel_total
+        As in `Problem`; the last two by default those of the whole one.
     """
     goal = problem.goal if goal is None else goal
     if any(limit.joint_bounds is not None for limit in problem.limits):
@@ -150,10 +142,8 @@ def replanned(
 
     Parameters
     ----------
-    problem : Problem
-        What is left: see `rest_of`.
-    start : float
-        When it begins [s].
+    problem, start : Problem, float
+        What is left (`rest_of`), and when it begins [s].
     joints : ndarray, shape (n,)
         Joint positions there, continuous in time: those of a configuration are not, where joints turn without
         end.

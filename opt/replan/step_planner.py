@@ -24,36 +24,25 @@ class StepPlanner(Stepper):
     """One step of the paper's method after the other, with the limits of the paper.
 
     A `Stepper` with the joints' limits, a clearance, the paper's |alpha_i| <= 1 and limits on the base; see
-    there for what a step does.
+    there for what a step does, and for parameters that are not named here.
 
     Parameters
     ----------
-    sms : SpaceManipulator
-    dt : float
-        Step [s].
     kappa : float
         Sharpness of C~. The paper does not state its value; ours, 10, makes C~ nearly max(0, cos(theta_a)).
     clearance : float
         The paper's d_safe between points of the arm, and the margin to the base box [m].
     collision : {"points", "shapes", "off"}
         What is kept clear: the paper's points (const4 to const7), or the URDF's collision shapes.
-    weights : StepWeights, optional
     aim : str
-        One of `opt.step.reference.REFERENCES`: "step" is the paper's cost; the others go straight.
+        The `reference` of a `Stepper`.
     base_limits : BaseLimits, optional
         How far and how fast the base may move, from where it is at the first step after a `reset`.
-    momentum : array_like, shape (6,), optional
-        Total momentum [linear; angular], inertial axes, about the system's centre of mass, as in
-        `sms.velocity`. Default zero.
     limits : sequence of Limit, optional
-        In place of those that the other arguments describe.
-    terms : sequence of Term
-        More terms; see `Term.step_objective`.
-    mode : str
-        What of the base is held (see `opt.Problem`). Where wheels hold the attitude, `limits` have
-        `WheelLimits`, unless you give others.
+        In place of those that the other arguments describe; where wheels hold the attitude, these have
+        `WheelLimits`.
     wheel_momentum : array_like, shape (w,), optional
-        Of the wheels with the joints at rest, where they hold the attitude [N m s]. Default zero.
+        The `wheel_total` of a `Stepper` [N m s].
     """
 
     def __init__(

@@ -33,7 +33,6 @@ __all__ = [
     "within",
 ]
 
-_MOST = 1e6  # [rad/s^2] stands for no limit on an acceleration
 _SHARES = (0.5, 0.25, 0.1)  # of the way from braking to what the programme wants
 _STOPS = 5  # steps of an arm that stops
 
@@ -185,4 +184,4 @@ def _broken(limits: Sequence[Limit], step: StepState, end: FloatArray) -> FloatA
 
 def _stop(step: StepState, rates: FloatArray) -> float:
     """In what time the arm may stop from joint rates [s]."""
-    return float(np.max(np.abs(rates) / np.minimum(step.sms.limits.acceleration, _MOST)))
+    return float(np.max(np.abs(rates) / step.sms.limits.acceleration))

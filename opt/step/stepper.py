@@ -240,9 +240,7 @@ class Stepper:
         goal = as_goal(target)
         if goal.moves:
             raise InvalidValue("target", target, "must stand still for a step: give its place of now")
-        place = goal.place(time_left)
-        if not place.plain:
-            place = place.aim(self.sms.at(q).end_effector_pose, q)
+        place = goal.place(time_left).aim(self.sms, q)
         return q, rates, place.position, time_left, place.rotation
 
     def _build(

@@ -25,9 +25,8 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 from ffsms_pin.system.convex_parts import Part, part_of
 
-__all__ = ["Clearance", "CollisionMode", "clearance_stack"]
+__all__ = ["Clearance", "clearance_stack"]
 
-CollisionMode = str
 MODES = ("auto", "points", "hulls", "shapes", "off")
 
 _BODY_MARGIN = 3e-3  # [arm lengths] `Clearance.margin` between bodies
@@ -63,7 +62,7 @@ class Clearance(Limit):
     """
 
     clearance: float = 0.01
-    collision: CollisionMode = "auto"
+    collision: str = "auto"
     # A penalty gives way, and only some instants of a whole motion are watched.
     margin: float = 0.01
     obstacles: Sequence[Obstacle] = ()

@@ -19,16 +19,8 @@ __all__ = ["Obstacle", "Track", "checked_obstacles", "convex_shape", "outline"]
 
 INERTIAL, BASE = "inertial", "base"
 
-_NODE = coal.NODE_TYPE
-_CONVEX = (
-    _NODE.GEOM_BOX,
-    _NODE.GEOM_SPHERE,
-    _NODE.GEOM_CAPSULE,
-    _NODE.GEOM_CYLINDER,
-    _NODE.GEOM_CONVEX,
-    _NODE.GEOM_ELLIPSOID,
-    _NODE.GEOM_CONE,
-)
+_ROUND = coal.Sphere | coal.Ellipsoid | coal.Capsule | coal.Cylinder | coal.Cone
+_CONVEX = coal.Box | coal.ConvexBase | _ROUND
 _FLAT = 1e-6  # share of a mesh's size by which its corners may stand out of its faces
 
 
@@ -180,7 +172,7 @@ def convex_shape(name: str, shape: Any) -> Any:
         )
     if shape.getObjectType() == coal.OBJECT_TYPE.OT_BVH:
         return _hull(name, shape)
-    if shape.getNodeType() not in _CONVEX:
+    if not isinstance(shape, _CONVEX):
         raise InvalidValue(
             name, type(shape).__name__, "must be a box, sphere, capsule, cylinder or convex mesh"
         )

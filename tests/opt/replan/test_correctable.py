@@ -17,7 +17,6 @@ from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.opt.replan.correctable import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.reaction import ReactionEstimate
-from ffsms_pin.opt.replan.replanning import DeadBand
 from ffsms_pin.simulation import Tracking, perturb, simulate
 from ffsms_pin.system.base_motion import roll_out
 
@@ -67,11 +66,12 @@ def test_a_target_across_the_plane_is_approached_and_told(planar: ffsms.SpaceMan
 
 
 def test_the_dead_band_has_two_edges() -> None:
-    band = DeadBand()
-    rests = [band.rests(1e-3, distance) for distance in (2e-3, 0.9e-3, 0.3e-3, 0.9e-3, 1.1e-3, 0.9e-3)]
-    assert rests == [False, False, True, True, False, False]
-    assert not band.rests(0.0, 0.0)
+    banded, rests = ReplanOptions(dead_band=1e-3), [False]
+    for distance in (2e-3, 0.9e-3, 0.3e-3, 0.9e-3, 1.1e-3, 0.9e-3):
+        rests.append(banded.rests(distance, None, rests[-1]))
+    assert rests[1:] == [False, False, True, True, False, False]
     options = ReplanOptions()
+    assert not options.rests(0.0, None, False)
     assert options.band(None) == 0.0
     assert [options.band(noise) for noise in (0.0, 1e-4, 1.0)] == pytest.approx([1e-4, 3e-4, 1e-3])
     assert ReplanOptions(dead_band=5e-3).band(None) == 5e-3
