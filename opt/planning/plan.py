@@ -191,11 +191,8 @@ def _stand_still(problem: Problem) -> Trajectory | None:
         np.linalg.norm(problem.place_now.position - problem.tip0) >= ALREADY_THERE
     ):
         return None
-    rates, note = (
-        np.zeros((problem.steps + 1, problem.sms.n)),
-        "the end effector is at its target from the start",
-    )
-    still = measure(problem, rates, note)
+    note = "the end effector is at its target from the start"
+    still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)), note)
     error = max(float(still.position_error[0]), float(still.orientation_error[0]))
     return still if error < ALREADY_THERE and still.clear else None
 
