@@ -278,7 +278,7 @@ class Stepper:
         if self._last is not None:  # the last solution, in the basis of this step
             rates, more, z = self._last
             start = np.concatenate([rates.dot(step.V), more]), z
-        found = self._solver.solve_rows(programme, start)
+        found = self._solver.solve(programme, start)
         if found.solved:
             # Within the solver's tolerance already; this makes the limits hold to the last bit.
             chosen, slack = within(step.V.dot(found.x[:n]), bounds), max(0.0, float(found.x[n + 1]))
