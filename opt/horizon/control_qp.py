@@ -27,7 +27,6 @@ __all__ = ["AT_REST", "ControlQP", "at_rest", "braking"]
 
 # [rad/s] At the last node: small enough to count as rest, large enough to have a direction.
 AT_REST = 8e-4
-_REST_SHARE = 2e-3  # of the rate limit, for slow arms
 # Kept in hand on every row, for the tolerance below.
 _RESERVE = 1e-6
 _TOLERANCE = 1e-7
@@ -167,7 +166,7 @@ class ControlQP:
 
 def at_rest(problem: Problem) -> FloatArray:
     """Rates (n,) up to which the joints count as standing still at the deadline."""
-    return np.minimum(AT_REST, _REST_SHARE * problem.sms.limits.velocity)
+    return np.minimum(AT_REST, 2e-3 * problem.sms.limits.velocity)  # the latter for slow arms
 
 
 def braking(problem: Problem, spline: RateSpline) -> FloatArray:

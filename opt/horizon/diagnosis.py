@@ -24,9 +24,6 @@ from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = ["explain", "keep_limits", "reach_range", "with_limits_said", "within_workspace"]
 
-# Durations that are tried: a failed one and one that does come this near to each other, as a ratio.
-_CLOSE = 1.08
-
 
 def with_limits_said(
     problem: Problem, plan: Trajectory, again: Callable[[Problem], Trajectory]
@@ -129,10 +126,8 @@ def explain(
         slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
         slow = slow or any(limit.eased_by_time for limit in binds)
         shortest = _sufficient(problem, goals, slow, attempt)
-    if shortest > 0.0:
-        words.append(f"a duration of {shortest:.2f} s would do")
-    else:
-        words.append("no duration that would do is known")
+    known = f"a duration of {shortest:.2f} s would do"
+    words.append(known if shortest > 0.0 else "no duration that would do is known")
     return replace(plan, note="; ".join(words), shortest_duration=shortest)
 
 
@@ -177,10 +172,7 @@ def reach_range(problem: Problem) -> tuple[float, float]:
 
 
 def _sufficient(
-    problem: Problem,
-    goals: JointGoals,
-    more_time_helps: bool,
-    attempt: Callable[[Problem], bool],
+    problem: Problem, goals: JointGoals, more_time_helps: bool, attempt: Callable[[Problem], bool]
 ) -> float:
     """The least duration [s] found for which the goal is met, by bisection; 0: none found.
 
@@ -202,7 +194,8 @@ def _sufficient(
         shorter, longer = longer, 2.0 * longer
     else:
         return 0.0
-    while longer > _CLOSE * shorter:
+    # Until one that fails and one that does are so near to each other.
+    while longer > 1.08 * shorter:
         between = float(np.sqrt(longer * shorter))
         if attempt(problem.lasting(between)):
             longer = between

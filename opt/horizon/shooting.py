@@ -38,7 +38,6 @@ _STEP = 0.5  # [rad or m] largest Newton step of a joint
 _DAMPING = 1e-3  # of the Newton step, for near-singular goals, in squares of the arm's length
 # [arm lengths] From here on the damping decreases; a move that ends nearer than the other one ends there.
 _FAR, _THERE = 0.1, 1e-3
-_NEAR = 0.05  # [arm lengths] moves that end so near end nearly at the target
 
 
 class JointGoals(NamedTuple):
@@ -189,7 +188,7 @@ def too_short(problem: Problem, goals: JointGoals) -> float:
     Of goals whose straight moves end near the target, the joints need `straight_time` for the quickest.
     """
     still = problem.momentum is None and not problem.joint_rates.any() and not problem.goal.moves
-    near = goals.distance <= _NEAR * problem.stack.length
+    near = goals.distance <= 0.05 * problem.stack.length
     if not still or not near.any():
         return 0.0
     # No plan has been found that is so much quicker than the quickest straight move known.

@@ -12,7 +12,6 @@ A march with every limit is a plan of its own: where nothing stops it, it moves 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
@@ -66,28 +65,19 @@ def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> F
 
     A joint that the time is too short for goes as far as its rate and acceleration limits let it.
     """
-    size = spline.size
     end = spline.position_points.free[-1]
     system = np.block([[spline.squared_acceleration, end[:, None]], [end[None], np.zeros((1, 1))]])
-    profile = np.linalg.solve(system, np.append(np.zeros(size), 1.0))[:-1]
+    profile = np.linalg.solve(system, np.append(np.zeros(spline.size), 1.0))[:-1]
     limits = problem.sms.limits
     # An arm that moves at the start first brakes, and goes the rest of the way.
     brake = braking(problem, spline)
     stopped = spline.position_points.of(brake, problem.joint_rates)[-1]
     way = goals - problem.joints0 - stopped
+    hardest = np.max(np.abs(spline.acceleration_points.free @ profile))
     rate = np.max(np.abs(profile)) * np.abs(way) / limits.velocity
-    acceleration = (
-        np.max(np.abs(spline.acceleration_points.free @ profile)) * np.abs(way) / limits.acceleration
-    )
+    acceleration = hardest * np.abs(way) / limits.acceleration
     way = way / np.maximum(1.0, 1.001 * np.maximum(rate, acceleration))
     return np.asarray(brake + profile[:, None] * way[:, None, :])
-
-
-class _Postures(NamedTuple):
-    """Joint positions (K, n), and attitudes of the base (3, 3, K)."""
-
-    joints: FloatArray
-    base: FloatArray
 
 
 def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
@@ -100,14 +90,14 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
     end, arm = problem.goal.place(problem.duration), problem.stack.evaluate(goals.T)
     velocity, spin = (np.zeros(3) if one is None else one for one in (end.velocity, end.spin))
     # The base as it is turned where the tip is at the goal.
-    at = _Postures(goals, end.base_attitude(arm.tip_rotation))
-    J = missed_at(problem, end, problem.duration, *at)[1]
+    joints, base = goals, end.base_attitude(arm.tip_rotation)
+    J = missed_at(problem, end, problem.duration, joints, base)[1]
     rates = [_least_squares(J, np.concatenate([velocity - problem.drift, spin]), problem)]
     times, places = [problem.duration], [goals]
     for t, place in reversed(approach):
-        at = _back(problem, at, t, place)
+        joints, base = _back(problem, joints, base, t, place)
         times.insert(0, t)
-        places.insert(0, at.joints)
+        places.insert(0, joints)
     for i in range(len(approach) - 1, -1, -1):
         before = max(i - 1, 0)
         rates.insert(0, (places[i + 1] - places[before]) / (times[i + 1] - times[before]))
@@ -133,9 +123,10 @@ def missed_at(
     return error.T, columns.transpose(2, 0, 1) * problem.free
 
 
-def _back(problem: Problem, at: _Postures, t: float, place: Place) -> _Postures:
+def _back(
+    problem: Problem, joints: FloatArray, base: FloatArray, t: float, place: Place
+) -> tuple[FloatArray, FloatArray]:
     """From postures to those with the end effector at a place: Newton's method, the base reacting."""
-    joints, base = at
     low, high = problem.sms.limits.lower, problem.sms.limits.upper
     stuck = np.zeros(joints.shape, dtype=bool)
     for _ in range(6):
@@ -149,7 +140,7 @@ def _back(problem: Problem, at: _Postures, t: float, place: Place) -> _Postures:
         spin = problem.stack.evaluate(joints.T).spin
         base = np.einsum("xyk,yzk->xzk", base, exp3(apply_rates(spin, step.T)))
         joints = joints + step
-    return _Postures(joints, base)
+    return joints, base
 
 
 def _least_squares(J: FloatArray, wanted: FloatArray, problem: Problem) -> FloatArray:

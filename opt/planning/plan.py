@@ -33,8 +33,7 @@ METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "mi
 
 KAPPA = Coupling.kappa  # of the paper's cost, where none is given
 
-# [m, rad] Nearer than this to its target, an arm is there and stays.
-ALREADY_THERE = 1e-6
+ALREADY_THERE = 1e-6  # [m, rad] nearer than this to its target, an arm is there and stays
 
 
 def plan(
@@ -192,11 +191,8 @@ def _stand_still(problem: Problem) -> Trajectory | None:
         np.linalg.norm(problem.place_now.position - problem.tip0) >= ALREADY_THERE
     ):
         return None
-    still = measure(
-        problem,
-        np.zeros((problem.steps + 1, problem.sms.n)),
-        "the end effector is at its target from the start",
-    )
+    note = "the end effector is at its target from the start"
+    still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)), note)
     error = max(float(still.position_error[0]), float(still.orientation_error[0]))
     return still if error < ALREADY_THERE and still.clear else None
 
