@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -30,11 +31,10 @@ class JointLimits(Limit):
 
     name = "joints"
     joint_bounds: Limits | None = field(default=None, repr=False)
-    _joint_names: tuple[str, ...] = field(default=(), repr=False)
 
     def for_robot(self, sms: SpaceManipulator) -> JointLimits:
         """With the robot's limits."""
-        return replace(self, joint_bounds=sms.limits, _joint_names=tuple(sms.joint_names))
+        return replace(self, joint_bounds=sms.limits)
 
     def rows(self, step: StepState) -> Rows:
         """Bounds on the joint rates that leave room to brake."""
@@ -46,9 +46,8 @@ class JointLimits(Limit):
 
     def violation(self, motion: Motions) -> Violation:
         """The largest excess of a joint's rate, acceleration or position, between instants too."""
-        limits = self.joint_bounds
-        if limits is None:
-            raise ValueError("JointLimits.for_robot comes first")
+        robot: Any = motion.stack.robot
+        limits = robot.limits if self.joint_bounds is None else self.joint_bounds
         rates, steps = motion.rates[:, 0], np.diff(motion.times)
         accelerations = np.diff(rates, axis=1) / steps
         left = {
@@ -68,7 +67,7 @@ class JointLimits(Limit):
             if worst > least:
                 amount = max(amount, worst)
                 notes.append(
-                    f"the {kind} limit of '{self._joint_names[joint]}' is broken by {worst:.3g} {unit} "
+                    f"the {kind} limit of '{robot.joint_names[joint]}' is broken by {worst:.3g} {unit} "
                     f"at {motion.times[k]:.3g} s"
                 )
         return Violation(amount, motion.times[binds], "; ".join(notes))

@@ -22,18 +22,17 @@ class ReplanOptions:
     Attributes
     ----------
     period : float
-        Between two re-plans [s]. Each takes some ten milliseconds, and a base that moves by a few centimetres
-        a second is nowhere astray in a tenth of one.
+        Between two re-plans [s]: a base that moves by centimetres a second is not astray by then.
     share : float
         The period is never more than this share of the time left: near the deadline errors matter at once.
     long, middle, short : Grid
         Splines of the rest of the motion: while more than half of the whole time is left, more than a tenth,
         less.
     cost_until : float
-        From this share of the whole time on the paper's cost is left out: so near to its end a motion has no
-        room for ways round, and a cost that does not see speed only stirs an arm that comes to rest.
+        From this share of the whole time on the paper's cost is left out: it does not see speed, and only
+        stirs an arm that comes to rest.
     iterations : int
-        Of the descent. Each costs some two milliseconds.
+        Of the descent.
     corrections, correcting : int
         How many times some more are made, with ten times as stiff a goal and limits, where these are not met;
         and how many each time.
@@ -41,17 +40,15 @@ class ReplanOptions:
         A plan meets its goal within this share of the tolerance, of which the solver leaves 0.4 alone; and a
         limit within that share of its margin.
     weights : Weights
-        Of the goal and of the limits: those with which a search ends. No smoothing: the rest of a plan is
-        near its minimum.
+        Of the goal and of the limits: those with which a search ends, without smoothing.
     damping : float
         That a descent starts from.
     handover : float
         [s] So long before the deadline single steps take over from the plan: they close what error is left at
         every planning step.
     last_plan : float
-        [s] Where velocities must be met too (`Goal.exact`) no plan is made later than this before the
-        deadline, and the last one is followed to its end: a step knows a place only, and in less time a
-        correction only adds velocity.
+        [s] The same where velocities must be met too (`Goal.exact`): the last plan is then followed to its
+        end, for a step knows a place only.
     least_steps : int
         And never fewer planning steps than these before it: a spline has to have steps to be sampled at.
     changed : float

@@ -48,11 +48,11 @@ class JointPlan:
 
     @classmethod
     def of_rates(
-        cls, start: float, dt: float, joints: FloatArray, rates: FloatArray, miss: float
+        cls, start: float, dt: float, joints: FloatArray, rates: FloatArray, *ends: float
     ) -> JointPlan:
-        """From the joints (n,) at the first node and the rates (N + 1, n)."""
+        """From the joints (n,) at the first node and the rates (N + 1, n); then `miss` and `damping`."""
         travel = np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)
-        return cls(start, dt, joints + np.vstack([np.zeros(len(joints)), travel]), rates, miss)
+        return cls(start, dt, joints + np.vstack([np.zeros(len(joints)), travel]), rates, *ends)
 
     @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
@@ -169,8 +169,7 @@ def replanned(
     rates = spline.rates_at(nodes).of(p[0], problem.joint_rates)
     rates[0] = problem.joint_rates
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
-    plan = JointPlan.of_rates(start, problem.dt, joints, rates, miss)
-    return replace(plan, damping=damping)
+    return JointPlan.of_rates(start, problem.dt, joints, rates, miss, damping)
 
 
 def _first(model: Model, start: float, last: JointPlan) -> FloatArray:

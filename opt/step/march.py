@@ -53,15 +53,7 @@ class Steps(Protocol):
 
 
 class March(NamedTuple):
-    """A motion made of steps.
-
-    Attributes
-    ----------
-    rates : ndarray, shape (N + 1, n)
-        Joint rates at the nodes [rad/s], linear in between; the first row is the start.
-    note : str
-        In how many steps the arm braked, in words; empty where every step was solved.
-    """
+    """Joint rates (N + 1, n) at the nodes of a march [rad/s], and in how many steps the arm braked."""
 
     rates: FloatArray
     note: str

@@ -26,19 +26,10 @@ _CHORD = 0.02
 
 
 class Least(NamedTuple):
-    """The least clearance of a motion.
+    """The least clearance of a motion [m], of which pair, when [s]; and instants (k,) with little left [s].
 
-    Attributes
-    ----------
-    value : float
-        [m]; exact where it is less than what is asked for, and a bound from below where it lies between
-        instants and could not be proven kept.
-    pair : int
-        Which clearance.
-    time : float
-        [s]
-    near : ndarray, shape (k,)
-        Instants at which a clearance is nearly used up [s].
+    The value is exact where it is less than what is asked for, and a bound from below where it lies between
+    instants and could not be proven kept.
     """
 
     value: float

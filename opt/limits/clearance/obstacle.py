@@ -221,25 +221,16 @@ def outline(shape: Any) -> FloatArray:
     if isinstance(shape, coal.Box):
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
         return np.asarray(signs * shape.halfSide)
-    if isinstance(shape, coal.Sphere):
-        return float(shape.radius) * _ball()
-    if isinstance(shape, coal.Ellipsoid):
-        return np.asarray(_ball() * shape.radii)
-    if isinstance(shape, coal.Capsule | coal.Cylinder | coal.Cone):
-        up = np.array([0.0, 0.0, shape.halfLength])
-        if isinstance(shape, coal.Capsule):
-            ball = float(shape.radius) * _ball()
-            return np.concatenate([ball + up, ball - up])
-        ring = shape.radius * _ring()
-        return np.concatenate([up[None] if isinstance(shape, coal.Cone) else ring + up, ring - up])
-    return np.array(shape.points(), dtype=np.float64)
-
-
-def _ring() -> FloatArray:
+    if not isinstance(shape, _ROUND):
+        return np.array(shape.points(), dtype=np.float64)
     angle = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
-    return np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
-
-
-def _ball() -> FloatArray:
+    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     latitudes = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 15)
-    return np.concatenate([np.cos(at) * _ring() + [0.0, 0.0, np.sin(at)] for at in latitudes])
+    ball = np.concatenate([np.cos(at) * ring + [0.0, 0.0, np.sin(at)] for at in latitudes])
+    if isinstance(shape, coal.Ellipsoid):
+        return np.asarray(ball * shape.radii)
+    if isinstance(shape, coal.Sphere):
+        return np.asarray(ball * shape.radius)
+    up, round = np.array([0.0, 0.0, shape.halfLength]), ball if isinstance(shape, coal.Capsule) else ring
+    upper = 0.0 * ring if isinstance(shape, coal.Cone) else shape.radius * round
+    return np.concatenate([upper + up, shape.radius * round - up])
