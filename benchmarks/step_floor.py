@@ -45,7 +45,7 @@ PARTS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "rows of the clearances": (Clearance, ("rows",)),
     "rows of the box": (AlphaBox, ("rows",)),
     "all rows in alpha, bounds": (stepper, ("programme_of",)),
-    "ProxQP, its active rows solved exactly": (StepSolver, ("solve_rows",)),
+    "ProxQP, its active rows solved exactly": (StepSolver, ("solve",)),
 }
 REST = "the rest: rates, cosine, cost; reading the clock"
 CALLS = ("crba with Jacobians", "frame Jacobian", "6 x 6 solve", "SVD", "ProxQP, warm")

@@ -1,5 +1,7 @@
 """One BLAS thread while the library works, so that results do not depend on how many there are.
 
+And planners that remember something are for one thread: a second one is refused (`OneThread`).
+
 Two threads share out a product of matrices otherwise than one does, and so round otherwise; an optimisation
 then ends at other digits. The matrices here are small: a second thread takes more time than it saves.
 """
@@ -10,9 +12,12 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
+from types import TracebackType
 from typing import Any, NamedTuple
 
-__all__ = ["one_blas_thread"]
+from ffsms_pin.errors import FfsmsError
+
+__all__ = ["InUse", "OneThread", "one_blas_thread"]
 
 
 @contextmanager
@@ -103,3 +108,37 @@ def _set(libraries: list[Any], numbers: list[int]) -> None:
         library.set_num_threads(number)
         if release is not None:
             release(force=True)
+
+
+class InUse(FfsmsError, RuntimeError):
+    """A second thread uses what is for one thread."""
+
+
+class OneThread:
+    """`with` it one thread is at work; another one that comes meanwhile is refused. A copy starts anew.
+
+    Parameters
+    ----------
+    words : str
+        Of the `InUse` that is raised.
+    for_good : bool
+        Whether the first thread is the only one, later as well.
+    """
+
+    def __init__(self, words: str, for_good: bool = False) -> None:
+        self._words, self._for_good = words, for_good
+        self._lock, self._thread = threading.Lock(), 0
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return OneThread, (self._words, self._for_good)
+
+    def __enter__(self) -> None:
+        own = threading.get_ident()
+        if (self._for_good and self._thread not in (0, own)) or not self._lock.acquire(blocking=False):
+            raise InUse(self._words)
+        self._thread = own
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._lock.release()

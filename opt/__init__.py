@@ -1,7 +1,7 @@
 """Coupling-informed planning: problems made of terms and limits, and solvers that only stack them."""
 
 from ffsms_pin.opt.goals import Also, Goal, Meet, Moving, Pose, Position, Via
-from ffsms_pin.opt.horizon import SearchOptions, solve
+from ffsms_pin.opt.horizon import SearchOptions, shortest, solve
 from ffsms_pin.opt.limits import (
     UNBOUNDED,
     AlphaBox,
@@ -21,7 +21,6 @@ from ffsms_pin.opt.parts.check import check
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.planning.many import plan_each, plan_many
 from ffsms_pin.opt.planning.plan import METHODS, plan
-from ffsms_pin.opt.planning.shortest import shortest
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.replan.step_planner import StepPlanner

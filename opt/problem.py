@@ -18,42 +18,36 @@ from ffsms_pin.checks import (
     frozen,
     instance,
     matrix,
-    number,
     one_of,
     positive,
     vector,
 )
 from ffsms_pin.checks import times as instants
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import Goal, Place, as_goal
-from ffsms_pin.opt.limits import (
-    AlphaBox,
-    BaseLimits,
-    Clearance,
-    JointLimits,
-    Limit,
-    Obstacle,
-    TorqueLimits,
-    WheelLimits,
-)
-from ffsms_pin.opt.limits.limit import prepared
-from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
-from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.problem_checks import (
+from ffsms_pin.opt.given import (
     check_joints,
     check_locked,
     check_parts,
     checked_momentum,
     checked_times,
+    default_limits,
+    default_terms,
+    step_limits,
     wheels_at_start,
+    with_defaults,
 )
-from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
+from ffsms_pin.opt.goals import Goal, Place, as_goal
+from ffsms_pin.opt.limits import Limit, WheelLimits
+from ffsms_pin.opt.limits.limit import prepared
+from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
+from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.rollout import rolled_out
+from ffsms_pin.opt.terms import Coupling, Term
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
-__all__ = ["ARRIVAL_SHARE", "Problem", "default_limits", "default_terms", "step_limits"]
+__all__ = ["ARRIVAL_SHARE", "Problem"]
 
 ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
 _STEPS = 100  # at least, of a problem with another duration
@@ -133,15 +127,13 @@ class Problem:
         limits = (*(limit for limit in limits if not limit.of_goal), *goal.limits(duration))
         check_parts("limits", limits, Limit)
         n = self.sms.n
-        rates = np.zeros(n)
-        if self.joint_rates is not None:
-            rates = vector("joint_rates", self.joint_rates, n, "rad/s")
+        rates = np.zeros(n) if self.joint_rates is None else self.joint_rates
         check_locked(self.sms, self.locked)
         mode = one_of("mode", self.mode, MODES)
         momentum = checked_momentum(self.sms, q0, goal, self.momentum, mode)
         if mode == "rotation-floating" and self.sms.wheels is not None:
             limits = with_defaults(limits, WheelLimits())
-        counted = None if self.base_start is None else frozen(vector("base_start", self.base_start, 7))
+        start = None if self.base_start is None else frozen(vector("base_start", self.base_start, 7))
         values = {
             "q0": q0,
             "goal": goal,
@@ -149,11 +141,11 @@ class Problem:
             "dt": dt,
             "terms": tuple(terms),
             "limits": tuple(prepared(limit, self.sms) for limit in limits),
-            "joint_rates": frozen(rates),
+            "joint_rates": frozen(vector("joint_rates", rates, n, "rad/s")),
             "momentum": None if momentum is None else frozen(momentum),
             "locked": tuple(self.locked),
             "mode": mode,
-            "base_start": counted,
+            "base_start": start,
             "wheel_momentum": wheels_at_start(self.sms, mode, self.wheel_momentum),
         }
         for name, value in values.items():
@@ -296,39 +288,3 @@ class Problem:
         """Mean speed of a straight way to the target [m/s]: the scale of speeds."""
         way = self.place_now.position - self.tip0
         return max(float(np.linalg.norm(way)), _LEAST_WAY) / self.duration
-
-
-def default_terms(
-    kappa: float = Coupling.kappa, effort: float | None = None, base: float = 0.0, coupled: bool = True
-) -> tuple[Term, ...]:
-    """What a motion should be like where nothing else is asked for.
-
-    `effort` and `base` weigh joint travel and turning of the base; for `coupled` see `Goal.coupled`.
-    """
-    cost = (Coupling(kappa),) if coupled else ()
-    spared = (BaseTurn(base),) if number("base", base) != 0.0 else ()
-    return (*cost, Smooth(), Effort() if effort is None else Effort(effort), *spared)
-
-
-def default_limits(
-    clearance: float = Clearance.clearance,
-    collision: str = Clearance.collision,
-    obstacles: Sequence[Obstacle] = (),
-    base: BaseLimits | None = None,
-) -> tuple[Limit, ...]:
-    """What must hold where nothing else is asked for: limits of the joints and their torques, a clearance."""
-    if base is not None and not isinstance(base, BaseLimits):
-        raise InvalidValue("base_limits", base, "must be an opt.BaseLimits")
-    kept = (JointLimits(), TorqueLimits(), Clearance(clearance, collision, obstacles=obstacles))
-    return kept if base is None else (*kept, base)
-
-
-def step_limits(limits: Sequence[Limit], mode: str = "floating") -> tuple[Limit, ...]:
-    """Limits of single steps: the paper has the box on alpha always; and wheels, where they hold the base."""
-    more = (AlphaBox(), WheelLimits()) if mode == "rotation-floating" else (AlphaBox(),)
-    return with_defaults(limits, *more)
-
-
-def with_defaults(limits: Sequence[Limit], *more: Limit) -> tuple[Limit, ...]:
-    """Limits, and of some more those of which they have none by the name."""
-    return (*limits, *(one for one in more if one.name not in [limit.name for limit in limits]))

@@ -59,7 +59,7 @@ def spline_of(problem: Problem, grid: Grid = COARSE, free_end: bool = False) -> 
 def integrated(spline: RateSpline, values: FloatArray) -> FloatArray:
     """Integrals (K, ...) from the start of values (K, ...) at the instants, by the spline's quadrature."""
     count, gauss = spline.integral_over.shape
-    parts = values[: spline.points].reshape(count, gauss, *values.shape[1:])
+    parts = values[: len(spline.weights)].reshape(count, gauss, *values.shape[1:])
     within = np.einsum("mij,mj...->mi...", spline.integral_to_points, parts)
     over = np.einsum("mj,mj...->m...", spline.integral_over, parts)
     before = np.concatenate([np.zeros_like(over[:1]), np.cumsum(over, axis=0)])

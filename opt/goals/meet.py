@@ -18,16 +18,10 @@ from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.opt.limits.corridor import Corridor
 from ffsms_pin.opt.limits.limit import Limit
 
-__all__ = ["ATTITUDE_REACH", "HALF_ANGLE", "STANDOFF", "Meet"]
+__all__ = ["HALF_ANGLE", "Meet"]
 
-# [m] The last hand's breadth, in which a gripper's fingers are beside the grasp.
-STANDOFF = 0.15
 # [rad] At the standoff the corridor is then 55 mm wide to each side, about as far as a gripper opens.
 HALF_ANGLE = math.radians(20.0)
-# [rad] In the last tenth of the time. A degree, as for a goal that stands still, would ask for the attitude
-# of a grasp that turns at times at which it may be out of reach.
-ATTITUDE_REACH = 0.2
-
 # Share of the time at which motions that a search starts from are at the corridor's mouth.
 _MOUTH = 0.75
 # Of the time from there on: when these motions are at places of the approach.
@@ -51,7 +45,8 @@ class Meet(Goal):
     grasp : pinocchio.SE3, optional
         Of the grasp frame, in the client's body axes, from its centre of mass. Default: the body frame.
     standoff : float
-        Length of the corridor [m]; zero: no corridor.
+        Length of the corridor [m]; zero: no corridor. Default: the last hand's breadth, in which a gripper's
+        fingers are beside the grasp.
     half_angle : float
         Of the corridor [rad], above zero and below a right angle.
     axis : array_like, shape (3,)
@@ -61,8 +56,8 @@ class Meet(Goal):
         At the deadline, of the position [m], the attitude [rad] and the relative velocities [m/s, rad/s]: a
         plan that misses by more has not `reached`.
     reach, orientation_reach : float
-        In the last tenth of the time, see `Goal`: the attitude is less tied on the way than for other goals,
-        for the grasp turns, and what is asked of it is asked at the deadline.
+        In the last tenth of the time, see `Goal`: the attitude is less tied than for other goals, for a grasp
+        that turns may be out of reach then.
     rest_after : bool
         Whether the servicer should have the momentum before the capture that leaves both at rest after it
         (`ffsms_pin.client.rest_momentum`). A problem that is given no `momentum` then has this one.
@@ -74,12 +69,12 @@ class Meet(Goal):
 
     client: Client | ClientEstimate
     grasp: Any = None
-    standoff: float = STANDOFF
+    standoff: float = 0.15
     half_angle: float = HALF_ANGLE
     axis: Any = (0.0, 0.0, 1.0)
     tolerance: float = TOLERANCE
     reach: float = REACH
-    orientation_reach: float = ATTITUDE_REACH
+    orientation_reach: float = 0.2
     rest_after: bool = False
     moves: ClassVar[bool] = True  # a client that rests is a path too
     exact: ClassVar[bool] = True  # a contact is no contact a centimetre away, nor one with a knock
@@ -132,7 +127,7 @@ class Meet(Goal):
         """The corridor, where there is one."""
         if self.standoff == 0.0:
             return ()
-        one = Corridor(
+        corridor = Corridor(
             goal=self,
             deadline=duration,
             length=self.standoff,
@@ -141,4 +136,4 @@ class Meet(Goal):
             slack=self.tolerance,
             inside=(1.0 - _MOUTH) * duration,
         )
-        return (one,)
+        return (corridor,)

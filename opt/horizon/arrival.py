@@ -26,8 +26,6 @@ from ffsms_pin.system.batch.stacks import dot
 
 __all__ = ["Arrival", "arrival", "arrival_error", "corrected_goal"]
 
-_SPARE = 0.95  # of the reaches: what a corrected motion shall use of them in the last tenth
-
 
 class Arrival(NamedTuple):
     """What a goal asks of S motions. A radian, a metre a second and a radian a second weigh like a metre.
@@ -73,8 +71,7 @@ def arrival(goal: Goal, motions: Motions) -> Arrival:
 def _largest(asked: list[tuple[Feature, float]]) -> FloatArray:
     """The largest of vectors as a share of what is allowed of each (S,)."""
     shares = [np.sqrt(dot(x.value, x.value)).max(axis=1) / most for x, most in asked]
-    largest: FloatArray = np.max(shares, axis=0)
-    return largest
+    return np.asarray(np.max(shares, axis=0))
 
 
 def arrival_error(goal: Goal, plan: Trajectory) -> float:
@@ -91,19 +88,16 @@ def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | Non
     place, q = problem.goal.place(problem.duration), plan.q[-1]
     missed = place.missed(place.seen(problem.sms.at(q).end_effector_pose, q))
     way, turn = missed.way.value[:, 0, 0], pin.exp3(missed.vector[:, 0, 0])
-    late, nearer = _late_share(problem.goal, plan), 1.0
-    if late > 1.0 and within:
-        nearer = _SPARE / late
+    last = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
+    late = max(
+        float(plan.position_error[last].max()) / problem.goal.reach,
+        float(plan.orientation_error[last].max()) / problem.goal.orientation_reach,
+    )
+    # What a corrected motion shall use of the reaches in the last tenth.
+    nearer = 0.95 / late if late > 1.0 and within else 1.0
     return Changed(
         goal,
         lambda place: place.moved(way, turn),
         reach=nearer * goal.reach,
         orientation_reach=nearer * goal.orientation_reach,
     )
-
-
-def _late_share(goal: Goal, plan: Trajectory) -> float:
-    """The largest error in the last tenth, as a share of the goal's reaches."""
-    late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
-    errors = (plan.position_error, goal.reach), (plan.orientation_error, goal.orientation_reach)
-    return max(float(error[late].max()) / reach for error, reach in errors)

@@ -27,7 +27,6 @@ __all__ = ["AT_REST", "ControlQP", "at_rest", "braking"]
 
 # [rad/s] At the last node: small enough to count as rest, large enough to have a direction.
 AT_REST = 8e-4
-_REST_SHARE = 2e-3  # of the rate limit, for slow arms
 # Kept in hand on every row, for the tolerance below.
 _RESERVE = 1e-6
 _TOLERANCE = 1e-7
@@ -39,16 +38,8 @@ class _Kind(NamedTuple):
 
     A spline lies within the range of its control points, so bounds on these hold at every instant.
 
-    Attributes
-    ----------
-    kind : str
-        "rate", "acceleration", "position", "rest": for messages.
-    scale : float
-        Makes rows of different kinds alike in size.
-    matrix : ndarray, shape (k, M)
-    fixed : ndarray, shape (k, n)
-        What the state at the start adds.
-    lower, upper : ndarray, shape (n,)
+    `kind` is for messages; `scale` makes rows of different kinds alike in size; `fixed` (k, n) is what the
+    state at the start adds.
     """
 
     kind: str
@@ -90,8 +81,9 @@ class ControlQP:
         # Those of one control point after the other, the joints last.
         self.rows = np.kron(self._matrix, np.eye(n))
         self.labels = [(kind.kind, i) for kind in kinds for _ in kind.matrix for i in range(n)]
-        lower = _joined([kind.scale * (kind.lower - kind.fixed) for kind in kinds])
-        upper = _joined([kind.scale * (kind.upper - kind.fixed) for kind in kinds])
+        none = np.empty((0, n))
+        lower = np.vstack([none, *(kind.scale * (kind.lower - kind.fixed) for kind in kinds)]).ravel()
+        upper = np.vstack([none, *(kind.scale * (kind.upper - kind.fixed) for kind in kinds)]).ravel()
         self.lower = np.maximum(lower + _RESERVE, -UNBOUNDED)
         self.upper = np.minimum(upper - _RESERVE, UNBOUNDED)
         self.moving = len(self.labels) - (0 if spline.free_end else n)
@@ -126,8 +118,7 @@ class ControlQP:
 
     def _along(self, p: FloatArray) -> FloatArray:
         """`rows` times control points (M, n): every row is of one joint."""
-        product: FloatArray = self._matrix @ p
-        return product.ravel()
+        return np.asarray(self._matrix @ p).ravel()
 
     def _bounded(
         self, factor: FloatArray, unbounded: FloatArray, move: FloatArray, low: FloatArray, high: FloatArray
@@ -173,13 +164,9 @@ class ControlQP:
         return max(0.0, float(room.min(initial=1.0)))
 
 
-def _joined(bounds: list[FloatArray]) -> FloatArray:
-    return np.concatenate([np.empty(0), *(one.ravel() for one in bounds)])
-
-
 def at_rest(problem: Problem) -> FloatArray:
     """Rates (n,) up to which the joints count as standing still at the deadline."""
-    return np.minimum(AT_REST, _REST_SHARE * problem.sms.limits.velocity)
+    return np.minimum(AT_REST, 2e-3 * problem.sms.limits.velocity)  # the latter for slow arms
 
 
 def braking(problem: Problem, spline: RateSpline) -> FloatArray:

@@ -10,7 +10,7 @@ bandit setting does not matter here).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -102,11 +102,8 @@ class Candidates:
 
     def join(self, other: Candidates) -> Candidates:
         """These motions and then the others."""
-        return Candidates(
-            np.concatenate([self.p, other.p]),
-            self.at.join(other.at),
-            np.concatenate([self.damping, other.damping]),
-        )
+        damping = np.concatenate([self.damping, other.damping])
+        return Candidates(np.concatenate([self.p, other.p]), self.at.join(other.at), damping)
 
 
 def descend(model: Model, motions: Candidates, weights: Weights, iterations: int) -> Candidates:
@@ -134,21 +131,11 @@ def descend(model: Model, motions: Candidates, weights: Weights, iterations: int
         factor = np.where(~better, 6.0, np.where(ratio > 0.7, 0.2, np.where(ratio > 0.3, 0.5, 2.0)))
         damping = np.maximum(motions.damping[live] * factor, _LEAST_DAMPING)
         motions.damping[live] = damping
-        stalled = np.where(
-            better, gain < _STALL * (new.merit + model.time * _MERIT_NOISE), damping > _MOST_DAMPING
-        )
-        live = live[~stalled]
+        little = gain < _STALL * (new.merit + model.time * _MERIT_NOISE)
+        live = live[~np.where(better, little, damping > _MOST_DAMPING)]
         if not live.size:
             break
     return motions
-
-
-class _Stage(NamedTuple):
-    """The best motions, so many of them, make so many iterations under these weights."""
-
-    keep: int
-    iterations: int
-    weights: Weights
 
 
 def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: float = 10.0) -> Weights:
@@ -156,8 +143,7 @@ def _weights(end: float, fade_speed: float, fade_distance: float, tie_break: flo
 
 
 # The end's weight grows from stage to stage, by ten each: a stiff end from the start would hold motions on
-# the wrong way round. The smoothing is taken back meanwhile. The first two are for every start.
-_EARLY = _Stage(99, 3, _weights(1e2, 0.3, 0.03)), _Stage(6, 2, _weights(1e2, 0.1, 0.03))
+# the wrong way round. The smoothing is taken back meanwhile.
 LAST_WEIGHTS = _weights(1e5, 0.0, 0.0, 1.0)
 # Iterations of those that go on, on the coarse spline and then on the fine one.
 _LATER = (3, _weights(1e3, 0.03, 0.01)), (3, _weights(1e4, 0.03, 0.002)), (5, LAST_WEIGHTS)
@@ -165,12 +151,10 @@ _LATER = (3, _weights(1e3, 0.03, 0.01)), (3, _weights(1e4, 0.03, 0.002)), (5, LA
 
 def take_down(model: Model, p: FloatArray) -> Candidates:
     """A few iterations with starts (S, M, n), and a few more with the best of them."""
-    first, then = _EARLY
-    motions = distinct_best(model, Candidates.start(model, p, first.weights, 0.3), first.keep)
-    motions = descend(model, motions, first.weights, first.iterations)
-    motions = distinct_best(model, motions, then.keep)
-    motions = Candidates.start(model, motions.p, then.weights, motions.damping)
-    return descend(model, motions, then.weights, then.iterations)
+    first, then = _weights(1e2, 0.3, 0.03), _weights(1e2, 0.1, 0.03)
+    motions = distinct_best(model, Candidates.start(model, p, first, 0.3), len(p))
+    motions = distinct_best(model, descend(model, motions, first, 3), 6)
+    return descend(model, Candidates.start(model, motions.p, then, motions.damping), then, 2)
 
 
 def follow(

@@ -10,81 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Model
-from ffsms_pin.opt.horizon.meeting import later_deadline, time_within_reach, too_fast
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_range, spread_postures, straight_time, too_short
-from ffsms_pin.opt.horizon.starts import moves_to
+from ffsms_pin.opt.horizon.starts import missed_at, moves_to
 from ffsms_pin.opt.limits.limit import Limit, Violation
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.opt.trajectory import Trajectory, measure
+from ffsms_pin.opt.trajectory import Trajectory
 
-__all__ = ["explain", "keep_limits", "reach_range", "refused", "with_limits_said", "within_workspace"]
-
-# Durations that are tried: a failed one and one that does come this near to each other, as a ratio.
-_CLOSE = 1.08
-
-
-def refused(problem: Problem) -> Trajectory | None:
-    """A plan that stays where it is, where no motion from this start keeps the limits.
-
-    Raises
-    ------
-    InvalidValue
-        The start overlaps an obstacle, or the target lies inside one.
-    """
-    still = np.zeros((problem.steps + 1, problem.sms.n))
-    q0, dt = problem.q0, problem.dt
-    begin = rolled_out(problem.sms, problem.stack, q0, still[:2], dt, None, ARRIVAL_SHARE)
-    found = [(limit, violation_of(limit, begin)) for limit in problem.limits if limit.refusal]
-    for _, one in found:
-        if one.overlap:
-            raise InvalidValue(
-                "q0",
-                problem.joints0.round(6),
-                f"must keep clear of obstacles: {one.overlap} at the start; move the start or the obstacle",
-            )
-    _check_target(problem)
-    notes = [limit.refusal.format(note=one.note) for limit, one in found if one.amount > 0.0]
-    if not notes:
-        return None
-    return replace(measure(problem, still), clear=False, note="; ".join(notes))
-
-
-def _check_target(problem: Problem) -> None:
-    """Raise where the target lies inside an obstacle at the deadline."""
-    place = problem.goal.place(problem.duration)
-    for began, obstacle in ((held.began, one) for held in problem.limits for one in held.obstacles):
-        if obstacle.on_base or place.moves_with_base:
-            continue  # where the base will be is not known
-        depth = -obstacle.distance(place.position, began + problem.duration)
-        if depth > problem.goal.tolerance:
-            raise InvalidValue(
-                "target",
-                place.position,
-                f"must lie outside obstacles: it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move "
-                "the target or the obstacle",
-            )
+__all__ = ["explain", "keep_limits", "reach_range", "with_limits_said", "within_workspace"]
 
 
 def with_limits_said(
     problem: Problem, plan: Trajectory, again: Callable[[Problem], Trajectory]
 ) -> Trajectory:
-    """The failed plan; its note has what the limits that bind say of it.
+    """A plan that has not reached; its note has what the limits that bind say of it.
 
-    Parameters
-    ----------
-    problem : Problem
-    plan : Trajectory
-        That has not reached.
-    again : callable
-        Plans another problem, in a short search.
+    `again` plans another problem, in a short search.
     """
     motion, said = problem.motion(plan.joint_rates), [plan.note]
     for limit in (one for one in problem.limits if one.name in plan.binding):
@@ -92,7 +38,12 @@ def with_limits_said(
         if nearest:
             said.append(f"blocked by {nearest}")
         elif limit.eased_by_time and limit.name not in plan.broken:
-            said.append(_held_back(problem, limit, again))
+            # A planner that cannot have both ends within the limit and short of the goal. Then nothing is
+            # broken, and only a motion that the limit does not hold back tells what it lacks.
+            others = [_Nothing(one.name) if one is limit else one for one in problem.limits]
+            free = again(replace(problem, limits=others))
+            if free.reached:
+                said.append(violation_of(limit, problem.motion(free.joint_rates)).note)
     return replace(plan, note="; ".join(filter(None, said)))
 
 
@@ -112,18 +63,6 @@ class _Nothing(Limit):
         return Violation()
 
 
-def _held_back(problem: Problem, limit: Limit, again: Callable[[Problem], Trajectory]) -> str:
-    """What a limit lacks, where a motion that it does not hold back reaches; empty where none does.
-
-    A planner that cannot have both ends within the limit and short of the goal. Then nothing is broken, and
-    only such a motion tells what it takes.
-    """
-    free = again(
-        replace(problem, limits=[_Nothing(one.name) if one is limit else one for one in problem.limits])
-    )
-    return violation_of(limit, problem.motion(free.joint_rates)).note if free.reached else ""
-
-
 def explain(
     problem: Problem,
     plan: Trajectory,
@@ -131,17 +70,15 @@ def explain(
     binding: list[tuple[str, int]],
     attempt: Callable[[Problem], bool],
 ) -> Trajectory:
-    """The failed plan with a note: how near it came, what stands in the way, and a duration that would do.
-
-    Failed is what is not `reached`, or not `within_tolerance`.
+    """A plan that failed, with a note: how near it came, what stands in the way, a duration that would do.
 
     Parameters
     ----------
     problem : Problem
     plan : Trajectory
-        The best there is.
+        The best there is: not `reached`, or not `within_tolerance`.
     goals : JointGoals
-        Joint goals that the search tried.
+        That the search tried.
     binding : list of (str, int)
         Joint limits that the plan touches: kind and joint.
     attempt : callable
@@ -167,9 +104,9 @@ def explain(
             f"system's centre of mass and the target is {distance:.3f} m from it"
         )
         if problem.goal.moves:
-            words.append(time_within_reach(problem, least, most))
+            words.append(_time_within_reach(problem, least, most))
         return replace(plan, note="; ".join(words))
-    fast = too_fast(problem, goals) if problem.goal.moves else ""
+    fast = _too_fast(problem, goals) if problem.goal.moves else ""
     if fast:
         words.append(fast)
     binds = [limit for limit in problem.limits if limit.name in plan.binding]
@@ -184,15 +121,13 @@ def explain(
             words.append("no limit binds; no motion was found that ends nearer")
         return replace(plan, note="; ".join(words))
     if problem.goal.exact:
-        shortest = 0.0 if fast else later_deadline(problem, least, most, attempt)
+        shortest = 0.0 if fast else _later_deadline(problem, least, most, attempt)
     else:
         slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
         slow = slow or any(limit.eased_by_time for limit in binds)
         shortest = _sufficient(problem, goals, slow, attempt)
-    if shortest > 0.0:
-        words.append(f"a duration of {shortest:.2f} s would do")
-    else:
-        words.append("no duration that would do is known")
+    known = f"a duration of {shortest:.2f} s would do"
+    words.append(known if shortest > 0.0 else "no duration that would do is known")
     return replace(plan, note="; ".join(words), shortest_duration=shortest)
 
 
@@ -237,10 +172,7 @@ def reach_range(problem: Problem) -> tuple[float, float]:
 
 
 def _sufficient(
-    problem: Problem,
-    goals: JointGoals,
-    more_time_helps: bool,
-    attempt: Callable[[Problem], bool],
+    problem: Problem, goals: JointGoals, more_time_helps: bool, attempt: Callable[[Problem], bool]
 ) -> float:
     """The least duration [s] found for which the goal is met, by bisection; 0: none found.
 
@@ -262,7 +194,8 @@ def _sufficient(
         shorter, longer = longer, 2.0 * longer
     else:
         return 0.0
-    while longer > _CLOSE * shorter:
+    # Until one that fails and one that does are so near to each other.
+    while longer > 1.08 * shorter:
         between = float(np.sqrt(longer * shorter))
         if attempt(problem.lasting(between)):
             longer = between
@@ -290,3 +223,53 @@ def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
     done = spline.position_points.of(p, problem.joint_rates)[:, -1]
     p *= np.divide(way, done, out=np.ones_like(way), where=np.abs(done) > 1e-6)[:, None]
     return np.asarray(model.linearise(p, LAST_WEIGHTS, -np.inf).limit_share <= 1.0)
+
+
+def _time_within_reach(problem: Problem, least: float, most: float) -> str:
+    """When a goal that moves is within reach, nearest to the deadline that failed, in words."""
+    t, inside = _within_reach(problem, least, most)
+    if not inside.any():
+        return f"the goal is not within reach at any time in the next {t[-1]:.0f} s"
+    k = int(np.flatnonzero(inside)[np.argmin(np.abs(t[inside] - problem.duration))])
+    outside = np.flatnonzero(~inside)
+    first = int(outside[outside < k].max(initial=-1)) + 1
+    last = int(outside[outside > k].min(initial=len(t))) - 1
+    middle = 0.5 * (t[first] + t[last])
+    return (
+        f"the goal is within reach from {t[first]:.1f} s to {t[last]:.1f} s: "
+        f"the best time to try is a deadline near {middle:.1f} s"
+    )
+
+
+def _too_fast(problem: Problem, goals: JointGoals) -> str:
+    """What the joints would need to move with the goal at the deadline, where that is beyond their rates."""
+    place = problem.goal.place(problem.duration)
+    near = goals.joints[goals.distance <= 0.05 * problem.stack.length]
+    if place.velocity is None or place.spin is None or not len(near):
+        return ""
+    base = place.base_attitude(problem.stack.evaluate(near.T).tip_rotation)
+    J = missed_at(problem, place, problem.duration, near, base)[1]
+    wanted = np.concatenate([place.velocity - problem.drift, place.spin])
+    rates = (np.linalg.pinv(J, rcond=1e-3) @ wanted[:, None])[..., 0]
+    share = float(np.abs(rates / problem.sms.limits.velocity).max(axis=1).min())
+    if share <= 1.0:
+        return ""
+    return f"too fast: to move with the goal at the deadline takes {share:.1f} times the joints' rate limits"
+
+
+def _later_deadline(problem: Problem, least: float, most: float, attempt: Callable[[Problem], bool]) -> float:
+    """A later deadline at which a goal that moves is met [s]; 0: none found."""
+    t, inside = _within_reach(problem, least, most)
+    for factor in (1.5, 2.0):
+        duration = factor * problem.duration
+        if inside[int(np.argmin(np.abs(t - duration)))] and attempt(problem.lasting(duration)):
+            return duration
+    return 0.0
+
+
+def _within_reach(problem: Problem, least: float, most: float) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Times (K,) ahead, and whether the goal is within reach then."""
+    t = np.linspace(0.0, max(10.0 * problem.duration, 600.0), 3001)[1:]
+    way = problem.goal.places(t).position - problem.com0[:, None] - problem.drift[:, None] * t
+    distance = np.linalg.norm(way, axis=0)
+    return t, (distance >= least) & (distance <= most)

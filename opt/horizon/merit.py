@@ -190,7 +190,7 @@ def _measured(
     count, over_time = motions.count, motions.weights
     residuals: list[Weighted] = []
     seen = Features(motions)
-    merit, objective, cost = np.zeros(count), np.zeros(count), np.zeros(count)
+    merit, objective, cost, lack, blocked = np.zeros((5, count))
     for term in problem.terms:
         ease = weights.tie_break if term.smooths else 1.0
         for residual in residuals_of(term, seen):
@@ -201,14 +201,14 @@ def _measured(
             residuals.append(Weighted.of(residual, ease, over_time))
         if term.measures_cost:
             own = term.cost(motions)
-            cost, objective = cost + own, objective + own
+            cost += own
+            objective += own
     at_goal = arrival(goal, motions)
     end = weights.end * time_scale(motions) / problem.stack.length**2
     for ones, share in ((at_goal.end, 1.0), (at_goal.tail, 0.1)):
         for one in ones:
             merit += share * end * one.squares(over_time, count)
             residuals.append(Weighted.of(one, share * end, over_time))
-    lack, blocked = np.zeros(count), np.zeros(count)
     for limit in problem.limits:
         for residual in residuals_of(limit, seen):
             merit += weights.limits * residual.squares(motions.limit_weights, count)
@@ -217,10 +217,8 @@ def _measured(
             if limit.blocks:
                 np.maximum.at(blocked, *largest)
             residuals.append(Weighted.of(residual, weights.limits, motions.limit_weights))
-    empty = np.empty(0)
-    arrived = at_goal.end_share, at_goal.late_share
-    result = Linearisation(merit, objective, cost, empty, empty, *arrived, lack, blocked)
-    return result, residuals
+    empty, arrived = np.empty(0), (at_goal.end_share, at_goal.late_share)
+    return Linearisation(merit, objective, cost, empty, empty, *arrived, lack, blocked), residuals
 
 
 def _largest(residual: Residual | JointResidual, margin: float) -> tuple[Indices, FloatArray]:

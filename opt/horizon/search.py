@@ -27,16 +27,7 @@ __all__ = ["Found", "Ranking", "Search", "cost_of"]
 
 
 class Found(NamedTuple):
-    """A finished motion and where it comes from.
-
-    Attributes
-    ----------
-    plan : Trajectory
-    p : ndarray, shape (M, n)
-        Its control points.
-    model : Model
-        Whose spline they belong to.
-    """
+    """A finished motion, its control points (M, n), and the model whose spline they belong to."""
 
     plan: Trajectory
     p: FloatArray
@@ -50,11 +41,6 @@ def cost_of(problem: Problem, plan: Trajectory) -> float:
 
 class Ranking:
     """Ranks finished motions of one problem.
-
-    Parameters
-    ----------
-    problem : Problem
-    options : SearchOptions
 
     Attributes
     ----------
@@ -108,14 +94,7 @@ class Ranking:
 
 
 class Search:
-    """The search for one problem; keeps what a diagnosis needs.
-
-    Parameters
-    ----------
-    problem : Problem
-    options : SearchOptions
-    progress : callable, optional
-        Called with the share of the work done, 0 to 1.
+    """The search for one problem; keeps what a diagnosis needs. Arguments as for `solve`.
 
     Attributes
     ----------

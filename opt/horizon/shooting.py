@@ -11,6 +11,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Place
+from ffsms_pin.opt.horizon.spline import gauss
 from ffsms_pin.opt.limits.limit import End
 from ffsms_pin.opt.motion.frame import Frame, RobotFrame
 from ffsms_pin.opt.motion.motions import apply_rates
@@ -37,19 +38,6 @@ _STEP = 0.5  # [rad or m] largest Newton step of a joint
 _DAMPING = 1e-3  # of the Newton step, for near-singular goals, in squares of the arm's length
 # [arm lengths] From here on the damping decreases; a move that ends nearer than the other one ends there.
 _FAR, _THERE = 0.1, 1e-3
-_NEAR = 0.05  # [arm lengths] moves that end so near end nearly at the target
-_ENOUGH = 5  # Newton steps, where most moves end there after them
-_QUICKER = 1.5  # times as quick as the quickest straight move known: no plan has been found to be
-
-
-def _gauss(points: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss points and weights of the interval from 0 to 1."""
-    x, w = np.polynomial.legendre.leggauss(points)
-    return 0.5 * (x + 1.0), 0.5 * w
-
-
-# Along a straight move. With the few its base rotation is known to 1e-4 rad where the base turns little.
-_FEW, _MANY = _gauss(4), _gauss(12)
 
 
 class JointGoals(NamedTuple):
@@ -63,14 +51,7 @@ class JointGoals(NamedTuple):
 
 
 class GoalFromStart(NamedTuple):
-    """A place for a motion without momentum: from the centre of mass, base axes of the start; or on the base.
-
-    Attributes
-    ----------
-    place : Place
-    frame : RobotFrame
-        Whose place it is.
-    """
+    """The place of a frame for a motion without momentum, from the start's centre of mass; or on the base."""
 
     place: Place
     frame: RobotFrame
@@ -154,7 +135,7 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
             error = np.concatenate([error, -log3(R)])
             turning = apply(R, end.spin)
             columns = np.concatenate([columns, turning if beyond is None else turning + beyond])
-        if k == iterations - 1 or (k >= _ENOUGH and np.median(distance) < _THERE * arm.length):
+        if k == iterations - 1 or (k >= 5 and np.median(distance) < _THERE * arm.length):
             break
         J = columns.transpose(2, 0, 1) * problem.free
         Jt = np.swapaxes(J, 1, 2)
@@ -185,7 +166,8 @@ def straight_ends(
         another goal changes the way, and where it leads. Where the base turns little that is little.
     """
     stack, start = problem.stack, problem.joints0
-    s, weights = _MANY if exact else _FEW
+    # With the few its base rotation is known to 1e-4 rad where the base turns little.
+    s, weights = gauss(12 if exact else 4)
     way = (goals - start).T[..., None]
     values = stack.evaluate(start[:, None, None] + way * np.append(s, 1.0))
     turns = weights * apply_rates(values.spin[..., :-1], way)
@@ -206,10 +188,11 @@ def too_short(problem: Problem, goals: JointGoals) -> float:
     Of goals whose straight moves end near the target, the joints need `straight_time` for the quickest.
     """
     still = problem.momentum is None and not problem.joint_rates.any() and not problem.goal.moves
-    near = goals.distance <= _NEAR * problem.stack.length
+    near = goals.distance <= 0.05 * problem.stack.length
     if not still or not near.any():
         return 0.0
-    return min(straight_time(problem, joints) for joints in goals.joints[near]) / _QUICKER
+    # No plan has been found that is so much quicker than the quickest straight move known.
+    return min(straight_time(problem, joints) for joints in goals.joints[near]) / 1.5
 
 
 def halton(first: int, count: int, dimensions: int) -> FloatArray:

@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.opt.problem import ARRIVAL_SHARE
 
-__all__ = ["Grid", "Map", "RateSpline", "embedded", "rate_spline"]
+__all__ = ["Grid", "Map", "RateSpline", "embedded", "gauss", "rate_spline"]
 
 
 class Grid(NamedTuple):
@@ -109,11 +109,6 @@ class RateSpline:
         return int(self.rates.free.shape[1])
 
     @property
-    def points(self) -> int:
-        """Number of quadrature points, Q."""
-        return len(self.weights)
-
-    @property
     def last_rate(self) -> Map:
         """Joint rates at T."""
         return Map(self.rates.free[-1:], self.rates.fixed[-1:])
@@ -136,12 +131,19 @@ class RateSpline:
     @cached_property
     def last_tenth(self) -> NDArray[np.intp]:
         """Indices of the quadrature's points after 0.9 T, and of 0.9 T itself."""
-        count = self.points
+        count = len(self.weights)
         return np.append(np.flatnonzero(self.times[:count] > self.times[count]), count)
 
     def rates_at(self, times: FloatArray) -> Map:
         """Joint rates at any times (k,)."""
         return _cut(_basis(self.knots, 2, times), self.free_end)
+
+
+@lru_cache(maxsize=64)
+def gauss(points: int) -> tuple[FloatArray, FloatArray]:
+    """Gauss points and weights of the interval from 0 to 1."""
+    x, w = np.polynomial.legendre.leggauss(points)
+    return frozen(0.5 * (x + 1.0)), frozen(0.5 * w)
 
 
 @lru_cache(maxsize=64)
@@ -151,14 +153,7 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     The rates end at zero half a step after the deadline: a stopped end effector has no direction, so at the
     last node, where the paper's cost is still summed, the arm must be just about to stop.
 
-    Parameters
-    ----------
-    steps : int
-    dt : float
-        [s]
-    grid : Grid
-    free_end : bool
-        Whether the last control point is free as well, for goals that ask for a velocity.
+    `free_end`: whether the last control point is free as well, for goals that ask for a velocity.
     """
     duration = steps * dt
     end, late_start = duration + 0.5 * dt, ARRIVAL_SHARE * duration
@@ -169,16 +164,13 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     knots = np.concatenate([[0.0] * 2, borders, [end] * 2])
     # The directions change fastest where the arm starts to move; there the cost is watched more closely.
     stops = np.concatenate([[0.0, 0.06 * main[1], 0.25 * main[1]], borders[1:-1], [duration]])
-    late = grid.intervals + 2
-    gauss = grid.gauss
 
-    x, w = np.polynomial.legendre.leggauss(gauss)
-    nodes = 0.5 * (x + 1.0)
-    powers = np.arange(1, gauss + 1)
-    inner = (nodes[:, None] ** powers / powers) @ np.linalg.inv(np.vander(nodes, gauss, increasing=True))
+    nodes, shares = gauss(grid.gauss)
+    powers = np.arange(1, grid.gauss + 1)
+    inner = (nodes[:, None] ** powers / powers) @ np.linalg.inv(np.vander(nodes, increasing=True))
     spans = np.diff(stops)
     times = np.concatenate([(stops[:-1, None] + spans[:, None] * nodes).ravel(), [late_start, duration]])
-    whole, part = spans[:, None] * (0.5 * w), spans[:, None, None] * inner
+    whole, part = spans[:, None] * shares, spans[:, None, None] * inner
 
     slope, sums = _difference(knots), _summation(knots)
     wide = np.concatenate([[knots[0]], knots, [knots[-1]]])
@@ -197,7 +189,7 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
         weights=whole.ravel(),
         integral_to_points=part,
         integral_over=whole,
-        late_interval=late,
+        late_interval=grid.intervals + 2,
         acceleration_points=accelerations,
         position_points=_cut(sums, free_end),
         rate_points=_cut(np.eye(len(sums))[1 : None if free_end else -1], free_end),

@@ -6,30 +6,54 @@ that a single start would not see. A goal with an approach is entered from one s
 find the way round from the other; so such a goal gets moves that pass its approach. A greedy march of the
 paper's step is free of cost wherever nothing stops it, and may arrive where no straight move does: it is
 taken on the cost's cone without limits, all sides at once, by one damped least-squares solution a step.
+A march with every limit is a plan of its own: where nothing stops it, it moves the joints little.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals import Place
-from ffsms_pin.opt.horizon.control_qp import braking
+from ffsms_pin.opt.horizon.control_qp import at_rest, braking
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import GoalFromStart, joint_range
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.motion.frame import RobotFrame
 from ffsms_pin.opt.motion.motions import apply_rates
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.march import sides_across
+from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across, start_sides
+from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.reference import ARRIVAL_POWER, LEAST_APPROACH
+from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.trajectory import Trajectory, measure
+from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.batch.stacks import exp3
 
-__all__ = ["cone_marches", "march_starts", "missed_at", "moves_to", "straight_moves"]
+__all__ = [
+    "REFERENCE_WEIGHTS",
+    "cone_marches",
+    "free_marches",
+    "landed",
+    "march_starts",
+    "marched",
+    "missed_at",
+    "moves_to",
+    "reference_stepper",
+    "straight_moves",
+]
 
+
+# The references are about what they spare: ten times the step's own price of redundant motion, and still too
+# little to keep an arm from leaving a singular start. Re-planned motions have it too: a goal at the edge of
+# the workspace is not worth fast joints.
+REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
+_STRIDES = 60  # a step of a march with all limits is at most such a part of the time left
+_BEHIND = 1.5  # at such a multiple of the way that is left at the mean speed a march is given up
+_BRAKING = 0.5  # of the acceleration limits, at the end of such a march
 _DAMPING = 1e-3  # of the least squares, in squares of the arm's length
 # [arm lengths] What a radian counts on the way: an arm that is stretched out at the goal may not be able to
 # keep its attitude and go back from there.
@@ -41,28 +65,19 @@ def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> F
 
     A joint that the time is too short for goes as far as its rate and acceleration limits let it.
     """
-    size = spline.size
     end = spline.position_points.free[-1]
     system = np.block([[spline.squared_acceleration, end[:, None]], [end[None], np.zeros((1, 1))]])
-    profile = np.linalg.solve(system, np.append(np.zeros(size), 1.0))[:-1]
+    profile = np.linalg.solve(system, np.append(np.zeros(spline.size), 1.0))[:-1]
     limits = problem.sms.limits
     # An arm that moves at the start first brakes, and goes the rest of the way.
     brake = braking(problem, spline)
     stopped = spline.position_points.of(brake, problem.joint_rates)[-1]
     way = goals - problem.joints0 - stopped
+    hardest = np.max(np.abs(spline.acceleration_points.free @ profile))
     rate = np.max(np.abs(profile)) * np.abs(way) / limits.velocity
-    acceleration = (
-        np.max(np.abs(spline.acceleration_points.free @ profile)) * np.abs(way) / limits.acceleration
-    )
+    acceleration = hardest * np.abs(way) / limits.acceleration
     way = way / np.maximum(1.0, 1.001 * np.maximum(rate, acceleration))
     return np.asarray(brake + profile[:, None] * way[:, None, :])
-
-
-class _Postures(NamedTuple):
-    """Joint positions (K, n), and attitudes of the base (3, 3, K)."""
-
-    joints: FloatArray
-    base: FloatArray
 
 
 def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
@@ -75,14 +90,14 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
     end, arm = problem.goal.place(problem.duration), problem.stack.evaluate(goals.T)
     velocity, spin = (np.zeros(3) if one is None else one for one in (end.velocity, end.spin))
     # The base as it is turned where the tip is at the goal.
-    at = _Postures(goals, end.base_attitude(arm.tip_rotation))
-    J = missed_at(problem, end, problem.duration, *at)[1]
+    joints, base = goals, end.base_attitude(arm.tip_rotation)
+    J = missed_at(problem, end, problem.duration, joints, base)[1]
     rates = [_least_squares(J, np.concatenate([velocity - problem.drift, spin]), problem)]
     times, places = [problem.duration], [goals]
     for t, place in reversed(approach):
-        at = _back(problem, at, t, place)
+        joints, base = _back(problem, joints, base, t, place)
         times.insert(0, t)
-        places.insert(0, at.joints)
+        places.insert(0, joints)
     for i in range(len(approach) - 1, -1, -1):
         before = max(i - 1, 0)
         rates.insert(0, (places[i + 1] - places[before]) / (times[i + 1] - times[before]))
@@ -108,9 +123,10 @@ def missed_at(
     return error.T, columns.transpose(2, 0, 1) * problem.free
 
 
-def _back(problem: Problem, at: _Postures, t: float, place: Place) -> _Postures:
+def _back(
+    problem: Problem, joints: FloatArray, base: FloatArray, t: float, place: Place
+) -> tuple[FloatArray, FloatArray]:
     """From postures to those with the end effector at a place: Newton's method, the base reacting."""
-    joints, base = at
     low, high = problem.sms.limits.lower, problem.sms.limits.upper
     stuck = np.zeros(joints.shape, dtype=bool)
     for _ in range(6):
@@ -124,7 +140,7 @@ def _back(problem: Problem, at: _Postures, t: float, place: Place) -> _Postures:
         spin = problem.stack.evaluate(joints.T).spin
         base = np.einsum("xyk,yzk->xzk", base, exp3(apply_rates(spin, step.T)))
         joints = joints + step
-    return _Postures(joints, base)
+    return joints, base
 
 
 def _least_squares(J: FloatArray, wanted: FloatArray, problem: Problem) -> FloatArray:
@@ -173,3 +189,62 @@ def _fitted(problem: Problem, spline: RateSpline, times: FloatArray, rates: Floa
     """Control points (K, M, n) of the motions nearest to joint rates (K, T, n) at times (T,)."""
     maps = spline.rates_at(times)
     return np.asarray(np.linalg.pinv(maps.free) @ (rates - maps.fixed[:, None] * problem.joint_rates))
+
+
+def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
+    """Joint rates (N + 1, n) of marches that cost less than a budget [s], one for each side, landed.
+
+    A march is given up where it has cost more, where a step's programme was not solved, or where it is so far
+    behind its schedule that it will not arrive. Far from the deadline a step is longer than one of the
+    motion: nothing changes fast there. In between the rates are linear.
+    """
+    place, sms, dt, steps = problem.goal.place(problem.duration), problem.sms, problem.dt, problem.steps
+    stepper = Stepper.of(problem)
+    mode = problem.mode
+    for side in start_sides(sms, problem.q0, place.position, mode):
+        stepper.reset(side)
+        q, cost, k, nodes, rates = problem.q0, 0.0, 0, [0], [problem.joint_rates]
+        while k < steps:
+            stride = max(1, (steps - k) // _STRIDES)
+            stepper.dt = stride * dt
+            # The paper pairs rates with where the arm was one step before.
+            before, _ = advance(sms, q, rates[-1], np.zeros(sms.n), stepper.dt - dt, problem.momentum, mode)
+            step = stepper.advance(before, rates[-1], place.position, (steps - k) * dt, place.rotation)
+            cost += step.cost * stepper.dt
+            way = place.position - sms.at(q).end_effector_pose.translation
+            behind = float(np.linalg.norm(way)) > _BEHIND * problem.mean_speed * (steps - k) * dt
+            if cost > budget or not step.solved or behind:
+                break
+            slope = (step.joint_rates - rates[-1]) / stepper.dt
+            q, _ = advance(sms, q, rates[-1], slope, stepper.dt, problem.momentum, mode)
+            k += stride
+            nodes.append(k)
+            rates.append(step.joint_rates)
+        else:
+            at = np.arange(steps + 1)
+            yield landed(problem, np.stack([np.interp(at, nodes, one) for one in np.array(rates).T], axis=1))
+
+
+def reference_stepper(problem: Problem, method: str) -> Stepper:
+    """The stepper of one of the classical references."""
+    return Stepper.of(problem, method, REFERENCE_WEIGHTS, limits=problem.step_limits, terms=())
+
+
+def marched(problem: Problem, stepper: Steps, progress: Progress | None = None) -> Trajectory:
+    """The finished motion of single steps to the problem's goal."""
+    place = problem.goal.place(problem.duration)
+    q0, rates0, duration = problem.q0, problem.joint_rates, problem.duration
+    rates, note = march(stepper, q0, rates0, place.position, duration, place.rotation, progress)
+    return measure(problem, rates, note)
+
+
+def landed(problem: Problem, rates: FloatArray) -> FloatArray:
+    """The same motion (N + 1, n), at rest at the end: slowed down where a joint would brake too late.
+
+    All joints by the same share, so that the end effector keeps its direction, and with it the cost.
+    """
+    left = np.arange(len(rates))[::-1, None]
+    most = at_rest(problem) + _BRAKING * problem.dt * left * np.minimum(problem.sms.limits.acceleration, 1e6)
+    share = np.min(most / np.maximum(np.abs(rates), 1e-12), axis=1, keepdims=True)
+    share[0] = 1.0  # the rates at the start are given
+    return np.asarray(rates * np.minimum(share, 1.0))

@@ -16,11 +16,10 @@ import numpy as np
 
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, descend, follow, prefer_limits
 from ffsms_pin.opt.horizon.diagnosis import keep_limits, within_workspace
-from ffsms_pin.opt.horizon.marches import free_marches, straight_march
 from ffsms_pin.opt.horizon.search import Search, cost_of
 from ffsms_pin.opt.horizon.shooting import spread_postures, straight_time, too_short
 from ffsms_pin.opt.horizon.spline import embedded
-from ffsms_pin.opt.horizon.starts import march_starts, moves_to
+from ffsms_pin.opt.horizon.starts import free_marches, march_starts, marched, moves_to, reference_stepper
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
@@ -75,11 +74,10 @@ def straight_starts(
     problem, options, first = search.problem, search.options, not search.drawn
     free, by_kappa = enough
     most = search.ranking.scale * (free + by_kappa * (math.log(2.0) / problem.kappa) ** 2)
-    most = (
-        most * (options.around_obstacles if any(limit.obstacles for limit in problem.limits) else 1.0)
-        if search.costed
-        else np.inf
-    )
+    if any(limit.obstacles for limit in problem.limits):
+        most *= options.around_obstacles
+    if not search.costed:
+        most = np.inf
     if search.settled or search.hopeless or search.arrived(most):
         return
     if not insist and not search.arrived() and not search.there().any():
@@ -154,15 +152,15 @@ def marches(search: Search) -> None:
     wide = math.log(2.0) / problem.kappa >= options.widest_cone
     if wide or not problem.cost_terms or problem.mode != "floating" or not _can_march(problem):
         return
-    arrived, cost, tolerance = search.arrived(), np.inf, options.cost_tolerance
-    if arrived:
+    cost, tolerance = np.inf, options.cost_tolerance
+    if search.arrived():
         best = search.best().plan
         cost = cost_of(problem, best)
         if any(limit.obstacles and limit.name in best.binding for limit in problem.limits):
             return  # a march stops at an obstacle that the plan goes round
         if cost <= tolerance and not _travels_far(search, best):
             return
-    if not arrived and (search.hopeless or not search.there().any()):
+    elif search.hopeless or not search.there().any():
         return
     for rates in free_marches(problem, max(cost - tolerance, tolerance)):
         search.keep_plan(measure(problem, rates))
@@ -193,42 +191,43 @@ def straight_moves_that_end_there(search: Search) -> None:
 def straight_line(search: Search) -> None:
     """Where nothing else reaches: straight to the target by single steps, as method "resolved-rate" goes."""
     if not any(one.plan.reached for one in search.found) and _can_march(search.problem):
-        plan = straight_march(search.problem)
+        plan = marched(search.problem, reference_stepper(search.problem, "resolved-rate"))
         if plan.reached:
             search.keep_plan(plan)
 
 
+def _descent(keep: tuple[int, int, int], repeats: int) -> tuple[Strategy, ...]:
+    """A descent from the starts, and what is made of the motions that it ends with."""
+    descent = Strategy("descent", partial(descend_from_starts, keep=keep, repeats=repeats))
+    return descent, Strategy("finest spline", finest_spline), _WITHIN
+
+
+_WITHIN = Strategy("within limits", within_limits)
+_NEAR = Strategy("straight if near", straight_if_near)
+_STRAIGHT = Strategy("straight moves", straight_moves_that_end_there)
 # An early motion says little of what it comes to in the end, so where the first plans are not nearly free,
 # more are followed, and longer.
 STRATEGIES = (
-    Strategy("straight if near", straight_if_near),
+    _NEAR,
     Strategy("first starts", partial(straight_starts, near=3, far=4)),
     Strategy("coarse marches", coarse_marches),
-    Strategy("descent", partial(descend_from_starts, keep=(3, 2, 1), repeats=1)),
-    Strategy("finest spline", finest_spline),
-    Strategy("within limits", within_limits),
+    *_descent(keep=(3, 2, 1), repeats=1),
     Strategy("more starts", partial(straight_starts, near=4, far=8, enough=(3e-3, 0.2))),
-    Strategy("descent", partial(descend_from_starts, keep=(6, 4, 2), repeats=2)),
-    Strategy("finest spline", finest_spline),
-    Strategy("within limits", within_limits),
+    *_descent(keep=(6, 4, 2), repeats=2),
     Strategy("most starts", partial(straight_starts, near=4, far=20, enough=(0.03, 0.5), insist=False)),
-    Strategy("descent", partial(descend_from_starts, keep=(10, 6, 4), repeats=4)),
-    Strategy("finest spline", finest_spline),
-    Strategy("within limits", within_limits),
+    *_descent(keep=(10, 6, 4), repeats=4),
     Strategy("marches", marches),
-    Strategy("straight moves", straight_moves_that_end_there),
-    Strategy("within limits", within_limits),
+    _STRAIGHT,
+    _WITHIN,
     Strategy("straight line", straight_line),
 )
 # For a plan at any cost.
 QUICK = (
-    Strategy("straight if near", straight_if_near),
+    _NEAR,
     Strategy("first starts", partial(straight_starts, near=4, far=4)),
-    Strategy("descent", partial(descend_from_starts, keep=(1, 1, 1), repeats=2)),
-    Strategy("finest spline", finest_spline),
-    Strategy("within limits", within_limits),
-    Strategy("straight moves", straight_moves_that_end_there),
-    Strategy("within limits", within_limits),
+    *_descent(keep=(1, 1, 1), repeats=2),
+    _STRAIGHT,
+    _WITHIN,
 )
 
 

@@ -20,10 +20,6 @@ from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["NonlinearStepper"]
 
-# The schedule may ask for this share of what lies between the slowest and the fastest approach that the
-# limits allow in the step: all of it would leave the cost no say.
-_SHARE = 0.9
-
 
 class NonlinearStepper:
     """Minimise (C~ - (1 - H_norm))^2 over alpha at each step, under const1 to const8 (Eq. optimal_cost).
@@ -71,15 +67,8 @@ class NonlinearStepper:
             raise InvalidValue(
                 "target", rotation, "must be a position for the paper's way: it has no attitude"
             )
-        step = StepState(
-            self.sms,
-            q,
-            rates,
-            self.dt,
-            time_left,
-            mode=self.mode,
-            wheel_total=self.wheel_total,
-        )
+        total = self.wheel_total
+        step = StepState(self.sms, q, rates, self.dt, time_left, mode=self.mode, wheel_total=total)
         lower, upper = step.bounds
         J_v, V = step.J_star[:3], step.V
         way = target - step.pose.translation
@@ -91,19 +80,18 @@ class NonlinearStepper:
         G, least = self._rows(step)
         slowest, fastest = _closing_speeds(closing, lower, upper, (G, least) if step.wheels else None)
         asked = reference_speed(distance, float(closing @ rates), time_left, self.dt)
+        # To the fastest approach that the limits allow in the step would leave the cost no say.
+        asked = min(asked, slowest + 0.9 * (fastest - slowest))
         rows = np.vstack([np.eye(self.sms.n), -np.eye(self.sms.n), G, closing]) @ V
-        least = np.concatenate([lower, -upper, least, [min(asked, slowest + _SHARE * (fastest - slowest))]])
-
-        def cost(alpha: FloatArray) -> tuple[float, FloatArray]:
-            return self._cost(A @ alpha, A, towards, step.entropy)
-
+        least = np.concatenate([lower, -upper, least, [asked]])
         # The last rates, or where those lead nowhere (as at rest) the fastest approach.
         approach = np.where(closing > 0.0, upper, lower)
         starts = [approach] if not rates.any() else [np.clip(rates, lower, upper), approach]
         for start in starts:
             result = minimize(
-                cost,
+                self._cost,
                 V.T @ start,
+                (A, towards, step.entropy),
                 jac=True,
                 method="SLSQP",
                 bounds=[(-1.0, 1.0)] * self.sms.n,
@@ -130,9 +118,10 @@ class NonlinearStepper:
         return np.vstack(G), np.concatenate(least)
 
     def _cost(
-        self, velocity: FloatArray, A: FloatArray, towards: FloatArray, entropy: float
+        self, alpha: FloatArray, A: FloatArray, towards: FloatArray, entropy: float
     ) -> tuple[float, FloatArray]:
-        """The paper's summand and its gradient with respect to alpha."""
+        """The paper's summand and its gradient with respect to alpha, for the velocity A alpha."""
+        velocity = A @ alpha
         speed = math.sqrt(float(velocity @ velocity))
         if speed < 1e-12:
             return step_cost(0.0, entropy, self.kappa), np.zeros(A.shape[1])

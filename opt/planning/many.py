@@ -39,21 +39,16 @@ def plan_many(
 
     Parameters
     ----------
-    sms : SpaceManipulator
-    q0 : array_like, shape (nq,) or (N, nq)
-        Starts.
-    target : array_like, shape (3,) or (N, 3), or pinocchio.SE3, or sequence of both kinds
-        Wanted end-effector positions [m], or poses, in inertial axes.
-    duration : float or array_like, shape (N,)
-        Times to arrive [s].
-    dt, kappa : float
+    sms, dt, kappa, **options
         As for `plan`.
+    q0 : array_like, shape (nq,) or (N, nq)
+    target : array_like, shape (3,) or (N, 3), or pinocchio.SE3, or sequence of both kinds
+    duration : float or array_like, shape (N,)
+        [s]
     jobs : int, optional
         Processes to work with; 1 for this one alone. Default: one a core.
     progress : callable, optional
         Called with the share of the motions planned, 0 to 1.
-    **options
-        As for `plan`: `clearance`, `collision`, `method`.
 
     Returns
     -------
@@ -100,10 +95,9 @@ def plan_each(
 
     Parameters
     ----------
-    sms : SpaceManipulator
     tasks : iterable of (q0, target, duration)
         As for `plan`; taken as they are needed, so it may be a generator, and endless.
-    dt, kappa, jobs, **options
+    sms, dt, kappa, jobs, **options
         As for `plan_many`.
 
     Yields
@@ -125,18 +119,13 @@ def plan_each(
         if name not in known:
             raise InvalidValue("option", name, f"must be one of {', '.join(known)}")
     found = outcomes(_plan, (sms, dt, kappa, options), tasks, jobs)
-    return (_frozen(outcome) for outcome in found)
+    # On its way from a process an array becomes writable; a copy's are not.
+    return (one if one.result is None else replace(one, result=replace(one.result)) for one in found)
 
 
 def _plan(shared: Any, task: Any) -> Trajectory:
-    sms, dt, kappa, options = shared
-    q0, target, duration = task
-    return plan(sms, q0, target, duration, dt, kappa, **options)
-
-
-def _frozen(outcome: Outcome[Trajectory]) -> Outcome[Trajectory]:
-    """The same with read-only arrays: on its way from a process an array becomes writable."""
-    return outcome if outcome.result is None else replace(outcome, result=replace(outcome.result))
+    sms, *numbers, options = shared
+    return plan(sms, *task, *numbers, **options)
 
 
 def _targets(target: Any) -> list[Any] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,15 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import one_of
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.given import default_limits, default_terms
 from ffsms_pin.opt.goals import Also, Via, as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
-from ffsms_pin.opt.horizon.diagnosis import refused, with_limits_said
-from ffsms_pin.opt.horizon.marches import marched, reference_stepper
+from ffsms_pin.opt.horizon.diagnosis import with_limits_said
+from ffsms_pin.opt.horizon.solve import refused
+from ffsms_pin.opt.horizon.starts import marched, reference_stepper
 from ffsms_pin.opt.limits import BaseLimits, Clearance, Limit, Obstacle
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
-from ffsms_pin.opt.problem import Problem, default_limits, default_terms
+from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import Progress, start_sides
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.terms import Coupling
@@ -30,8 +33,7 @@ METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "mi
 
 KAPPA = Coupling.kappa  # of the paper's cost, where none is given
 
-# [m, rad] Nearer than this to its target, an arm is there and stays.
-ALREADY_THERE = 1e-6
+ALREADY_THERE = 1e-6  # [m, rad] nearer than this to its target, an arm is there and stays
 
 
 def plan(
@@ -59,70 +61,37 @@ def plan(
     mode: str = Problem.mode,
     wheel_momentum: ArrayLike | None = None,
 ) -> Trajectory:
-    """Plan a coupling-informed motion from `q0` to `target`.
+    """Plan a coupling-informed motion from `q0` to `target`: build an `opt.Problem`, and solve it.
 
-    It builds an `opt.Problem` and solves it; for other terms and limits build one yourself and call
-    `opt.solve`.
+    See `opt.Problem` for what is not listed here; its `goal` is the target. For other terms and limits build
+    one yourself and call `opt.solve`.
 
     Parameters
     ----------
-    sms : SpaceManipulator
-    q0 : array_like, shape (nq,)
-        Start, within the joint limits.
-    target : array_like, shape (3,), pinocchio.SE3, callable, or Goal
-        Wanted end-effector position [m], or pose, in inertial axes; see `Problem.goal` for more.
-    duration : float
-        Time to arrive [s]. The paper does not state its own; 12 s is ours for its cases: 1.5 to 3 times
-        what the joint limits need there.
-    dt : float
-        Step [s]; the paper states none. A whole number of steps makes up the duration, so the step used is
-        the nearest that does.
     kappa : float
-        Sharpness of C~. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)). A target that is
-        approached through a corridor (`opt.Meet`) is planned without the paper's cost, see docs/clients.md.
-    clearance : float
-        The paper's d_safe [m], within the arm and from the arm to the base.
-    collision : {"auto", "points", "hulls", "shapes", "off"}
-        What is kept clear: the paper's points (const4 to const7), the collision shapes in convex parts, the
-        shapes as they are, or nothing. "auto": hulls where bodies with shapes can meet, else points (see
-        `Clearance`).
-    obstacles : sequence of Obstacle
-        What else is kept clear of (docs/obstacles.md).
+        Sharpness of C~. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)).
+    clearance, collision, obstacles
+        As for `Clearance`.
     method : str
-        "horizon": the whole motion at once, from several starts (see docs/horizon.md). The default: it
-        reaches what the step marches past, and its cost is that of a full nonlinear programme.
-        "step": the per-step programme, marched from the start once for each side of the cost's cone that the
-        end effector can take; of the plans that arrive, the one with the lowest cost.
-        "paper": the paper's cost minimised step by step as it stands, with a schedule for const8.
+        "horizon": the whole motion at once, from several starts (docs/horizon.md). It reaches what a step
+        marches past, and its cost is that of a full nonlinear programme.
+        "step": the per-step programme, marched once for each side of the cost's cone; the best of these.
+        "paper": the paper's cost minimised step by step as it stands, with a schedule for const8. It knows no
+        base limits, momentum, `also` or `via`.
         "resolved-rate", "least-disturbance", "minimum-effort": classical references that go straight to the
         target (see `REFERENCES`), under the same limits.
     base_limits : BaseLimits, optional
-        How far and how fast the base may move. A plan that breaks them has not `reached`. Not for "paper".
-    momentum : array_like, shape (6,), optional
-        Total momentum [linear; angular] of the system about its centre of mass, inertial axes
-        [kg m/s; kg m^2/s], as in `sms.velocity`. Default zero. Not for "paper".
-    joint_rates : array_like, shape (n,), optional
-        Joint rates at the start [rad/s]; default: at rest.
-    locked : sequence of str
-        Names of joints that cannot move; for "horizon".
-    effort : float, optional
-        Weight on joint travel (`opt.Effort`); for "horizon". Default: that of `opt.Effort`.
-    base : float
-        Weight on the turning of the base (`opt.BaseTurn`); for "horizon".
-    time_limit : float, optional
-        After so long [s] the best plan so far is returned; for "horizon".
+        How far and how fast the base may move.
+    effort, base : float
+        Weights on joint travel (`opt.Effort`) and on turning of the base (`opt.BaseTurn`); for "horizon", as
+        `locked` and `time_limit` (see `SearchOptions`) are.
     also : mapping, optional
-        Goals of other frames of the robot at the deadline, by the frames' names: {"right_tool": target} (see
-        `opt.Also`). Not for "paper".
+        Goals of other frames at the deadline, by the frames' names (see `opt.Also`).
     via : sequence, optional
         Places that the end effector passes on its way, in any order: positions (3,), poses, or `opt.Via`,
-        which may have a time. Not for "paper"; methods that march pass those with a time.
+        which may have a time. Methods that march pass those with a time.
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
-    mode : str
-        What of the base is held (see `opt.Problem`).
-    wheel_momentum : array_like, shape (w,), optional
-        Of the wheels at the start, where they hold the attitude [N m s].
 
     Returns
     -------
@@ -222,11 +191,8 @@ def _stand_still(problem: Problem) -> Trajectory | None:
         np.linalg.norm(problem.place_now.position - problem.tip0) >= ALREADY_THERE
     ):
         return None
-    still = measure(
-        problem,
-        np.zeros((problem.steps + 1, problem.sms.n)),
-        "the end effector is at its target from the start",
-    )
+    note = "the end effector is at its target from the start"
+    still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)), note)
     error = max(float(still.position_error[0]), float(still.orientation_error[0]))
     return still if error < ALREADY_THERE and still.clear else None
 
@@ -245,15 +211,12 @@ def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajec
     plans = []
     for i, side in enumerate(sides):
         stepper.reset(side)
-        share = None if progress is None else _part(progress, i, len(sides))
-        plans.append(marched(problem, stepper, share))
-    return min(plans, key=_rank)
+        plans.append(marched(problem, stepper, progress and partial(_part, progress, i, len(sides))))
+    # Plans that arrive by cost, before the others by how near they come.
+    return min(
+        plans, key=lambda one: (not one.reached, one.cost_integral if one.reached else one.position_error[-1])
+    )
 
 
-def _rank(plan: Trajectory) -> tuple[bool, float]:
-    """Plans that arrive by cost, before the others by how near they come."""
-    return not plan.reached, plan.cost_integral if plan.reached else float(plan.position_error[-1])
-
-
-def _part(progress: Progress, index: int, count: int) -> Progress:
-    return lambda share: progress((index + share) / count)
+def _part(progress: Progress, index: int, count: int, share: float) -> None:
+    progress((index + share) / count)

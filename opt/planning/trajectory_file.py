@@ -18,19 +18,9 @@ __all__ = ["read", "write"]
 
 _FORMAT = "ffsms-pin trajectory"
 _TEXTS = ("shares", "binding", "broken")  # kept as JSON
-_SCALARS = (
-    ("kappa", float),
-    ("reach", float),
-    ("orientation_reach", float),
-    ("note", str),
-    ("clear", bool),
-    ("met", bool),
-    ("within_tolerance", bool),
-    ("shortest_duration", float),
-    ("wheel_energy", float),
-    ("propellant", float),
-    ("mode", str),
-)
+_NUMBERS = ("kappa", "reach", "orientation_reach", "shortest_duration", "wheel_energy", "propellant")
+_ANSWERS = ("clear", "met", "within_tolerance")
+_WORDS = ("note", "mode")
 _SHAPES: dict[str, tuple[str | int, ...]] = {
     "t": ("N+1",),
     "v": ("N+1", "n+6"),
@@ -46,8 +36,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
     **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
     **dict.fromkeys(("position_error", "orientation_error"), ("N+1",)),
-    **{name: () for name, _ in _SCALARS},
-    **dict.fromkeys(_TEXTS, ()),
+    **dict.fromkeys((*_NUMBERS, *_ANSWERS, *_WORDS, *_TEXTS), ()),
 }
 
 
@@ -73,8 +62,7 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         **dict.fromkeys(("wheel_energy", "propellant"), np.zeros(())),
         **{name: np.array("{}") for name in _TEXTS},
     }
-    kinds = dict.fromkeys(("clear", "met", "within_tolerance"), "b")
-    kinds |= dict.fromkeys(("note", "mode", *_TEXTS), "U")
+    kinds = dict.fromkeys(_ANSWERS, "b") | dict.fromkeys((*_WORDS, *_TEXTS), "U")
 
     def check(heads: Mapping[str, Any]) -> None:
         nonlocal known
@@ -88,8 +76,8 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     check_times(path, arrays["t"], least=2)
     for name in _TEXTS:
         arrays[name] = numbers_by_name(path, name, str(arrays[name]), rows=name == "binding")
-    for name, kind in _SCALARS:
-        arrays[name] = kind(arrays[name])
+    for kind, names in ((float, _NUMBERS), (bool, _ANSWERS), (str, _WORDS)):
+        arrays |= {name: kind(arrays[name]) for name in names}
     if not known:  # nor which velocities were asked for, but whether those of a client were met
         misses = (arrays[f"{kind}_error"][-1] for kind in ("position", "orientation"))
         arrays["within_tolerance"] = arrays["met"] and bool(max(misses) <= TOLERANCE)

@@ -25,12 +25,11 @@ class ReactionEstimate:
     The total momentum of a floating system stays what it was at the first sample, and it is linear in the
     factors: each sample gives six equations, whatever the torques. Momentum has no scale of its own, so the
     base's mass is the unit. The estimate is the least-squares one with a prior around the model, so factors
-    that the motion does not show stay at 1. External forces are not known to it: what they do counts as an
-    error of the masses. With noisy sensors the first sample is as noisy as any other, and the constant
-    momentum is estimated too.
+    that the motion does not show stay at 1. With noisy sensors the first sample is as noisy as any other, and
+    the constant momentum is estimated too. What external forces do counts as an error of the masses.
 
-    Where wheels hold the attitude they take angular momentum, and the linear one alone is constant: three
-    equations. Thrusters push from outside, so in their modes nothing is learnt and the model is kept.
+    Where wheels hold the attitude the linear momentum alone is constant: three equations. Thrusters push from
+    outside, so in their modes the model is kept.
 
     Factors are within 0.5 and 2. Where exact measurements ask for others, something else than masses is at
     work, and the model is kept. Noisy ones ask for others as well where the motion shows little, so there the
@@ -38,10 +37,8 @@ class ReactionEstimate:
 
     Parameters
     ----------
-    sms : SpaceManipulator
-        The model.
-    mode : str
-        What of the base is held, and by what (see `opt.Problem`).
+    sms, mode : SpaceManipulator, str
+        The model, and what of its base is held, and by what (see `opt.Problem`).
 
     Attributes
     ----------

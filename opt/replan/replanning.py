@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, vector
 from ffsms_pin.opt.goals import Goal
-from ffsms_pin.opt.horizon.marches import REFERENCE_WEIGHTS
+from ffsms_pin.opt.horizon.starts import REFERENCE_WEIGHTS
 from ffsms_pin.opt.motion.actuated import wheel_total
-from ffsms_pin.opt.one_thread import OneThread, ReferenceInUse
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.approach import aim
 from ffsms_pin.opt.replan.correctable import Correctable
@@ -23,9 +22,14 @@ from ffsms_pin.opt.replan.rest_planner import RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.threads import OneThread
 
 __all__ = ["Replanning"]
 
+_FOLLOWED = (
+    "another thread has begun to follow this Replanning, and it remembers one motion only;"
+    " make one for each run: opt.Replanning(problem)"
+)
 _STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
 
 
@@ -81,7 +85,7 @@ class Replanning:
         self._robot = sms
         if problem.locked:
             self._renew_stepper()
-        self._thread = OneThread(ReferenceInUse, for_good=True)
+        self._thread = OneThread(_FOLLOWED, for_good=True)
         self._step, self._seen = -1, problem.q0
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
@@ -160,7 +164,7 @@ class Replanning:
 
         Raises
         ------
-        ReferenceInUse
+        InUse
             Another thread has begun.
         """
         with self._thread:

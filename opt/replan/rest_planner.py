@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Goal
-from ffsms_pin.opt.horizon.diagnosis import refused, within_workspace
+from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.solve import refused
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.approach import Approach, narrower

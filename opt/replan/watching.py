@@ -11,9 +11,7 @@ from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.replanning import Replanning
 
-__all__ = ["LAST_LOOK", "Watching", "first_sight"]
-
-LAST_LOOK = 1.0  # [s]
+__all__ = ["Watching", "first_sight"]
 
 
 def first_sight(client: Client, sensor: ClientSensor) -> ClientEstimate:
@@ -47,7 +45,7 @@ class Watching(Replanning):
         client: Client,
         sensor: ClientSensor,
         estimate: ClientEstimate,
-        last_look: float = LAST_LOOK,
+        last_look: float = 1.0,
         **others: Any,
     ) -> None:
         super().__init__(problem, **others)

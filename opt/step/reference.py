@@ -136,18 +136,8 @@ def wanted_spin(step: StepState, rotation: FloatArray) -> FloatArray:
 def reference_speed(path_left: float, speed: float, time_left: float, dt: float) -> float:
     """End-effector speed [m/s] at the end of the next step that leads to the target at the deadline (const8).
 
-    Solved for the next speed: p (path left at the step's end) / (time left at the step's end).
-
-    Parameters
-    ----------
-    path_left : float
-        Length of the way to the target, at the step's start [m].
-    speed : float
-        Speed at the step's start [m/s].
-    time_left : float
-        Time from the step's start to the deadline [s].
-    dt : float
-        Step [s].
+    Solved for the next speed: p (path left at the step's end) / (time left at the step's end). The way to the
+    target [m], the speed [m/s] and the time to the deadline [s] are those at the step's start.
     """
     return float(kernel.reference_speed(_SCHEDULE, path_left, speed, time_left, dt))
 

@@ -14,7 +14,7 @@ from proxsuite import proxqp
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.step.programme import Programme, StepProblem
+from ffsms_pin.opt.step.programme import Programme
 
 __all__ = ["Solution", "StepSolver", "new_solver"]
 
@@ -85,20 +85,16 @@ class StepSolver:
     def __reduce__(self) -> tuple[Any, ...]:
         return StepSolver, ()
 
-    def solve(self, problem: StepProblem, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
+    def solve(self, p: Programme, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
         """Solution of a programme.
 
         Parameters
         ----------
-        problem : StepProblem
+        p : Programme
         start : (x, z), optional
             As in `Solution`, of a programme like this one. A start of another size is not used. Where the
             solver does not converge from it, it starts once more from nothing.
         """
-        return self.solve_rows(Programme.of(problem), start)
-
-    def solve_rows(self, p: Programme, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
-        """The same, of a programme whose rows are stacked already."""
         if start is not None and (len(start[0]), len(start[1])) == (len(p.g), len(p.low)):
             found = self._solve(p, *start)
             # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.

@@ -13,7 +13,6 @@ from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
-from ffsms_pin.opt.one_thread import OneThread, StepperInUse
 from ffsms_pin.opt.parts.reading import asked, rows_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import braking, stoppable, within
@@ -32,8 +31,11 @@ from ffsms_pin.opt.terms.cost import ideal_cosine, step_cost
 from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
+from ffsms_pin.threads import OneThread
 
 __all__ = ["Step", "Stepper"]
+
+_IN_USE = "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
 
 
 class Step(NamedTuple):
@@ -134,7 +136,7 @@ class Stepper:
         self._given = tuple(limits)
         self.limits = tuple(prepared(limit, sms) for limit in limits)
         self._in_braking = [one for limit in self.limits if (one := limit.in_braking) is not None]
-        self._solver, self._alone = StepSolver(), OneThread(StepperInUse)
+        self._solver, self._alone = StepSolver(), OneThread(_IN_USE)
         self.reset()
 
     @classmethod
@@ -200,7 +202,7 @@ class Stepper:
         Raises
         ------
         InvalidValue
-        StepperInUse
+        InUse
         """
         return self.advance(*self._checked(q, joint_rates, target, time_left))
 
@@ -276,7 +278,7 @@ class Stepper:
         if self._last is not None:  # the last solution, in the basis of this step
             rates, more, z = self._last
             start = np.concatenate([rates.dot(step.V), more]), z
-        found = self._solver.solve_rows(programme, start)
+        found = self._solver.solve(programme, start)
         if found.solved:
             # Within the solver's tolerance already; this makes the limits hold to the last bit.
             chosen, slack = within(step.V.dot(found.x[:n]), bounds), max(0.0, float(found.x[n + 1]))

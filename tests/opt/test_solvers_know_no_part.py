@@ -44,7 +44,7 @@ def solver_files() -> list[Path]:
     files = [*(ROOT / "horizon").glob("*.py"), *(ROOT / "step").glob("*.py"), *(ROOT / "replan").glob("*.py")]
     files += [
         ROOT / "trajectory.py",
-        *(ROOT / "planning" / f"{name}.py" for name in ("plan", "shortest", "many")),
+        *(ROOT / "planning" / f"{name}.py" for name in ("plan", "many")),
     ]
     return sorted(files)
 

@@ -267,15 +267,7 @@ def clearance_stack(
 ) -> ClearanceStack | None:
     """What a mode keeps apart of a robot itself; None for "off", and where nothing can come near anything.
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    collision : {"points", "hulls", "shapes", "off"}
-        See `Clearance`; "auto" is chosen by `chosen_mode`.
-    clearance : float
-        What is asked for: pairs of bodies that are always nearer are left out [m].
-    payload : Part, optional
-        What the end effector holds; for "hulls" and "shapes".
+    As in `Clearance` and `BodyStack`; "auto" is chosen by `chosen_mode`.
 
     Raises
     ------

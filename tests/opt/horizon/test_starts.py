@@ -9,7 +9,6 @@ from horizon_parts import moving_problem, node_rates, planar_problem, spline_of,
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.marches import free_marches, landed
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import (
     halton,
@@ -18,7 +17,7 @@ from ffsms_pin.opt.horizon.shooting import (
     spread_postures,
     straight_time,
 )
-from ffsms_pin.opt.horizon.starts import cone_marches, march_starts, straight_moves
+from ffsms_pin.opt.horizon.starts import cone_marches, free_marches, landed, march_starts, straight_moves
 from ffsms_pin.system.base_motion import roll_out
 
 

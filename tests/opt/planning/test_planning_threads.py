@@ -18,8 +18,8 @@ from paper_sums import ARRAYS, quantities
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError
-from ffsms_pin.opt.one_thread import ReferenceInUse, StepperInUse
 from ffsms_pin.opt.planning.plan import plan_problem
+from ffsms_pin.threads import InUse
 
 THREADS = 3
 QUICK = opt.SearchOptions(time_limit=1e-9)  # the first plan is taken
@@ -149,7 +149,7 @@ def test_a_second_thread_does_not_go_on_with_a_replanned_motion(
     with ThreadPoolExecutor(1) as pool:
         refused(
             lambda: pool.submit(reference.observe, 0.1, problem.q0, still).result(),
-            ReferenceInUse,
+            InUse,
             "opt.Replanning(problem)",
         )
         pool.submit(copied.observe, 0.1, problem.q0, still).result()  # a copy is another one
@@ -170,12 +170,12 @@ def test_one_step_planner_works_or_refuses(planar: ffsms.SpaceManipulator) -> No
         for _ in range(100):
             try:
                 found.append(planner.step(q0, rates, target, 5.0).joint_rates)
-            except StepperInUse as refused:  # noqa: PERF203 - both are counted
+            except InUse as refused:  # noqa: PERF203 - both are counted
                 found.append(refused)
         return found
 
     taken = [one for found in together(step) for one in found]
-    rates_taken = [one for one in taken if not isinstance(one, StepperInUse)]
+    rates_taken = [one for one in taken if not isinstance(one, InUse)]
     assert len(rates_taken) < len(taken)
     assert rates_taken
     for one in rates_taken:

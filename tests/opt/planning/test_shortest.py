@@ -8,7 +8,7 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.planning.shortest import _one_joint
+from ffsms_pin.opt.horizon.solve import _one_joint
 
 
 def test_the_shortest_lies_between_its_bounds() -> None:

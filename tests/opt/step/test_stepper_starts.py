@@ -15,10 +15,10 @@ from step_parts import TARGET, StepJoints, StepRows, make_stepper, marched, rand
 import ffsms_pin as ffsms
 from ffsms_pin.errors import FfsmsError
 from ffsms_pin.opt.limits.limit import Rows
-from ffsms_pin.opt.one_thread import StepperInUse
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.threads import InUse
 
 
 @pytest.mark.parametrize("case", ["joint limit", "into the base", "panda"])
@@ -101,7 +101,7 @@ def test_a_stepper_in_two_threads_is_refused(planar: ffsms.SpaceManipulator) -> 
     thread.start()
     assert entered.wait(10.0)
     for call in (stepper.step, stepper.build):
-        with pytest.raises(StepperInUse, match=r"stepper.like\(\)") as caught:
+        with pytest.raises(InUse, match=r"stepper.like\(\)") as caught:
             call(q, rates, TARGET, 5.0)
         assert isinstance(caught.value, FfsmsError)
     leave.set()

@@ -1,4 +1,4 @@
-"""What a problem is given: parts, momentum, wheels, and joints at the start, checked once."""
+"""What a problem is given: defaults where nothing is, and checks, made once."""
 
 from __future__ import annotations
 
@@ -8,11 +8,22 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, frozen, positive, vector
+from ffsms_pin.checks import FloatArray, frozen, number, positive, vector
 from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
-from ffsms_pin.system import JointLimits, SpaceManipulator
+from ffsms_pin.opt.limits import (
+    AlphaBox,
+    BaseLimits,
+    Clearance,
+    JointLimits,
+    Limit,
+    Obstacle,
+    TorqueLimits,
+    WheelLimits,
+)
+from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
+from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 
 __all__ = [
@@ -22,18 +33,56 @@ __all__ = [
     "check_parts",
     "checked_momentum",
     "checked_times",
+    "default_limits",
+    "default_terms",
+    "step_limits",
     "wheels_at_start",
+    "with_defaults",
 ]
 
 MOST_STEPS = 1_000_000  # some 400 MB for seven joints
 
 
+def default_terms(
+    kappa: float = Coupling.kappa, effort: float | None = None, base: float = 0.0, coupled: bool = True
+) -> tuple[Term, ...]:
+    """What a motion should be like where nothing else is asked for.
+
+    `effort` and `base` weigh joint travel and turning of the base; for `coupled` see `Goal.coupled`.
+    """
+    cost = (Coupling(kappa),) if coupled else ()
+    spared = (BaseTurn(base),) if number("base", base) != 0.0 else ()
+    return (*cost, Smooth(), Effort() if effort is None else Effort(effort), *spared)
+
+
+def default_limits(
+    clearance: float = Clearance.clearance,
+    collision: str = Clearance.collision,
+    obstacles: Sequence[Obstacle] = (),
+    base: BaseLimits | None = None,
+) -> tuple[Limit, ...]:
+    """What must hold where nothing else is asked for: limits of the joints and their torques, a clearance."""
+    if base is not None and not isinstance(base, BaseLimits):
+        raise InvalidValue("base_limits", base, "must be an opt.BaseLimits")
+    kept = (JointLimits(), TorqueLimits(), Clearance(clearance, collision, obstacles=obstacles))
+    return kept if base is None else (*kept, base)
+
+
+def step_limits(limits: Sequence[Limit], mode: str = "floating") -> tuple[Limit, ...]:
+    """Limits of single steps: the paper has the box on alpha always; and wheels, where they hold the base."""
+    more = (AlphaBox(), WheelLimits()) if mode == "rotation-floating" else (AlphaBox(),)
+    return with_defaults(limits, *more)
+
+
+def with_defaults(limits: Sequence[Limit], *more: Limit) -> tuple[Limit, ...]:
+    """Limits, and of some more those of which they have none by the name."""
+    return (*limits, *(one for one in more if one.name not in [limit.name for limit in limits]))
+
+
 def check_parts(name: str, parts: Any, kind: type) -> None:
     """Raise `InvalidValue` where parts are not a sequence of named parts of one kind."""
-    if not isinstance(parts, Sequence):
-        raise InvalidValue(name, parts, f"must be a sequence of opt.{kind.__name__}")
-    for part in parts:
-        if not isinstance(part, kind):
+    for part in parts if isinstance(parts, Sequence) else [parts]:
+        if not isinstance(part, kind) or part is parts:
             raise InvalidValue(name, part, f"must be a sequence of opt.{kind.__name__}")
         if not isinstance(getattr(part, "name", None), str):
             raise InvalidValue(name, part, "must have a `name` each, a text")
@@ -101,7 +150,7 @@ def wheels_at_start(sms: SpaceManipulator, mode: str, given: Any) -> FloatArray:
     return frozen(vector("wheel_momentum", given, len(wheels), "N m s"))
 
 
-def check_joints(sms: SpaceManipulator, limits: JointLimits, q0: FloatArray) -> None:
+def check_joints(sms: SpaceManipulator, limits: Any, q0: FloatArray) -> None:
     """Raise `InvalidValue` where a start is outside joint limits."""
     positions = sms.layout.positions(q0)
     outside = limits.violation(positions)
