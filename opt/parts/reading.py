@@ -101,7 +101,7 @@ def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Any
         wanted = "a Feature, a Residual, an array (S, K), or a list of these"
         raise PartError(part, method, f"must return {wanted}; got {type(found).__name__}")
     plain = not isinstance(found, Feature)
-    one = Feature(np.asarray(found, dtype=np.float64)) if plain else found
+    one: Any = Feature(np.asarray(found, dtype=np.float64)) if plain else found
     S, K = features.motions.rates.shape[1:]
     if (plain or one.where is None) and (one.shape[-2:] != (S, K) or one.ndim > 3):
         shapes = f"{(S, K)} or (c, S, K) = (c, {S}, {K})"
@@ -111,7 +111,7 @@ def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Any
     return one
 
 
-def _checked_residual(part: Any, method: str, found: Any, features: Features) -> Residual | JointResidual:
+def _checked_residual(part: Any, method: str, found: Any, features: Features) -> Any:
     """The same with plain arrays where features stand; values and slopes have shapes that go together."""
     plain = {name: x.value for name, x in vars(found).items() if isinstance(x, Feature)}
     found = replace(found, **plain) if plain else found
