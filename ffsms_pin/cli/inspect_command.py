@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from ffsms_pin.system.urdf_numbers import is_number
+from ffsms_pin.system.urdf_elements import is_number
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -14,9 +14,9 @@ from ffsms_pin.inspection.inertias import inertia_faults, mass_faults, thicken
 from ffsms_pin.inspection.joints import joint_faults, name_faults, root_faults, shape_faults
 from ffsms_pin.inspection.numbers import number_faults
 from ffsms_pin.system.loading import build
+from ffsms_pin.system.urdf_elements import read_robot
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import lenient
-from ffsms_pin.system.urdf_numbers import read_robot
 
 __all__ = ["Examination", "examine", "refusal"]
 

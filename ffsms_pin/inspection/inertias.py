@@ -13,7 +13,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.inspection.faults import Fault, Settings
 from ffsms_pin.system.rigid_body import ROUNDING, inertia_problem, nearest_inertia, principal_text
 from ffsms_pin.system.urdf_edit import INERTIA_KEYS, fix_joint, set_inertia, tensor_of
-from ffsms_pin.system.urdf_numbers import is_number
+from ffsms_pin.system.urdf_elements import is_number
 
 __all__ = ["inertia_faults", "inertial_numbers", "mass_faults", "solid_sphere", "thicken"]
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from xml.etree import ElementTree
 
 from ffsms_pin.inspection.faults import Fault, Settings
-from ffsms_pin.system.urdf_numbers import is_number
+from ffsms_pin.system.urdf_elements import is_number
 
 __all__ = ["elements", "faults_in", "mended_number", "number_faults"]
 

@@ -13,8 +13,8 @@ from ffsms_pin.errors import InvalidValue, ModelNotFound
 from ffsms_pin.inspection.examination import examine, refusal
 from ffsms_pin.inspection.faults import Fault, Settings
 from ffsms_pin.inspection.inertias import inertial_numbers
+from ffsms_pin.system.urdf_elements import read_robot
 from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE
-from ffsms_pin.system.urdf_numbers import read_robot
 from ffsms_pin.urdf import model_names, model_path
 
 __all__ = ["JointReport", "LinkReport", "Report", "checked_path", "inspect"]

@@ -17,10 +17,10 @@ from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, Unsupporte
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.models.satellite_shapes import satellite_shapes
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.given_shapes import GivenShapes, checked_shapes
 from ffsms_pin.system.joints import JointLayout
+from ffsms_pin.system.shapes import GivenShapes, checked_shapes
+from ffsms_pin.system.urdf_elements import only_tool
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE
-from ffsms_pin.system.urdf_parts import only_tool
 
 __all__ = ["append", "is_mjcf", "read_mjcf", "whole"]
 

@@ -12,7 +12,7 @@ from ffsms_pin.errors import InvalidUrdf
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_edit import INERTIA_KEYS, words
-from ffsms_pin.system.urdf_numbers import read_robot
+from ffsms_pin.system.urdf_elements import read_robot
 
 __all__ = ["BODY_COLOUR", "PANEL_COLOUR", "compose", "panel_boxes"]
 

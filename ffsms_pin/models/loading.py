@@ -15,7 +15,7 @@ from ffsms_pin.models.appending import whole
 from ffsms_pin.models.arms import ARMS
 from ffsms_pin.models.mounting import mount
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.given_shapes import checked_shapes, refuse_shapes
+from ffsms_pin.system.shapes import checked_shapes, refuse_shapes
 from ffsms_pin.system.urdf_leniency import Inertias
 from ffsms_pin.urdf import model_names
 

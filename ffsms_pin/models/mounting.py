@@ -18,8 +18,8 @@ from ffsms_pin.models.arms import ARMS, find_arm
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.models.composition import compose
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.given_shapes import checked_shapes, refuse_shapes
 from ffsms_pin.system.loading import build, checked, folders
+from ffsms_pin.system.shapes import checked_shapes, refuse_shapes
 from ffsms_pin.system.urdf_leniency import DEFAULT_RATE, Inertias
 
 __all__ = ["mount"]

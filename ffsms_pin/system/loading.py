@@ -23,9 +23,9 @@ from ffsms_pin.errors import (
 )
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.shapes import Description
+from ffsms_pin.system.urdf_elements import read_robot
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import Inertias, lenient
-from ffsms_pin.system.urdf_numbers import read_robot
 from ffsms_pin.system.wheel_joints import taken_out, wheel_names
 from ffsms_pin.urdf import model_names, model_path
 

@@ -57,23 +57,8 @@ class SpaceManipulator(Mechanism):
 
     Attributes
     ----------
-    model : pinocchio.Model
-    n : int
-        Number of actuated joints.
-    end_effector : str
-    base_size : tuple of float or None
-        [m]
     limits : JointLimits
-    frame_id : int
-        Pinocchio's index of the end-effector frame.
-    base_com : ndarray, shape (3,)
-        Centre of mass of the base body in the root frame [m].
-    base_box_placement : pinocchio.SE3
-        Pose of the box's centre in the root frame.
-    description : ShapeSource or None
-        Where its shapes come from; None where nothing is known of them.
-    wheels : ReactionWheels or None
-    thrusters : Thrusters or None
+        The attributes of `Mechanism` and all parameters but `acceleration` are attributes, too.
 
     Raises
     ------

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.system.urdf_numbers import is_number
+from ffsms_pin.system.urdf_elements import is_number
 
 __all__ = ["INERTIA_KEYS", "fix_joint", "set_inertia", "tensor_of", "words"]
 

@@ -11,8 +11,18 @@ import numpy as np
 
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
 from ffsms_pin.system.rigid_body import ROUNDING, inertia_problem
-from ffsms_pin.system.urdf_numbers import number_of, origin_of, read_robot, triple_of
-from ffsms_pin.system.urdf_parts import MOVING, Box, Inertial, Joint, Link, only_tool
+from ffsms_pin.system.urdf_elements import (
+    MOVING,
+    Box,
+    Inertial,
+    Joint,
+    Link,
+    number_of,
+    only_tool,
+    origin_of,
+    read_robot,
+    triple_of,
+)
 
 __all__ = ["UrdfFile"]
 

@@ -1,19 +1,44 @@
-"""The XML of a URDF, and its numbers: decimal, finite and of a sane size, or an error that says where."""
+"""The XML of a URDF: its links and joints, and its numbers.
+
+Numbers are decimal, finite and of a sane size, or an error says where one is not.
+"""
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 from xml.etree import ElementTree
 
-from ffsms_pin.checks import LARGEST_POSITIVE
-from ffsms_pin.errors import InvalidUrdf
+from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
+from ffsms_pin.errors import AmbiguousEndEffector, InvalidUrdf
 
-__all__ = ["is_number", "number_of", "origin_of", "read_robot", "triple_of"]
+__all__ = [
+    "MOVING",
+    "Box",
+    "Inertial",
+    "Joint",
+    "Link",
+    "is_number",
+    "number_of",
+    "only_tool",
+    "origin_of",
+    "read_robot",
+    "triple_of",
+]
 
 Triple: TypeAlias = tuple[float, float, float]
+
+MOVING = ("revolute", "continuous", "prismatic")  # the types of joint that have a degree of freedom
+
+# How names of tool frames end, the surest first: "tool0" and "hand_tcp", then "ee_link", then "left_hand".
+_ENDINGS = (r"tool\d*|tcp", r"eef?|end[_\-. ]?effector", r"hand")
+_SAYS = [
+    re.compile(rf"(.*[_\-.\s/])?({words})([_\-.]?(link|frame|site))?", re.IGNORECASE) for words in _ENDINGS
+]
 
 # The C locale's decimal numbers, which is what URDF readers accept.
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -22,6 +47,47 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _LARGEST = LARGEST_POSITIVE
 DEEPEST = 100  # elements within each other; a URDF needs five
 MOST_ELEMENTS = 20_000  # some thousand links
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass [kg] and inertia about the centre of mass [kg m^2], in the inertial frame's axes."""
+
+    mass: float
+    inertia: FloatArray
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box of edge lengths `size` [m] at `xyz` [m], `rpy` [rad] in its link's frame."""
+
+    size: Triple
+    xyz: Triple
+    rpy: Triple
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link: its inertial element and the first box of its collision or visual shapes, if any."""
+
+    name: str
+    inertial: Inertial | None
+    box: Box | None
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint of the tree."""
+
+    name: str
+    type: str
+    parent: str
+    child: str
+
+    @property
+    def moves(self) -> bool:
+        """Whether the joint has a degree of freedom."""
+        return self.type in MOVING
 
 
 def read_robot(path: Path) -> ElementTree.Element:
@@ -83,6 +149,32 @@ def _parse(path: Path, text: str, key: str, where: str, largest: float) -> float
     if abs(float(text)) > largest:
         raise InvalidUrdf(path, f'{where} has {key}="{text}", which is too large')
     return float(text)
+
+
+def only_tool(candidates: Sequence[str], same_body: bool) -> str:
+    """The end effector among the last frames.
+
+    Parameters
+    ----------
+    candidates : sequence of str
+        Names of the last frames.
+    same_body : bool
+        Whether they are fixed to one body. If not, a name does not decide between them: they may be two arms.
+
+    Raises
+    ------
+    AmbiguousEndEffector
+        There are several, and not exactly one of them says tool.
+    """
+    if len(candidates) == 1:
+        return candidates[0]
+    for says in _SAYS if same_body else ():
+        tools = [name for name in candidates if says.fullmatch(name)]
+        if len(tools) == 1:
+            return tools[0]
+        if tools:
+            break
+    raise AmbiguousEndEffector(list(candidates))
 
 
 class _Builder(ElementTree.TreeBuilder):
