@@ -1,9 +1,11 @@
 """Types of the compiled kernel; arrays are dense and of float64."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray as Array
+
+Pair: TypeAlias = tuple[Array, Array]
 
 class Tree:
     """The robot in plain numbers: at most 64 joints, parents first.
@@ -14,47 +16,43 @@ class Tree:
 
     n: int
     def __init__(
-        self, joints: FloatArray, bodies: FloatArray, tip: FloatArray, last: int, moves: bool, free: bool, /
+        self, joints: Array, bodies: Array, tip: Array, last: int, moves: bool, free: bool, /
     ) -> None: ...
 
 # bind_stacks.cpp: of (rows, ...), rows (.., B)
-def arm_values(tree: Tree, positions: FloatArray, /) -> FloatArray: ...
-def poses(tree: Tree, positions: FloatArray, /) -> FloatArray: ...
-def coupled(tree: Tree, positions: FloatArray, /) -> FloatArray: ...
-def manipulator_jacobian(tree: Tree, positions: FloatArray, /) -> FloatArray: ...
-def reduced_inertia(tree: Tree, positions: FloatArray, /) -> FloatArray: ...
-def velocity_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, /) -> FloatArray: ...
-def momentum_slopes(tree: Tree, positions: FloatArray, rates: FloatArray, /) -> FloatArray: ...
-def coupling_slopes(tree: Tree, positions: FloatArray, by_coupling: FloatArray, /) -> FloatArray: ...
-def dynamics(
-    tree: Tree, joints: FloatArray, rates: FloatArray, accelerations: FloatArray, own_spin: FloatArray, /
-) -> FloatArray: ...
-def entropies(coupling: FloatArray, /) -> FloatArray: ...
-def singular_values(matrices: FloatArray, vectors: bool, /) -> FloatArray: ...
+def arm_values(tree: Tree, positions: Array, /) -> Array: ...
+def poses(tree: Tree, positions: Array, /) -> Array: ...
+def coupled(tree: Tree, positions: Array, /) -> Array: ...
+def manipulator_jacobian(tree: Tree, positions: Array, /) -> Array: ...
+def reduced_inertia(tree: Tree, positions: Array, /) -> Array: ...
+def velocity_slopes(tree: Tree, positions: Array, rates: Array, /) -> Array: ...
+def momentum_slopes(tree: Tree, positions: Array, rates: Array, /) -> Array: ...
+def coupling_slopes(tree: Tree, positions: Array, by_coupling: Array, /) -> Array: ...
+def dynamics(tree: Tree, joints: Array, rates: Array, accelerations: Array, own_spin: Array, /) -> Array: ...
+def entropies(coupling: Array, /) -> Array: ...
+def singular_values(matrices: Array, vectors: bool, /) -> Array: ...
 
 # bind_motions.cpp
-def attitudes(start: FloatArray, omega: FloatArray, dt: float, /) -> FloatArray: ...
-def roll_out(
-    tree: Tree, start: FloatArray, accelerations: FloatArray, momentum: FloatArray, dt: float, /
-) -> FloatArray: ...
+def attitudes(start: Array, omega: Array, dt: float, /) -> Array: ...
+def roll_out(tree: Tree, start: Array, accelerations: Array, momentum: Array, dt: float, /) -> Array: ...
 def spline_attitudes(
-    quadrature: tuple[FloatArray, FloatArray, int],
-    omega: FloatArray,
-    inverse: FloatArray,
-    start: FloatArray,
-    momentum: FloatArray | None,
+    quadrature: tuple[Array, Array, int],
+    omega: Array,
+    inverse: Array,
+    start: Array,
+    momentum: Array | None,
     /,
-) -> FloatArray: ...
+) -> Array: ...
 def sums(
     tree: Tree,
-    maps: tuple[FloatArray, FloatArray, FloatArray],
-    quadrature: tuple[FloatArray, FloatArray, int],
+    maps: tuple[Array, Array, Array],
+    quadrature: tuple[Array, Array, int],
     motions: tuple[Any, ...],
     residuals: Sequence[Any],
     of_joints: Sequence[Any],
     chosen: Any,
     /,
-) -> tuple[FloatArray, FloatArray]: ...
+) -> Pair: ...
 def cone_marches(
     tree: Tree,
     steps: int,
@@ -64,89 +62,66 @@ def cone_marches(
     arrival_power: float,
     least_approach: float,
     damping: float,
-    joints: FloatArray,
-    places: FloatArray,
-    attitude: FloatArray,
-    rotation: FloatArray | None,
-    sides: FloatArray,
-) -> FloatArray: ...
+    joints: Array,
+    places: Array,
+    attitude: Array,
+    rotation: Array | None,
+    sides: Array,
+    /,
+) -> Array: ...
 
-# step.hpp
-def step_state(
-    tree: Tree, root: FloatArray, joints: FloatArray, momentum: FloatArray | None
-) -> tuple[FloatArray, FloatArray]: ...
-def rate_bounds(
-    limits: FloatArray, joints: FloatArray, rates: FloatArray, dt: float
-) -> tuple[FloatArray, FloatArray]: ...
+# bind_step.cpp
+def step_state(tree: Tree, root: Array, joints: Array, momentum: Array | None, /) -> Pair: ...
+def rate_bounds(limits: Array, joints: Array, rates: Array, dt: float, /) -> Pair: ...
 def wanted_motion(
-    schedule: FloatArray,
-    way: FloatArray,
-    J: FloatArray,
-    rates: FloatArray,
-    drift: FloatArray,
-    acceleration: FloatArray,
-    side: FloatArray,
+    schedule: Array,
+    way: Array,
+    J: Array,
+    rates: Array,
+    drift: Array,
+    acceleration: Array,
+    side: Array,
     cosine: float,
     time_left: float,
     dt: float,
-) -> tuple[FloatArray, FloatArray, float, FloatArray] | None: ...
+    /,
+) -> tuple[Array, Array, float, Array] | None: ...
 def scheduled(
-    schedule: FloatArray,
+    schedule: Array,
     left: float,
     speed: float,
-    gradient: FloatArray,
-    acceleration: FloatArray,
+    gradient: Array,
+    acceleration: Array,
     time_left: float,
     dt: float,
+    /,
 ) -> float: ...
 def reference_speed(
-    schedule: FloatArray, path_left: float, speed: float, time_left: float, dt: float
+    schedule: Array, path_left: float, speed: float, time_left: float, dt: float, /
 ) -> float: ...
 def objective(
-    J: FloatArray,
-    V: FloatArray,
-    rates: FloatArray,
-    drift: FloatArray,
-    direction: FloatArray,
-    speed: float,
-    weights: FloatArray,
-    plain_effort: bool,
-) -> tuple[FloatArray, FloatArray]: ...
+    J: Array, V: Array, rates: Array, drift: Array, way: Array, speed: float, weights: Array, plain: bool, /
+) -> Pair: ...
 def stacked_rows(
-    V: FloatArray, rows: Sequence[tuple[FloatArray, FloatArray, FloatArray, float]]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]: ...
+    V: Array, rows: Sequence[tuple[Array, Array, Array, float]], /
+) -> tuple[Array, Array, Array, Array, Array]: ...
 def refined(
-    H: FloatArray,
-    g: FloatArray,
-    A: FloatArray,
-    low: FloatArray,
-    up: FloatArray,
-    z: FloatArray,
-    tolerance: float,
-    kept: float,
-) -> tuple[FloatArray, FloatArray] | None: ...
+    H: Array, g: Array, A: Array, low: Array, up: Array, z: Array, tolerance: float, kept: float, /
+) -> Pair | None: ...
 
-# points.hpp, clearance.hpp
-def near_points(
-    tree: Tree, joints: FloatArray, columns: Any, at: Any, ends: Any, box: FloatArray
-) -> tuple[FloatArray, FloatArray]: ...
+# bind_clearance.cpp: the table is that of `PartPairs`
+def near_points(tree: Tree, joints: Array, columns: Any, at: Any, ends: Any, box: Array, /) -> Pair: ...
 def distance_slopes(
-    tree: Tree, joints: FloatArray, bodies: Any, columns: Any, at: Any, points: FloatArray
-) -> tuple[FloatArray, FloatArray]: ...
+    tree: Tree, joints: Array, bodies: Any, columns: Any, at: Any, points: Array, /
+) -> Pair: ...
 def near_parts(
     tree: Tree,
-    joints: FloatArray,
-    turns: FloatArray,
-    origins: FloatArray,
+    joints: Array,
+    turns: Array,
+    origins: Array,
     columns: Any,
     at: Any,
-    near: FloatArray,
-    bodies: FloatArray,
-    parts: FloatArray,
-    ends: Any,
-    starts: Any,
-    pairs: Any,
-    corners: FloatArray,
-    begins: Any,
-    rounds: FloatArray,
-) -> tuple[FloatArray, list[tuple[int, float, list[tuple[float, int]]]], FloatArray]: ...
+    near: Array,
+    /,
+    *table: Any,
+) -> tuple[Array, list[tuple[int, float, list[tuple[float, int]]]], Array]: ...

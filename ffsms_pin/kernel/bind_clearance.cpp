@@ -61,6 +61,10 @@ struct Candidate {
   double bound;
 };
 
+// Of V entries (pair of bodies, configuration): bounds (V,) from below on distances, `near` where parts may
+// be nearer. Of the latter (U), in order, the entry, its `near`, and the pairs of parts that may be, each
+// with its bound, the nearest first; and the second body as the first sees it, (U, 4, 3): three rows of its
+// attitude, then its place.
 nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1> turns,
                      Table<double, 3, -1, -1> origins, Indices columns, Indices at, Vector near,
                      Table<double, -1, 17> bodies, Table<double, -1, 17> parts, Table<Index, -1, 2> ends,
@@ -194,20 +198,9 @@ nb::tuple distance_slopes(const Tree& tree, Matrix joints, Table<Index, -1, 3> b
 }  // namespace
 
 void bind_clearance(nb::module_& m) {
-  m.def("near_points", &near_points, nb::arg("tree"), nb::arg("joints"), nb::arg("columns"), nb::arg("at"),
-        nb::arg("ends"), nb::arg("box"));
-  m.def("distance_slopes", &distance_slopes, nb::arg("tree"), nb::arg("joints"), nb::arg("bodies"),
-        nb::arg("columns"), nb::arg("at"), nb::arg("points"));
-  m.def(
-      "near_parts", &near_parts, nb::arg("tree"), nb::arg("joints"), nb::arg("turns"), nb::arg("origins"),
-      nb::arg("columns"), nb::arg("at"), nb::arg("near"), nb::arg("bodies"), nb::arg("parts"),
-      nb::arg("ends"), nb::arg("starts"), nb::arg("pairs"), nb::arg("corners"), nb::arg("begins"),
-      nb::arg("rounds"),
-      "Of V entries (pair of bodies, configuration): bounds (V,) from below on distances, `near` where parts "
-      "may be nearer. Of the latter (U), in order, the entry, its `near`, and the pairs of parts that may "
-      "be, "
-      "each with its bound, the nearest first; and the second body as the first sees it, (U, 4, 3): three "
-      "rows of its attitude, then its place.");
+  m.def("near_points", &near_points);
+  m.def("distance_slopes", &distance_slopes);
+  m.def("near_parts", &near_parts);
 }
 
 }  // namespace ffsms

@@ -287,24 +287,24 @@ Out cone_marches(const Tree& tree, int steps, double duration, double kappa, dou
   expect(places.size() == 9 && attitude.size() == 9 && (!rotation || rotation->size() == 9),
          "an array has a wrong shape");
   Out rates = new_array(count, steps, n);
-  ConeMarch by = {};
-  by.duration = duration;
-  by.steps = steps;
-  by.kappa = kappa;
-  by.mean_speed = mean_speed;
-  by.arrival_power = arrival_power;
-  by.least_approach = least_approach;
-  by.damping = damping;
-  by.target = vector_at(places.data());
-  by.com = vector_at(places.data() + 3);
-  by.drift = vector_at(places.data() + 6);
-  by.attitude = matrix_at(attitude.data());
-  by.posed = rotation.has_value();
-  if (rotation) by.rotation = matrix_at(rotation->data());
-  by.start = joints.data();
-  by.low = by.start + n;
-  by.high = by.low + n;
-  by.most = by.high + n;
+  const double* start = joints.data();
+  const ConeMarch by = {duration,
+                        steps,
+                        kappa,
+                        mean_speed,
+                        arrival_power,
+                        least_approach,
+                        damping,
+                        vector_at(places.data()),
+                        vector_at(places.data() + 3),
+                        vector_at(places.data() + 6),
+                        matrix_at(attitude.data()),
+                        rotation.has_value(),
+                        rotation ? matrix_at(rotation->data()) : Mat3<double>(),
+                        start,
+                        start + n,
+                        start + 2 * n,
+                        start + 3 * n};
   for (Size s = 0; s < count; ++s) {
     cone_march(tree, by, vector_at(sides.data() + 3 * s), rates.data() + s * static_cast<Size>(steps) * n);
   }
@@ -316,12 +316,9 @@ Out cone_marches(const Tree& tree, int steps, double duration, double kappa, dou
 void bind_motions(nb::module_& m) {
   m.def("attitudes", &attitudes);
   m.def("roll_out", &roll_out);
-  m.def("spline_attitudes", &spline_attitudes, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg().none());
+  m.def("spline_attitudes", &spline_attitudes);
   m.def("sums", &sums);
-  m.def("cone_marches", &cone_marches, nb::arg("tree"), nb::arg("steps"), nb::arg("duration"),
-        nb::arg("kappa"), nb::arg("mean_speed"), nb::arg("arrival_power"), nb::arg("least_approach"),
-        nb::arg("damping"), nb::arg("joints"), nb::arg("places"), nb::arg("attitude"),
-        nb::arg("rotation").none(), nb::arg("sides"));
+  m.def("cone_marches", &cone_marches);
 }
 
 }  // namespace ffsms

@@ -62,17 +62,19 @@ inline double ideal_cosine(const Tree& tree, const Arm<double>& arm, double kapp
 // one step of refinement takes most of it back.
 inline void least_rates(int m, int n, const double (*J)[kMostJoints], const double* wanted, double damping,
                         double* u) {
-  double left[6], square[36];
+  const int wide = m + 1;
+  double left[6], equations[6 * 7];
   std::copy(wanted, wanted + m, left);
   std::fill(u, u + n, 0.0);
   for (int pass = 0; pass < 2; ++pass) {
     for (int i = 0; i < m; ++i) {
-      for (int j = 0; j < m; ++j) square[i * m + j] = step::dot(J[i], J[j], n);
-      square[i * m + i] += damping * damping;
+      for (int j = 0; j < m; ++j) equations[i * wide + j] = dot(J[i], J[j], n);
+      equations[i * wide + i] += damping * damping;
+      equations[i * wide + m] = left[i];
     }
-    step::solve(square, left, m);
+    solve(equations, m);
     for (int k = 0; k < n; ++k) {
-      for (int i = 0; i < m; ++i) u[k] += J[i][k] * left[i];
+      for (int i = 0; i < m; ++i) u[k] += J[i][k] * equations[i * wide + m];
     }
     for (int i = 0; i < m; ++i) {
       left[i] = wanted[i];

@@ -139,10 +139,6 @@ FFSMS_INLINE T larger(const T& a, const T& b) {
   return select(a > b, a, b);
 }
 template <class T>
-FFSMS_INLINE T smaller(const T& a, const T& b) {
-  return select(a < b, a, b);
-}
-template <class T>
 FFSMS_INLINE T magnitude(const T& x) {
   return select(x < 0.0, -x, x);
 }

@@ -64,6 +64,10 @@ Vec3<T> operator*(S s, const Vec3<T>& a) {
   return {{s * a[0], s * a[1], s * a[2]}};
 }
 template <class T>
+Vec3<T> operator/(const Vec3<T>& a, const T& s) {
+  return {{a[0] / s, a[1] / s, a[2] / s}};
+}
+template <class T>
 void operator+=(Vec3<T>& a, const Vec3<T>& b) {
   for (int i = 0; i < 3; ++i) a[i] += b[i];
 }

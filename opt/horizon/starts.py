@@ -177,11 +177,11 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
         ARRIVAL_POWER,
         LEAST_APPROACH,
         0.003 * problem.stack.length,
-        joints=np.stack([problem.joints0, low, high, most]),
-        places=np.stack([place.position, problem.com0, problem.drift]),
-        attitude=problem.rotation0,
-        rotation=place.rotation,
-        sides=sides,
+        np.stack([problem.joints0, low, high, most]),
+        np.stack([place.position, problem.com0, problem.drift]),
+        problem.rotation0,
+        place.rotation,
+        sides,
     )
 
 

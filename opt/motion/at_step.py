@@ -23,6 +23,9 @@ __all__ = ["Change", "StepFeatures", "arm_stack"]
 
 arm_stack = lru_cache(maxsize=16)(ArmStack)
 
+# Velocities of what the joint rates move.
+_MOVES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
+
 
 class Change(NamedTuple):
     """How c features at a step's start change with its joint rates u.
@@ -60,9 +63,9 @@ class StepFeatures(Features):
         u, com, centre = step.rates, step.sms.base_com, step.com
         # The base's centre of mass, the base's turn and the end effector: a joint rate each, and the drift.
         root = np.column_stack([step.reaction, step.drift])
-        self._base = R @ (root[:3] - skew(com) @ root[3:])
-        self._base_turn = R @ root[3:]
-        self._tip = np.column_stack([step.J_star, step.tip_drift])
+        base, base_turn = R @ (root[:3] - skew(com) @ root[3:]), R @ root[3:]
+        tip = np.column_stack([step.J_star, step.tip_drift])
+        self._moved = {"by_tip": tip[:3], "by_turn": tip[3:], "by_base": base, "by_base_turn": base_turn}
         at = np.append(u, 1.0)
         drift = np.zeros(3) if step.momentum is None else step.momentum[:3] / stack.total_mass
         motions = HeldMotions(
@@ -87,9 +90,9 @@ class StepFeatures(Features):
             wheel_total=np.zeros(len(step.wheels or ())) if step.wheel_total is None else step.wheel_total,
             end_effector=_one(step.pose.translation),
             attitude=_one(step.pose.rotation),
-            relative_velocity=_one(self._tip[:3] @ at - drift),
-            spin=_one(self._tip[3:] @ at),
-            base_spin=_one(self._base_turn @ at),
+            relative_velocity=_one(tip[:3] @ at - drift),
+            spin=_one(tip[3:] @ at),
+            base_spin=_one(base_turn @ at),
             base_from_com=_one(R @ (com - centre)),
         )
         super().__init__(motions, step.time + step.time_left)
@@ -103,18 +106,14 @@ class StepFeatures(Features):
                 flow[:, :n] += self._by_coupling(slope, name)
                 continue
             slope = slope.reshape(c, -1)
-            if name in ("by_tip", "by_turn"):
-                flow += slope @ (self._tip[:3] if name == "by_tip" else self._tip[3:])
-            elif name in ("by_base", "by_base_turn"):
-                flow += slope @ (self._base if name == "by_base" else self._base_turn)
+            if name in self._moved:
+                flow += slope @ self._moved[name]
+            elif name in _MOVES:
+                jump += slope @ self._moved[_MOVES[name]][:, :n]
             elif name == "by_time":
                 flow[:, n] += slope[:, 0]
             elif name == "by_joints":
                 flow[:, :n] += slope
-            elif name in ("by_velocity", "by_spin"):
-                jump += slope @ (self._tip[:3, :n] if name == "by_velocity" else self._tip[3:, :n])
-            elif name == "by_base_spin":
-                jump += slope @ self._base_turn[:, :n]
             else:
                 jump += slope / (self.state.dt if name == "by_accelerations" else 1.0)
         return Change(feature.value.reshape(c), flow[:, :n], flow[:, n], jump)

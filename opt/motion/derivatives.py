@@ -39,18 +39,5 @@ DERIVATIVES: dict[np.ufunc, tuple[Callable[..., Any], ...]] = {
 }
 
 # What does not change by a little: no slopes are lost there.
-FLAT = frozenset(
-    {
-        np.equal,
-        np.not_equal,
-        np.less,
-        np.less_equal,
-        np.greater,
-        np.greater_equal,
-        np.sign,
-        np.floor,
-        np.ceil,
-        np.isfinite,
-        np.isnan,
-    }
-)
+_COMPARISONS = {np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.greater_equal}
+FLAT = frozenset(_COMPARISONS | {np.sign, np.floor, np.ceil, np.isfinite, np.isnan})

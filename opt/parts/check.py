@@ -10,22 +10,26 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
-from ffsms_pin.opt.limits.limit import Limit, prepared
+from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, prepared
+from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.nudged import difference, movers
 from ffsms_pin.opt.motion.residual import JointResidual, Residual
+from ffsms_pin.opt.motion.rollout import configurations
 from ffsms_pin.opt.motion.slopes import coupling_slopes
 from ffsms_pin.opt.parts.all_of import AllOf
-from ffsms_pin.opt.parts.check_rows import check_rows
 from ffsms_pin.opt.parts.inequality import Inequality
-from ffsms_pin.opt.parts.reading import formulas
+from ffsms_pin.opt.parts.reading import formulas, residuals_of, rows_of
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.terms.term import Term
+from ffsms_pin.system.base_motion import advance
 
 __all__ = ["check"]
 
+_STEP = 1e-5  # [s, rad/s] that a state is carried on for in a difference
 _STEPS = 5  # of a random motion
 _SPEEDS = (0.1, 0.3, 1.0)  # [rad/s] of its joints, times a normal random number
 _OWN = {"by_joints": "by_position", "by_rates": "by_rate", "by_accelerations": "by_acceleration"}
@@ -73,7 +77,7 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
             seen = seen or bool(one.value.any())
             largest = max(largest, _compared(part, method, i, one, motions, tolerance))
         if isinstance(part, Limit):
-            largest = max(largest, check_rows(part, problem, motions, tolerance))
+            largest = max(largest, _check_rows(part, problem, motions, tolerance))
     if not seen:
         warnings.warn(
             f"{type(part).__name__}.{method} is zero on all random motions: its slopes are not checked; "
@@ -146,3 +150,75 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
     if worst > tolerance * largest:
         raise PartError(part, method, f"gives a wrong slope: {said} (the largest slope is {largest:.3g})")
     return worst / largest
+
+
+# -- rows of a step: do they say what a step then does?
+
+
+def _check_rows(limit: Limit, problem: Problem, motion: Motions, tolerance: float) -> float:
+    """The largest relative error of a limit's rows at the nodes of a motion."""
+    largest = 0.0
+    for k, q in enumerate(configurations(problem.sms, problem.q0, motion)):
+        if k == 0:  # at the start lengths that count from it are zero, and have no slopes
+            continue
+        state = _state(problem, q, motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))
+        rows = rows_of(limit, state)
+        if rows is None:
+            continue
+        if isinstance(limit, Inequality):
+            largest = max(largest, _flow_error(limit, problem, state, tolerance))
+        else:
+            _leads_out(limit, problem, state, rows)
+    return largest
+
+
+def _state(problem: Problem, q: FloatArray, rates: FloatArray, t: float) -> StepState:
+    left, total = problem.duration - t, problem.wheel_total if problem.wheels is not None else None
+    given = (problem.dt, left, problem.momentum, problem.q0[:7], t, problem.mode, total)
+    return StepState(problem.sms, q, rates, *given)
+
+
+def _moved(problem: Problem, state: StepState, rates: FloatArray, by: float) -> StepState:
+    """The state a little later, on the way with these rates."""
+    q, _ = advance(problem.sms, state.q, rates, np.zeros_like(rates), by, problem.momentum, problem.mode)
+    return _state(problem, q, state.rates, state.time + by)
+
+
+def _flow_error(limit: Inequality, problem: Problem, state: StepState, tolerance: float) -> float:
+    """Of the change of an inequality's room with the joint rates, against a step that is taken."""
+    here = StepFeatures(state)
+    at, u = here.change(limit.rooms(here)), state.rates
+
+    def slope(ahead: StepState, behind: StepState) -> FloatArray:
+        there = [limit.rooms(StepFeatures(one)).value.reshape(-1) for one in (ahead, behind)]
+        return np.asarray((there[0] - there[1]) / (2.0 * _STEP))
+
+    jumps = at.jump.any(axis=1)  # how these change with the state does not count
+    change = slope(*(_moved(problem, state, u, by) for by in (_STEP, -_STEP)))
+    flow = np.where(jumps, 0.0, at.flow @ u + at.flow_drift - change)
+    scale = max(float(np.abs(at.flow).max(initial=0.0)), float(np.abs(at.jump).max(initial=0.0)), 1e-6)
+    errors = [float(np.abs(flow).max(initial=0.0)) / scale]
+    for j, unit in enumerate(np.eye(len(u)) if jumps.any() else ()):
+        change = slope(*(_state(problem, state.q, u + by * unit, state.time) for by in (_STEP, -_STEP)))
+        errors.append(float(np.abs(change - at.jump[:, j])[jumps].max()) / scale)
+    if max(errors) > tolerance:
+        said = f"are wrong: with the joint rates room changes otherwise, by {max(errors):.3g} of it"
+        raise PartError(limit, "rows", said)
+    return max(errors)
+
+
+def _leads_out(limit: Limit, problem: Problem, state: StepState, rows: Rows) -> None:
+    """Where a limit is broken, a single row with one side must not lead deeper into it."""
+    if len(rows.lower) != 1:
+        return
+    outwards = float(rows.lower[0] > -UNBOUNDED) - float(rows.upper[0] < UNBOUNDED)
+    before = _penalty(limit, state)
+    if outwards == 0.0 or before == 0.0:
+        return
+    after = _penalty(limit, _moved(problem, state, outwards * rows.G[0], _STEP))
+    if after > before * (1.0 + 1e-9):
+        raise PartError(limit, "rows", "lead deeper into the limit where it is broken: a sign is wrong")
+
+
+def _penalty(limit: Limit, state: StepState) -> float:
+    return sum(float(np.sum(one.value**2)) for one in residuals_of(limit, StepFeatures(state).motions))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -24,6 +25,7 @@ __all__ = ["Formula", "asked", "formulas", "residuals_of", "rows_of", "violation
 Formula: TypeAlias = "Feature | Residual | JointResidual | FloatArray | Sequence[Formula]"
 
 _differenced: set[tuple[type, str]] = set()  # parts that were said to be slow
+_JOINTS = ("by_joints", "by_rates", "by_accelerations")
 
 
 def residuals_of(part: Any, motions: Motions | Features) -> Residuals:
@@ -94,71 +96,47 @@ def _flat(found: Any) -> list[Any]:
 
 def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Any:
     if isinstance(found, (Residual, JointResidual)):
-        found = _plain(found)
-        _check_residual(part, method, found, features)
-        return found
-    if isinstance(found, Feature):
-        if found.where is None:
-            _check_shape(part, method, found.value, features)
-        return found
-    if isinstance(found, (np.ndarray, float, int)):
-        value = np.asarray(found, dtype=np.float64)
-        _check_shape(part, method, value, features)
-        return _differenced_answer(part, method, i, value, features)
-    raise PartError(
-        part,
-        method,
-        f"must return a Feature, a Residual, an array (S, K), or a list of these; got {type(found).__name__}",
-    )
-
-
-def _check_shape(part: Any, method: str, value: FloatArray, features: Features) -> None:
-    wanted = features.motions.rates.shape[1:]
-    if value.shape[-2:] != wanted or value.ndim > 3:
-        raise PartError(
-            part,
-            method,
-            f"must return shape (S, K) = {wanted} or (c, S, K) = (c, {wanted[0]}, {wanted[1]}); "
-            f"got {value.shape}",
-        )
-
-
-def _check_residual(part: Any, method: str, found: Residual | JointResidual, features: Features) -> None:
-    """Values and slopes have the shapes that go together."""
+        return _checked_residual(part, method, found, features)
+    if not isinstance(found, (Feature, np.ndarray, float, int)):
+        wanted = "a Feature, a Residual, an array (S, K), or a list of these"
+        raise PartError(part, method, f"must return {wanted}; got {type(found).__name__}")
+    plain = not isinstance(found, Feature)
+    one: Any = Feature(np.asarray(found, dtype=np.float64)) if plain else found
     S, K = features.motions.rates.shape[1:]
-    value, n = found.value, features.motions.stack.n
+    if (plain or one.where is None) and (one.shape[-2:] != (S, K) or one.ndim > 3):
+        shapes = f"{(S, K)} or (c, S, K) = (c, {S}, {K})"
+        raise PartError(part, method, f"must return shape (S, K) = {shapes}; got {one.shape}")
+    if plain:
+        return Feature(one.value, _differences(part, method, i, features), features.where)
+    return one
+
+
+def _checked_residual(part: Any, method: str, found: Any, features: Features) -> Any:
+    """The same with plain arrays where features stand; values and slopes have shapes that go together."""
+    plain = {name: x.value for name, x in vars(found).items() if isinstance(x, Feature)}
+    found = replace(found, **plain) if plain else found
+    (n, S, K), wanted = features.motions.rates.shape, found.value.shape
     if isinstance(found, JointResidual):
-        if value.shape != (n, S, K):
-            raise PartError(part, method, f"must give a value of shape {(n, S, K)}; got {value.shape}")
-        return
-    if found.motion is not None:
-        wanted: tuple[int, ...] = found.motion.shape
-    else:
+        wanted = (n, S, K)
+    elif found.motion is None:
         wanted = (S, len(np.arange(K)[found.instants]))
-    if value.shape != wanted:
-        raise PartError(part, method, f"must give a value of shape {wanted}; got {value.shape}")
-    heads = {"by_entropy": (), "by_coupling": (6, n)}
+    else:
+        wanted = found.motion.shape
+    if found.value.shape != wanted:
+        raise PartError(part, method, f"must give a value of shape {wanted}; got {found.value.shape}")
+    if isinstance(found, JointResidual):
+        return found
+    moved = {**dict.fromkeys(_JOINTS, (n,)), "by_entropy": (), "by_coupling": (6, n)}
     for name, slope in found.slopes().items():
-        moved = heads.get(name, (n,) if name in _JOINTS else (3,))
-        if slope.ndim != len(moved) + len(wanted) or any(
-            have not in (1, want) for have, want in zip(slope.shape, (*moved, *wanted), strict=True)
-        ):
-            raise PartError(part, method, f"must give {name} of shape {(*moved, *wanted)}; got {slope.shape}")
-
-
-_JOINTS = ("by_joints", "by_rates", "by_accelerations")
-
-
-def _plain(found: Residual | JointResidual) -> Residual | JointResidual:
-    """With plain arrays where features stand."""
-    for name, value in vars(found).items():
-        if isinstance(value, Feature):
-            object.__setattr__(found, name, value.value)
+        full = (*moved.get(name, (3,)), *wanted)
+        fits = (have in (1, want) for have, want in zip(slope.shape, full, strict=False))
+        if slope.ndim != len(full) or not all(fits):
+            raise PartError(part, method, f"must give {name} of shape {full}; got {slope.shape}")
     return found
 
 
-def _differenced_answer(part: Any, method: str, i: int, value: FloatArray, features: Features) -> Feature:
-    """Answer i of a part, with slopes by differences; once for each part it says that this is slow."""
+def _differences(part: Any, method: str, i: int, features: Features) -> Callable[[], dict[str, FloatArray]]:
+    """Makes slopes of answer i of a part; once for each part it is said that this is slow."""
     if (type(part), method) not in _differenced:
         _differenced.add((type(part), method))
         warnings.warn(
@@ -169,8 +147,7 @@ def _differenced_answer(part: Any, method: str, i: int, value: FloatArray, featu
         )
 
     def values(motions: Motions) -> FloatArray:
-        seen = Features(motions, features.duration, features.where)
-        one = _answers(part, method, seen)[i]
+        one = _answers(part, method, Features(motions, features.duration, features.where))[i]
         return np.asarray(one.value if isinstance(one, Feature) else one, dtype=np.float64)
 
-    return Feature(value, lambda: by_differences(values, features.motions), features.where)
+    return lambda: by_differences(values, features.motions)
