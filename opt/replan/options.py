@@ -32,7 +32,7 @@ class ReplanOptions:
         From this share of the whole time on the paper's cost is left out: it does not see speed, and only
         stirs an arm that comes to rest.
     iterations : int
-        Of the descent.
+        Of the descent. Two leave commands that jump with the last bits of what is measured.
     corrections, correcting : int
         How many times some more are made, with ten times as stiff a goal and limits, where these are not met;
         and how many each time.
@@ -83,7 +83,7 @@ class ReplanOptions:
     middle: Grid = _MIDDLE
     short: Grid = _SHORT
     cost_until: float = 0.1
-    iterations: int = 2
+    iterations: int = 3
     corrections: int = 3
     correcting: int = 3
     enough: float = 0.5
