@@ -85,7 +85,7 @@ class ReplanOptions:
     cost_until: float = 0.1
     iterations: int = 3
     corrections: int = 3
-    correcting: int = 3
+    correcting: int = 4
     enough: float = 0.5
     limit_enough: float = 0.5
     weights: Weights = _WEIGHTS
