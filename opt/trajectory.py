@@ -11,7 +11,7 @@ from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.near import verdict
 from ffsms_pin.opt.motion.actuated import nodal_momentum, propellant, wheel_energy
-from ffsms_pin.opt.motion.finished import angles_from_start, path_ratio, principal_rates, sampled
+from ffsms_pin.opt.motion.finished import angles_from_start, path_ratio, sampled
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import configurations, velocities
 from ffsms_pin.opt.parts.reading import violation_of
@@ -238,7 +238,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         v=velocities(motion),
         joint_positions=motion.joints[:, 0, nodes].T,
         joint_accelerations=np.diff(rates, axis=0) / problem.dt,
-        alpha=principal_rates(motion),
+        alpha=steps.alpha,
         cos_theta=steps.cosine,
         entropy=steps.entropy,
         cost=steps.cost(kappa),

@@ -9,13 +9,14 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Problem
+from ffsms_pin.opt.horizon.arrival import arrival
 from ffsms_pin.opt.horizon.merit import Weighted, motions_of, sums
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing
 from ffsms_pin.opt.motion.residual import JointResidual, Residual, Residuals
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
-__all__ = ["by_differences", "by_slopes", "motions", "tip_turning_slopes", "values_of"]
+__all__ = ["by_differences", "by_slopes", "check_arrival", "motions", "tip_turning_slopes", "values_of"]
 
 
 def motions(problem: Problem, spline: RateSpline, p: FloatArray, smoothing: Smoothing = EXACT) -> Motions:
@@ -107,3 +108,18 @@ def tip_turning_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> Fl
     """
     carried = np.einsum("kj,j,j...,xj...->xk...", stack.carries, stack.moves_tip, rates, arm.axes)
     return np.cross(arm.axes, carried, axis=0)
+
+
+def check_arrival(problem: Problem, spline: RateSpline, p: FloatArray, exact: bool) -> None:
+    """Slopes of what the goal asks for, at the deadline and in the last tenth, are those of differences."""
+    at = motions(problem, spline, p)
+    for kind in ("end", "tail"):
+
+        def residuals(one: Motions, kind: str = kind) -> Residuals:
+            return list(getattr(arrival(problem.goal, one), kind))
+
+        slopes = by_slopes(problem, spline, p, residuals(at))
+        differences = by_differences(problem, spline, p, residuals)
+        size = float(np.abs(differences).max())
+        assert size > 0.1
+        np.testing.assert_allclose(slopes, differences, atol=2e-7 if exact else 1e-3 * size)

@@ -22,7 +22,6 @@ from ffsms_pin.opt.parts.all_of import AllOf
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import dot
 
 if TYPE_CHECKING:
@@ -78,7 +77,7 @@ class Also(AllOf):
         """With the frame of this robot."""
         end, _ = arrivals(self.goal, self.frame)
         ends = [End(RobotFrame.of(sms, self.frame), self.goal.place(0.0))]
-        return replace(self, margin=(1.0 - end.share) * end.reach / ArmStack(sms).length, ends=ends)
+        return replace(self, margin=(1.0 - end.share) * end.reach / sms.arm_stack().length, ends=ends)
 
     @property
     def parts(self) -> list[Inequality]:
@@ -146,7 +145,7 @@ class Via(Near):
 
     def for_robot(self, sms: SpaceManipulator) -> Via:
         """With the margin for this robot."""
-        return replace(self, margin=(1.0 - self.share) * self.reach / ArmStack(sms).length)
+        return replace(self, margin=(1.0 - self.share) * self.reach / sms.arm_stack().length)
 
     def timed(self, plan: Trajectory) -> Via:
         """With the time at which a plan comes nearest: for re-planning, which cannot see what was passed."""

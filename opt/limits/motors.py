@@ -19,7 +19,6 @@ from ffsms_pin.opt.motion.actuated import (
     wheel_shares,
     wheel_torque,
 )
-from ffsms_pin.opt.motion.at_step import arm_stack
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
@@ -70,7 +69,7 @@ class TorqueLimits(_Motors):
         """
         if not np.isfinite(step.sms.limits.torque).any():
             return None
-        stack, (low, high), dt, u = arm_stack(step.sms, step.mode), step.bounds, step.dt, step.rates
+        stack, (low, high), dt, u = step.sms.arm_stack(step.mode), step.bounds, step.dt, step.rates
         C = forces(stack, step.joints, u, np.zeros(len(u)), step.drift[3:])[: len(u)]
         H = stack.reduced_inertia(step.joints)
         allowed = (1.0 - SHARE - self.kept) * step.sms.limits.torque

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,15 +12,12 @@ from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import HeldMotions
 from ffsms_pin.opt.motion.slopes import coupling_slopes
-from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import skew
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["Change", "StepFeatures", "arm_stack"]
-
-arm_stack = lru_cache(maxsize=16)(ArmStack)
+__all__ = ["Change", "StepFeatures"]
 
 # Velocities of what the joint rates move.
 _MOVES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
@@ -58,7 +54,7 @@ class StepFeatures(Features):
 
     def __init__(self, step: StepState) -> None:
         self.step = self.state = step
-        stack, R = arm_stack(step.sms, step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
+        stack, R = step.sms.arm_stack(step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
         start = pin.XYZQUATToSE3(step.base_start)
         u, com, centre = step.rates, step.sms.base_com, step.com
         # The base's centre of mass, the base's turn and the end effector: a joint rate each, and the drift.

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.coupling.stacked import entropies, singular_values
+from ffsms_pin.coupling.stacked import entropies
 from ffsms_pin.opt.motion.slopes import singular
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.motion.motions import Motions
 
-__all__ = ["Paired", "angles_from_start", "paired", "path_ratio", "principal_rates", "sampled"]
+__all__ = ["Paired", "angles_from_start", "paired", "path_ratio", "sampled"]
 
 
 class Paired(NamedTuple):
@@ -27,10 +27,13 @@ class Paired(NamedTuple):
     ----------
     cosine, entropy : ndarray, shape (N,)
         cos(theta_a) and H_norm.
+    alpha : ndarray, shape (N, n)
+        The paper's: joint rates by the right singular vectors of C_bm [rad/s].
     """
 
     cosine: FloatArray
     entropy: FloatArray
+    alpha: FloatArray
 
     def cost(self, kappa: float) -> FloatArray:
         """The paper's summand of J (N,)."""
@@ -46,14 +49,8 @@ def paired(motion: Motions) -> Paired:
     velocity = apply(motion.base_attitude[:, :, 0, :-1:2], velocity) + motion.drift[:, None]
     both = np.linalg.norm(way, axis=0) * np.linalg.norm(velocity, axis=0)
     cosine = np.clip(dot(way, velocity) / np.where(both > 0.0, both, 1.0), -1.0, 1.0)
-    sigma = singular_values(arm.coupling[..., 0, :-1:2])
-    return Paired(cosine, entropies(sigma, len(rates)))
-
-
-def principal_rates(motion: Motions) -> FloatArray:
-    """The paper's alpha (N, n) of one motion: joint rates by the right singular vectors of C_bm [rad/s]."""
-    _, V = singular(motion.arm.coupling[..., 0, :-1:2])
-    return np.asarray((motion.rates[:, 0, 2::2].T[:, None] @ V)[:, 0])
+    sigma, V = singular(arm.coupling[..., 0, :-1:2])
+    return Paired(cosine, entropies(sigma, len(rates)), (rates.T[:, None] @ V)[:, 0])
 
 
 def sampled(

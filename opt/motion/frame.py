@@ -76,7 +76,7 @@ class RobotFrame(NamedTuple):
         """The robot's frame of that name; a `FrameNotFound` names those that there are."""
         frame = sms.model.frames[frame_index(sms.model, name)]
         body = int(frame.parentJoint) - 2
-        moves = ArmStack(sms).carries[:, body] if body >= 0 else np.zeros(sms.n)
+        moves = sms.arm_stack().carries[:, body] if body >= 0 else np.zeros(sms.n)
         placement = frame.placement
         return cls(name, body, placement.translation.copy(), placement.rotation.copy(), moves)
 

@@ -11,7 +11,6 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import Limit
-from ffsms_pin.opt.motion.at_step import arm_stack
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.step.state import StepState
@@ -165,7 +164,7 @@ def _broken(limits: Sequence[Limit], step: StepState, end: FloatArray) -> FloatA
     slowing = np.linspace(1.0, 0.0, _STOPS + 1)[:, None] * end
     dt, start = max(_stop(step, end), step.dt) / _STOPS, pin.XYZQUATToSE3(step.base_start)
     motion = replace(
-        rolled_out(sms, arm_stack(sms, step.mode), q, slowing, dt, momentum, 1.0),
+        rolled_out(sms, sms.arm_stack(step.mode), q, slowing, dt, momentum, 1.0),
         base_start=start.act(sms.base_com),
         rotation_start=start.rotation,
         wheels=step.wheels,

@@ -16,7 +16,6 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.at_step import arm_stack
 from ffsms_pin.opt.step.state import StepState
 
 __all__ = [
@@ -150,7 +149,7 @@ def _base_rotation(step: StepState) -> FloatArray:
 
 def _kinetic_energy(step: StepState) -> FloatArray:
     """The reduced inertia H_q: twice the kinetic energy of the floating system."""
-    return _scaled(arm_stack(step.sms, step.mode).reduced_inertia(step.joints[:, None])[..., 0])
+    return _scaled(step.sms.arm_stack(step.mode).reduced_inertia(step.joints[:, None])[..., 0])
 
 
 def _scaled(W: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling import decompose
 from ffsms_pin.coupling.metrics import entropy_of_values
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.at_step import StepFeatures, arm_stack
+from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.system import JointLimits, SpaceManipulator
 
 __all__ = ["StepState", "rate_bounds"]
@@ -82,7 +82,7 @@ class StepState:
         self.momentum, self.time, self.mode, self.wheel_total = momentum, time, mode, wheel_total
         self.base_start = q[:7].copy() if base_start is None else base_start
         self.joints: FloatArray = sms.layout.positions(q)
-        columns, more = kernel.step_state(arm_stack(sms, mode).tree, q[:7], self.joints, momentum)
+        columns, more = kernel.step_state(sms.arm_stack(mode).tree, q[:7], self.joints, momentum)
         self.reaction, self.J_star, self.J_arm, coupling = columns
         self.com, self.drift, self.tip_drift = more[3:6], more[6:12], more[12:18]
         self.pose: Any = pin.SE3(more[18:].reshape(3, 3), more[:3])

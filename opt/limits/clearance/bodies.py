@@ -17,7 +17,6 @@ from ffsms_pin.opt.limits.clearance.distances import Entries, Nearest, PartPairs
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
 from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.convex_parts import Part, part_of, whole_shapes
 
 __all__ = ["BodyStack", "body_pairs", "chosen_mode"]
@@ -281,7 +280,7 @@ def _lines(sms: SpaceManipulator) -> list[Part]:
 
     A point is a joint's origin or the end effector; a line lies in the body that carries both ends.
     """
-    arm = ArmStack(sms)
+    arm = sms.arm_stack()
     ends = [*zip(arm.parents, arm.offset, strict=True), (arm.last, arm.tip_in_last)]
     parts = [_line(body, end) for body, end in ends if body != -1]
     if sms.base_size is not None:

@@ -15,7 +15,6 @@ from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, Track
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, exp3, log3
 
 __all__ = ["STRIDE", "ClearanceStack"]
@@ -64,7 +63,7 @@ class ClearanceStack(ABC):
     tolerance: float = 1e-5
 
     def __init__(self, sms: SpaceManipulator) -> None:
-        self.sms, self.arm = sms, ArmStack(sms)
+        self.sms, self.arm = sms, sms.arm_stack()
         self._tracks: dict[bytes, list[Track]] = {}
 
     @abstractmethod

@@ -10,16 +10,14 @@ import pinocchio as pin
 import pytest
 from horizon_parts import spline_of
 from motions import HASTY
-from slopes import by_differences, by_slopes, motions
+from slopes import by_differences, by_slopes, check_arrival, motions
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Changed, Place
 from ffsms_pin.opt.goals.place import frame_at, stacked_places
-from ffsms_pin.opt.horizon.arrival import arrival
 from ffsms_pin.opt.motion.frame import EYE, Frame
-from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.motion.rollout import configurations, rolled_out
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.replan.rest import rest_of
@@ -163,18 +161,8 @@ def test_slopes_by_control_points(
     problem = opt.Problem(panda, q0, goal, 8.0, joint_rates=0.1 * rng.normal(size=7), terms=[], limits=[])
     spline = spline_of(problem)
     p = 0.1 * rng.normal(size=(1, spline.size, 7))
-    at = motions(problem, spline, p)
-    for kind in ("end", "tail"):
-
-        def residuals(one: Any, kind: str = kind) -> Residuals:
-            return list(getattr(arrival(goal, one), kind))
-
-        slopes = by_slopes(problem, spline, p, residuals(at))
-        differences = by_differences(problem, spline, p, residuals)
-        size = float(np.abs(differences).max())
-        assert size > 0.1
-        # On the base it depends on the joints alone; otherwise the base's turn is a quadrature of its own.
-        np.testing.assert_allclose(slopes, differences, atol=2e-7 if "base" in name else 1e-3 * size)
+    # On the base it depends on the joints alone; otherwise the base's turn is a quadrature of its own.
+    check_arrival(problem, spline, p, exact="base" in name)
 
 
 def test_the_cost_sees_a_goal_that_rides_on_the_base(
