@@ -11,44 +11,17 @@
 namespace ffsms {
 
 struct ConeMarch {
-  double duration;        // [s]
-  int steps;              // of one length
-  double kappa;           // of the paper's cost
-  double mean_speed;      // of a straight way to the target [m/s]
-  double arrival_power;   // that the distance goes to zero with
-  double least_approach;  // least cosine that the schedule counts on
-  double damping;         // of the least squares [m]
+  double duration;    // [s]
+  int steps;          // of one length
+  double kappa;       // of the paper's cost
+  double mean_speed;  // of a straight way to the target [m/s]
+  double damping;     // of the least squares [m]
   Vec3<double> target, com, drift;
   Mat3<double> attitude;                    // of the base at the start
   bool posed;                               // whether the end effector shall turn, too
   Mat3<double> rotation;                    // how
   const double *start, *low, *high, *most;  // joint positions, their limits, and greatest rates (n)
 };
-
-// The rotation vector [rad] of a rotation, by its quaternion: sound up to half a turn. The largest column of
-// 4 q q^T, so that nothing is lost there (I. Y. Bar-Itzhack, 2000).
-inline Vec3<double> log3(const Mat3<double>& R) {
-  double K[4][4];
-  const double trace = R[0][0] + R[1][1] + R[2][2];
-  K[3][3] = 1.0 + trace;
-  for (int i = 0; i < 3; ++i) {
-    const int a = (i + 1) % 3, b = (i + 2) % 3;
-    K[i][i] = 1.0 + 2.0 * R[i][i] - trace;
-    K[i][a] = K[a][i] = R[i][a] + R[a][i];
-    K[i][3] = K[3][i] = R[b][a] - R[a][b];
-  }
-  int most = 0;
-  for (int i = 1; i < 4; ++i) {
-    if (K[i][i] > K[most][most]) most = i;
-  }
-  const double* q = K[most];
-  const double sign = q[3] < 0.0 ? -1.0 : 1.0;
-  const Vec3<double> v = {{sign * q[0], sign * q[1], sign * q[2]}};
-  const double size = std::sqrt(dot(v, v));
-  const double factor =
-      size < 1e-9 * std::fabs(q[3]) ? 2.0 / std::fabs(q[3]) : 2.0 * std::atan2(size, sign * q[3]) / size;
-  return factor * v;
-}
 
 // The cosine of no cost, log(exp(kappa (1 - H)) - 1) / kappa, within [-1, 1].
 inline double ideal_cosine(const Tree& tree, const Arm<double>& arm, double kappa) {
@@ -103,11 +76,11 @@ inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side,
     side = (1.0 / (std::sqrt(dot(side, side)) + 1e-12)) * side;
     const Vec3<double> e = cosine * d + std::sqrt(std::fmax(1.0 - cosine * cosine, 0.0)) * side;
     const double left = by.duration - k * dt;
-    const double share = by.arrival_power / (left + 0.5 * by.arrival_power * dt);
+    const double share = kArrivalPower / (left + 0.5 * kArrivalPower * dt);
     // The speed rises over a tenth of the time to its mean.
     const double mean = std::fmax(by.mean_speed, distance / by.duration);
-    speed = std::fmin(share * distance / std::fmax(cosine, by.least_approach),
-                      speed + 10.0 / by.steps * mean * by.arrival_power);
+    speed = std::fmin(share * distance / std::fmax(cosine, kLeastApproach),
+                      speed + 10.0 / by.steps * mean * kArrivalPower);
     const Vec3<double> velocity = speed * e - by.drift;
     Vec3<double> turn = zero3<double>();
     if (by.posed) turn = share * log3(by.rotation * transposed(R * arm.tip_rotation));
