@@ -11,9 +11,8 @@ from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.near import verdict
 from ffsms_pin.opt.motion.actuated import nodal_momentum, propellant, wheel_energy
-from ffsms_pin.opt.motion.finished import angles_from_start, path_ratio, sampled
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.rollout import configurations, velocities
+from ffsms_pin.opt.motion.rollout import angles_from_start, configurations, velocities
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
@@ -192,7 +191,9 @@ class Trajectory:
     @property
     def path_ratio(self) -> float:
         """Length of the end effector's path over the straight line between its ends; 1 where it stays."""
-        return path_ratio(self.end_effector)
+        length = float(np.linalg.norm(np.diff(self.end_effector, axis=0), axis=1).sum())
+        straight = float(np.linalg.norm(self.end_effector[-1] - self.end_effector[0]))
+        return length / straight if straight > 0.0 else 1.0
 
     @property
     def base_rotation(self) -> FloatArray:
@@ -209,8 +210,13 @@ class Trajectory:
 
         Before the start and after the end: the first and last positions, at rest.
         """
-        v, accelerations = self.joint_rates, self.joint_accelerations
-        return sampled(number("t", t), self.t, self.joint_positions, v, accelerations)
+        t, still = number("t", t), np.zeros(self.joint_rates.shape[1])
+        if not 0.0 <= t <= self.duration:
+            return self.joint_positions[0 if t < 0.0 else -1].copy(), still, still.copy()
+        k = min(int(t / self.dt + 1e-9), len(self.t) - 2)
+        h, rate, acceleration = t - self.t[k], self.joint_rates[k], self.joint_accelerations[k]
+        position = self.joint_positions[k] + h * (rate + 0.5 * h * acceleration)
+        return position, rate + h * acceleration, acceleration.copy()
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
