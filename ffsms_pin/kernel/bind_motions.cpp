@@ -286,22 +286,9 @@ Out cone_marches(const Tree& tree, int steps, double duration, double kappa, dou
   expect(places.size() == 9 && attitude.size() == 9 && (!rotation || rotation->size() == 9),
          "an array has a wrong shape");
   Out rates = new_array(count, steps, n);
-  const double* start = joints.data();
-  const ConeMarch by = {duration,
-                        steps,
-                        kappa,
-                        mean_speed,
-                        damping,
-                        vector_at(places.data()),
-                        vector_at(places.data() + 3),
-                        vector_at(places.data() + 6),
-                        matrix_at(attitude.data()),
-                        rotation.has_value(),
-                        rotation ? matrix_at(rotation->data()) : Mat3<double>(),
-                        start,
-                        start + n,
-                        start + 2 * n,
-                        start + 3 * n};
+  const double* turned = rotation ? rotation->data() : nullptr;
+  const ConeMarch by = {duration,      steps,         kappa,           mean_speed, damping,
+                        joints.data(), places.data(), attitude.data(), turned};
   for (Size s = 0; s < count; ++s) {
     cone_march(tree, by, vector_at(sides.data() + 3 * s), rates.data() + s * static_cast<Size>(steps) * n);
   }

@@ -11,16 +11,15 @@
 namespace ffsms {
 
 struct ConeMarch {
-  double duration;    // [s]
-  int steps;          // of one length
-  double kappa;       // of the paper's cost
-  double mean_speed;  // of a straight way to the target [m/s]
-  double damping;     // of the least squares [m]
-  Vec3<double> target, com, drift;
-  Mat3<double> attitude;                    // of the base at the start
-  bool posed;                               // whether the end effector shall turn, too
-  Mat3<double> rotation;                    // how
-  const double *start, *low, *high, *most;  // joint positions, their limits, and greatest rates (n)
+  double duration;         // [s]
+  int steps;               // of one length
+  double kappa;            // of the paper's cost
+  double mean_speed;       // of a straight way to the target [m/s]
+  double damping;          // of the least squares [m]
+  const double* joints;    // their positions, limits and greatest rates (4, n)
+  const double* places;    // the target, the centre of mass and its drift (3, 3)
+  const double* attitude;  // of the base at the start (3, 3)
+  const double* rotation;  // wanted of the end effector (3, 3), or null
 };
 
 // The cosine of no cost, log(exp(kappa (1 - H)) - 1) / kappa, within [-1, 1].
@@ -58,17 +57,19 @@ inline void least_rates(int m, int n, const double (*J)[kMostJoints], const doub
 
 // Joint rates (steps, n) of a march to that side of the target's direction; straight where it is zero.
 inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side, double* out) {
-  const int n = tree.n, rows = by.posed ? 6 : 3;
+  const int n = tree.n, rows = by.rotation ? 6 : 3;
+  const double *low = by.joints + n, *high = low + n, *most = high + n;
+  const Vec3<double> target = vector_at(by.places), drift = vector_at(by.places + 6);
   const double dt = by.duration / by.steps;
   const bool straight = dot(side, side) == 0.0;
   double q[kMostJoints] = {}, J[6][kMostJoints], wanted[6], speed = 0.0;
-  std::copy(by.start, by.start + n, q);
-  Mat3<double> R = by.attitude;
+  std::copy(by.joints, low, q);
+  Mat3<double> R = matrix_at(by.attitude);
   Arm<double> arm;
   for (int k = 0; k < by.steps; ++k, out += n) {
     evaluate(tree, q, arm);
-    const Vec3<double> com = by.com + (k * dt) * by.drift;
-    const Vec3<double> way = by.target - com - R * (arm.tip - arm.com);
+    const Vec3<double> com = vector_at(by.places + 3) + (k * dt) * drift;
+    const Vec3<double> way = target - com - R * (arm.tip - arm.com);
     const double distance = std::sqrt(dot(way, way)) + 1e-12;
     const Vec3<double> d = (1.0 / distance) * way;
     const double cosine = straight ? 1.0 : ideal_cosine(tree, arm, by.kappa);
@@ -81,9 +82,9 @@ inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side,
     const double mean = std::fmax(by.mean_speed, distance / by.duration);
     speed = std::fmin(share * distance / std::fmax(cosine, kLeastApproach),
                       speed + 10.0 / by.steps * mean * kArrivalPower);
-    const Vec3<double> velocity = speed * e - by.drift;
+    const Vec3<double> velocity = speed * e - drift;
     Vec3<double> turn = zero3<double>();
-    if (by.posed) turn = share * log3(by.rotation * transposed(R * arm.tip_rotation));
+    if (by.rotation) turn = share * log3(matrix_at(by.rotation) * transposed(R * arm.tip_rotation));
     for (int x = 0; x < 3; ++x) {
       wanted[x] = velocity[x];
       wanted[3 + x] = turn[x];
@@ -98,11 +99,11 @@ inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side,
     }
     least_rates(rows, n, J, wanted, by.damping, out);
     double used = 1.0;  // of the greatest rates, the largest share
-    for (int j = 0; j < n; ++j) used = std::fmax(used, std::fabs(out[j]) / std::fmax(by.most[j], 1e-12));
+    for (int j = 0; j < n; ++j) used = std::fmax(used, std::fabs(out[j]) / std::fmax(most[j], 1e-12));
     Vec3<double> spin = zero3<double>();
     for (int j = 0; j < n; ++j) {
-      const double rate = by.most[j] > 0.0 ? out[j] / used : 0.0;
-      out[j] = std::fmin(std::fmax(rate, (by.low[j] - q[j]) / dt), (by.high[j] - q[j]) / dt);
+      const double rate = most[j] > 0.0 ? out[j] / used : 0.0;
+      out[j] = std::fmin(std::fmax(rate, (low[j] - q[j]) / dt), (high[j] - q[j]) / dt);
       q[j] += dt * out[j];
       spin += out[j] * arm.spin[j];
     }
