@@ -265,7 +265,7 @@ Out singular_values(const In& matrices, bool vectors) {
       for (int j = 0; j < c; ++j) read.next(&A[by_rows ? i * m + j : j * m + i], 1);
     }
     // So that no square overflows, or vanishes.
-    auto largest = same<std::decay_t<decltype(work.value)>>(kTiny);
+    auto largest = std::decay_t<decltype(work.value)>(kTiny);
     for (int i = 0; i < r * c; ++i) largest = larger(largest, magnitude(A[i]));
     for (int i = 0; i < r * c; ++i) A[i] = A[i] / largest;
     decompose(m, k, A, m, V, work.sigma);
