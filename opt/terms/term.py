@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.parts.reading import Formula, formulas, residuals_of
 
 if TYPE_CHECKING:
@@ -84,7 +83,7 @@ class Term(ABC):
         seen = step.features
         W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
         for one in formulas(self, "residual", seen):
-            if isinstance(one, Feature):
+            if one.where is None:  # slopes by hand are of whole motions
                 at = seen.change(one)
                 J = at.flow + at.jump
                 W += self.step_weight * J.T @ J
@@ -93,10 +92,8 @@ class Term(ABC):
 
     def cost(self, motions: Motions) -> FloatArray:
         """What the term comes to (S,) without smoothing: the integral of its squared residuals."""
-        total: FloatArray = np.zeros(motions.count)
-        for residual in residuals_of(self, motions):
-            total += residual.squares(motions.weights, motions.count)
-        return total
+        found = residuals_of(self, motions)
+        return sum((one.squares(motions.weights, motions.count) for one in found), np.zeros(motions.count))
 
     def share(self, motion: Motions) -> float:
         """What it comes to for one finished motion, at its nodes and the middles between; default: `cost`."""
