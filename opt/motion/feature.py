@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.motion.derivatives import DERIVATIVES, FLAT
+from ffsms_pin.opt.motion.slopes import DERIVATIVES, FLAT
 
 __all__ = ["OWN", "Feature", "Indices", "Slopes", "Where", "during", "lost_slopes", "root_of_size"]
 
