@@ -17,15 +17,12 @@ using Indices = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::d
 
 // What Python hands over.
 using GivenQuadrature = std::tuple<In, Matrix, int>;   // integral_to_points, integral_over, late
-using GivenMaps = std::tuple<Matrix, Matrix, Matrix>;  // rates, travel, accelerations
+using GivenMaps = std::tuple<Matrix, Matrix, Matrix>;  // travel, rates, accelerations
 // joints, rates, base_attitude, own_spin, entropy_slope
-using GivenMotions = std::tuple<Slope, Slope, Slope, Slope, std::optional<Slope>>;
-// instants, motion, weight, value, slopes by name
+using GivenMotions = std::tuple<In, In, In, In, std::optional<In>>;
+// Of one feature: instants, motion, weight, value, slopes by name.
 using GivenResidual =
     std::tuple<Indices, std::optional<Indices>, Vector, Slope, std::map<std::string, Slope>>;
-// weight, value, by_position, by_rate, by_acceleration
-using GivenJointResidual =
-    std::tuple<Vector, Slope, std::optional<Slope>, std::optional<Slope>, std::optional<Slope>>;
 
 [[noreturn]] void wrong(const std::string& name) {
   throw std::invalid_argument(name + " of a residual or a motion has a wrong shape");
@@ -33,10 +30,11 @@ using GivenJointResidual =
 
 // Sizes of an array along its axes; zero: it has no such axis. An axis of one repeats.
 struct Shape {
-  Size component, joint, motion, instant;
+  Size row, component, joint, motion, instant;
 };
 
-Strided strided(const Slope& array, const Shape& shape, const char* name) {
+// The first row; `row` is how far the next one lies.
+Strided strided(const Slope& array, const Shape& shape, const char* name, std::ptrdiff_t& row) {
   Size axis = array.ndim();
   const auto step = [&](Size size) -> std::ptrdiff_t {
     if (size == 0) return 0;
@@ -50,15 +48,12 @@ Strided strided(const Slope& array, const Shape& shape, const char* name) {
   out.motion = step(shape.motion);
   out.joint = step(shape.joint);
   out.component = step(shape.component);
+  row = step(shape.row);
   if (axis != 0) wrong(name);
   return out;
 }
 
-Strided strided(const std::optional<Slope>& array, const Shape& shape, const char* name) {
-  return array ? strided(*array, shape, name) : Strided();
-}
-
-// Indices below `end`, as many as `count`.
+// As many indices as `count`, below `end`.
 const std::int64_t* checked(const Indices& array, Size count, Size end, const char* name) {
   if (array.shape(0) != count) wrong(name);
   for (Size i = 0; i < count; ++i) {
@@ -177,82 +172,82 @@ Out spline_attitudes(const GivenQuadrature& quadrature, const In& omega, const I
 // -- sums
 
 SplineMaps maps_of(const GivenMaps& given, Size instants) {
-  const auto& [rates, travel, accelerations] = given;
-  if (rates.shape(0) != instants || travel.size() != rates.size() || accelerations.size() != rates.size())
-    wrong("the spline");
-  return {static_cast<int>(rates.shape(1)), rates.data(), travel.data(), accelerations.data()};
-}
-
-Residual residual_of(const GivenResidual& given, Size n, Size motions, Size instants) {
-  const auto& [at, motion, weight, value, slopes] = given;
-  Residual out;
-  const Size count = weight.size(), S = motion ? 0 : motions;
-  out.count = static_cast<std::ptrdiff_t>(count);
-  out.instants = checked(at, count, instants, "instants");
-  out.motion = motion ? checked(*motion, count, motions, "motion") : nullptr;
-  out.weight = weight.data();
-  out.value = strided(value, {0, 0, S, count}, "value");
-  const Shape by_joint = {0, n, S, count}, by_vector = {3, 0, S, count};
-  const struct {
-    const char* name;
-    Strided* slope;
-    Shape shape;
-  } named[] = {
-      {"by_joints", &out.by_joints, by_joint},
-      {"by_rates", &out.by_rates, by_joint},
-      {"by_accelerations", &out.by_accelerations, by_joint},
-      {"by_tip", &out.by_tip, by_vector},
-      {"by_turn", &out.by_turn, by_vector},
-      {"by_velocity", &out.by_velocity, by_vector},
-      {"by_spin", &out.by_spin, by_vector},
-      {"by_base", &out.by_base, by_vector},
-      {"by_base_turn", &out.by_base_turn, by_vector},
-      {"by_base_spin", &out.by_base_spin, by_vector},
-      {"by_entropy", &out.by_entropy, {0, 0, S, count}},
-      {"by_coupling", &out.by_coupling, {6, n, S, count}},
-  };
-  for (const auto& one : named) {
-    const auto found = slopes.find(one.name);
-    if (found != slopes.end()) *one.slope = strided(found->second, one.shape, one.name);
+  const auto& [travel, rates, accelerations] = given;
+  for (const Matrix* map : {&travel, &rates, &accelerations}) {
+    if (map->shape(0) != instants || map->shape(1) != travel.shape(1)) wrong("a map of the spline");
   }
-  return out;
+  return {static_cast<int>(travel.shape(1)), {travel.data(), rates.data(), accelerations.data()}};
 }
 
-JointResidual joints_of(const GivenJointResidual& given, const Shape& shape) {
-  const auto& [weight, value, by_position, by_rate, by_acceleration] = given;
-  expect_size(weight, shape.instant);
-  return {static_cast<std::ptrdiff_t>(shape.instant),
-          weight.data(),
-          strided(value, shape, "value"),
-          strided(by_position, shape, "by_position"),
-          strided(by_rate, shape, "by_rate"),
-          strided(by_acceleration, shape, "by_acceleration")};
+// Residuals of one feature, each of its components.
+void add_residuals(const GivenResidual& given, Size n, Size motions, Size instants,
+                   std::vector<Residual>& out) {
+  const auto& [at, motion, weight, value, slopes] = given;
+  const Size count = weight.size(), S = motion ? 1 : motions;
+  const Size components = value.ndim() == 3 ? value.shape(0) : 0;
+  if (count == 0) return;
+  Residual first = {};
+  first.count = static_cast<std::ptrdiff_t>(count);
+  first.instants = checked(at, count, instants, "instants");
+  first.motion = motion ? checked(*motion, count, motions, "motion") : nullptr;
+  first.weight = weight.data();
+  std::ptrdiff_t value_step, steps[kSlopes] = {};
+  first.value = strided(value, {components, 0, 0, S, count}, "value", value_step);
+  const char* names[kSlopes] = {"by_velocity",      "by_spin",          "by_base_spin", "by_tip",
+                                "by_base",          "by_turn",          "by_base_turn", "by_joints",
+                                "by_rates",         "by_accelerations", "own_joint",    "own_rate",
+                                "own_acceleration", "by_entropy",       "by_coupling"};
+  for (int i = 0; i < kSlopes; ++i) {
+    const auto found = slopes.find(names[i]);
+    if (found == slopes.end()) continue;
+    Shape shape = {components, 0, 0, S, count};
+    if (i < kVectors) shape.component = 3;
+    if (i == kCoupling) shape.component = 6;
+    if ((i >= kVectors && i < kOwnJoint) || i == kCoupling) shape.joint = n;
+    first.by[i] = strided(found->second, shape, names[i], steps[i]);
+    expect(i < kOwnJoint || i >= kEntropy || components == n,
+           "slopes by own joints are of one number a joint");
+  }
+  for (Size c = 0; c < std::max<Size>(components, 1); ++c) {
+    Residual one = first;
+    const auto row = static_cast<std::ptrdiff_t>(c);
+    one.joint = static_cast<int>(c);
+    one.value.data += row * value_step;
+    for (int i = 0; i < kSlopes; ++i) {
+      if (one.by[i]) one.by[i].data += row * steps[i];
+    }
+    out.push_back(one);
+  }
 }
 
 // Gradients (T, M n) and Hessians (T, M n, M n) of T chosen motions.
 nb::tuple sums(const Tree& tree, const GivenMaps& maps, const GivenQuadrature& quadrature,
                const GivenMotions& motions, const std::vector<GivenResidual>& residuals,
-               const std::vector<GivenJointResidual>& of_joints, const Indices& chosen) {
+               const Indices& chosen) {
   const Quadrature by = quadrature_of(quadrature);
   const Size n = static_cast<Size>(tree.n), K = static_cast<Size>(by.instants());
   const SplineMaps spline = maps_of(maps, K);
   const auto& [joints, rates, attitude, own_spin, entropy_slope] = motions;
-  const Size size = n * static_cast<Size>(spline.size), S = joints.shape(1), count = chosen.shape(0);
-  const ArmMotions arm = {strided(joints, {0, n, S, K}, "joints"), strided(rates, {0, n, S, K}, "rates"),
-                          strided(attitude, {3, 3, S, K}, "base_attitude"),
-                          strided(own_spin, {3, 0, S, K}, "own_spin"),
-                          strided(entropy_slope, {6, n, S, K}, "entropy_slope")};
+  const Size size = n * static_cast<Size>(spline.size), stack = joints.size() / n, S = stack / K;
+  if (joints.size() != n * S * K || rates.size() != joints.size() || attitude.size() != 9 * stack ||
+      own_spin.size() != 3 * stack || (entropy_slope && entropy_slope->size() != 6 * n * stack))
+    wrong("an array");
+  const MotionArrays arrays = {joints.data(),
+                               rates.data(),
+                               attitude.data(),
+                               own_spin.data(),
+                               entropy_slope ? entropy_slope->data() : nullptr,
+                               static_cast<std::ptrdiff_t>(stack)};
   std::vector<Residual> values;
-  std::vector<JointResidual> single;
-  for (const auto& one : residuals) values.push_back(residual_of(one, n, S, K));
-  for (const auto& one : of_joints) single.push_back(joints_of(one, {0, n, S, K}));
-  checked(chosen, count, S, "chosen");
+  for (const auto& one : residuals) add_residuals(one, n, S, K, values);
+  const Size count = chosen.shape(0);
+  checked(chosen, count, S, "a chosen motion");
   Out gradient = new_array(count, size), hessian = new_array(count, size, size);
   std::fill_n(gradient.data(), gradient.size(), 0.0);
   std::fill_n(hessian.data(), hessian.size(), 0.0);
-  Sums all(tree, arm, spline, by);
+  Sums all(tree, arrays, spline, by);
   for (Size i = 0; i < count; ++i)
-    all.add(chosen(i), values, single, gradient.data() + i * size, hessian.data() + i * size * size);
+    all.add(chosen(i), values, gradient.data() + i * size, hessian.data() + i * size * size);
   return nb::make_tuple(gradient, hessian);
 }
 
