@@ -55,6 +55,8 @@ class SearchOptions:
         straight move: the cheapest motions found are sometimes detours, and a march rarely is one.
     march_steps : int
         Steps of the marches that are starts.
+    judged_steps : int
+        Motions of more than twice as many steps are judged in so many while the search goes on.
     without : sequence of str
         Names of strategies that are left out (`strategies.STRATEGIES`), to see what each earns.
     """
@@ -68,7 +70,7 @@ class SearchOptions:
     near_radius: float = 1.0
     goal_radius: float = 0.05
     arrived_radius: float = 1e-3
-    corrections: int = 3
+    corrections: int = 4
     limit_reserve: float = 1e-4
     rest_rate: float = 1e-3
     most_reversals: int = 8
@@ -77,4 +79,5 @@ class SearchOptions:
     widest_cone: float = 0.2
     long_way: float = 3.0
     march_steps: int = 30
+    judged_steps: int = 1000
     without: tuple[str, ...] = ()

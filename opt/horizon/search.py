@@ -27,11 +27,15 @@ __all__ = ["Found", "Ranking", "Search", "cost_of"]
 
 
 class Found(NamedTuple):
-    """A finished motion, its control points (M, n), and the model whose spline they belong to."""
+    """A finished motion, its control points (M, n), and the model whose spline they belong to.
+
+    `in_full` says whether the motion was measured in the problem's steps, or in fewer for the search alone.
+    """
 
     plan: Trajectory
     p: FloatArray
     model: Model
+    in_full: bool = True
 
 
 def cost_of(problem: Problem, plan: Trajectory) -> float:
@@ -124,6 +128,9 @@ class Search:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         self.problem, self.options = problem, options or SearchOptions()
+        # What the search makes of a motion does not need all the steps of a long one.
+        many = problem.steps > 2 * self.options.judged_steps
+        self._judged = replace(problem, dt=problem.duration / self.options.judged_steps) if many else problem
         self._report = progress or (lambda share: None)
         self.coarse, self.fine = (
             Model.make(problem, one) for one in (self.options.coarse, self.options.fine)
@@ -148,7 +155,7 @@ class Search:
                 strategy.run(self)
             self._report((i + 1) / len(strategies))
         self._report(1.0)
-        return self.best().plan
+        return self._best_in_full().plan
 
     def best(self) -> Found:
         """The best finished motion so far."""
@@ -196,21 +203,30 @@ class Search:
 
     def keep(self, model: Model, p: FloatArray) -> Found:
         """Measure the finished motion of control points (M, n), and keep it."""
-        rates = model.spline.rates_at(self._nodes).of(p, self.problem.joint_rates)
-        rates[0] = self.problem.joint_rates
-        self.found.append(Found(measure(self.problem, rates), p, model))
+        self.found.append(self._measured(self._judged, model, p))
         return self.found[-1]
+
+    def _measured(self, problem: Problem, model: Model, p: FloatArray) -> Found:
+        """The finished motion of control points (M, n) in a problem's steps."""
+        rates = model.spline.rates_at(_nodes(problem)).of(p, problem.joint_rates)
+        rates[0] = problem.joint_rates
+        return Found(measure(problem, rates), p, model, in_full=problem is self.problem)
+
+    def _best_in_full(self) -> Found:
+        """The best finished motion, measured in full; where that no longer arrives it is landed again."""
+        while not (best := self.best()).in_full:
+            full = self._measured(self.problem, best.model, best.p)
+            self.found = [full if one is best else one for one in self.found]
+            if self.ranking.arrives(best.plan) and not self.ranking.arrives(full.plan):
+                self._judged = self.problem
+                self.finish(best.model, Candidates.start(best.model, best.p[None], LAST_WEIGHTS, 0.03))
+        return best
 
     def keep_plan(self, plan: Trajectory) -> None:
         """Keep a motion that was made in another way, with the nearest control points."""
-        maps = self.fine.spline.rates_at(self._nodes)
+        maps = self.fine.spline.rates_at(_nodes(self.problem))
         wanted = plan.joint_rates - maps.fixed[:, None] * self.problem.joint_rates
         self.found.append(Found(plan, np.linalg.lstsq(maps.free, wanted, rcond=None)[0], self.fine))
-
-    @property
-    def _nodes(self) -> FloatArray:
-        """Times of the finished motion's nodes (N + 1,) [s]."""
-        return np.arange(self.problem.steps + 1, dtype=np.float64) * self.problem.dt
 
     def arrived(self, cost: float = np.inf) -> bool:
         """Whether there is a plan that arrives, as cheap as this [s]."""
@@ -221,3 +237,8 @@ class Search:
         """Whether there is a plan and no time for another."""
         limit = self.options.time_limit
         return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
+
+
+def _nodes(problem: Problem) -> FloatArray:
+    """Times of a finished motion's nodes (N + 1,) [s]."""
+    return np.arange(problem.steps + 1, dtype=np.float64) * problem.dt
