@@ -13,7 +13,7 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
 from ffsms_pin.opt.step.reference import reference_speed
 from ffsms_pin.opt.step.state import StepState, rate_bounds
-from ffsms_pin.opt.terms.cost import ideal_cosine
+from ffsms_pin.opt.terms.paper import ideal_cosine
 
 __all__ = ["by_daqp", "plain_programme"]
 

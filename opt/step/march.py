@@ -164,7 +164,7 @@ def _broken(limits: Sequence[Limit], step: StepState, end: FloatArray) -> FloatA
     slowing = np.linspace(1.0, 0.0, _STOPS + 1)[:, None] * end
     dt, start = max(_stop(step, end), step.dt) / _STOPS, pin.XYZQUATToSE3(step.base_start)
     motion = replace(
-        rolled_out(sms, sms.arm_stack(step.mode), q, slowing, dt, momentum, 1.0),
+        rolled_out(sms, sms.arm_stack(step.mode), q, slowing, dt, momentum),
         base_start=start.act(sms.base_com),
         rotation_start=start.rotation,
         wheels=step.wheels,

@@ -13,7 +13,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling import decompose
 from ffsms_pin.coupling.metrics import entropy_of_values
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.at_step import StepFeatures
+from ffsms_pin.opt.motion.held import StepFeatures
 from ffsms_pin.system import JointLimits, SpaceManipulator
 
 __all__ = ["StepState", "rate_bounds"]

@@ -27,7 +27,7 @@ from ffsms_pin.opt.step.programme import (
 from ffsms_pin.opt.step.reference import REFERENCES, WantedMotion, wanted_motion, wanted_spin
 from ffsms_pin.opt.step.solver import StepSolver
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.opt.terms.cost import ideal_cosine, step_cost
+from ffsms_pin.opt.terms.paper import ideal_cosine, step_cost
 from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
