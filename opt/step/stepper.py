@@ -172,10 +172,10 @@ class Stepper:
         base_start: FloatArray | None = None,
         deadline: float | None = None,
     ) -> None:
-        """Forget the last step; for the arguments see the attributes.
+        """Forget the last step; the arguments are the attributes.
 
-        The part of `side` (3,) across the way to the target is the side of the cone to start on; default: the
-        side on which the end effector is moving, and any where it is at rest.
+        Of `side` the part across the way to the target counts; by default it is the side on which the end
+        effector is moving, and any where it is at rest.
         """
         self.side, self.base_start, self.deadline = vector("side", side, 3), base_start, deadline
         # Of the last solution: rates at its end, since V turns from step to step; s and slack; multipliers.
@@ -189,8 +189,8 @@ class Stepper:
         q : array_like, shape (nq,)
         joint_rates : array_like, shape (n,)
             At the step's start [rad/s].
-        target : array_like, shape (3,), or pinocchio.SE3
-            Position [m] or pose of the end effector, inertial axes.
+        target : array_like, shape (3,), pinocchio.SE3, or Goal that stands still
+            Of the end effector, inertial axes.
         time_left : float
             Time to the deadline [s].
 
