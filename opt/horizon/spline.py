@@ -24,14 +24,9 @@ __all__ = ["Grid", "Map", "RateSpline", "embedded", "gauss", "rate_spline"]
 
 
 class Grid(NamedTuple):
-    """How fine a spline is.
+    """How fine a spline is: intervals before and after 0.9 T, and Gauss points in each.
 
-    Attributes
-    ----------
-    intervals, late : int
-        Before and after 0.9 T. The late ones halve in length: so does the distance that they handle.
-    gauss : int
-        Quadrature points an interval.
+    The late intervals halve in length: so does the distance that they handle.
     """
 
     intervals: int
@@ -40,13 +35,7 @@ class Grid(NamedTuple):
 
 
 class Map(NamedTuple):
-    """Values = free @ p + fixed * (rate at the start), for each joint's free control points p (M,).
-
-    Attributes
-    ----------
-    free : ndarray, shape (k, M)
-    fixed : ndarray, shape (k,)
-    """
+    """Values (k,) = free @ p + fixed * (rate at the start), for each joint's free control points p (M,)."""
 
     free: FloatArray
     fixed: FloatArray
@@ -58,32 +47,16 @@ class Map(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RateSpline:
-    """Knots, instants, and the linear maps from control points.
+    """Knots, instants (Q + 2,), and the linear maps from control points.
 
-    Attributes
-    ----------
-    knots : ndarray
-        With their repetitions; the last lies half a step beyond the deadline (see `rate_spline`).
-    rates, travel, accelerations : Map, k = Q + 2
-        Joint rates, their integral and their slope at Q quadrature points, then at 0.9 T and T.
-    times : ndarray, shape (Q + 2,)
-    weights : ndarray, shape (Q,)
-        Of the quadrature over time.
-    integral_to_points : ndarray, shape (m, g, g)
-        Integration from an interval's start to its g points.
-    integral_over : ndarray, shape (m, g)
-        Integration over the interval.
-    late_interval : int
-        The interval that begins at 0.9 T.
-    acceleration_points, position_points, rate_points : Map
-        To the control points of the accelerations, of the positions (relative to the start) and of the rates.
-    squared_acceleration : ndarray, shape (M, M)
-        p^T squared_acceleration p is the integral of the squared acceleration of a motion from rest.
-    sites : ndarray, shape (M,)
-        The free control points' places in time.
-    at_sites : Map
-        The rates there: for collocation.
-    free_end : bool
+    The knots have their repetitions; the last one lies half a step beyond the deadline (see `rate_spline`).
+    `rates`, `travel` and `accelerations` lead to the joint rates, their integral and their slope at Q
+    quadrature points, then at 0.9 T and T. `weights` (Q,) are of the quadrature over time; m intervals are
+    integrated from their start to their g points (m, g, g), and over all of them (m, g); `late_interval`
+    begins at 0.9 T. The `..._points` lead to the control points of the accelerations, of the positions
+    (relative to the start) and of the rates. p^T `squared_acceleration` p is the integral of the squared
+    acceleration of a motion from rest. `sites` (M,) are the free control points' places in time, `at_sites`
+    the rates there, for collocation. With `free_end` the last control point is free.
     """
 
     knots: FloatArray
@@ -148,12 +121,10 @@ def gauss(points: int) -> tuple[FloatArray, FloatArray]:
 
 @lru_cache(maxsize=64)
 def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> RateSpline:
-    """Make the spline for a duration of `steps` steps of `dt`.
+    """The spline for a duration of `steps` steps of `dt`; `free_end` is for goals that ask for a velocity.
 
     The rates end at zero half a step after the deadline: a stopped end effector has no direction, so at the
     last node, where the paper's cost is still summed, the arm must be just about to stop.
-
-    `free_end`: whether the last control point is free as well, for goals that ask for a velocity.
     """
     duration = steps * dt
     end, late_start = duration + 0.5 * dt, ARRIVAL_SHARE * duration

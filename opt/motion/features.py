@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,7 +33,6 @@ __all__ = ["Features"]
 _ONE = np.ones((1, 1))
 _OF_MOTIONS = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
 _OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
-_robot_frame = lru_cache(maxsize=64)(RobotFrame.of)
 
 
 class Features:
@@ -120,7 +119,7 @@ class Features:
         is_tip = name in ("tip", m.stack.robot.end_effector)
         if is_tip and on == INERTIAL:
             return self.tip
-        frame = RobotFrame.tip(m.stack) if is_tip else _robot_frame(m.stack.robot, name)
+        frame = RobotFrame.tip(m.stack) if is_tip else RobotFrame.of(m.stack, name)
         R, seen = m.base_attitude, frame.of_arm(m.arm)
         if on == BASE:
             moved, turned = {"by_joints": seen.linear}, {"by_joints": seen.angular}
@@ -135,12 +134,12 @@ class Features:
 
         return Frame(m.base_position + lever, apply(R, seen.rotation), place, turn, self.where)
 
-    @property
+    @cached_property
     def velocity(self) -> Feature:
         """Velocity of the end effector [m/s]."""
         return self.feature(self.motions.velocity, {"by_velocity": EYE})
 
-    @property
+    @cached_property
     def spin(self) -> Feature:
         """Angular velocity of the end effector [rad/s]."""
         return self.feature(self.motions.spin, {"by_spin": EYE})
@@ -175,7 +174,7 @@ class Features:
         """Joint torques, the base reacting [N m, or N]."""
         return self.feature(self.motions.torques, lambda: self._force_slopes(slice(0, -6)))
 
-    @property
+    @cached_property
     def entropy(self) -> Feature:
         """H_norm."""
         return self.feature(self.motions.entropy, {"by_entropy": _ONE})
@@ -226,7 +225,7 @@ class Features:
         value = np.broadcast_to(self.motions.times, self.motions.rates.shape[1:])
         return self.feature(value, {"by_time": _ONE})
 
-    @property
+    @cached_property
     def goal(self) -> Feature:
         """Where the goal's position is [m]."""
         m = self.motions
