@@ -27,10 +27,8 @@ __all__ = ["AT_REST", "ControlQP", "at_rest", "braking"]
 
 # [rad/s] At the last node: small enough to count as rest, large enough to have a direction.
 AT_REST = 8e-4
-# Kept in hand on every row, for the tolerance below.
-_RESERVE = 1e-6
+# Of the solver. Ten times as much is kept in hand on every row; with ten times that a row is touched.
 _TOLERANCE = 1e-7
-_TOUCHED = 1e-5  # A row with less room than this is at its limit.
 
 
 class _Rows(NamedTuple):
@@ -63,12 +61,13 @@ class ControlQP:
         # Those of one control point after the other, the joints last.
         self.rows = np.kron(self._matrix, np.eye(n))
         self.labels = [(one.kind, i) for one in kinds for _ in one.matrix for i in range(n)]
-        self.lower = np.maximum(np.vstack([one.lower for one in kinds]).ravel() + _RESERVE, -UNBOUNDED)
-        self.upper = np.minimum(np.vstack([one.upper for one in kinds]).ravel() - _RESERVE, UNBOUNDED)
+        lower = np.vstack([one.lower for one in kinds]).ravel() + 10.0 * _TOLERANCE
+        upper = np.vstack([one.upper for one in kinds]).ravel() - 10.0 * _TOLERANCE
         self.moving = len(self.labels) - (0 if spline.free_end else n)
         # A start at its limit, or beyond: it must stay feasible.
         at = self._along(braking(problem, spline) if start is None else start)
-        self.lower, self.upper = np.minimum(self.lower, at), np.maximum(self.upper, at)
+        self.lower = np.minimum(np.maximum(lower, -UNBOUNDED), at)
+        self.upper = np.maximum(np.minimum(upper, UNBOUNDED), at)
         self._free_rows = self.rows[:, self._free]
 
     def within(self, p: FloatArray) -> FloatArray:
@@ -108,7 +107,8 @@ class ControlQP:
         on the rows times U^-1: LAPACK transforms few rows faster than DAQP does a hessian. At first these are
         the rows that the arm touches and that the unconstrained minimum breaks, then those that z breaks too.
         """
-        rows, chosen = self._free_rows, (move > high) | (move < low) | (high < _TOUCHED) | (low > -_TOUCHED)
+        rows, touched = self._free_rows, 100.0 * _TOLERANCE
+        chosen = (move > high) | (move < low) | (high < touched) | (low > -touched)
         # Of order one: the solver's tolerances are absolute.
         factor = factor * np.sqrt(len(factor) / float(np.sum(factor * factor)))
         identity, zeros = np.eye(len(factor)), np.zeros(len(factor))

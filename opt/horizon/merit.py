@@ -6,7 +6,6 @@ Terms, goal and limits contribute residuals; this file only stacks them. To add 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,8 +54,7 @@ class Weights(NamedTuple):
         return self._replace(end=factor * self.end, limits=factor * self.limits)
 
 
-@dataclass
-class Linearisation:
+class Linearisation(NamedTuple):
     """S motions: every array has S rows, so that rows can be taken, replaced and joined.
 
     Attributes
@@ -83,17 +81,16 @@ class Linearisation:
 
     def take(self, index: Any) -> Linearisation:
         """The motions at an index."""
-        return Linearisation(*(getattr(self, field.name)[index] for field in fields(self)))
+        return Linearisation(*(rows[index] for rows in self))
 
     def put(self, index: Any, other: Linearisation) -> None:
         """Replace the motions at an index."""
-        for field in fields(self):
-            getattr(self, field.name)[index] = getattr(other, field.name)
+        for rows, new in zip(self, other, strict=True):
+            rows[index] = new
 
     def join(self, other: Linearisation) -> Linearisation:
         """These motions and then the others."""
-        names = [field.name for field in fields(self)]
-        return Linearisation(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
+        return Linearisation(*(np.concatenate(both) for both in zip(self, other, strict=True)))
 
 
 def motions_of(

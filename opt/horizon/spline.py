@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +109,7 @@ class RateSpline:
 
     def rates_at(self, times: FloatArray) -> Map:
         """Joint rates at any times (k,)."""
-        return _cut(_basis(self.knots, 2, times), self.free_end)
+        return _cut(_curve(self.knots)(times), self.free_end)
 
 
 @lru_cache(maxsize=64)
@@ -143,9 +143,9 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     times = np.concatenate([(stops[:-1, None] + spans[:, None] * nodes).ravel(), [late_start, duration]])
     whole, part = spans[:, None] * shares, spans[:, None, None] * inner
 
-    slope, sums = _difference(knots), _summation(knots)
-    wide = np.concatenate([[knots[0]], knots, [knots[-1]]])
-    accelerations = _cut(slope, free_end)
+    curve = _curve(knots)
+    slope, integral, count = curve.derivative(), curve.antiderivative(), len(knots) - 3
+    accelerations = _cut(slope.c[: count - 1], free_end)
     left, right = accelerations.free[:-1], accelerations.free[1:]
     lengths = np.diff(borders)[:, None, None] / 6.0
     both = left[:, :, None] * right[:, None, :]
@@ -153,20 +153,20 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     sites = (0.5 * (knots[1:-2] + knots[2:-1]))[1 : None if free_end else -1]
     return RateSpline(
         knots=knots,
-        rates=_cut(_basis(knots, 2, times), free_end),
-        travel=_cut(_basis(wide, 3, times)[:, 1:] @ sums, free_end),
-        accelerations=_cut(_basis(knots[1:-1], 1, times) @ slope, free_end),
+        rates=_cut(curve(times), free_end),
+        travel=_cut(integral(times), free_end),
+        accelerations=_cut(slope(times), free_end),
         times=times,
         weights=whole.ravel(),
         integral_to_points=part,
         integral_over=whole,
         late_interval=grid.intervals + 2,
         acceleration_points=accelerations,
-        position_points=_cut(sums, free_end),
-        rate_points=_cut(np.eye(len(sums))[1 : None if free_end else -1], free_end),
+        position_points=_cut(integral.c[1 : count + 1], free_end),
+        rate_points=_cut(np.eye(count)[1 : None if free_end else -1], free_end),
         squared_acceleration=np.sum(lengths * (2.0 * squares + both + np.swapaxes(both, 1, 2)), axis=0),
         sites=sites,
-        at_sites=_cut(_basis(knots, 2, sites), free_end),
+        at_sites=_cut(curve(sites), free_end),
         free_end=free_end,
     )
 
@@ -182,24 +182,8 @@ def _cut(columns: FloatArray, free_end: bool) -> Map:
     return Map(np.ascontiguousarray(columns[:, 1 : None if free_end else -1]), columns[:, 0])
 
 
-def _difference(knots: FloatArray) -> FloatArray:
-    """Control points of the derivative of a quadratic spline, a control point of it."""
-    count = len(knots) - 3
-    spans = knots[3 : 3 + count - 1] - knots[1:count]
-    rows = np.arange(count - 1)
-    matrix = np.zeros((count - 1, count))
-    matrix[rows, rows], matrix[rows, rows + 1] = -2.0 / spans, 2.0 / spans
-    return matrix
-
-
-def _summation(knots: FloatArray) -> FloatArray:
-    """Control points of a quadratic spline's integral, a control point of it; the first, zero, left out."""
-    count = len(knots) - 3
-    return np.asarray(np.tril(np.ones((count, count))) * ((knots[3:] - knots[:-3]) / 3.0))
-
-
-def _basis(knots: FloatArray, degree: int, times: FloatArray) -> FloatArray:
-    """Values (K, M) of all B-splines at times (K,)."""
+def _curve(knots: FloatArray) -> Any:
+    """The quadratic B-splines of these knots, as one curve of as many components."""
     from scipy.interpolate import BSpline  # slow to load
 
-    return np.asarray(BSpline(knots, np.eye(len(knots) - degree - 1), degree)(times))
+    return BSpline(knots, np.eye(len(knots) - 3), 2)
