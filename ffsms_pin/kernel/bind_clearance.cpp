@@ -53,36 +53,38 @@ struct Obstacles {
   }
 };
 
-constexpr double kRounding = 1e-9;  // [m] of bounds from above and from below
+constexpr double kExact = 1e-7;  // [m] of bounds from above and from below that have met
 
-constexpr double kShare = 0.5;  // of bounds from above, to which those from below are improved
 struct Candidate {
   Index pair;
   double bound;
 };
 
-// Of V entries (pair of bodies, configuration): bounds (V,) from below on distances, `near` where parts may
-// be nearer. Of the latter (U), in order, the entry, its `near`, and the pairs of parts that may be, each
-// with its bound, the nearest first; and the second body as the first sees it, (U, 4, 3): three rows of its
-// attitude, then its place.
+// Distances (V) and nearest points (V, 3, 3), in axes of the first body, of V entries (pair of bodies,
+// configuration); bounds from below, no points, where they are not below `near`. Of the entries (U) that have
+// pairs of parts which overlap, or of which one has no corners: the entry, and these pairs, each with a bound
+// from below, and the second body as the first sees it, (U, 4, 3): three rows of its attitude, then its
+// place.
 nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1> turns,
                      Table<double, 3, -1, -1> origins, Indices columns, Indices at, Vector near,
                      Table<double, -1, 17> bodies, Table<double, -1, 17> parts, Table<Index, -1, 2> ends,
                      Indices starts, Table<Index, -1, 2> pairs, Table<double, -1, 3> corners, Indices begins,
-                     Vector rounds) {
+                     Table<double, -1, 5> rounds) {
   ArmAt arm(tree, joints);
   const Obstacles obstacles{turns, origins};
   const auto* cover = reinterpret_cast<const Cover*>(bodies.data());
   const auto* part = reinterpret_cast<const Cover*>(parts.data());
   const auto* corner = reinterpret_cast<const Vec3<double>*>(corners.data());
-  const auto corners_of = [&](Index p) {
-    return Corners{corner + begins(p), begins(p + 1) - begins(p), rounds(p)};
+  const auto hull_of = [&](Index p) {
+    const double* round = rounds.data() + 5 * p;
+    return Hull{corner + begins(p), begins(p + 1) - begins(p), round[0], round[1], vector_at(round + 2)};
   };
   std::vector<Placed> placed(bodies.shape(0)), seen;
   std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), zero3<double>());
   std::vector<Candidate> found;
   const Size size = columns.shape(0);
-  Out distance = new_array(size);
+  Out distance = new_array(size), points = new_array(size, 3, 3);
+  std::fill_n(points.data(), points.size(), 0.0);
   nb::list entries;
   for (Size v = 0; v < size; ++v) {
     const Index m = columns(v), one = ends(m, 0), other = ends(m, 1);
@@ -110,38 +112,40 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
         beyond = std::min(beyond, low);
       }
     }
-    const auto nearer = [](const Candidate& a, const Candidate& b) { return a.bound < b.bound; };
-    std::stable_sort(found.begin(), found.end(), nearer);
-    const double share = found.size() > 1 ? kShare : -kInfinity;
-    // What is farther than another pair of parts is at most need not be measured.
-    for (Candidate& candidate : found) {
+    std::stable_sort(found.begin(), found.end(),
+                     [](const Candidate& a, const Candidate& b) { return a.bound < b.bound; });
+    nb::list left;
+    for (const Candidate& candidate : found) {
+      if (!(candidate.bound < most)) break;
       const Index p = pairs(candidate.pair, 0), q = pairs(candidate.pair, 1);
-      const Corners first = corners_of(p), second = corners_of(q);
-      if (!(candidate.bound < most) || first.count == 0 || second.count == 0) continue;
+      const Hull first = hull_of(p), second = hull_of(q);
+      if (first.count == 0 || second.count == 0) {
+        left.append(nb::make_tuple(candidate.bound, candidate.pair));
+        continue;
+      }
       Vec3<double>& way = ways[candidate.pair];
       if (dot(way, way) == 0.0) {
         way = relative.origin + relative.turn * part[q].centre - part[p].centre;
         way = (1.0 / std::fmax(std::sqrt(dot(way, way)), 1e-9)) * way;
       }
-      const Gap between = gap(first, second, relative, most, share, way);
-      candidate.bound = std::max(candidate.bound, between.least);
-      most = std::min(most, std::max(between.most, 0.0));
+      const Gap between = gap(first, second, relative, most, way);
+      if (between.least >= most) {
+        beyond = std::min(beyond, between.least);
+      } else if (between.most - between.least < kExact) {
+        most = between.most;
+        std::memcpy(points.data() + 9 * v, &between.found, sizeof between.found);
+      } else {
+        left.append(nb::make_tuple(std::max(candidate.bound, between.least), candidate.pair));
+      }
     }
-    std::stable_sort(found.begin(), found.end(), nearer);
-    if (!found.empty()) beyond = std::min(beyond, found.front().bound);
-    least = std::max(least, beyond);
-    if (!(least < near(v))) continue;
-    least = near(v);
-    nb::list close;
-    for (const Candidate& candidate : found) {
-      if (candidate.bound <= most + kRounding) close.append(nb::make_tuple(candidate.bound, candidate.pair));
-    }
-    entries.append(nb::make_tuple(v, near(v), close));
+    least = most < near(v) || left.size() ? most : std::max(least, beyond);
+    if (left.size() == 0) continue;
+    entries.append(nb::make_tuple(v, left));
     seen.push_back(relative);
   }
   Out as_seen = new_array(seen.size(), 4, 3);
   std::memcpy(as_seen.data(), seen.data(), seen.size() * sizeof(Placed));
-  return nb::make_tuple(distance, entries, as_seen);
+  return nb::make_tuple(distance, points, entries, as_seen);
 }
 
 // Distances (V) and nearest points (V, 3, 3) of the paper's points: `ends` are joints' origins in their

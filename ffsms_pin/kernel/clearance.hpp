@@ -23,6 +23,11 @@ struct Cover {
 };
 static_assert(sizeof(Cover) == 17 * sizeof(double), "Python hands covers over as rows of 17 numbers");
 
+// Nearest points of two things, and the direction along which the distance grows when the second moves.
+struct Nearest {
+  Vec3<double> here, there, normal;
+};
+
 struct Placed {
   Mat3<double> turn;
   Vec3<double> origin;
@@ -55,13 +60,15 @@ inline double bound(const Cover& one, const Cover& other, const Placed& seen, do
   return least;
 }
 
-// A convex part: all that is no further than so much from the hull of its corners, in its body's axes.
-struct Corners {
+// A convex part in its body's axes: all that is no further than `ball` from the hull of its corners, each
+// with a disc across `axis` around it.
+struct Hull {
   const Vec3<double>* begin;
   std::int64_t count;
-  double round;
+  double ball, disc;
+  Vec3<double> axis;
 
-  const Vec3<double>& furthest(const Vec3<double>& way) const {
+  Vec3<double> furthest(const Vec3<double>& way) const {
     const Vec3<double>* best = begin;
     double most = -kInfinity;
     const Vec3<double>* x = begin;
@@ -80,42 +87,94 @@ struct Corners {
         best = x;
       }
     }
-    return *best;
+    if (disc == 0.0) return *best;
+    const Vec3<double> across = way - dot(way, axis) * axis;
+    const double size = std::sqrt(dot(across, across));
+    return size > 0.0 ? *best + (disc / size) * across : *best;
+  }
+};
+
+// Points of the difference of two parts, second less first, and the point of their hull that is the nearest
+// to the origin, with weights.
+struct Simplex {
+  int count = 0;
+  Vec3<double> here[4], apart[4];
+  double weight[4];
+  Vec3<double> nearest;
+
+  // Adds a point, which the face with the nearest point has then, and leaves out those that are not of it.
+  void add(const Vec3<double>& a, const Vec3<double>& w) {
+    here[count] = a;
+    apart[count] = w;
+    double least = kInfinity, best[4] = {};
+    for (int face = 0; face < 1 << count; ++face) {
+      // The edges of the face from the new point, orthogonal to which the nearest point is; zero are others.
+      Vec3<double> edge[3], gram[3], side = zero3<double>();
+      for (int i = 0; i < 3; ++i) {
+        edge[i] = face >> i & 1 ? apart[i] - w : zero3<double>();
+        side[i] = -dot(edge[i], w);
+      }
+      for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) gram[i][j] = dot(edge[i], edge[j]) + (i == j && !(face >> i & 1));
+      }
+      const Vec3<double> across = cross(gram[1], gram[2]);
+      const double volume = dot(gram[0], across);
+      if (!(volume > 0.0)) continue;
+      const double part[3] = {dot(side, across) / volume, dot(side, cross(gram[2], gram[0])) / volume,
+                              dot(side, cross(gram[0], gram[1])) / volume};
+      if (std::min({part[0], part[1], part[2], 1.0 - part[0] - part[1] - part[2]}) < 0.0) continue;
+      const Vec3<double> v = w + part[0] * edge[0] + part[1] * edge[1] + part[2] * edge[2];
+      const double square = dot(v, v);
+      if (!(square < least)) continue;
+      least = square;
+      nearest = v;
+      std::fill_n(best, 4, 0.0);
+      for (int i = 0; i < count; ++i) best[i] = part[i];
+      best[count] = 1.0 - part[0] - part[1] - part[2];
+    }
+    const int all = count + 1;
+    count = 0;
+    for (int i = 0; i < all; ++i) {
+      if (best[i] == 0.0) continue;
+      here[count] = here[i];
+      apart[count] = apart[i];
+      weight[count++] = best[i];
+    }
   }
 };
 
 struct Gap {
   double least, most;
+  Nearest found;
 };
 
-// Bounds on the distance of two convex parts: a gap along a direction, which is improved from that of the
-// time before towards the nearest that is found of the difference of the parts. It ends where they are at
-// least `near` apart, or surely nearer and the bound from below is no less than a share of that from above.
-inline Gap gap(const Corners& one, const Corners& other, const Placed& seen, double near, double share,
-               Vec3<double>& way) {
-  constexpr int kTries = 12;
-  const double round = one.round + other.round;
+// The distance of two convex parts by the algorithm of Gilbert, Johnson and Keerthi: bounds from below and
+// from above, which meet unless the parts overlap, or are surely `stop` apart. `way`: a direction along which
+// they may be apart, and one that is better.
+inline Gap gap(const Hull& one, const Hull& other, const Placed& seen, double stop, Vec3<double>& way) {
+  constexpr int kTries = 64;
+  constexpr double kRounding = 1e-12, kTouching = 1e-9;  // [m]
+  const double round = one.ball + other.ball;
   const Mat3<double> back = transposed(seen.turn);
-  Gap found = {-kInfinity, kInfinity};
-  Vec3<double> v = zero3<double>();
+  Simplex simplex;
+  Gap gap = {-kInfinity, kInfinity, {}};
+  double size = kInfinity;
   for (int tried = 0; tried < kTries; ++tried) {
-    const Vec3<double>& a = one.furthest(way);
-    const Vec3<double>& b = other.furthest(-1.0 * (back * way));
+    const Vec3<double> a = one.furthest(way), b = other.furthest(-1.0 * (back * way));
     const Vec3<double> w = seen.origin + seen.turn * b - a;
-    found.least = std::max(found.least, dot(way, w) - round);
-    if (found.least >= near) break;
-    if (tried == 0) v = w;
-    const Vec3<double> change = v - w;
-    const double square = dot(change, change);
-    // The point of the way from v to w that is the nearest to the origin.
-    const double part = square > 0.0 ? std::min(std::max(dot(v, change) / square, 0.0), 1.0) : 0.0;
-    v = v - part * change;
-    const double size = std::sqrt(dot(v, v));
-    found.most = std::min(found.most, size - round);
-    if (found.most <= 0.0 || (found.most < near && found.least >= share * found.most)) break;
-    way = (1.0 / size) * v;
+    gap.least = std::max(gap.least, dot(way, w) - round);
+    if (gap.least >= stop || gap.least >= gap.most - kRounding) break;
+    simplex.add(a, w);
+    const double before = size;
+    size = std::sqrt(dot(simplex.nearest, simplex.nearest));
+    if (!(size > kTouching && size < before)) break;
+    gap.most = size - round;
+    way = (1.0 / size) * simplex.nearest;
   }
-  return found;
+  gap.found = {one.ball * way, zero3<double>(), way};
+  for (int i = 0; i < simplex.count; ++i) gap.found.here += simplex.weight[i] * simplex.here[i];
+  gap.found.there = gap.found.here + gap.most * way;
+  return gap;
 }
 
 }  // namespace ffsms

@@ -2,13 +2,9 @@
 #pragma once
 
 #include "arm.hpp"
+#include "clearance.hpp"
 
 namespace ffsms {
-
-// Nearest points of two things, and the direction along which the distance grows when the second moves.
-struct Nearest {
-  Vec3<double> here, there, normal;
-};
 
 // The box of the base: its axes are the columns of the rotation.
 struct Box {

@@ -96,16 +96,16 @@ class PartPairs:
         covers = _covers(parts)
         far = np.linalg.norm(covers[:, 1:4], axis=1) + covers[:, 4]
         self.sizes = np.array([far[covers[:, 0] == body].max() for body in used])[which]
-        corners = [_corners(part) for part in parts]
+        hulls = [_hull(part) for part in parts]
         self._table: tuple[Any, ...] = (
             np.array([_around(parts, body) for body in used]).reshape(-1, 17),
             covers,
             which,
             np.cumsum([0, *(len(one) * len(other) for one, other in pairs)], dtype=np.int64),
             np.array(flat, dtype=np.int64).reshape(-1, 2),
-            np.concatenate([*(points for points, _ in corners), np.zeros((0, 3))]),
-            np.cumsum([0, *(len(points) for points, _ in corners)], dtype=np.int64),
-            np.array([round for _, round in corners]),
+            np.concatenate([*(points for points, _ in hulls), np.zeros((0, 3))]),
+            np.cumsum([0, *(len(points) for points, _ in hulls)], dtype=np.int64),
+            np.array([around for _, around in hulls]).reshape(-1, 5),
         )
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
@@ -116,14 +116,15 @@ class PartPairs:
         """
         most = np.ascontiguousarray(np.broadcast_to(near, where[0].shape), dtype=np.float64)
         columns, at = where
-        distance, close, seen = kernel.near_parts(self.arm.tree, *poses, columns, at, most, *self._table)
-        points = np.zeros((len(distance), 3, 3))
+        distance, points, left, seen = kernel.near_parts(
+            self.arm.tree, *poses, columns, at, most, *self._table
+        )
         request, result = coal.DistanceRequest(), coal.DistanceResult()
-        for (v, least, candidates), placed in zip(close, seen, strict=True):
-            second = coal.Transform3s(placed[:3], placed[3])
+        for (v, candidates), placed in zip(left, seen, strict=True):
+            second, least = coal.Transform3s(placed[:3], placed[3]), distance[v]
             for bound, pair in candidates:
                 if bound >= least:
-                    break
+                    continue
                 shape, place, other, on_other, convex = self._measured[pair]
                 result.clear()
                 if not convex and 0.0 < least < np.inf:
@@ -183,14 +184,20 @@ def _around(parts: Sequence[Part], body: int) -> list[float]:
     return [body, *centre, radius, *(0.5 * (high - low)), *np.eye(3).ravel()]
 
 
-def _corners(part: Part) -> tuple[FloatArray, float]:
-    """Corners (k, 3) in its body's axes whose hull a part is, and by how much it is rounder; or none."""
-    shape, local, round = part.shape, np.zeros((0, 3)), 0.0
+def _hull(part: Part) -> tuple[FloatArray, list[float]]:
+    """Corners (k, 3) of a part in its body's axes, or none, and what is around each.
+
+    The latter as the kernel takes it: the radius of a ball, that of a disc, and the disc's axis.
+    """
+    shape, local, ball, disc = part.shape, np.zeros((0, 3)), 0.0, 0.0
     if isinstance(shape, coal.Box):
         local = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * shape.halfSide
     elif isinstance(shape, coal.ConvexBase):
         local = np.array(shape.points())
-    elif isinstance(shape, coal.Sphere | coal.Capsule):
-        half = shape.halfLength if isinstance(shape, coal.Capsule) else 0.0
-        local, round = np.array([[0.0, 0.0, -half], [0.0, 0.0, half]]), float(shape.radius)
-    return np.asarray(local @ part.place.getRotation().T + part.place.getTranslation()), round
+    elif isinstance(shape, coal.Sphere):
+        local, ball = np.zeros((1, 3)), float(shape.radius)
+    elif isinstance(shape, coal.Capsule | coal.Cylinder):
+        local = np.array([[0.0, 0.0, -shape.halfLength], [0.0, 0.0, shape.halfLength]])
+        ball, disc = (shape.radius, 0.0) if isinstance(shape, coal.Capsule) else (0.0, shape.radius)
+    turn = part.place.getRotation()
+    return np.asarray(local @ turn.T + part.place.getTranslation()), [ball, disc, *turn[:, 2]]
