@@ -9,7 +9,6 @@ import numpy as np
 
 from ffsms_pin.checks import instance, optional_callable, positive
 from ffsms_pin.errors import InvalidValue, PartError
-from ffsms_pin.opt.given import asked_momentum
 from ffsms_pin.opt.horizon.diagnosis import explain, with_limits_said, within_workspace
 from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.search import Search
@@ -204,7 +203,7 @@ def _check_target(problem: Problem) -> None:
 
 def _momentum_note(problem: Problem) -> str:
     """How far the problem's momentum is from the one that its goal asks for; empty where it is that."""
-    asked = asked_momentum(problem.goal, problem.com0)
+    asked = problem.asked_momentum
     if asked is None:
         return ""
     given = np.zeros(6) if problem.momentum is None else problem.momentum
