@@ -30,7 +30,7 @@ from ffsms_pin.opt.goals import Goal, Place, as_goal
 from ffsms_pin.opt.limits import Limit, WheelLimits
 from ffsms_pin.opt.limits.limit import prepared
 from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
-from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE, Motions
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.terms import Coupling, Term
 from ffsms_pin.system import SpaceManipulator
@@ -39,7 +39,6 @@ from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
 __all__ = ["ARRIVAL_SHARE", "Problem"]
 
-ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
 _LEAST_WAY = 0.02  # [m] a target this near, or nearer, is gone to as slowly as one at this distance
 
 
@@ -219,7 +218,7 @@ class Problem:
         q0, dt = self.q0, self.dt if dt is None else dt
         rows = len(rates) if dimensions("rates", rates) == 2 else 0
         rates = matrix("rates", rates, max(2, rows), self.sms.n)
-        motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum, ARRIVAL_SHARE)
+        motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum)
         return replace(motion, **self.given(self.goal, motion.times))
 
     def given(self, goal: Goal, times: FloatArray) -> dict[str, Any]:

@@ -11,8 +11,7 @@ from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.near import verdict
 from ffsms_pin.opt.motion.actuated import nodal_momentum, propellant, wheel_energy
-from ffsms_pin.opt.motion.finished import angles_from_start
-from ffsms_pin.opt.motion.rollout import configurations, velocities
+from ffsms_pin.opt.motion.rollout import angles_from_start, configurations, velocities
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
