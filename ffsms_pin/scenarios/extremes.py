@@ -23,7 +23,6 @@ __all__ = [
 ]
 
 _SAMPLES_A_STEP = 4
-_STRIDE = 16  # of the samples that are measured first
 _CLOSER = 101  # samples around the least one
 
 
@@ -64,26 +63,15 @@ def least_clearances(trajectory: Trajectory, stack: ClearanceStack) -> FloatArra
 
 
 def least_of_samples(stack: ClearanceStack, joints: FloatArray) -> tuple[FloatArray, Any]:
-    """Least value of each clearance (m,) over joint positions (n, k) [m], and at which (m,).
-
-    A few samples come first, so that little is measured of the others.
-    """
-    few = stack.values(Poses.of(joints[:, ::_STRIDE])).min(axis=1)
+    """Least value of each clearance (m,) over joint positions (n, k) [m], and at which (m,)."""
+    # A few come first, so that little is measured of the others.
+    few = stack.values(Poses.of(joints[:, :: 4 * _SAMPLES_A_STEP])).min(axis=1)
     values = stack.values(Poses.of(joints), few + 1e-6)
     return values.min(axis=1), values.argmin(axis=1)
 
 
 class BaseMotion(NamedTuple):
-    """Displacement of the base from its start, at every row of q.
-
-    Attributes
-    ----------
-    translation : ndarray, shape (k, 3)
-        Of the base's centre of mass, inertial axes [m].
-    rotation : ndarray, shape (k, 3)
-        Rotation vector, inertial axes [rad]; its length is the angle of one turn that leads there, so at
-        most pi.
-    """
+    """Ways of the base's centre of mass [m] and rotation vectors of at most pi [rad], inertial axes (k, 3)."""
 
     translation: FloatArray
     rotation: FloatArray

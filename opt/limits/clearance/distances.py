@@ -279,7 +279,7 @@ def _around(parts: Sequence[Part]) -> list[float]:
 
 
 def _hull(part: Part) -> tuple[FloatArray, list[float]]:
-    """Corners (k, 3) of a part in its body's axes, or none, and what is around each, as the kernel takes them.
+    """Corners (k, 3) of a part in its body's axes, or none, and what is around each, for the kernel.
 
     k is a multiple of four; around are the radius of a ball, that of a disc, and the disc's axis.
     """
