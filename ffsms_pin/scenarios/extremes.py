@@ -71,7 +71,7 @@ def least_of_samples(stack: ClearanceStack, joints: FloatArray) -> tuple[FloatAr
 
 
 class BaseMotion(NamedTuple):
-    """Ways of the base's centre of mass [m] and rotation vectors of at most pi [rad], inertial axes (k, 3)."""
+    """Ways of the base's centre of mass [m] and rotation vectors, at most pi [rad], inertial axes (k, 3)."""
 
     translation: FloatArray
     rotation: FloatArray
