@@ -1,10 +1,4 @@
-"""How whole motions arrive at the goal: as residuals, and what to aim at where the finished motion does not.
-
-The descent sees the motion at the instants of a quadrature; the finished one is rolled out at its nodes.
-Where the two differ, by a millimetre at a long arm's end, the descent is given another goal: beside the one
-before by as much as the finished motion missed the true one, and with less reach where that motion ends at
-the goal but is too far from it in the last tenth.
-"""
+"""How whole motions arrive at the goal: as residuals, and what to aim at where a finished motion does not."""
 
 from __future__ import annotations
 
@@ -28,21 +22,12 @@ __all__ = ["Arrival", "arrival", "arrival_error", "corrected_goal"]
 
 
 class Arrival(NamedTuple):
-    """What a goal asks of S motions. A radian, a metre a second and a radian a second weigh like a metre.
+    """What a goal asks of S motions. A radian, a metre a second and a radian a second weigh like a metre."""
 
-    Attributes
-    ----------
-    end, tail : list of Residual
-        At the deadline, and in the last tenth.
-    end_share, late_share : ndarray, shape (S,)
-        The largest error at the deadline as a share of the tolerance, and in the last tenth as a share of the
-        reach.
-    """
-
-    end: Residuals
-    tail: Residuals
-    end_share: FloatArray
-    late_share: FloatArray
+    end: Residuals  # at the deadline
+    tail: Residuals  # in the last tenth
+    end_share: FloatArray  # (S,) the largest error at the deadline, as a share of the tolerance
+    late_share: FloatArray  # (S,) and in the last tenth, as a share of the reach
 
 
 def arrival(goal: Goal, motions: Motions) -> Arrival:
@@ -53,11 +38,8 @@ def arrival(goal: Goal, motions: Motions) -> Arrival:
     missed = places.missed(m.frame("tip", places.on).during(late)).parts
     asked = end.among([x.during(slice(-1, None)) for x in missed])
     near = tail.among([x.during(slice(0, len(motions.last_tenth))) for x in missed])
-    moving = []
-    if place.velocity is not None:
-        moving.append((m.velocity.during(last) - place.velocity, goal.tolerance))
-    if place.spin is not None:
-        moving.append((m.spin.during(last) - place.spin, goal.tolerance))
+    velocities = (m.velocity, place.velocity), (m.spin, place.spin)
+    moving = [(one.during(last) - wanted, goal.tolerance) for one, wanted in velocities if wanted is not None]
     ends = [beyond(x, end.share * most) for x, most in asked] + [x for x, _ in moving]
     (way, reach), *turns = near  # of the way the distance counts alone
     tails = [np.maximum(way.norm() - tail.share * reach, 0.0)]
@@ -81,7 +63,12 @@ def arrival_error(goal: Goal, plan: Trajectory) -> float:
 
 
 def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
-    """The next goal, after a landing at `goal` gave this plan; None where the plan arrives."""
+    """The next goal, after a landing at `goal` gave this plan; None where the plan arrives.
+
+    The descent sees a motion at the instants of a quadrature, the finished one is rolled out at its nodes.
+    The next goal is beside the one before by as much as the finished motion missed the true one, and has less
+    reach where that motion ends at the goal but is too far from it in the last tenth.
+    """
     within = arrival_error(problem.goal, plan) <= problem.goal.tolerance
     if plan.reached and within:
         return None

@@ -3,7 +3,6 @@
 from ffsms_pin.opt.limits.alpha_box import AlphaBox
 from ffsms_pin.opt.limits.base import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance, Obstacle
-from ffsms_pin.opt.limits.corridor import Corridor
 from ffsms_pin.opt.limits.joints import JointLimits
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
 from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
@@ -13,7 +12,6 @@ __all__ = [
     "AlphaBox",
     "BaseLimits",
     "Clearance",
-    "Corridor",
     "JointLimits",
     "Limit",
     "Obstacle",
