@@ -239,7 +239,7 @@ def problem_of(sms: ffsms.SpaceManipulator, part: str = "", **change: Any) -> op
 
 def finished(problem: opt.Problem, rates: FloatArray) -> Motions:
     """The motion of joint rates at the nodes, as limits and terms are shown it at the end."""
-    motion = rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum, 0.9)
+    motion = rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum)
     place = problem.goal.place(problem.duration).position
     target = np.repeat(place[:, None], len(motion.times), axis=1)
     motion = replace(motion, target=target, mean_speed=problem.mean_speed, thrusters=problem.thrusters)

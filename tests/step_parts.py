@@ -51,6 +51,11 @@ class StepLimit(Limit):
 class StepJoints(StepLimit):
     """The robot's joint limits."""
 
+    def for_robot(self, sms: ffsms.SpaceManipulator) -> StepJoints:
+        made = StepJoints()
+        made.joint_bounds = sms.limits
+        return made
+
     def rows(self, step: StepState) -> Rows:
         return Rows(np.eye(step.sms.n), *rate_bounds(step.joints, step.rates, step.sms.limits, step.dt))
 

@@ -59,8 +59,6 @@ def cone_marches(
     duration: float,
     kappa: float,
     mean_speed: float,
-    arrival_power: float,
-    least_approach: float,
     damping: float,
     joints: Array,
     places: Array,
@@ -71,11 +69,16 @@ def cone_marches(
 ) -> Array: ...
 
 # bind_step.cpp
-def step_state(tree: Tree, root: Array, joints: Array, momentum: Array | None, /) -> Pair: ...
-def rate_bounds(limits: Array, joints: Array, rates: Array, dt: float, /) -> Pair: ...
+ARRIVAL_POWER: float
+
+def step_state(
+    tree: Tree, root: Array, joints: Array, momentum: Array | None, /
+) -> tuple[Array, Array, Array]: ...
+def rate_bounds(limits: Array, joints: Array, rates: Array, dt: float, /) -> Array: ...
 def wanted_motion(
-    schedule: Array,
     way: Array,
+    rotation: Array | None,
+    attitude: Array,
     J: Array,
     rates: Array,
     drift: Array,
@@ -85,28 +88,24 @@ def wanted_motion(
     time_left: float,
     dt: float,
     /,
-) -> tuple[Array, Array, float, Array] | None: ...
-def scheduled(
-    schedule: Array,
-    left: float,
-    speed: float,
-    gradient: Array,
-    acceleration: Array,
-    time_left: float,
-    dt: float,
-    /,
-) -> float: ...
-def reference_speed(
-    schedule: Array, path_left: float, speed: float, time_left: float, dt: float, /
-) -> float: ...
+) -> Array: ...
+def reference_speed(path_left: float, speed: float, time_left: float, dt: float, /) -> float: ...
 def objective(
-    J: Array, V: Array, rates: Array, drift: Array, way: Array, speed: float, weights: Array, plain: bool, /
-) -> Pair: ...
+    J: Array,
+    V: Array,
+    rates: Array,
+    drift: Array,
+    direction: Array,
+    speed: float,
+    spin: Array | None,
+    weights: Array,
+    /,
+) -> Array: ...
 def stacked_rows(
-    V: Array, rows: Sequence[tuple[Array, Array, Array, float]], /
-) -> tuple[Array, Array, Array, Array, Array]: ...
+    V: Array, limits: Sequence[tuple[Array, Array, Array, float]], /
+) -> tuple[Array, Array, Array]: ...
 def refined(
-    H: Array, g: Array, A: Array, low: Array, up: Array, z: Array, tolerance: float, kept: float, /
+    H: Array, g: Array, A: Array, low: Array, up: Array, z: Array, tolerance: float, /
 ) -> Pair | None: ...
 
 # bind_clearance.cpp: the table is that of `PartPairs`

@@ -279,32 +279,16 @@ nb::tuple sums(const Tree& tree, const nb::tuple& maps, const nb::tuple& quadrat
 // Joint rates (S, steps, n) of marches to the sides (S, 3). `joints` are positions, limits and greatest rates
 // (4, n); `places` the target, the centre of mass and its drift (3, 3).
 Out cone_marches(const Tree& tree, int steps, double duration, double kappa, double mean_speed,
-                 double arrival_power, double least_approach, double damping, const Matrix& joints,
-                 const Matrix& places, const Matrix& attitude, const std::optional<Matrix>& rotation,
-                 const Matrix& sides) {
+                 double damping, const Matrix& joints, const Matrix& places, const Matrix& attitude,
+                 const std::optional<Matrix>& rotation, const Matrix& sides) {
   const Size n = static_cast<Size>(tree.n), count = sides.shape(0);
   expect(joints.shape(0) == 4 && joints.shape(1) == n && sides.shape(1) == 3, "an array has a wrong shape");
   expect(places.size() == 9 && attitude.size() == 9 && (!rotation || rotation->size() == 9),
          "an array has a wrong shape");
   Out rates = new_array(count, steps, n);
-  const double* start = joints.data();
-  const ConeMarch by = {duration,
-                        steps,
-                        kappa,
-                        mean_speed,
-                        arrival_power,
-                        least_approach,
-                        damping,
-                        vector_at(places.data()),
-                        vector_at(places.data() + 3),
-                        vector_at(places.data() + 6),
-                        matrix_at(attitude.data()),
-                        rotation.has_value(),
-                        rotation ? matrix_at(rotation->data()) : Mat3<double>(),
-                        start,
-                        start + n,
-                        start + 2 * n,
-                        start + 3 * n};
+  const double* turned = rotation ? rotation->data() : nullptr;
+  const ConeMarch by = {duration,      steps,         kappa,           mean_speed, damping,
+                        joints.data(), places.data(), attitude.data(), turned};
   for (Size s = 0; s < count; ++s) {
     cone_march(tree, by, vector_at(sides.data() + 3 * s), rates.data() + s * static_cast<Size>(steps) * n);
   }

@@ -141,7 +141,6 @@ def motions_of(
         weights=spline.over_time,
         limit_weights=spline.limit_weights,
         last_tenth=spline.last_tenth,
-        last=len(spline.times) - 1,
         joints=joints,
         rates=rates,
         accelerations=accelerations,

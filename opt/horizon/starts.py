@@ -27,7 +27,6 @@ from ffsms_pin.opt.motion.motions import apply_rates
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across, start_sides
 from ffsms_pin.opt.step.programme import StepWeights
-from ffsms_pin.opt.step.reference import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system.base_motion import advance
@@ -174,8 +173,6 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
         problem.duration,
         problem.kappa,
         problem.mean_speed,
-        ARRIVAL_POWER,
-        LEAST_APPROACH,
         0.003 * problem.stack.length,
         np.stack([problem.joints0, low, high, most]),
         np.stack([place.position, problem.com0, problem.drift]),

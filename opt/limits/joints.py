@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, cast
 
 import numpy as np
 
@@ -38,7 +39,12 @@ class JointLimits(Limit):
 
     def rows(self, step: StepState) -> Rows:
         """Bounds on the joint rates that leave room to brake."""
-        return Rows(np.eye(len(step.rates)), *step.bounds)
+        return Rows(self._each, *step.bounds)
+
+    @cached_property
+    def _each(self) -> FloatArray:
+        """The identity (n, n), made once for all steps of a robot."""
+        return np.eye(len(cast(Limits, self.joint_bounds).lower))
 
     def residual(self, motions: Motions) -> Residuals:
         """None: the control points keep the limits."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -13,13 +13,13 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.actuated import (
     arm_momentum,
-    forces,
     held_momentum,
     wheel_momentum,
     wheel_shares,
     wheel_torque,
 )
 from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.slopes import forces
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
@@ -129,10 +129,7 @@ class WheelLimits(_Motors):
         if wheels is None:
             return Violation()
         momentum = np.abs(wheel_momentum(motion)[:, 0])
-        # Accelerations jump at the nodes: at each instant those of the step before as well.
-        before = np.concatenate([motion.accelerations[..., :1], motion.accelerations[..., :-1]], axis=-1)
-        both = motion, replace(motion, accelerations=before)
-        torque = np.max([np.abs(wheel_torque(one)[:, 0]) for one in both], axis=0)
+        torque = np.max([np.abs(wheel_torque(one)[:, 0]) for one in (motion, motion.before)], axis=0)
         worst, notes = 0.0, []
         binds = np.zeros(len(motion.times), dtype=bool)
         for values, most, unit in ((momentum, wheels.momentum, "N m s"), (torque, wheels.torque, "N m")):

@@ -14,8 +14,8 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.motion.derivatives import DERIVATIVES, FLAT
 from ffsms_pin.opt.motion.residual import Indices, JointResidual, Residual, Residuals
+from ffsms_pin.opt.motion.slopes import DERIVATIVES, FLAT
 
 __all__ = ["Feature", "Slopes", "Where", "during", "lost_slopes", "root_of_size"]
 

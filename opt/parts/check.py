@@ -11,11 +11,10 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, prepared
-from ffsms_pin.opt.motion.at_step import StepFeatures
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.held import StepFeatures, difference, movers
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.nudged import difference, movers
 from ffsms_pin.opt.motion.residual import JointResidual, Residual
 from ffsms_pin.opt.motion.rollout import configurations
 from ffsms_pin.opt.motion.slopes import coupling_slopes

@@ -14,8 +14,8 @@ from ffsms_pin.errors import FfsmsError, FfsmsWarning, PartError
 from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.motion.feature import Feature, lost_slopes
 from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.held import by_differences
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.nudged import by_differences
 from ffsms_pin.opt.motion.residual import JointResidual, Residual, Residuals
 from ffsms_pin.opt.step.state import StepState
 
