@@ -49,7 +49,6 @@ def sums(
     quadrature: tuple[Array, Array, int],
     motions: tuple[Any, ...],
     residuals: Sequence[Any],
-    of_joints: Sequence[Any],
     chosen: Any,
     /,
 ) -> Pair: ...

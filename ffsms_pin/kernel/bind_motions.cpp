@@ -18,13 +18,14 @@ using Indices = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::d
 
 // Sizes of an array along its axes; zero: it has no such axis. An axis of one repeats.
 struct Shape {
-  Size component, joint, motion, instant;
+  Size row, component, joint, motion, instant;
 };
 
 // What was handed over, in forms that the kernel can read, kept until it is done.
 class Given {
  public:
-  Strided strided(nb::handle object, const Shape& shape, const char* name) {
+  // The first row; `row` is how far the next one lies.
+  Strided strided(nb::handle object, const Shape& shape, const char* name, std::ptrdiff_t& row) {
     const Slope& array = slopes_.emplace_back(nb::cast<Slope>(object));
     Strided out;
     out.data = array.data();
@@ -39,6 +40,7 @@ class Given {
     out.motion = step(shape.motion);
     out.joint = step(shape.joint);
     out.component = step(shape.component);
+    row = step(shape.row);
     if (axis != 0) wrong(name);
     return out;
   }
@@ -184,92 +186,85 @@ Out spline_attitudes(const nb::tuple& quadrature, const In& omega, const In& inv
 // -- sums
 
 SplineMaps maps_of(Given& given, const nb::tuple& from, Size instants) {
-  const In& rates = given.dense(from[0], 0, "rates");
-  expect(rates.ndim() == 2 && rates.shape(0) == instants, "the spline's rates have a wrong shape");
   SplineMaps out;
-  out.size = static_cast<int>(rates.shape(1));
-  out.rates = rates.data();
-  out.travel = given.dense(from[1], rates.size(), "travel").data();
-  out.accelerations = given.dense(from[2], rates.size(), "accelerations").data();
-  return out;
-}
-
-// (instants, motion or None, weight, value, slopes by name)
-Residual residual_of(Given& given, const nb::tuple& from, Size n, Size motions, Size instants) {
-  Residual out;
-  const In& weight = given.dense(from[2], 0, "weight");
-  const Size count = weight.size(), S = from[1].is_none() ? motions : 0;
-  out.count = static_cast<std::ptrdiff_t>(count);
-  out.instants = given.indices(from[0], count, instants, "instants");
-  out.motion = from[1].is_none() ? nullptr : given.indices(from[1], count, motions, "motion");
-  out.weight = weight.data();
-  out.value = given.strided(from[3], {0, 0, S, count}, "value");
-  const Shape by_joint = {0, n, S, count}, by_vector = {3, 0, S, count};
-  const struct {
-    const char* name;
-    Strided* slope;
-    Shape shape;
-  } named[] = {
-      {"by_joints", &out.by_joints, by_joint},
-      {"by_rates", &out.by_rates, by_joint},
-      {"by_accelerations", &out.by_accelerations, by_joint},
-      {"by_tip", &out.by_tip, by_vector},
-      {"by_turn", &out.by_turn, by_vector},
-      {"by_velocity", &out.by_velocity, by_vector},
-      {"by_spin", &out.by_spin, by_vector},
-      {"by_base", &out.by_base, by_vector},
-      {"by_base_turn", &out.by_base_turn, by_vector},
-      {"by_base_spin", &out.by_base_spin, by_vector},
-      {"by_entropy", &out.by_entropy, {0, 0, S, count}},
-      {"by_coupling", &out.by_coupling, {6, n, S, count}},
-  };
-  const nb::dict slopes = nb::cast<nb::dict>(from[4]);
-  for (const auto& one : named) {
-    if (slopes.contains(one.name)) *one.slope = given.strided(slopes[one.name], one.shape, one.name);
+  for (Size i = 0; i < 3; ++i) {
+    const In& map = given.dense(from[i], 0, "a map of the spline");
+    expect(map.ndim() == 2 && map.shape(0) == instants, "a map of the spline has a wrong shape");
+    out.map[i] = map.data();
+    out.size = static_cast<int>(map.shape(1));
   }
   return out;
 }
 
-// (weight, value, by_position, by_rate, by_acceleration), the slopes None where there is none.
-JointResidual joints_of(Given& given, const nb::tuple& from, const Shape& shape) {
-  JointResidual out;
-  out.count = static_cast<std::ptrdiff_t>(shape.instant);
-  out.weight = given.dense(from[0], shape.instant, "weight").data();
-  const auto part = [&](int i, const char* name) {
-    return from[i].is_none() ? Strided() : given.strided(from[i], shape, name);
-  };
-  out.value = part(1, "value");
-  out.by_position = part(2, "by_position");
-  out.by_rate = part(3, "by_rate");
-  out.by_acceleration = part(4, "by_acceleration");
-  return out;
+// Residuals of one feature, each of its components: (instants, motion or None, weight, value, slopes by
+// name).
+void add_residuals(Given& given, const nb::tuple& from, Size n, Size motions, Size instants,
+                   std::vector<Residual>& out) {
+  const In& weight = given.dense(from[2], 0, "weight");
+  const Size count = weight.size(), S = from[1].is_none() ? motions : 1;
+  const Size components = nb::cast<Slope>(from[3]).ndim() == 3 ? nb::cast<Slope>(from[3]).shape(0) : 0;
+  if (count == 0) return;
+  Residual first = {};
+  first.count = static_cast<std::ptrdiff_t>(count);
+  first.instants = given.indices(from[0], count, instants, "instants");
+  first.motion = from[1].is_none() ? nullptr : given.indices(from[1], count, motions, "motion");
+  first.weight = weight.data();
+  std::ptrdiff_t value_step, steps[kSlopes] = {};
+  first.value = given.strided(from[3], {components, 0, 0, S, count}, "value", value_step);
+  const char* names[kSlopes] = {"by_velocity",      "by_spin",          "by_base_spin", "by_tip",
+                                "by_base",          "by_turn",          "by_base_turn", "by_joints",
+                                "by_rates",         "by_accelerations", "own_joint",    "own_rate",
+                                "own_acceleration", "by_entropy",       "by_coupling"};
+  const nb::dict slopes = nb::cast<nb::dict>(from[4]);
+  for (int i = 0; i < kSlopes; ++i) {
+    if (!slopes.contains(names[i])) continue;
+    Shape shape = {components, 0, 0, S, count};
+    if (i < kVectors) shape.component = 3;
+    if (i == kCoupling) shape.component = 6;
+    if ((i >= kVectors && i < kOwnJoint) || i == kCoupling) shape.joint = n;
+    first.by[i] = given.strided(slopes[names[i]], shape, names[i], steps[i]);
+    expect(i < kOwnJoint || i >= kEntropy || components == n,
+           "slopes by own joints are of one number a joint");
+  }
+  for (Size c = 0; c < std::max<Size>(components, 1); ++c) {
+    Residual one = first;
+    const auto row = static_cast<std::ptrdiff_t>(c);
+    one.joint = static_cast<int>(c);
+    one.value.data += row * value_step;
+    for (int i = 0; i < kSlopes; ++i) {
+      if (one.by[i]) one.by[i].data += row * steps[i];
+    }
+    out.push_back(one);
+  }
 }
 
 // Gradients (T, M n) and Hessians (T, M n, M n) of T chosen motions.
 nb::tuple sums(const Tree& tree, const nb::tuple& maps, const nb::tuple& quadrature, const nb::tuple& motions,
-               const nb::list& residuals, const nb::list& of_joints, const Indices& chosen) {
+               const nb::list& residuals, const Indices& chosen) {
   Given given;
   const Quadrature by = quadrature_of(given, quadrature);
   const Size n = static_cast<Size>(tree.n), K = static_cast<Size>(by.instants());
   const SplineMaps spline = maps_of(given, maps, K);
   const Size size = n * static_cast<Size>(spline.size), S = nb::cast<Slope>(motions[0]).shape(1);
-  const ArmMotions arm = {
-      given.strided(motions[0], {0, n, S, K}, "joints"), given.strided(motions[1], {0, n, S, K}, "rates"),
-      given.strided(motions[2], {3, 3, S, K}, "base_attitude"),
-      given.strided(motions[3], {3, 0, S, K}, "own_spin"),
-      motions[4].is_none() ? Strided() : given.strided(motions[4], {6, n, S, K}, "entropy_slope")};
+  const auto dense = [&](int i, Size rows) {
+    return given.dense(motions[i], rows * S * K, "motions").data();
+  };
+  const MotionArrays arrays = {dense(0, n),
+                               dense(1, n),
+                               dense(2, 9),
+                               dense(3, 3),
+                               motions[4].is_none() ? nullptr : dense(4, 6 * n),
+                               static_cast<std::ptrdiff_t>(S * K)};
   std::vector<Residual> values;
-  std::vector<JointResidual> single;
-  for (nb::handle one : residuals) values.push_back(residual_of(given, nb::cast<nb::tuple>(one), n, S, K));
-  for (nb::handle one : of_joints) single.push_back(joints_of(given, nb::cast<nb::tuple>(one), {0, n, S, K}));
+  for (nb::handle one : residuals) add_residuals(given, nb::cast<nb::tuple>(one), n, S, K, values);
   const Size count = chosen.shape(0);
   Out gradient = new_array(count, size), hessian = new_array(count, size, size);
   std::fill_n(gradient.data(), gradient.size(), 0.0);
   std::fill_n(hessian.data(), hessian.size(), 0.0);
-  for (Size i = 0; i < count; ++i) expect(chosen(i) >= 0 && Size(chosen(i)) < S, "no such motion");
-  Sums all(tree, arm, spline, by);
+  Sums all(tree, arrays, spline, by);
   for (Size i = 0; i < count; ++i) {
-    all.add(chosen(i), values, single, gradient.data() + i * size, hessian.data() + i * size * size);
+    expect(chosen(i) >= 0 && Size(chosen(i)) < S, "no such motion");
+    all.add(chosen(i), values, gradient.data() + i * size, hessian.data() + i * size * size);
   }
   return nb::make_tuple(gradient, hessian);
 }

@@ -13,7 +13,6 @@ from ffsms_pin.opt.goals.near import arrivals, beyond, end_errors
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system.batch.stacks import dot
@@ -24,8 +23,8 @@ __all__ = ["Arrival", "arrival", "arrival_error", "corrected_goal"]
 class Arrival(NamedTuple):
     """What a goal asks of S motions. A radian, a metre a second and a radian a second weigh like a metre."""
 
-    end: Residuals  # at the deadline
-    tail: Residuals  # in the last tenth
+    end: list[Feature]  # at the deadline
+    tail: list[Feature]  # in the last tenth
     end_share: FloatArray  # (S,) the largest error at the deadline, as a share of the tolerance
     late_share: FloatArray  # (S,) and in the last tenth, as a share of the reach
 
@@ -38,15 +37,16 @@ def arrival(goal: Goal, motions: Motions) -> Arrival:
     missed = places.missed(m.frame("tip", places.on).during(late)).parts
     asked = end.among([x.during(slice(-1, None)) for x in missed])
     near = tail.among([x.during(slice(0, len(motions.last_tenth))) for x in missed])
-    velocities = (m.velocity, place.velocity), (m.spin, place.spin)
-    moving = [(one.during(last) - wanted, goal.tolerance) for one, wanted in velocities if wanted is not None]
+    moving = []
+    if place.velocity is not None:
+        moving.append((m.velocity.during(last) - place.velocity, goal.tolerance))
+    if place.spin is not None:
+        moving.append((m.spin.during(last) - place.spin, goal.tolerance))
     ends = [beyond(x, end.share * most) for x, most in asked] + [x for x, _ in moving]
     (way, reach), *turns = near  # of the way the distance counts alone
     tails = [np.maximum(way.norm() - tail.share * reach, 0.0)]
     tails += [beyond(x, tail.share * most) for x, most in turns]
-    end_residuals, tail_residuals = (
-        [one for x in found for one in x.residuals(over_time=False)] for found in (ends, tails)
-    )
+    end_residuals, tail_residuals = ([x.at_once() for x in found] for found in (ends, tails))
     return Arrival(end_residuals, tail_residuals, _largest([*asked, *moving]), _largest(near))
 
 

@@ -10,8 +10,7 @@ import numpy as np
 from ffsms_pin.checks import instance, optional_callable, positive
 from ffsms_pin.errors import InvalidValue, PartError
 from ffsms_pin.opt.horizon.diagnosis import explain, with_limits_said, within_workspace
-from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.search import Search, SearchOptions
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of

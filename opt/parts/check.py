@@ -11,11 +11,10 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, prepared
-from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.held import StepFeatures, difference, movers
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import JointResidual, Residual
 from ffsms_pin.opt.motion.rollout import configurations
 from ffsms_pin.opt.motion.slopes import coupling_slopes
 from ffsms_pin.opt.parts.all_of import AllOf
@@ -31,7 +30,6 @@ __all__ = ["check"]
 _STEP = 1e-5  # [s, rad/s] that a state is carried on for in a difference
 _STEPS = 5  # of a random motion
 _SPEEDS = (0.1, 0.3, 1.0)  # [rad/s] of its joints, times a normal random number
-_OWN = {"by_joints": "by_position", "by_rates": "by_rate", "by_accelerations": "by_acceleration"}
 
 
 def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: int = 0) -> float:
@@ -94,34 +92,20 @@ def _random_motion(problem: Problem, rates: FloatArray) -> Motions:
 
 def _dense(part: Any, method: str, motions: Motions) -> list[Feature]:
     """What the part gives, each as a feature of all instants with all its slopes."""
-    found: list[Feature] = []
-    for one in formulas(part, method, Features(motions)):
-        if isinstance(one, Feature) and one.where is None:
-            found.append(one)
-        else:
-            alone = one.residuals() if isinstance(one, Feature) else [one]
-            found.extend(_as_feature(each, motions) for each in alone)
-    return found
+    found = formulas(part, method, Features(motions))
+    return [one if one.where is None else _spread(one, *one.where, motions) for one in found]
 
 
-def _as_feature(residual: Residual | JointResidual, motions: Motions) -> Feature:
-    n, shape = motions.stack.n, motions.rates.shape[1:]
-    if isinstance(residual, JointResidual):
-        slopes = {}
-        for name, own in _OWN.items():
-            slope = getattr(residual, own)
-            if slope is not None:
-                slopes[name] = np.eye(n)[..., None, None] * np.broadcast_to(slope, (n, *shape))
-        return Feature(residual.value, slopes)
-    where: Any = (slice(None), residual.instants) if residual.motion is None else None
-    where = (residual.motion, residual.instants) if where is None else where
-
+def _spread(one: Feature, motion: Indices | None, instants: Indices | slice, motions: Motions) -> Feature:
     def spread(values: FloatArray) -> FloatArray:
-        full = np.zeros((*values.shape[: values.ndim - residual.value.ndim], *shape))
-        full[(..., *where)] = values
+        full = np.zeros((*values.shape[:-2], *motions.rates.shape[1:]))
+        if motion is None:
+            full[..., instants] = values
+        else:
+            full[..., motion, instants] = values[..., 0, :]
         return full
 
-    return Feature(spread(residual.value), {name: spread(x) for name, x in residual.slopes().items()})
+    return Feature(spread(one.value), {name: spread(x) for name, x in one.slopes.items()})
 
 
 def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, tolerance: float) -> float:

@@ -99,7 +99,7 @@ class Inequality(Limit):
 
     def rooms(self, m: Features) -> Feature:
         """What is left, all of it one below the other, (c, S, K)."""
-        return _stacked([one for one in formulas(self, "room", m) if isinstance(one, Feature)], m)
+        return _stacked(formulas(self, "room", m), m)
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows of a step: what moves uses room up slowly, what jumps leaves room at the step's end."""
@@ -140,7 +140,9 @@ class Inequality(Limit):
                 return []
             counted = m.at(*lacking)
         lack: Feature = np.maximum(self.lack(counted), 0.0) / scale  # type: ignore[assignment]
-        return [one for one in lack.residuals(over_time=always) if one.value.any()]
+        if not lack.value.any():
+            return []
+        return [lack if always else lack.at_once()]
 
     def _kept(self, motions: Motions) -> tuple[float, float]:
         """`scale` and `in_hand`."""

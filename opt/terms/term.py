@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, at_least_zero
-from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.parts.reading import Formula, formulas, residuals_of
 
 if TYPE_CHECKING:
@@ -80,7 +79,7 @@ class Term(ABC):
         seen = step.features
         W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
         for one in formulas(self, "residual", seen):
-            if isinstance(one, Feature):
+            if one.where is None:  # slopes by hand are of whole motions
                 at = seen.change(one)
                 J = at.flow + at.jump
                 W += self.step_weight * J.T @ J
