@@ -15,9 +15,10 @@ from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.starts import REFERENCE_WEIGHTS
 from ffsms_pin.opt.motion.actuated import wheel_total
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.approach import aim
 from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner, aim
+from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.trajectory import Trajectory
