@@ -10,7 +10,7 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.alpha_box import AlphaBox
+from ffsms_pin.opt.limits.joints import AlphaBox
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.step.march import March, march
 from ffsms_pin.opt.step.state import StepState, rate_bounds

@@ -17,8 +17,7 @@ from ffsms_pin.opt.motion.held import StepFeatures, difference, movers
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import configurations
 from ffsms_pin.opt.motion.slopes import coupling_slopes
-from ffsms_pin.opt.parts.all_of import AllOf
-from ffsms_pin.opt.parts.inequality import Inequality
+from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 from ffsms_pin.opt.parts.reading import formulas, residuals_of, rows_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.state import StepState
@@ -28,12 +27,10 @@ from ffsms_pin.system.base_motion import advance
 __all__ = ["check"]
 
 _STEP = 1e-5  # [s, rad/s] that a state is carried on for in a difference
-_STEPS = 5  # of a random motion
-_SPEEDS = (0.1, 0.3, 1.0)  # [rad/s] of its joints, times a normal random number
 
 
 def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: int = 0) -> float:
-    """Compare the slopes of a term or a limit with differences, on random motions of a problem.
+    """The largest relative error of a part's slopes against differences, on random motions of a problem.
 
     Of an `opt.Inequality` the slopes of its room, and the rows of a step against a step that is taken. Of
     another limit the slopes of its residual, and whether a row leads out of the limit where it is broken.
@@ -47,11 +44,6 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
         Largest error of a slope, relative to the largest slope of its residual.
     seed : int
         Of the random motions.
-
-    Returns
-    -------
-    float
-        The largest relative error.
 
     Raises
     ------
@@ -67,9 +59,9 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
         return max((check(one, problem, tolerance, seed) for one in part.parts), default=0.0)
     method = "room" if isinstance(part, Inequality) else "residual"
     rng, largest, seen = np.random.default_rng(seed), 0.0, False
-    for speed in _SPEEDS:
-        rates = speed * rng.normal(size=(_STEPS + 1, problem.sms.n))
-        motions = _random_motion(problem, rates)
+    for speed in (0.1, 0.3, 1.0):  # [rad/s]
+        rates = speed * rng.normal(size=(6, problem.sms.n))
+        motions = replace(problem.motion(rates, problem.duration / 5), lag=problem.dt)
         for i, one in enumerate(_dense(part, method, motions)):
             seen = seen or bool(one.value.any())
             largest = max(largest, _compared(part, method, i, one, motions, tolerance))
@@ -83,11 +75,6 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
             stacklevel=2,
         )
     return largest
-
-
-def _random_motion(problem: Problem, rates: FloatArray) -> Motions:
-    """A finished motion of these rates at its nodes, as terms and limits see one."""
-    return replace(problem.motion(rates, problem.duration / _STEPS), lag=problem.dt)
 
 
 def _dense(part: Any, method: str, motions: Motions) -> list[Feature]:
@@ -140,11 +127,9 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
 
 def _check_rows(limit: Limit, problem: Problem, motion: Motions, tolerance: float) -> float:
     """The largest relative error of a limit's rows at the nodes of a motion."""
-    largest = 0.0
-    for k, q in enumerate(configurations(problem.sms, problem.q0, motion)):
-        if k == 0:  # at the start lengths that count from it are zero, and have no slopes
-            continue
-        state = _state(problem, q, motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))
+    largest, nodes = 0.0, configurations(problem.sms, problem.q0, motion)
+    for k in range(1, len(nodes)):  # at the start lengths that count from it are zero, and have no slopes
+        state = _state(problem, nodes[k], motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))
         rows = rows_of(limit, state)
         if rows is None:
             continue
