@@ -20,7 +20,7 @@ from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing, apply_rates
 from ffsms_pin.opt.parts.reading import residuals_of
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import Problem, given
 from ffsms_pin.opt.terms.term import time_scale
 
 __all__ = ["Linearisation", "Weighted", "Weights", "linearise", "motions_of", "sums"]
@@ -151,7 +151,7 @@ def motions_of(
         own_spin=own,
         smoothing=smoothing,
         lag=problem.dt,
-        **problem.given(goal or problem.goal, spline.times),
+        **given(problem, goal or problem.goal, spline.times),
     )
 
 
@@ -191,17 +191,15 @@ def _measured(
     seen = Features(motions)
     merit, objective, cost, lack, blocked = np.zeros((5, count))
     for term in problem.terms:
-        ease = weights.tie_break if term.smooths else 1.0
+        ease, own = weights.tie_break if term.smooths else 1.0, np.zeros(count)
         for residual in residuals_of(term, seen):
-            square = residual.squares(over_time, count)
-            merit += ease * square
-            if not term.measures_cost:
-                objective += square
+            own += residual.squares(over_time, count)
             residuals.append(Weighted.of(residual, ease, over_time))
+        merit += ease * own
         if term.measures_cost:
-            own = term.cost(motions)
+            own = term.cost(motions) if any(motions.smoothing) else own
             cost += own
-            objective += own
+        objective += own
     at_goal = arrival(goal, motions)
     end = weights.end * time_scale(motions) / problem.stack.length**2
     for ones, share in ((at_goal.end, end), (at_goal.tail, 0.1 * end)):

@@ -19,20 +19,14 @@ __all__ = ["Approach", "aim"]
 def aim(problem: Problem, goal: Goal, now: float, q: FloatArray) -> tuple[FloatArray, FloatArray | None]:
     """Where a step from q (nq,) has to aim: a position (3,) [m], and an attitude or None.
 
-    A step's speed is 2.5 times the way over the time left, each a little later (`reference_speed`). Aimed
-    ahead of a goal that moves by that time's share of its velocity, the way shrinks as for a goal at rest,
-    and the end effector arrives with that velocity. A goal that stays, but asks for a velocity at the
-    deadline, counts as passing by with it.
+    A step's speed is 2.5 times the way over the time left, at the deadline 3.25 steps, half a step later
+    (`reference_speed`). Aimed so far ahead of a goal that moves, the end effector keeps up with it.
     """
-    dt, left = problem.dt, problem.duration - now
     place = goal.place(now if goal.moves else problem.duration).aim(problem.sms, q)
-    position, velocity = place.position, place.velocity
-    if velocity is None or (left <= 0.0 and not goal.moves):
-        return position, place.rotation
-    if not goal.moves:
-        position = position - left * velocity
-    ahead = velocity * ((max(left - dt, 0.0) + 3.25 * dt) / 2.5 + 0.5 * dt)
-    return position + ahead, place.rotation
+    position = place.position
+    if goal.moves and place.velocity is not None:
+        position = position + (3.25 / 2.5 + 0.5) * problem.dt * place.velocity
+    return position, place.rotation
 
 
 @dataclass(frozen=True)

@@ -34,10 +34,11 @@ class ReplanOptions:
         goal or a limit by more than half of the tolerance or the margin.
     handover : float
         [s] So long before the deadline, but no fewer than ten planning steps, single steps take over from the
-        plan: they close what error is left at every planning step.
+        plan: they close what error is left at every planning step. Where velocities are asked for, the last
+        plan is followed to its end, for a step knows a place only.
     last_plan : float
-        [s] The same where velocities must be met too (`Goal.exact`): the last plan is then followed to its
-        end, for a step knows a place only.
+        [s] So long before the deadline the last plan is made where the goal must be met exactly
+        (`Goal.exact`).
     changed : float
         An estimated mass is taken over when it has changed by this share.
     return_rate : float

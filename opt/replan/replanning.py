@@ -91,6 +91,8 @@ class Replanning:
         self._wheels: FloatArray | None = None
         self._correctable, self._uncorrectable = Correctable(sms, problem.mode), 0.0
         self._rests = False
+        goal = problem.goal
+        self._passing = goal.exact or not goal.place(problem.duration).rests
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
         at_least_zero("dead_band", self.options.band(None), "m")
 
@@ -129,7 +131,7 @@ class Replanning:
         left = self._left
         if left <= 0.5 * self.problem.dt:
             return "hold"
-        return "step" if left <= self._handover and not self.problem.goal.exact else "plan"
+        return "step" if left <= self._handover and not self._passing else "plan"
 
     @property
     def plan_age(self) -> float:

@@ -80,6 +80,8 @@ class Coupling(Term):
         """C~ - (1 - H_norm), smoothed as `m.smoothing` says."""
         fade_speed, fade_distance = m.smoothing
         exact, length, speed = self._exact(m)
+        if not (fade_speed or fade_distance):
+            return np.sqrt(self.weight) * exact
         near = length / np.hypot(length, fade_distance)
         fade = speed / np.hypot(speed, fade_speed * m.mean_speed)
         return np.sqrt(self.weight) * near * fade * exact
