@@ -6,6 +6,8 @@ from typing import Any, TypeAlias
 from ffsms_pin.checks import FloatArray as Array
 
 Pair: TypeAlias = tuple[Array, Array]
+Maps: TypeAlias = tuple[Array, Array, Array]  # of a spline: travel, rates, accelerations
+Quadrature: TypeAlias = tuple[Array, Array, int]  # integral_to_points, integral_over, late
 
 class Tree:
     """The robot in plain numbers: at most 64 joints, parents first.
@@ -35,21 +37,10 @@ def singular_values(matrices: Array, vectors: bool, /) -> Array: ...
 def attitudes(start: Array, omega: Array, dt: float, /) -> Array: ...
 def roll_out(tree: Tree, start: Array, accelerations: Array, momentum: Array, dt: float, /) -> Array: ...
 def spline_attitudes(
-    quadrature: tuple[Array, Array, int],
-    omega: Array,
-    inverse: Array,
-    start: Array,
-    momentum: Array | None,
-    /,
+    quadrature: Quadrature, omega: Array, inverse: Array, start: Array, momentum: Array | None, /
 ) -> Array: ...
 def sums(
-    tree: Tree,
-    maps: tuple[Array, Array, Array],
-    quadrature: tuple[Array, Array, int],
-    motions: tuple[Any, ...],
-    residuals: Sequence[Any],
-    chosen: Any,
-    /,
+    tree: Tree, maps: Maps, quadrature: Quadrature, motions: Any, residuals: Sequence[Any], chosen: Any, /
 ) -> Pair: ...
 def cone_marches(
     tree: Tree,

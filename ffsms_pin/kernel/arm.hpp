@@ -146,7 +146,7 @@ void carry(const Tree& tree, Arm<T>& arm) {
     arm.com = same<T>(tree.base_com);
     add_steiner(inertia, T(tree.total_mass), arm.com - com);
   }
-  arm.inverse = tree.turns_freely ? inverse_symmetric(inertia) : zero33<T>();
+  arm.inverse = tree.turns_freely ? inverse_symmetric(inertia) : Mat3<T>{};
 }
 
 // Momentum of a joint at unit rate, on a fixed base, about the origin.

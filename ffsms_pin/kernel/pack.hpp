@@ -2,7 +2,7 @@
 // configurations.
 //
 // The same formulas serve both, and every lane has the bits that a double has. A pack is made of pairs, which
-// every processor of a kind computes with at once, without special instructions (GCC and Clang know them).
+// every processor of a kind computes with at once, without special instructions.
 #pragma once
 
 #include <cmath>
@@ -11,11 +11,19 @@
 
 namespace ffsms {
 
-constexpr int kPairs = 4;
-constexpr int kLanes = 2 * kPairs;
+#if defined(__GNUC__)
 using Pair = double __attribute__((vector_size(16)));
 using PairMask = std::int64_t __attribute__((vector_size(16)));
 #define FFSMS_INLINE inline __attribute__((always_inline))
+FFSMS_INLINE bool any(const PairMask& which) { return (which[0] | which[1]) != 0; }
+#else
+using Pair = double;
+using PairMask = bool;
+#define FFSMS_INLINE inline
+#endif
+
+constexpr int kPairs = 4;
+constexpr int kLanes = kPairs * static_cast<int>(sizeof(Pair) / sizeof(double));
 
 struct Pack {
   Pair p[kPairs];
@@ -63,7 +71,7 @@ FFSMS_INLINE bool any(bool which) { return which; }
 FFSMS_INLINE bool any(const Mask& which) {
   PairMask all = which.p[0];
   for (int i = 1; i < kPairs; ++i) all = all | which.p[i];
-  return (all[0] | all[1]) != 0;
+  return any(all);
 }
 
 template <class Function>

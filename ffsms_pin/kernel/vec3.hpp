@@ -23,12 +23,7 @@ struct Mat3 {
 
 template <class T>
 Vec3<T> zero3() {
-  return {{T{}, T{}, T{}}};
-}
-
-template <class T>
-Mat3<T> zero33() {
-  return {{{T{}, T{}, T{}}, {T{}, T{}, T{}}, {T{}, T{}, T{}}}};
+  return {};
 }
 
 // Of numbers one after the other, row by row.

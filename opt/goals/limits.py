@@ -74,7 +74,7 @@ class Also(AllOf):
     def for_robot(self, sms: SpaceManipulator) -> Also:
         """With the frame of this robot."""
         end, _ = arrivals(self.goal, self.frame)
-        ends = [End(RobotFrame.of(sms, self.frame), self.goal.place(0.0))]
+        ends = [End(RobotFrame.of(sms.arm_stack(), self.frame), self.goal.place(0.0))]
         return replace(self, margin=(1.0 - end.share) * end.reach / sms.arm_stack().length, ends=ends)
 
     @property

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.horizon.spline import Map, RateSpline
 from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.problem import Problem
 
@@ -27,25 +27,18 @@ __all__ = ["AT_REST", "ControlQP", "at_rest", "braking"]
 
 # [rad/s] At the last node: small enough to count as rest, large enough to have a direction.
 AT_REST = 8e-4
-# Kept in hand on every row, for the tolerance below.
-_RESERVE = 1e-6
+# Of the solver. Ten times as much is kept in hand on every row; with ten times that a row is touched.
 _TOLERANCE = 1e-7
-_TOUCHED = 1e-5  # A row with less room than this is at its limit.
 
 
-class _Kind(NamedTuple):
-    """Rows lower <= matrix p_j + fixed_j <= upper for the control points p_j (M,) of every joint j.
+class _Rows(NamedTuple):
+    """Rows lower <= matrix p_j <= upper for the control points p_j (M,) of every joint j; bounds (k, n).
 
     A spline lies within the range of its control points, so bounds on these hold at every instant.
-
-    `kind` is for messages; `scale` makes rows of different kinds alike in size; `fixed` (k, n) is what the
-    state at the start adds.
     """
 
     kind: str
-    scale: float
     matrix: FloatArray
-    fixed: FloatArray
     lower: FloatArray
     upper: FloatArray
 
@@ -53,43 +46,28 @@ class _Kind(NamedTuple):
 class ControlQP:
     """Steps x that keep the control points p + x of a spline within the limits.
 
-    Parameters
-    ----------
-    problem : Problem
-    spline : RateSpline
-    start : ndarray, shape (M, n), optional
-        Control points that must stay allowed, such as the rest of a plan; default: those of an arm that
-        brakes.
-
-    Attributes
-    ----------
-    rows : ndarray, shape (k, Mn)
-    lower, upper : ndarray, shape (k,)
-        lower <= rows p <= upper; p flattened with the joints last.
-    moving : int
-        The first rows, all but those that ask for rest at the end.
-    labels : list of (str, int)
-        What each row limits: "rate", "acceleration" or "position", and the joint's index.
+    lower <= rows p <= upper, with p (M n,) flattened with the joints last. `labels` say what each row limits:
+    "rate", "acceleration", "position" or "rest", and the joint's index; the rows that ask for rest at the end
+    come after the first `moving` ones. `start` (M, n) are control points that must stay allowed, such as the
+    rest of a plan; default: those of an arm that brakes.
     """
 
     def __init__(self, problem: Problem, spline: RateSpline, start: FloatArray | None = None) -> None:
         n, size = problem.sms.n, spline.size
         self._free = np.flatnonzero(np.tile(problem.free, size))
-        kinds = _kinds(problem, spline)
         # There may be no rows, where nothing is limited and the end is free.
-        self._matrix = np.vstack([np.empty((0, size)), *(kind.scale * kind.matrix for kind in kinds)])
+        kinds = [_Rows("", np.empty((0, size)), *np.empty((2, 0, n))), *_rows(problem, spline)]
+        self._matrix = np.vstack([one.matrix for one in kinds])
         # Those of one control point after the other, the joints last.
         self.rows = np.kron(self._matrix, np.eye(n))
-        self.labels = [(kind.kind, i) for kind in kinds for _ in kind.matrix for i in range(n)]
-        none = np.empty((0, n))
-        lower = np.vstack([none, *(kind.scale * (kind.lower - kind.fixed) for kind in kinds)]).ravel()
-        upper = np.vstack([none, *(kind.scale * (kind.upper - kind.fixed) for kind in kinds)]).ravel()
-        self.lower = np.maximum(lower + _RESERVE, -UNBOUNDED)
-        self.upper = np.minimum(upper - _RESERVE, UNBOUNDED)
+        self.labels = [(one.kind, i) for one in kinds for _ in one.matrix for i in range(n)]
+        lower = np.vstack([one.lower for one in kinds]).ravel() + 10.0 * _TOLERANCE
+        upper = np.vstack([one.upper for one in kinds]).ravel() - 10.0 * _TOLERANCE
         self.moving = len(self.labels) - (0 if spline.free_end else n)
         # A start at its limit, or beyond: it must stay feasible.
         at = self._along(braking(problem, spline) if start is None else start)
-        self.lower, self.upper = np.minimum(self.lower, at), np.maximum(self.upper, at)
+        self.lower = np.minimum(np.maximum(lower, -UNBOUNDED), at)
+        self.upper = np.maximum(np.minimum(upper, UNBOUNDED), at)
         self._free_rows = self.rows[:, self._free]
 
     def within(self, p: FloatArray) -> FloatArray:
@@ -126,11 +104,11 @@ class ControlQP:
         """The best step within low <= rows x <= high; None where none is found.
 
         With `factor`, the U of hessian = U^T U, it is z = U (x - unbounded) that is to be least, under bounds
-        on the rows times U^-1: LAPACK transforms few rows faster than DAQP does a hessian. These are the rows
-        that the arm touches and those that the unconstrained minimum breaks. What the solution breaks is
-        added until there is none.
+        on the rows times U^-1: LAPACK transforms few rows faster than DAQP does a hessian. At first these are
+        the rows that the arm touches and that the unconstrained minimum breaks, then those that z breaks too.
         """
-        rows, chosen = self._free_rows, (move > high) | (move < low) | (high < _TOUCHED) | (low > -_TOUCHED)
+        rows, touched = self._free_rows, 100.0 * _TOLERANCE
+        chosen = (move > high) | (move < low) | (high < touched) | (low > -touched)
         # Of order one: the solver's tolerances are absolute.
         factor = factor * np.sqrt(len(factor) / float(np.sum(factor * factor)))
         identity, zeros = np.eye(len(factor)), np.zeros(len(factor))
@@ -176,29 +154,26 @@ def braking(problem: Problem, spline: RateSpline) -> FloatArray:
     return np.asarray(np.sign(rates) * np.maximum(slower, 0.0))
 
 
-def _kinds(problem: Problem, spline: RateSpline) -> list[_Kind]:
+def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
     """The rows of joint bounds, and those that ask for rest at the end."""
-    rates0, joints0 = problem.joint_rates, problem.joints0
-    rates, hard, position = spline.rate_points, spline.acceleration_points, spline.position_points
-    fast, quick, there = (one.fixed[:, None] * rates0 for one in (rates, hard, position))
-    kinds = []
+    rates0, found = problem.joint_rates, list[_Rows]()
+
+    def add(kind: str, scale: float, points: Map, lower: FloatArray, upper: FloatArray) -> None:
+        """Rows of like size: rates over 1 s, accelerations over 0.8 s^2, positions over 3 s."""
+        given = points.fixed[:, None] * rates0  # what the state at the start adds
+        found.append(_Rows(kind, scale * points.free, scale * (lower - given), scale * (upper - given)))
+
     for bounds in (limit.joint_bounds for limit in problem.limits):
         if bounds is None:
             continue
-        velocity, acceleration = np.broadcast_to(bounds.velocity, len(rates0)), bounds.acceleration
         # The nodes join the spline's rates by straight lines; the positions differ by less than this. The
         # trapezoidal rule errs by dt^2 / 12 times the variation of the acceleration, a few times its limit.
-        guard = np.minimum(2.0 * problem.dt**2 * acceleration, 0.1 * (bounds.upper - bounds.lower))
+        guard = np.minimum(2.0 * problem.dt**2 * bounds.acceleration, 0.1 * (bounds.upper - bounds.lower))
         guard = np.where(np.isfinite(guard), guard, 0.0)
-        low, high = bounds.lower + guard, bounds.upper - guard
-        # Rows of like size: rates over 1 s, accelerations over 0.8 s^2, positions over 3 s.
-        kinds += [
-            _Kind("rate", 1.0, rates.free, fast, -velocity, velocity),
-            _Kind("acceleration", 0.8, hard.free, quick, -acceleration, acceleration),
-            _Kind("position", 0.3, position.free, there + joints0, low, high),
-        ]
+        low, high = bounds.lower - problem.joints0, bounds.upper - problem.joints0
+        add("rate", 1.0, spline.rate_points, -bounds.velocity, bounds.velocity)
+        add("acceleration", 0.8, spline.acceleration_points, -bounds.acceleration, bounds.acceleration)
+        add("position", 0.3, spline.position_points, low + guard, high - guard)
     if not spline.free_end:
-        rest = at_rest(problem)
-        last = spline.last_rate
-        kinds.append(_Kind("rest", 1.0, last.free, last.fixed[:, None] * rates0, -rest, rest))
-    return kinds
+        add("rest", 1.0, spline.last_rate, -at_rest(problem), at_rest(problem))
+    return found

@@ -45,16 +45,7 @@ _MERIT_NOISE = 1e-4  # added to the merit in that: gains below a tenth of this p
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A problem on one spline, with the solver of its steps.
-
-    Attributes
-    ----------
-    problem : Problem
-    goal : Goal
-        The problem's, or that goal shifted.
-    spline : RateSpline
-    qp : ControlQP
-    """
+    """A problem on one spline, with the solver of its steps; `goal` is the problem's, or near it."""
 
     problem: Problem
     goal: Goal

@@ -72,17 +72,8 @@ def explain(
 ) -> Trajectory:
     """A plan that failed, with a note: how near it came, what stands in the way, a duration that would do.
 
-    Parameters
-    ----------
-    problem : Problem
-    plan : Trajectory
-        The best there is: not `reached`, or not `within_tolerance`.
-    goals : JointGoals
-        That the search tried.
-    binding : list of (str, int)
-        Joint limits that the plan touches: kind and joint.
-    attempt : callable
-        Whether a problem, of another duration, can be solved.
+    `goals` are what the search tried, `binding` the joint limits that the plan touches (kind and joint), and
+    `attempt` says whether a problem, of another duration, can be solved.
     """
     words = []
     if not plan.reached:
@@ -183,8 +174,7 @@ def _sufficient(
         return 0.0  # another deadline is another goal, for one that moves
     if not (more_time_helps or problem.momentum is not None or _wants_time(problem, goals)):
         return 0.0
-    near = goals.distance <= 0.05 * problem.stack.length
-    straight = [straight_time(problem, joints) for joints in goals.joints[near]]
+    straight = [straight_time(problem, joints) for joints in goals.near(problem)]
     shorter = max(problem.duration, too_short(problem, goals))
     # A quarter longer than the failed one, a tenth longer than the straight move to the nearest goal takes.
     longer = max(1.25 * problem.duration, 1.1 * min(straight, default=0.0) / ARRIVAL_SHARE)
@@ -197,17 +187,15 @@ def _sufficient(
     # Until one that fails and one that does are so near to each other.
     while longer > 1.08 * shorter:
         between = float(np.sqrt(longer * shorter))
-        if attempt(problem.lasting(between)):
-            longer = between
-        else:
-            shorter = between
+        enough = attempt(problem.lasting(between))
+        shorter, longer = (shorter, between) if enough else (between, longer)
     return longer
 
 
 def _wants_time(problem: Problem, goals: JointGoals) -> bool:
     """Whether there is too little time for straight moves that end at the goal and keep the limits."""
     options = SearchOptions()
-    there = goals.joints[goals.distance <= options.arrived_radius * problem.stack.length]
+    there = goals.near(problem, options.arrived_radius)
     slow = [straight_time(problem, joints) > ARRIVAL_SHARE * problem.duration for joints in there]
     return bool(keep_limits(Model.make(problem, options.fine), there[slow]).any())
 
@@ -244,7 +232,7 @@ def _time_within_reach(problem: Problem, least: float, most: float) -> str:
 def _too_fast(problem: Problem, goals: JointGoals) -> str:
     """What the joints would need to move with the goal at the deadline, where that is beyond their rates."""
     place = problem.goal.place(problem.duration)
-    near = goals.joints[goals.distance <= 0.05 * problem.stack.length]
+    near = goals.near(problem)
     if place.velocity is None or place.spin is None or not len(near):
         return ""
     base = place.base_attitude(problem.stack.evaluate(near.T).tip_rotation)

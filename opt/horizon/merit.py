@@ -6,7 +6,6 @@ Terms, goal and limits contribute residuals; this file only stacks them. To add 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,33 +54,24 @@ class Weights(NamedTuple):
         return self._replace(end=factor * self.end, limits=factor * self.limits)
 
 
-@dataclass
-class Linearisation:
+class Linearisation(NamedTuple):
     """S motions: every array has S rows, so that rows can be taken, replaced and joined.
 
     Attributes
     ----------
-    merit : ndarray, shape (S,)
-        The weighted sum of squares.
-    objective : ndarray, shape (S,)
-        The terms alone, not smoothed and not eased.
-    cost : ndarray, shape (S,)
-        What the terms that measure cost come to [s], by quadrature; zero without one.
-    gradient : ndarray, shape (S, Mn)
-        Half of the merit's; zero where it was not asked for.
-    hessian : ndarray, shape (S, Mn, Mn)
-        Half of the merit's, Gauss-Newton; likewise.
-    end_share : ndarray, shape (S,)
-        Of the goal at the deadline, the largest of its parts, as a share of its tolerance.
-    late_share : ndarray, shape (S,)
-        Likewise in the last tenth, as a share of its reach.
+    merit, objective : ndarray, shape (S,)
+        The weighted sum of squares; the terms alone, not smoothed and not eased.
+    gradient, hessian : ndarray, shape (S, Mn), (S, Mn, Mn)
+        Half of the merit's, Gauss-Newton; zero where they were not asked for.
+    end_share, late_share : ndarray, shape (S,)
+        The largest part of the goal at the deadline as a share of its tolerance, and in the last tenth as a
+        share of its reach.
     limit_share, blocked_share : ndarray, shape (S,)
         The largest residual of a limit, as a share of the limit's margin; of all, and of those that block.
     """
 
     merit: FloatArray
     objective: FloatArray
-    cost: FloatArray
     gradient: FloatArray
     hessian: FloatArray
     end_share: FloatArray
@@ -91,17 +81,16 @@ class Linearisation:
 
     def take(self, index: Any) -> Linearisation:
         """The motions at an index."""
-        return Linearisation(*(getattr(self, field.name)[index] for field in fields(self)))
+        return Linearisation(*(rows[index] for rows in self))
 
     def put(self, index: Any, other: Linearisation) -> None:
         """Replace the motions at an index."""
-        for field in fields(self):
-            getattr(self, field.name)[index] = getattr(other, field.name)
+        for rows, new in zip(self, other, strict=True):
+            rows[index] = new
 
     def join(self, other: Linearisation) -> Linearisation:
         """These motions and then the others."""
-        names = [field.name for field in fields(self)]
-        return Linearisation(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
+        return Linearisation(*(np.concatenate(both) for both in zip(self, other, strict=True)))
 
 
 def motions_of(
@@ -168,54 +157,42 @@ def linearise(
     `goal` is the problem's, or that goal shifted. Motions whose merit is not less than `below`, a number or
     (S,), get no derivatives; minus infinity asks for none at all.
     """
-    length = problem.stack.length
+    length, (count, *_), size = problem.stack.length, p.shape, p[0].size
     smoothing = Smoothing(weights.fade_speed, weights.fade_distance * length)
     motions = motions_of(problem, spline, p, smoothing, goal)
-    result, residuals = _measured(problem, goal, motions, weights)
-    good = np.flatnonzero(result.merit < below)
-    size = p[0].size
-    result.gradient = np.zeros((len(p), size))
-    result.hessian = np.zeros((len(p), size, size))
-    if good.size:
-        gradient, hessian = sums(spline, motions, good, residuals)
-        result.gradient[good], result.hessian[good] = gradient, hessian
-    return result
+    over_time, limits_time, seen = motions.weights, motions.limit_weights, Features(motions)
+    merit, objective, lack, blocked = np.zeros((4, count))
+    weighted: list[Weighted] = []
 
+    def add(residual: Feature, factor: float, times: FloatArray) -> FloatArray:
+        square = residual.squares(times, count)
+        np.add(merit, factor * square, out=merit)
+        weighted.append(Weighted.of(residual, factor, times))
+        return square
 
-def _measured(
-    problem: Problem, goal: Goal, motions: Motions, weights: Weights
-) -> tuple[Linearisation, list[Weighted]]:
-    """All residuals with their weights, and what needs no derivatives."""
-    count, over_time = motions.count, motions.weights
-    residuals: list[Weighted] = []
-    seen = Features(motions)
-    merit, objective, cost, lack, blocked = np.zeros((5, count))
     for term in problem.terms:
-        ease, own = weights.tie_break if term.smooths else 1.0, np.zeros(count)
-        for residual in residuals_of(term, seen):
-            own += residual.squares(over_time, count)
-            residuals.append(Weighted.of(residual, ease, over_time))
-        merit += ease * own
-        if term.measures_cost:
-            own = term.cost(motions) if any(motions.smoothing) else own
-            cost += own
-        objective += own
+        ease = weights.tie_break if term.smooths else 1.0
+        squares = [add(one, ease, over_time) for one in residuals_of(term, seen)]
+        smoothed = term.measures_cost and smoothing != EXACT
+        objective += term.cost(motions) if smoothed else sum(squares, np.zeros(count))
     at_goal = arrival(goal, motions)
-    end = weights.end * time_scale(motions) / problem.stack.length**2
-    for ones, share in ((at_goal.end, end), (at_goal.tail, 0.1 * end)):
-        for one in ones:
-            merit += share * one.squares(over_time, count)
-            residuals.append(Weighted.of(one, share, over_time))
+    end = weights.end * time_scale(motions) / length**2
+    for ones, factor in ((at_goal.end, end), (at_goal.tail, 0.1 * end)):
+        for residual in ones:
+            add(residual, factor, over_time)
     for limit in problem.limits:
         for residual in residuals_of(limit, seen):
-            merit += weights.limits * residual.squares(motions.limit_weights, count)
+            add(residual, weights.limits, limits_time)
             largest = _largest(residual, limit.margin)
             np.maximum.at(lack, *largest)
             if limit.blocks:
                 np.maximum.at(blocked, *largest)
-            residuals.append(Weighted.of(residual, weights.limits, motions.limit_weights))
-    empty, arrived = np.empty(0), (at_goal.end_share, at_goal.late_share)
-    return Linearisation(merit, objective, cost, empty, empty, *arrived, lack, blocked), residuals
+    gradient, hessian = np.zeros((count, size)), np.zeros((count, size, size))
+    good = np.flatnonzero(merit < below)
+    if good.size:
+        gradient[good], hessian[good] = sums(spline, motions, good, weighted)
+    shares = at_goal.end_share, at_goal.late_share, lack, blocked
+    return Linearisation(merit, objective, gradient, hessian, *shares)
 
 
 def _largest(residual: Feature, margin: float) -> tuple[Indices, FloatArray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.horizon.strategies import Strategy
 
 __all__ = ["Found", "Ranking", "Search", "SearchOptions", "cost_of"]
-
-_COARSE, _FINE, _FINEST = Grid(6, 3, 2), Grid(12, 5, 3), Grid(24, 8, 4)
 
 
 @dataclass(frozen=True)
@@ -77,9 +75,9 @@ class SearchOptions:
 
     time_limit: float | None = None
     cost_tolerance: float = 8e-4
-    coarse: Grid = _COARSE
-    fine: Grid = _FINE
-    finest: Grid = _FINEST
+    coarse: Grid = field(default=Grid(6, 3, 2))
+    fine: Grid = field(default=Grid(12, 5, 3))
+    finest: Grid = field(default=Grid(24, 8, 4))
     last_iterations: int = 10
     near_radius: float = 1.0
     goal_radius: float = 0.05

@@ -21,6 +21,7 @@ from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
 
 __all__ = [
+    "DAMPING",
     "GoalFromStart",
     "JointGoals",
     "halton",
@@ -32,10 +33,8 @@ __all__ = [
     "too_short",
 ]
 
-# [rad] Where straight moves turn the base by more, the median over them, Newton's method needs exact slopes.
-_MUCH = 0.5
-_STEP = 0.5  # [rad or m] largest Newton step of a joint
-_DAMPING = 1e-3  # of the Newton step, for near-singular goals, in squares of the arm's length
+DAMPING = 1e-3  # of least squares with J*, for near-singular goals, in squares of the arm's length
+_MUCH = 0.5  # [rad or m] the largest Newton step of a joint, and turns of the base that ask for exact slopes
 # [arm lengths] From here on the damping decreases; a move that ends nearer than the other one ends there.
 _FAR, _THERE = 0.1, 1e-3
 
@@ -48,6 +47,10 @@ class JointGoals(NamedTuple):
 
     joints: FloatArray
     distance: FloatArray
+
+    def near(self, problem: Problem, radius: float = 0.05) -> FloatArray:
+        """Those whose straight moves end within so many arm lengths of the target."""
+        return self.joints[self.distance <= radius * problem.stack.length]
 
 
 class GoalFromStart(NamedTuple):
@@ -127,10 +130,10 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
         Jt = np.swapaxes(J, 1, 2)
         # Less damping the nearer: it converges fast, and an end that is nearly singular is met too.
         near = np.clip(np.sqrt(dot(error, error)) / (_FAR * arm.length), 1e-4, 1.0)
-        damping = _DAMPING * (arm.length * near) ** 2
+        damping = DAMPING * (arm.length * near) ** 2
         damped = J @ Jt + damping[:, None, None] * np.eye(len(error))
         step = (Jt @ np.linalg.solve(damped, error.T[..., None]))[..., 0]
-        step *= np.minimum(1.0, _STEP / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
+        step *= np.minimum(1.0, _MUCH / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
         goals = np.clip(goals + step, low + inset, high - inset)
     return JointGoals(goals, distance)
 
@@ -167,11 +170,11 @@ def too_short(problem: Problem, goals: JointGoals) -> float:
     Of goals whose straight moves end near the target, the joints need `straight_time` for the quickest.
     """
     still = problem.momentum is None and not problem.joint_rates.any() and not problem.goal.moves
-    near = goals.distance <= 0.05 * problem.stack.length
-    if not still or not near.any():
+    near = goals.near(problem)
+    if not still or not len(near):
         return 0.0
     # No plan has been found that is so much quicker than the quickest straight move known.
-    return min(straight_time(problem, joints) for joints in goals.joints[near]) / 1.5
+    return min(straight_time(problem, joints) for joints in near) / 1.5
 
 
 def halton(first: int, count: int, dimensions: int) -> FloatArray:

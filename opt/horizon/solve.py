@@ -32,9 +32,8 @@ def solve(
 ) -> Trajectory:
     """Plan the whole motion at once.
 
-    Joint goals found by shooting, and coarse marches of the paper's step, give starts; Levenberg-Marquardt
-    within the joint limits takes them down, the worse half dropping out each round. Of the motions that
-    arrive and cost no more than the cheapest and a tolerance, the one of least effort is the plan.
+    See docs/horizon.md for the search. Of the motions found that arrive and cost no more than the cheapest
+    and a tolerance, the one of least effort is the plan. A numerical failure inside is a plan with a `note`.
 
     Parameters
     ----------
@@ -43,11 +42,6 @@ def solve(
         Numbers of the search, such as its `time_limit`.
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
-
-    Returns
-    -------
-    Trajectory
-        `note` says what stood in the way. A numerical failure inside is a plan with a note, too.
 
     Raises
     ------
@@ -86,9 +80,8 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
     """The plan of least duration that the search finds.
 
     Durations are bracketed from the problem's own downwards and then halved (in ratio) until one that does
-    is within the tolerance of one for which no plan was found. A plan that the search misses is not counted,
-    and a moving goal may be met again at an earlier time beyond a gap; so the duration is an upper bound of
-    the least. The lower bound beside it is `least_joint_time` to the posture in which the plan ends.
+    is within the tolerance of one for which no plan was found: an upper bound of the least, for a search may
+    miss a plan, and a moving goal may be met again at an earlier time beyond a gap.
 
     Parameters
     ----------
@@ -133,11 +126,7 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
 
 
 def least_joint_time(plan: Trajectory, limits: JointLimits) -> float:
-    """Least time [s] in which the joints can go from a plan's first state to its last one.
-
-    Each joint by itself, under its rate and acceleration limits; the slowest decides. The base and all other
-    limits are left out, so no motion to that posture is shorter.
-    """
+    """Least time [s] in which the joints alone can go from a plan's first state to its last."""
     start, end = plan.joint_rates[0], plan.joint_rates[-1]
     way = plan.joint_positions[-1] - plan.joint_positions[0]
     each = zip(way, start, end, limits.velocity, limits.acceleration, strict=True)
@@ -162,10 +151,7 @@ def _one_joint(way: float, u0: float, u1: float, most: float, a: float) -> float
 def refused(problem: Problem) -> Trajectory | None:
     """A plan that stays where it is, where no motion from this start keeps the limits.
 
-    Raises
-    ------
-    InvalidValue
-        The start overlaps an obstacle, or the target lies inside one.
+    A start that overlaps an obstacle and a target inside one raise `InvalidValue`.
     """
     still = np.zeros((problem.steps + 1, problem.sms.n))
     begin = rolled_out(problem.sms, problem.stack, problem.q0, still[:2], problem.dt)

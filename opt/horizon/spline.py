@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +24,9 @@ __all__ = ["Grid", "Map", "RateSpline", "embedded", "gauss", "rate_spline"]
 
 
 class Grid(NamedTuple):
-    """How fine a spline is.
+    """How fine a spline is: intervals before and after 0.9 T, and Gauss points in each.
 
-    Attributes
-    ----------
-    intervals, late : int
-        Before and after 0.9 T. The late ones halve in length: so does the distance that they handle.
-    gauss : int
-        Quadrature points an interval.
+    The late intervals halve in length: so does the distance that they handle.
     """
 
     intervals: int
@@ -40,13 +35,7 @@ class Grid(NamedTuple):
 
 
 class Map(NamedTuple):
-    """Values = free @ p + fixed * (rate at the start), for each joint's free control points p (M,).
-
-    Attributes
-    ----------
-    free : ndarray, shape (k, M)
-    fixed : ndarray, shape (k,)
-    """
+    """Values (k,) = free @ p + fixed * (rate at the start), for each joint's free control points p (M,)."""
 
     free: FloatArray
     fixed: FloatArray
@@ -58,32 +47,16 @@ class Map(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RateSpline:
-    """Knots, instants, and the linear maps from control points.
+    """Knots, instants (Q + 2,), and the linear maps from control points.
 
-    Attributes
-    ----------
-    knots : ndarray
-        With their repetitions; the last lies half a step beyond the deadline (see `rate_spline`).
-    rates, travel, accelerations : Map, k = Q + 2
-        Joint rates, their integral and their slope at Q quadrature points, then at 0.9 T and T.
-    times : ndarray, shape (Q + 2,)
-    weights : ndarray, shape (Q,)
-        Of the quadrature over time.
-    integral_to_points : ndarray, shape (m, g, g)
-        Integration from an interval's start to its g points.
-    integral_over : ndarray, shape (m, g)
-        Integration over the interval.
-    late_interval : int
-        The interval that begins at 0.9 T.
-    acceleration_points, position_points, rate_points : Map
-        To the control points of the accelerations, of the positions (relative to the start) and of the rates.
-    squared_acceleration : ndarray, shape (M, M)
-        p^T squared_acceleration p is the integral of the squared acceleration of a motion from rest.
-    sites : ndarray, shape (M,)
-        The free control points' places in time.
-    at_sites : Map
-        The rates there: for collocation.
-    free_end : bool
+    The knots have their repetitions; the last one lies half a step beyond the deadline (see `rate_spline`).
+    `rates`, `travel` and `accelerations` lead to the joint rates, their integral and their slope at Q
+    quadrature points, then at 0.9 T and T. `weights` (Q,) are of the quadrature over time; m intervals are
+    integrated from their start to their g points (m, g, g), and over all of them (m, g); `late_interval`
+    begins at 0.9 T. The `..._points` lead to the control points of the accelerations, of the positions
+    (relative to the start) and of the rates. p^T `squared_acceleration` p is the integral of the squared
+    acceleration of a motion from rest. `sites` (M,) are the free control points' places in time, `at_sites`
+    the rates there, for collocation. With `free_end` the last control point is free.
     """
 
     knots: FloatArray
@@ -136,7 +109,7 @@ class RateSpline:
 
     def rates_at(self, times: FloatArray) -> Map:
         """Joint rates at any times (k,)."""
-        return _cut(_basis(self.knots, 2, times), self.free_end)
+        return _cut(_curve(self.knots)(times), self.free_end)
 
 
 @lru_cache(maxsize=64)
@@ -148,12 +121,10 @@ def gauss(points: int) -> tuple[FloatArray, FloatArray]:
 
 @lru_cache(maxsize=64)
 def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> RateSpline:
-    """Make the spline for a duration of `steps` steps of `dt`.
+    """The spline for a duration of `steps` steps of `dt`; `free_end` is for goals that ask for a velocity.
 
     The rates end at zero half a step after the deadline: a stopped end effector has no direction, so at the
     last node, where the paper's cost is still summed, the arm must be just about to stop.
-
-    `free_end`: whether the last control point is free as well, for goals that ask for a velocity.
     """
     duration = steps * dt
     end, late_start = duration + 0.5 * dt, ARRIVAL_SHARE * duration
@@ -172,9 +143,9 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     times = np.concatenate([(stops[:-1, None] + spans[:, None] * nodes).ravel(), [late_start, duration]])
     whole, part = spans[:, None] * shares, spans[:, None, None] * inner
 
-    slope, sums = _difference(knots), _summation(knots)
-    wide = np.concatenate([[knots[0]], knots, [knots[-1]]])
-    accelerations = _cut(slope, free_end)
+    curve = _curve(knots)
+    slope, integral, count = curve.derivative(), curve.antiderivative(), len(knots) - 3
+    accelerations = _cut(slope.c[: count - 1], free_end)
     left, right = accelerations.free[:-1], accelerations.free[1:]
     lengths = np.diff(borders)[:, None, None] / 6.0
     both = left[:, :, None] * right[:, None, :]
@@ -182,20 +153,20 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     sites = (0.5 * (knots[1:-2] + knots[2:-1]))[1 : None if free_end else -1]
     return RateSpline(
         knots=knots,
-        rates=_cut(_basis(knots, 2, times), free_end),
-        travel=_cut(_basis(wide, 3, times)[:, 1:] @ sums, free_end),
-        accelerations=_cut(_basis(knots[1:-1], 1, times) @ slope, free_end),
+        rates=_cut(curve(times), free_end),
+        travel=_cut(integral(times), free_end),
+        accelerations=_cut(slope(times), free_end),
         times=times,
         weights=whole.ravel(),
         integral_to_points=part,
         integral_over=whole,
         late_interval=grid.intervals + 2,
         acceleration_points=accelerations,
-        position_points=_cut(sums, free_end),
-        rate_points=_cut(np.eye(len(sums))[1 : None if free_end else -1], free_end),
+        position_points=_cut(integral.c[1 : count + 1], free_end),
+        rate_points=_cut(np.eye(count)[1 : None if free_end else -1], free_end),
         squared_acceleration=np.sum(lengths * (2.0 * squares + both + np.swapaxes(both, 1, 2)), axis=0),
         sites=sites,
-        at_sites=_cut(_basis(knots, 2, sites), free_end),
+        at_sites=_cut(curve(sites), free_end),
         free_end=free_end,
     )
 
@@ -211,24 +182,8 @@ def _cut(columns: FloatArray, free_end: bool) -> Map:
     return Map(np.ascontiguousarray(columns[:, 1 : None if free_end else -1]), columns[:, 0])
 
 
-def _difference(knots: FloatArray) -> FloatArray:
-    """Control points of the derivative of a quadratic spline, a control point of it."""
-    count = len(knots) - 3
-    spans = knots[3 : 3 + count - 1] - knots[1:count]
-    rows = np.arange(count - 1)
-    matrix = np.zeros((count - 1, count))
-    matrix[rows, rows], matrix[rows, rows + 1] = -2.0 / spans, 2.0 / spans
-    return matrix
-
-
-def _summation(knots: FloatArray) -> FloatArray:
-    """Control points of a quadratic spline's integral, a control point of it; the first, zero, left out."""
-    count = len(knots) - 3
-    return np.asarray(np.tril(np.ones((count, count))) * ((knots[3:] - knots[:-3]) / 3.0))
-
-
-def _basis(knots: FloatArray, degree: int, times: FloatArray) -> FloatArray:
-    """Values (K, M) of all B-splines at times (K,)."""
+def _curve(knots: FloatArray) -> Any:
+    """The quadratic B-splines of these knots, as one curve of as many components."""
     from scipy.interpolate import BSpline  # slow to load
 
-    return np.asarray(BSpline(knots, np.eye(len(knots) - degree - 1), degree)(times))
+    return BSpline(knots, np.eye(len(knots) - 3), 2)

@@ -17,7 +17,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals import Place
 from ffsms_pin.opt.horizon.control_qp import at_rest, braking
-from ffsms_pin.opt.horizon.shooting import GoalFromStart, joint_range
+from ffsms_pin.opt.horizon.shooting import DAMPING, GoalFromStart, joint_range
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.motion.frame import RobotFrame
 from ffsms_pin.opt.motion.motions import apply_rates
@@ -48,11 +48,6 @@ __all__ = [
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
 _STRIDES = 40  # a step of a march with all limits is at most such a part of the time left
 _BEHIND = 1.5  # at such a multiple of the way that is left at the mean speed a march is given up
-_BRAKING = 0.5  # of the acceleration limits, at the end of such a march
-_DAMPING = 1e-3  # of the least squares, in squares of the arm's length
-# [arm lengths] What a radian counts on the way: an arm that is stretched out at the goal may not be able to
-# keep its attitude and go back from there.
-_TURN = 0.1
 
 
 def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
@@ -126,7 +121,8 @@ def _back(
     stuck = np.zeros(joints.shape, dtype=bool)
     for _ in range(6):
         missed, J = missed_at(problem, place, t, joints, base)
-        weights = np.repeat([1.0, _TURN * problem.stack.length], [3, missed.shape[1] - 3])
+        # A radian counts little: an arm that is stretched out at the goal may have to turn to go back.
+        weights = np.repeat([1.0, 0.1 * problem.stack.length], [3, missed.shape[1] - 3])
         step = _least_squares(weights[:, None] * J * ~stuck[:, None], weights * missed, problem)
         step *= np.minimum(1.0, 0.2 / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
         wanted = joints + step
@@ -141,7 +137,7 @@ def _back(
 def _least_squares(J: FloatArray, wanted: FloatArray, problem: Problem) -> FloatArray:
     """Least joint motion (K, n) with J u near to `wanted`, (m,) or (K, m)."""
     rows = J.shape[1]
-    square = J @ np.swapaxes(J, 1, 2) + _DAMPING * problem.stack.length**2 * np.eye(rows)
+    square = J @ np.swapaxes(J, 1, 2) + DAMPING * problem.stack.length**2 * np.eye(rows)
     solved = np.linalg.solve(square, np.broadcast_to(wanted[..., None], (len(J), rows, 1)))
     return np.asarray((np.swapaxes(J, 1, 2) @ solved)[..., 0])
 
@@ -232,10 +228,11 @@ def marched(problem: Problem, stepper: Steps, progress: Progress | None = None) 
 def landed(problem: Problem, rates: FloatArray) -> FloatArray:
     """The same motion (N + 1, n), at rest at the end: slowed down where a joint would brake too late.
 
-    All joints by the same share, so that the end effector keeps its direction, and with it the cost.
+    A joint brakes with half of what it can; all slow down by the same share, so that the end effector keeps
+    its direction, and with it the cost.
     """
     left = np.arange(len(rates))[::-1, None]
-    most = at_rest(problem) + _BRAKING * problem.dt * left * np.minimum(problem.sms.limits.acceleration, 1e6)
+    most = at_rest(problem) + 0.5 * problem.dt * left * np.minimum(problem.sms.limits.acceleration, 1e6)
     share = np.min(most / np.maximum(np.abs(rates), 1e-12), axis=1, keepdims=True)
     share[0] = 1.0  # the rates at the start are given
     return np.asarray(rates * np.minimum(share, 1.0))

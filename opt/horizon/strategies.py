@@ -188,7 +188,7 @@ STRATEGIES = (
     Strategy("coarse marches", coarse_marches),
     *_descent(keep=(3, 2, 1), repeats=1),
     Strategy("more starts", partial(straight_starts, near=4, far=8, enough=(3e-3, 0.2))),
-    *_descent(keep=(4, 2, 1), repeats=2),
+    *_descent(keep=(6, 4, 2), repeats=2),
     Strategy("most starts", partial(straight_starts, near=4, far=16, enough=(0.03, 0.5), insist=False)),
     *_descent(keep=(8, 5, 3), repeats=3),
     Strategy("marches", marches),

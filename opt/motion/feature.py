@@ -108,20 +108,20 @@ class Feature(NDArrayOperatorsMixin):
         values = [_components(x) for x in inputs]
         result = ufunc(*values)
         features = [(x, rule) for x, rule in zip(inputs, rules, strict=True) if isinstance(x, Feature)]
-        where = next((x.where for x, _ in features if x.where is not None), None)
 
         def slopes() -> dict[str, FloatArray]:
             found: dict[str, FloatArray] = {}
             for x, rule in features:
-                part = rule(result, *values) if x.slopes else None
+                if not x.slopes:
+                    continue
+                part = rule(result, *values)
                 for name, slope in x.slopes.items():
-                    if result.ndim > x.value.ndim:
-                        slope = slope[None]
-                    slope = _times(slope, part, result.ndim)
-                    found[name] = found[name] + slope if name in found else slope
+                    slope = slope[None] if result.ndim > x.value.ndim else slope
+                    _add(found, name, _times(slope, part, result.ndim))
             return found
 
-        return Feature(result, slopes if any(x._slopes for x, _ in features) else None, where)
+        moves = any(x._slopes for x, _ in features)
+        return Feature(result, slopes if moves else None, features[0][0].where or features[-1][0].where)
 
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, tuple) or index is None or index is Ellipsis:
@@ -145,8 +145,7 @@ class Feature(NDArrayOperatorsMixin):
         for own, name in OWN.items():
             if own in self.slopes:
                 full = self._full(self.slopes[own])
-                slope = np.eye(len(full))[..., None, None] * full
-                found[name] = found[name] + slope if name in found else slope
+                _add(found, name, np.eye(len(full))[..., None, None] * full)
         return found
 
     def sum(self, axis: SupportsIndex | None = 0, **_: Any) -> Feature:
@@ -190,7 +189,7 @@ class Feature(NDArrayOperatorsMixin):
                 name, by = OWN[name], full * ways
             else:
                 by = np.einsum("c...,c...->...", full, _beside(ways, slope.ndim - 3))
-            found[name] = found[name] + by if name in found else by
+            _add(found, name, by)
         return found
 
     def cross(self, other: Any) -> Feature:
@@ -239,6 +238,10 @@ def during(slopes: Slopes, span: slice) -> Slopes:
         return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in found.items()}
 
     return there
+
+
+def _add(found: dict[str, FloatArray], name: str, slope: FloatArray) -> None:
+    found[name] = found[name] + slope if name in found else slope
 
 
 def _components(x: Any) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,45 +33,13 @@ __all__ = ["Features"]
 _ONE = np.ones((1, 1))
 _OF_MOTIONS = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
 _OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
-_robot_frame = lru_cache(maxsize=64)(RobotFrame.of)
 
 
 class Features:
     """S motions at K instants, inertial axes: what moves as features, all else as `Motions` has it.
 
-    Attributes
-    ----------
-    motions : Motions
-        The plain arrays.
-    tip, base : Frame
-        Position of the end effector, and of the base's centre of mass [m]; `.axis(a)` is an axis of it.
-    velocity, spin : Feature, shape (3, S, K)
-        Of the end effector [m/s, rad/s].
-    base_spin : Feature, shape (3, S, K)
-        Angular velocity of the base [rad/s].
-    base_turn : Feature, shape (3, S, K)
-        Rotation vector of the base from its attitude at the start [rad].
-    joints, rates, accelerations : Feature, shape (n, S, K)
-    torques : Feature, shape (n, S, K)
-        Of the joints, H_q qdd + C_q with the base reacting [N m, or N]; in a single step, for joints that
-        move on evenly.
-    entropy : Feature, shape (S, K)
-        H_norm.
-    wheels : Feature, shape (w, S, K)
-        Momenta of the wheels that hold the attitude [N m s]; w = 0 where no wheels do.
-    wheel_torques : Feature, shape (w, S, K)
-        Torques of their motors, friction made good [N m].
-    wrench : Feature, shape (6, S, K)
-        Force and moment about the base's centre of mass that hold the base, base axes [N, N m]; of a mode
-        that holds something.
-    time : Feature, shape (S, K)
-        From the start [s].
-    goal : Feature, shape (3, S, K)
-        Where the goal's position is [m]; in a single step, which knows no goal, not a number.
-    duration : float
-        Time from the start to the deadline [s].
-    step : StepState or None
-        The state, where a single step is seen.
+    The plain arrays are `motions`; `duration` is the time from the start to the deadline [s], and `step` the
+    state where a single step is seen.
     """
 
     step: StepState | None = None
@@ -96,13 +64,13 @@ class Features:
 
     @cached_property
     def tip(self) -> Frame:
-        """Position of the end effector, a `Frame`."""
+        """Position of the end effector (3, S, K) [m], a `Frame`: `.axis(a)` is an axis of it."""
         m = self.motions
         return Frame(m.end_effector, m.attitude, {"by_tip": EYE}, {"by_turn": EYE}, self.where)
 
     @cached_property
     def base(self) -> Frame:
-        """Position of the base's centre of mass, a `Frame`."""
+        """Position of the base's centre of mass (3, S, K) [m], a `Frame`."""
         m = self.motions
         return Frame(m.base_position, m.base_attitude, {"by_base": EYE}, {"by_base_turn": EYE}, self.where)
 
@@ -120,7 +88,7 @@ class Features:
         is_tip = name in ("tip", m.stack.robot.end_effector)
         if is_tip and on == INERTIAL:
             return self.tip
-        frame = RobotFrame.tip(m.stack) if is_tip else _robot_frame(m.stack.robot, name)
+        frame = RobotFrame.tip(m.stack) if is_tip else RobotFrame.of(m.stack, name)
         R, seen = m.base_attitude, frame.of_arm(m.arm)
         if on == BASE:
             moved, turned = {"by_joints": seen.linear}, {"by_joints": seen.angular}
@@ -135,54 +103,54 @@ class Features:
 
         return Frame(m.base_position + lever, apply(R, seen.rotation), place, turn, self.where)
 
-    @property
+    @cached_property
     def velocity(self) -> Feature:
-        """Velocity of the end effector [m/s]."""
+        """Velocity of the end effector (3, S, K) [m/s]."""
         return self.feature(self.motions.velocity, {"by_velocity": EYE})
 
-    @property
+    @cached_property
     def spin(self) -> Feature:
-        """Angular velocity of the end effector [rad/s]."""
+        """Angular velocity of the end effector (3, S, K) [rad/s]."""
         return self.feature(self.motions.spin, {"by_spin": EYE})
 
     @property
     def base_spin(self) -> Feature:
-        """Angular velocity of the base [rad/s]."""
+        """Angular velocity of the base (3, S, K) [rad/s]."""
         return self.feature(self.motions.base_spin, {"by_base_spin": EYE})
 
     @cached_property
     def base_turn(self) -> Feature:
-        """Rotation vector of the base from its attitude at the start [rad]."""
+        """Rotation vector of the base from its attitude at the start (3, S, K) [rad]."""
         return self.base.turn_from(self.motions.rotation_start)
 
     @property
     def joints(self) -> Feature:
-        """Joint positions."""
+        """Joint positions (n, S, K)."""
         return self.feature(self.motions.joints, {"own_joint": _ONE[None]})
 
     @property
     def rates(self) -> Feature:
-        """Joint rates."""
+        """Joint rates (n, S, K)."""
         return self.feature(self.motions.rates, {"own_rate": _ONE[None]})
 
     @property
     def accelerations(self) -> Feature:
-        """Joint accelerations."""
+        """Joint accelerations (n, S, K)."""
         return self.feature(self.motions.accelerations, {"own_acceleration": _ONE[None]})
 
     @cached_property
     def torques(self) -> Feature:
-        """Joint torques, the base reacting [N m, or N]."""
+        """Joint torques H_q qdd + C_q (n, S, K), the base reacting; in a step with qdd = 0 [N m, or N]."""
         return self.feature(self.motions.torques, lambda: self._force_slopes(slice(0, -6)))
 
-    @property
+    @cached_property
     def entropy(self) -> Feature:
-        """H_norm."""
+        """H_norm (S, K)."""
         return self.feature(self.motions.entropy, {"by_entropy": _ONE})
 
     @cached_property
     def wheels(self) -> Feature:
-        """Momenta of the wheels that hold the attitude [N m s]."""
+        """Momenta of the wheels that hold the attitude (w, S, K), none where no wheels do [N m s]."""
         m, wheels = self.motions, self.motions.wheels
 
         def slopes() -> dict[str, FloatArray]:
@@ -195,7 +163,7 @@ class Features:
 
     @cached_property
     def wheel_torques(self) -> Feature:
-        """Torques of their motors [N m]."""
+        """Torques of their motors (w, S, K), friction made good [N m]."""
         wheels, momenta = self.motions.wheels, self.wheels
 
         def slopes() -> dict[str, FloatArray]:
@@ -212,7 +180,7 @@ class Features:
 
     @cached_property
     def wrench(self) -> Feature:
-        """Force and moment that hold the base [N, N m]."""
+        """Force and moment about its centre of mass that hold the base (6, S, K), base axes [N, N m]."""
         return self.feature(self.motions.forces[-6:], lambda: self._force_slopes(slice(-6, None)))
 
     def _force_slopes(self, rows: slice) -> dict[str, FloatArray]:
@@ -222,13 +190,13 @@ class Features:
 
     @property
     def time(self) -> Feature:
-        """From the start [s]."""
+        """From the start (S, K) [s]."""
         value = np.broadcast_to(self.motions.times, self.motions.rates.shape[1:])
         return self.feature(value, {"by_time": _ONE})
 
-    @property
+    @cached_property
     def goal(self) -> Feature:
-        """Where the goal's position is [m]."""
+        """Where the goal's position is (3, S, K) [m]; not a number in a step, which knows no goal."""
         m = self.motions
         target, still = m.target_points, m.target_on == INERTIAL
         value = np.broadcast_to(target, (3, *m.rates.shape[1:]))

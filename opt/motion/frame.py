@@ -9,7 +9,6 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.motion.feature import Feature, Slopes, Where, during
-from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, skew
 from ffsms_pin.system.mechanism import frame_index
@@ -54,11 +53,11 @@ class RobotFrame(NamedTuple):
         return cls("end effector", -1, np.zeros(3), np.eye(3), stack.moves_tip, True)
 
     @classmethod
-    def of(cls, sms: SpaceManipulator, name: str) -> RobotFrame:
+    def of(cls, stack: ArmStack, name: str) -> RobotFrame:
         """The robot's frame of that name; a `FrameNotFound` names those that there are."""
-        frame = sms.model.frames[frame_index(sms.model, name)]
+        frame = stack.robot.model.frames[frame_index(stack.robot.model, name)]
         body, placement = int(frame.parentJoint) - 2, frame.placement
-        moves = sms.arm_stack().carries[:, body] if body >= 0 else np.zeros(sms.n)
+        moves = stack.carries[:, body] if body >= 0 else np.zeros(stack.n)
         return cls(name, body, placement.translation.copy(), placement.rotation.copy(), moves)
 
     def of_arm(self, arm: ArmValues) -> FrameValues:

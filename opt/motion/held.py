@@ -97,11 +97,13 @@ class StepFeatures(Features):
 
     def change(self, feature: Feature) -> Change:
         """What the step's joint rates do to a feature of it."""
-        n, c = self.step.sms.n, feature.value.size
+        m, n, c = self.motions, self.step.sms.n, feature.value.size
         flow, jump = np.zeros((c, n + 1)), np.zeros((c, n))
         for name, slope in (feature._by() if feature.ndim == 3 else feature.slopes).items():
-            if name in ("by_entropy", "by_coupling"):
-                flow[:, :n] += self._by_coupling(slope, name)
+            if name == "by_entropy":
+                name, slope = "by_coupling", slope[..., None, None, :, :] * m.entropy_slope
+            if name == "by_coupling":
+                flow[:, :n] += coupling_slopes(m.stack, m.arm, slope).reshape(-1, n)
                 continue
             slope = slope.reshape(c, -1)
             if name in self._moved:
@@ -115,14 +117,6 @@ class StepFeatures(Features):
             else:
                 jump += slope / (self.step.dt if name == "by_accelerations" else 1.0)
         return Change(feature.value.reshape(c), flow[:, :n], flow[:, n], jump)
-
-    def _by_coupling(self, slope: FloatArray, name: str) -> FloatArray:
-        """Slopes (c, n) by the joint positions of what depends on the coupling."""
-        m = self.motions
-        if name == "by_entropy":
-            slope = slope.reshape(-1, 1, 1, 1, 1) * m.entropy_slope
-        slope = slope.reshape(-1, *m.arm.coupling.shape)
-        return np.array([coupling_slopes(m.stack, m.arm, one)[:, 0, 0] for one in slope])
 
 
 def _one(x: Any) -> FloatArray:

@@ -107,8 +107,13 @@ def momentum_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> Float
 
 
 def coupling_slopes(stack: ArmStack, arm: ArmValues, by_coupling: FloatArray) -> FloatArray:
-    """Gradient (n, ...) by the joint positions of a function of the coupling, with slopes (6, n, ...)."""
-    return kernel.coupling_slopes(stack.tree, arm.positions, by_coupling).reshape(arm.positions.shape)
+    """Gradient (n, ...) by the joint positions of a function of the coupling, with slopes (6, n, ...).
+
+    Of several functions, which come first, one by one.
+    """
+    several = by_coupling.reshape(-1, *arm.coupling.shape)
+    found = [kernel.coupling_slopes(stack.tree, arm.positions, one) for one in several]
+    return np.reshape(found, (*by_coupling.shape[: -arm.coupling.ndim], *arm.positions.shape))
 
 
 def forces(

@@ -99,11 +99,9 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
     """The largest error of answer i's slopes, relative to the largest of them."""
     slopes = dict(one._by() if one.ndim == 3 else one.slopes)
     components = one.ndim - 2
-    by_coupling = slopes.pop("by_coupling", None)
-    if by_coupling is not None:  # what depends on C_bm depends on the joints
-        rows = by_coupling if components else by_coupling[None]
-        by = np.stack([coupling_slopes(motions.stack, motions.arm, row) for row in rows])
-        slopes["by_joints"] = slopes.get("by_joints", 0.0) + (by if components else by[0])
+    if "by_coupling" in slopes:  # what depends on C_bm depends on the joints
+        by = coupling_slopes(motions.stack, motions.arm, slopes.pop("by_coupling"))
+        slopes["by_joints"] = slopes.get("by_joints", 0.0) + by
     largest, worst, said = 1e-6, 0.0, ""
     for name, j in movers(motions):
         wanted = difference(lambda at: _dense(part, method, at)[i].value, motions, name, j)

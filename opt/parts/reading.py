@@ -23,7 +23,6 @@ __all__ = ["Formula", "asked", "formulas", "residuals_of", "rows_of", "violation
 # What a part's formula may be.
 Formula: TypeAlias = "Feature | Residual | JointResidual | FloatArray | Sequence[Formula]"
 
-_differenced: set[tuple[type, str]] = set()  # parts that were said to be slow
 _JOINTS = ("by_joints", "by_rates", "by_accelerations")
 
 
@@ -74,14 +73,12 @@ def _answers(part: Any, method: str, features: Features) -> list[Any]:
     before = lost_slopes()
     found = _flat(asked(part, method, features))
     if lost_slopes() > before:  # a feature was made a plain array on the way: its slopes are not all there
-        found = [one.value if isinstance(one, Feature) else one for one in found]
+        return [one.value if isinstance(one, Feature) else one for one in found]
     return found
 
 
 def _flat(found: Any) -> list[Any]:
-    if isinstance(found, (list, tuple)):
-        return [one for each in found for one in _flat(each)]
-    return [found]
+    return [one for each in found for one in _flat(each)] if isinstance(found, (list, tuple)) else [found]
 
 
 def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Feature:
@@ -116,15 +113,13 @@ def _by_hand(part: Any, method: str, found: Feature, features: Features) -> Feat
 
 
 def _differences(part: Any, method: str, i: int, features: Features) -> Callable[[], dict[str, FloatArray]]:
-    """Makes slopes of answer i of a part; once for each part it is said that this is slow."""
-    if (type(part), method) not in _differenced:
-        _differenced.add((type(part), method))
-        warnings.warn(
-            f"{type(part).__name__}.{method} gives values without slopes: differences take their place, "
-            "which is slow; write it with features (m.tip, m.frame(...), m.rates, ...)",
-            FfsmsWarning,
-            stacklevel=2,
-        )
+    """Makes slopes of answer i of a part; that this is slow is said where Python has not said so before."""
+    warnings.warn(
+        f"{type(part).__name__}.{method} gives values without slopes: differences take their place, "
+        "which is slow; write it with features (m.tip, m.frame(...), m.rates, ...)",
+        FfsmsWarning,
+        stacklevel=2,
+    )
 
     def values(motions: Motions) -> FloatArray:
         one = _answers(part, method, Features(motions, features.duration, features.where))[i]

@@ -35,12 +35,11 @@ def plan_many(
 ) -> list[Trajectory]:
     """Plan many motions, each as `plan` does, bit for bit.
 
-    Of start, target and duration each may be one, for all motions, or a sequence with one a motion.
+    Arguments as for `plan`; of start, target and duration each may be one, for all motions, or a sequence
+    with one a motion. The plans are in the order of the arguments.
 
     Parameters
     ----------
-    sms, dt, kappa, **options
-        As for `plan`.
     q0 : array_like, shape (nq,) or (N, nq)
     target : array_like, shape (3,) or (N, 3), or pinocchio.SE3, or sequence of both kinds
     duration : float or array_like, shape (N,)
@@ -49,11 +48,6 @@ def plan_many(
         Processes to work with; 1 for this one alone. Default: one a core.
     progress : callable, optional
         Called with the share of the motions planned, 0 to 1.
-
-    Returns
-    -------
-    list of Trajectory
-        In the order of the arguments.
 
     Raises
     ------
@@ -96,9 +90,7 @@ def plan_each(
     Parameters
     ----------
     tasks : iterable of (q0, target, duration)
-        As for `plan`; taken as they are needed, so it may be a generator, and endless.
-    sms, dt, kappa, jobs, **options
-        As for `plan_many`.
+        Taken as they are needed, so it may be a generator, and endless; the rest is as for `plan_many`.
 
     Yields
     ------

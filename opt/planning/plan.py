@@ -18,7 +18,7 @@ from ffsms_pin.opt.horizon.diagnosis import with_limits_said
 from ffsms_pin.opt.horizon.solve import refused
 from ffsms_pin.opt.horizon.starts import marched, reference_stepper
 from ffsms_pin.opt.limits import BaseLimits, Clearance, Limit, Obstacle
-from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
+from ffsms_pin.opt.planning.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import Progress, start_sides
 from ffsms_pin.opt.step.stepper import Stepper
@@ -142,24 +142,10 @@ def plan_problem(
     options: SearchOptions | None = None,
     progress: Progress | None = None,
 ) -> Trajectory:
-    """Plan a problem by any method; `opt.solve` is its "horizon".
+    """Plan a problem by any method of `plan`; `opt.solve` is its "horizon", which takes the options.
 
-    Parameters
-    ----------
-    problem : Problem
-        Methods that march keep its limits; of its terms, "step" takes what they say about a step
-        (`Term.step_objective`), the others nothing.
-    method : str
-        As for `plan`.
-    options : SearchOptions, optional
-        For "horizon".
-    progress : callable, optional
-        Called with the share of the work done, 0 to 1.
-
-    Raises
-    ------
-    InvalidValue
-        The method does not know something that the problem has.
+    Methods that march keep the limits; of the terms, "step" takes what they say about a step
+    (`Term.step_objective`), the others nothing. What a method does not know raises `InvalidValue`.
     """
     one_of("method", method, METHODS)
     if method == "paper" and not (problem.momentum is None and all(one.of_paper for one in problem.limits)):
@@ -193,8 +179,8 @@ def _stand_still(problem: Problem) -> Trajectory | None:
         return None
     note = "the end effector is at its target from the start"
     still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)), note)
-    error = max(float(still.position_error[0]), float(still.orientation_error[0]))
-    return still if error < ALREADY_THERE and still.clear else None
+    turned = float(still.orientation_error[0])
+    return still if turned < ALREADY_THERE and still.clear else None
 
 
 def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajectory:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, at_least_zero, number, positive
 from ffsms_pin.opt.motion import Feature, Features, Motions
+from ffsms_pin.opt.motion.motions import EXACT
 from ffsms_pin.opt.terms.term import Term, WeightedTerm, time_scale
 
 __all__ = ["Coupling", "Effort", "Smooth", "ideal_cosine", "soft_assistance", "step_cost"]
@@ -78,10 +79,10 @@ class Coupling(Term):
 
     def residual(self, m: Features) -> Any:
         """C~ - (1 - H_norm), smoothed as `m.smoothing` says."""
-        fade_speed, fade_distance = m.smoothing
         exact, length, speed = self._exact(m)
-        if not (fade_speed or fade_distance):
+        if m.smoothing == EXACT:
             return np.sqrt(self.weight) * exact
+        fade_speed, fade_distance = m.smoothing
         near = length / np.hypot(length, fade_distance)
         fade = speed / np.hypot(speed, fade_speed * m.mean_speed)
         return np.sqrt(self.weight) * near * fade * exact

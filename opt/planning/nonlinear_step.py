@@ -28,14 +28,8 @@ class NonlinearStepper:
     programming (scipy's SLSQP) starts from the last rates, and const8 becomes a row: approach the target at
     least as fast as the schedule asks. The minimum is a whole cone of rates, on which the solver stops where
     it first arrives; neighbouring steps need not agree, so the rates chatter, as the paper's figures do.
-
     The joint limits and |alpha_i| <= 1 always hold, as printed; the rows of other limits do not give way.
-
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    dt, kappa, limits, mode, wheel_total
-        As for `Stepper`.
+    Arguments as for `Stepper`.
     """
 
     def __init__(

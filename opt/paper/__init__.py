@@ -1,1 +1,0 @@
-"""The paper's plain nonlinear step, for comparison."""
