@@ -41,8 +41,7 @@ class BodyStack(ClearanceStack):
     A convex part is a little larger than what it stands for. Where parts overlap at zero or in the middle of
     the joint range although the shapes are apart, the pair is judged by the shapes. A pair whose shapes are
     nearer than the clearance [m] in every posture that was looked at is so by construction: `left_out`.
-    Where there are obstacles, the robot and its payload, a body of its own, are kept from these, less their
-    margins, instead of from itself.
+    Where there are obstacles, the robot is kept from these, less their margins, instead of from itself.
     """
 
     def __init__(
@@ -56,7 +55,7 @@ class BodyStack(ClearanceStack):
         super().__init__(sms)
         self.mode, self._settings = mode, (sms, mode, clearance, payload, obstacles)
         self.obstacles = tuple(obstacles)
-        held = [] if payload is None else [payload]
+        held = [] if payload is None else [payload]  # as obstacles see it, a body of its own
         own = _robot_bodies(sms, mode, [] if obstacles else held)
         # Whether shapes can tell more than their parts.
         self._refines = not all(part.convex for body in own for part in body.whole)
@@ -76,11 +75,9 @@ class BodyStack(ClearanceStack):
             of = {body.carrier: body for body in own}
             self._take([(of[a], of[b]) for a, b in body_pairs(sms, list(of))])
             if not self.names:
-                count, message = (
-                    sum(len(body.whole) for body in own),
-                    "at least one pair of bodies that can meet",
-                )
-                raise InvalidValue("the collision shapes", count, f"must give {message}")
+                count = sum(len(body.whole) for body in own)
+                message = "must give at least one pair of bodies that can meet"
+                raise InvalidValue("the collision shapes", count, message)
             self.largest = self._judged(clearance)
         limits = sms.limits
         slides = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
@@ -91,9 +88,8 @@ class BodyStack(ClearanceStack):
         self._bodies, self.names = pairs, [f"{a.name} - {b.name}" for a, b in pairs]
         exact = by_shapes if len(by_shapes) else [False] * len(pairs)
         self._parts = self._paired(pairs, exact)
-        first, second = self._parts.bodies.T
-        self.bodies, self.sizes, n = np.stack([first, second, first], axis=1), self._parts.sizes, self.sms.n
-        met = [self.obstacles[other - n] if self.obstacles else None for other in second]
+        self.bodies, self.sizes = self._parts.bodies[:, [0, 1, 0]], self._parts.sizes
+        met = [self.obstacles[other - self.sms.n] if self.obstacles else None for other in self.bodies[:, 1]]
         self.passes = np.array([one is not None and not one.on_base for one in met], dtype=bool)
         self._margins = np.array([0.0 if one is None else one.margin for one in met])
 
@@ -114,10 +110,9 @@ class BodyStack(ClearanceStack):
     def serves(self, sms: SpaceManipulator, clearance: float, payload: Part | None) -> bool:
         """Whether it is the one for these as well: masses do not matter, shapes and joint limits do."""
         of, _, asked, held, _ = self._settings
-        if asked != clearance or held is not payload or of.limits is not sms.limits:
-            return False
+        same = asked == clearance and held is payload and of.limits is sms.limits
         # Only robots that differ in what moves no shape have the same ones, read once.
-        return of.geometry("collision") is sms.geometry("collision")
+        return same and of.geometry("collision") is sms.geometry("collision")
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`; parts are quicker than shapes, which measure what these leave."""
@@ -249,9 +244,8 @@ def _robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Bo
     def of(every: list[Part], index: int) -> list[Part]:
         return [part for part in every if part.body == index]
 
-    indices = sorted({part.body for part in whole})
-    name, model = sms.layout.body_name, sms.model
-    return [Body(name(model, i + 2), i, of(parts, i), of(whole, i)) for i in indices]
+    names = {part.body: sms.layout.body_name(sms.model, part.body + 2) for part in whole}
+    return [Body(name, i, of(parts, i), of(whole, i)) for i, name in sorted(names.items())]
 
 
 def body_pairs(sms: SpaceManipulator, indices: Sequence[int]) -> list[tuple[int, int]]:
@@ -264,8 +258,8 @@ def body_pairs(sms: SpaceManipulator, indices: Sequence[int]) -> list[tuple[int,
     if sms.description is None or sms.description.srdf is None:
         return pairs
     geometry = sms.geometry("collision")
-    carriers = [int(one.parentJoint) - 2 for one in geometry.geometryObjects]
-    counted = {frozenset((carriers[one.first], carriers[one.second])) for one in geometry.collisionPairs}
+    on = [int(one.parentJoint) - 2 for one in geometry.geometryObjects]
+    counted = {frozenset((on[one.first], on[one.second])) for one in geometry.collisionPairs}
     return [pair for pair in pairs if frozenset(pair) in counted]
 
 
@@ -294,17 +288,13 @@ def _lines(sms: SpaceManipulator) -> list[Part]:
 
     A point is a joint's origin or the end effector; a line lies in the body that carries both ends.
     """
-    arm = sms.arm_stack()
-    parts = []
+    arm, up, parts = sms.arm_stack(), np.array([0.0, 0.0, 1.0]), []
     for body, end in [*zip(arm.parents, arm.offset, strict=True), (arm.last, arm.tip_in_last)]:
         length = float(np.linalg.norm(end))
-        if body == -1:
-            continue
-        if length < _THIN:
-            parts.append(part_of(coal.Sphere(_THIN), body, pin.SE3(np.eye(3), end), True))
-            continue
-        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length).toRotationMatrix()
-        parts.append(part_of(coal.Capsule(_THIN, length), body, pin.SE3(turn, 0.5 * end), True))
+        along = end if length > _THIN else up
+        turn = pin.Quaternion.FromTwoVectors(up, along / np.linalg.norm(along)).toRotationMatrix()
+        line = coal.Capsule(_THIN, length)
+        parts += [part_of(line, body, pin.SE3(turn, 0.5 * end), True)] if body != -1 else []
     if sms.base_size is not None:
         parts.append(part_of(coal.Box(*sms.base_size), -1, sms.base_box_placement, True))
     return parts

@@ -10,11 +10,13 @@ import pinocchio as pin
 import pytest
 from clearances_at import At
 from meshes import ARMS, Meshes, places
+from motions import random_pose
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.limits.clearance.bodies import BodyStack, body_pairs, chosen_mode
-from ffsms_pin.opt.limits.clearance.distances import Poses
+from ffsms_pin.opt.limits.clearance.distances import PartPairs, Poses
+from ffsms_pin.system.convex_parts import part_of
 
 
 @pytest.fixture(scope="module", params=ARMS)
@@ -178,3 +180,38 @@ def test_robots_of_other_masses_share_what_was_made_of_the_shapes(robot: ffsms.S
     assert kept is not None
     poses = Poses.of(joints)
     np.testing.assert_array_equal(kept.values(poses), BodyStack(heavier, "hulls", 0.01).values(poses))
+
+
+def test_parts_of_all_kinds_are_measured_as_by_coal() -> None:
+    """Apart and overlapping; the nearest points are so far apart, the normal leads from one to the other."""
+    robot = ffsms.load("planar_3r")
+    rng, corners = np.random.default_rng(12), coal.StdVec_Vec3s()
+    corners.extend(list(rng.uniform(-0.1, 0.1, (30, 3))))
+    shapes = [
+        coal.Box(0.1, 0.2, 0.3),
+        coal.Sphere(0.1),
+        coal.Capsule(0.05, 0.3),
+        coal.Cylinder(0.1, 0.2),
+        coal.Cone(0.1, 0.2),
+        coal.Ellipsoid(0.1, 0.15, 0.2),
+        coal.ConvexBase.convexHull(corners, True, "Qt"),
+    ]
+    request, joints = coal.DistanceRequest(), np.zeros((robot.n, 1))
+    where = np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64)
+    overlapping = 0
+    for one in shapes:
+        for other in shapes:
+            for way in (0.1, 0.4, 2.0):
+                near, far = random_pose(rng), random_pose(rng)
+                near.translation, far.translation = rng.normal(0.0, 0.1, 3), rng.normal(0.0, way, 3)
+                first, second = part_of(one, -1, near, True), part_of(other, robot.n, far, True)
+                pairs = PartPairs(robot.arm_stack(), [([first], [second])])
+                poses = Poses(joints, np.eye(3)[:, :, None, None], np.zeros((3, 1, 1)))
+                distance, points = pairs.nearest(poses, where)
+                result = coal.DistanceResult()
+                by_coal = coal.distance(one, first.place, other, second.place, request, result)
+                assert distance[0] == pytest.approx(by_coal, abs=2e-5)
+                here, there, normal = points[0]
+                np.testing.assert_allclose(there - here, distance[0] * normal, atol=2e-5)
+                overlapping += int(by_coal < 0.0)
+    assert 20 < overlapping < 120
