@@ -193,18 +193,14 @@ void add_residuals(const GivenResidual& given, Size n, Size motions, Size instan
   first.weight = weight.data();
   std::ptrdiff_t value_step, steps[kSlopes] = {};
   first.value = strided(value, {components, 0, 0, S, count}, "value", value_step);
-  const char* names[kSlopes] = {"by_velocity",      "by_spin",          "by_base_spin", "by_tip",
-                                "by_base",          "by_turn",          "by_base_turn", "by_joints",
-                                "by_rates",         "by_accelerations", "own_joint",    "own_rate",
-                                "own_acceleration", "by_entropy",       "by_coupling"};
   for (int i = 0; i < kSlopes; ++i) {
-    const auto found = slopes.find(names[i]);
+    const auto found = slopes.find(kNames[i]);
     if (found == slopes.end()) continue;
     Shape shape = {components, 0, 0, S, count};
     if (i < kVectors) shape.component = 3;
     if (i == kCoupling) shape.component = 6;
     if ((i >= kVectors && i < kOwnJoint) || i == kCoupling) shape.joint = n;
-    first.by[i] = strided(found->second, shape, names[i], steps[i]);
+    first.by[i] = strided(found->second, shape, kNames[i], steps[i]);
     expect(i < kOwnJoint || i >= kEntropy || components == n,
            "slopes by own joints are of one number a joint");
   }

@@ -30,27 +30,15 @@ struct Strided {
   }
 };
 
-// What residuals have slopes by. First vectors, inertial axes: those that joint rates change as well, then
-// the other ones that a turn of everything takes along, then turns.
-enum By {
-  kVelocity,
-  kSpin,
-  kBaseSpin,
-  kTip,
-  kBase,
-  kTurn,
-  kBaseTurn,
-  kJoints,
-  kRates,
-  kAccelerations,
-  kOwnJoint,  // of a number for each joint: by that joint alone
-  kOwnRate,
-  kOwnAcceleration,
-  kEntropy,
-  kCoupling,
-  kSlopes
-};
-constexpr int kRated = kTip, kLevered = kTurn, kVectors = kJoints;
+// What residuals have slopes by. First vectors, inertial axes: three that joint rates change as well, two
+// more that a turn of everything takes along, and two turns. Of a number for each joint, slopes by it alone
+// are "own".
+constexpr const char* kNames[] = {"by_velocity",      "by_spin",          "by_base_spin", "by_tip",
+                                  "by_base",          "by_turn",          "by_base_turn", "by_joints",
+                                  "by_rates",         "by_accelerations", "own_joint",    "own_rate",
+                                  "own_acceleration", "by_entropy",       "by_coupling"};
+constexpr int kBaseSpin = 2, kRated = 3, kLevered = 5, kVectors = 7;
+constexpr int kJoints = 7, kOwnJoint = 10, kEntropy = 13, kCoupling = 14, kSlopes = 15;
 
 // A number at `count` instants of each motion, or `count` entries, each of one motion. Absent slopes are
 // zero.
