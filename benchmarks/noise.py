@@ -20,7 +20,7 @@ from robustness import problem
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.engine import all_results, outcomes
-from ffsms_pin.opt.replan.correctable import Correctable
+from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.simulation import Sensors, perturb, simulate
 
 DURATION, HOLD, DT = 12.0, 2.0, 2e-3  # [s]

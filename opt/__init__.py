@@ -1,13 +1,12 @@
 """Coupling-informed planning: problems made of terms and limits, and solvers that only stack them."""
 
-from ffsms_pin.opt.goals import Also, Goal, Meet, Moving, Pose, Position, Via
+from ffsms_pin.opt.goals import Also, Corridor, Goal, Meet, Moving, Pose, Position, Via
 from ffsms_pin.opt.horizon import SearchOptions, shortest, solve
 from ffsms_pin.opt.limits import (
     UNBOUNDED,
     AlphaBox,
     BaseLimits,
     Clearance,
-    Corridor,
     JointLimits,
     Limit,
     Obstacle,

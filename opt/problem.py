@@ -12,8 +12,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import FloatArray, dimensions, frozen, instance, matrix, one_of, positive, vector
-from ffsms_pin.checks import times as instants
+from ffsms_pin.checks import FloatArray, dimensions, frozen, matrix, one_of, positive, vector
 from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.given import (
@@ -37,7 +36,7 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
-__all__ = ["ARRIVAL_SHARE", "Problem"]
+__all__ = ["ARRIVAL_SHARE", "Problem", "given"]
 
 _LEAST_WAY = 0.02  # [m] a target this near, or nearer, is gone to as slowly as one at this distance
 
@@ -219,24 +218,7 @@ class Problem:
         rows = len(rates) if dimensions("rates", rates) == 2 else 0
         rates = matrix("rates", rates, max(2, rows), self.sms.n)
         motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum)
-        return replace(motion, **self.given(self.goal, motion.times))
-
-    def given(self, goal: Goal, times: FloatArray) -> dict[str, Any]:
-        """What motions at times (K,) have from the problem, beside what moves; its goal, or one near it."""
-        instance("goal", goal, Goal)
-        times = instants("times", times)
-        root = pin.XYZQUATToSE3(self.q0[:7] if self.base_start is None else self.base_start)
-        wanted = goal.places(times)
-        return {
-            "base_start": root.act(self.stack.base_com),
-            "rotation_start": root.rotation.copy(),
-            "target": np.broadcast_to(wanted.position, (3, len(times))),
-            "target_on": wanted.on,
-            "mean_speed": self.mean_speed,
-            "wheels": self.wheels,
-            "wheel_total": self.wheel_total,
-            "thrusters": self.thrusters,
-        }
+        return replace(motion, **given(self, self.goal, motion.times))
 
     @cached_property
     def joints0(self) -> FloatArray:
@@ -286,3 +268,19 @@ class Problem:
         """Mean speed of a straight way to the target [m/s]: the scale of speeds."""
         way = self.place_now.position - self.tip0
         return max(float(np.linalg.norm(way)), _LEAST_WAY) / self.duration
+
+
+def given(problem: Problem, goal: Goal, times: FloatArray) -> dict[str, Any]:
+    """What motions at times (K,) have from a problem, beside what moves; its goal, or one near it."""
+    root = pin.XYZQUATToSE3(problem.q0[:7] if problem.base_start is None else problem.base_start)
+    wanted = goal.places(times)
+    return {
+        "base_start": root.act(problem.stack.base_com),
+        "rotation_start": root.rotation.copy(),
+        "target": np.broadcast_to(wanted.position, (3, len(times))),
+        "target_on": wanted.on,
+        "mean_speed": problem.mean_speed,
+        "wheels": problem.wheels,
+        "wheel_total": problem.wheel_total,
+        "thrusters": problem.thrusters,
+    }

@@ -10,7 +10,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import AlphaBox, Limit, Replanning, SearchOptions, Trajectory, Via
 from ffsms_pin.opt.planning.plan import plan_problem
 from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.replan.watching import Watching, first_sight
+from ffsms_pin.opt.replan.replanning import Watching, first_sight
 from ffsms_pin.scenarios.clients import sensor
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.system import SpaceManipulator

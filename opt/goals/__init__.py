@@ -1,10 +1,10 @@
 """Goals: where the end effector should be at the deadline, and how it should arrive."""
 
-from ffsms_pin.opt.goals.changed import Changed
 from ffsms_pin.opt.goals.goal import (
     ORIENTATION_REACH,
     REACH,
     TOLERANCE,
+    Changed,
     Goal,
     Moving,
     Pose,
@@ -12,7 +12,7 @@ from ffsms_pin.opt.goals.goal import (
     as_goal,
 )
 from ffsms_pin.opt.goals.limits import Also, Via
-from ffsms_pin.opt.goals.meet import Meet
+from ffsms_pin.opt.goals.meet import Corridor, Meet
 from ffsms_pin.opt.goals.place import Place
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "TOLERANCE",
     "Also",
     "Changed",
+    "Corridor",
     "Goal",
     "Meet",
     "Moving",

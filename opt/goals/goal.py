@@ -1,13 +1,14 @@
-"""What every goal has; goals that stand still, and a path."""
+"""What every goal has; goals that stand still, a path, and another goal changed."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, frozen, number, positive, rotation, vector
 from ffsms_pin.checks import times as checked_times
@@ -22,6 +23,7 @@ __all__ = [
     "ORIENTATION_REACH",
     "REACH",
     "TOLERANCE",
+    "Changed",
     "Goal",
     "Moving",
     "Pose",
@@ -88,18 +90,23 @@ class Goal(ABC):
 class Fixed(Goal):
     """A goal that stays where it is, in its own axes."""
 
+    _place: ClassVar[Place]
+    _stack: ClassVar[Place]
+
     def _stay(self, place: Place) -> None:
+        """Take a place; every reach must be above zero."""
+        check_reaches(self)
         object.__setattr__(self, "_place", place)
         object.__setattr__(self, "_stack", stacked_places([place]))
 
     def place(self, t: float) -> Place:
         """The same at all times."""
         number("t", t)
-        return self._place  # type: ignore[attr-defined, no-any-return]
+        return self._place
 
     def places(self, times: FloatArray) -> Place:
         """A stack of one."""
-        return self._stack  # type: ignore[attr-defined, no-any-return]
+        return self._stack
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +134,6 @@ class Position(Fixed):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", frozen(vector("target", self.position, 3, "m")))
-        check_reaches(self)
         if self.velocity is not None:
             object.__setattr__(self, "velocity", frozen(vector("goal.velocity", self.velocity, 3, "m/s")))
         _, on = checked_freedom(None, self.on, self.velocity)
@@ -163,7 +169,6 @@ class Pose(Fixed):
     on: str = "inertial"
 
     def __post_init__(self) -> None:
-        check_reaches(self)
         if not (hasattr(self.pose, "translation") and hasattr(self.pose, "rotation")):
             raise InvalidValue("pose", self.pose, "must be a pinocchio.SE3")
         position = frozen(vector("target.translation", self.pose.translation, 3, "m"))
@@ -194,8 +199,6 @@ class Moving(Goal):
     orientation_reach: float = ORIENTATION_REACH
 
     moves: ClassVar[bool] = True
-    # [s] Over which the velocity is a difference; positions then carry it to 1e-7 of theirs.
-    _STEP: ClassVar[float] = 1e-3
 
     def __post_init__(self) -> None:
         check_reaches(self)
@@ -205,9 +208,12 @@ class Moving(Goal):
 
     def place(self, t: float) -> Place:
         """Where the path is, and how fast."""
-        t = number("t", t)
-        here, ahead, behind = (self._where(t + h) for h in (0.0, self._STEP, -self._STEP))
-        return here.moving(behind, ahead, 2.0 * self._STEP)
+        t, h = number("t", t), 1e-3  # [s] positions then carry the velocity to 1e-7 of theirs
+        behind, here, ahead = (as_goal(self.path(time)).place(time) for time in (t - h, t, t + h))
+        spin = None
+        if behind.rotation is not None and ahead.rotation is not None:
+            spin = pin.log3(ahead.rotation @ behind.rotation.T) / (2.0 * h)
+        return replace(here, velocity=(ahead.position - behind.position) / (2.0 * h), spin=spin)
 
     def places(self, times: FloatArray) -> Place:
         """Where the path is at times (K,) [s]."""
@@ -221,18 +227,48 @@ class Moving(Goal):
             raise InvalidValue("path", position, "must give finite positions [m]")
         return Place(position, np.stack([x.rotation for x in found], axis=-1) if turned else None)
 
-    def _where(self, t: float) -> Place:
-        return as_goal(self.path(t)).place(t)
+
+@dataclass(frozen=True, eq=False)
+class Changed(Goal):
+    """Another goal with its places changed, or seen from `later` seconds on: what solvers aim at instead.
+
+    `change` takes a place of that goal, or a stack of them, to this one's. All else is that goal's, where
+    nothing else is given.
+    """
+
+    goal: Goal
+    change: Callable[[Place], Place] | None = None
+    later: float = 0.0
+    tolerance: float = None  # type: ignore[assignment]  # the other's are put in their place
+    reach: float = None  # type: ignore[assignment]
+    orientation_reach: float = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        for name in ("moves", "exact", "coupled", "at_rest_with"):
+            object.__setattr__(self, name, getattr(self.goal, name))
+        for name in ("tolerance", "reach", "orientation_reach"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, getattr(self.goal, name))
+
+    def place(self, t: float) -> Place:
+        """The other's place, `later` seconds later, changed."""
+        return self._changed(self.goal.place(t + self.later))
+
+    def places(self, times: FloatArray) -> Place:
+        """Likewise."""
+        return self._changed(self.goal.places(times + self.later))
+
+    def approach(self, duration: float) -> list[tuple[float, Place]]:
+        """The other's, as far as it still lies ahead."""
+        ahead = [(t - self.later, place) for t, place in self.goal.approach(duration + self.later)]
+        return [(t, self._changed(place)) for t, place in ahead if t > 0.0 or not self.later]
+
+    def _changed(self, place: Place) -> Place:
+        return place if self.change is None else self.change(place)
 
 
 def as_goal(target: Any) -> Goal:
-    """The goal that a plain value means: a position (3,), a pose, or a function of time that gives one.
-
-    Raises
-    ------
-    InvalidValue
-        None of these, not finite, or with a matrix that is no rotation.
-    """
+    """The goal that a plain value means: a position (3,), a pose, or a function of time that gives one."""
     if isinstance(target, Goal):
         return target
     if callable(target):
@@ -241,12 +277,7 @@ def as_goal(target: Any) -> Goal:
 
 
 def resting_place(name: str, target: Any) -> Place:
-    """The place of a goal that stands still and asks for no velocity.
-
-    Raises
-    ------
-    InvalidValue
-    """
+    """The place of a goal; `InvalidValue` unless it stands still and asks for no velocity."""
     goal = as_goal(target)
     place = None if goal.moves else goal.place(0.0)
     if place is None or not place.rests:

@@ -33,16 +33,15 @@ __all__ = ["Also", "Via"]
 class Also(AllOf):
     """Beside the end effector, another frame of the robot is at a goal of its own at the deadline.
 
-    As for the goal itself: within `tolerance` at the deadline, and within `reach` in the last tenth of the
-    time. A plan that misses it has not `reached`, and its `note` says by how much.
+    As for the goal itself: within `tolerance` at the deadline, and within `reach` in the last tenth. A plan
+    that misses it has not `reached`, and its `note` says by how much.
 
     Attributes
     ----------
     frame : str
         Name of a frame of the robot: a link or a joint.
     goal : array_like, shape (3,), pinocchio.SE3, opt.Position or opt.Pose
-        Where it should be; it stands still, or rides on the base (`on="base"`). Tolerance and reach are those
-        of the goal.
+        Where it should be; it stands still, or rides on the base (`on="base"`).
     reserve, margin, ends
         See `Limit`; set for each robot.
     name : str

@@ -1,4 +1,4 @@
-"""To meet a client: the end effector at a grasp on a free body, with its velocity."""
+"""To meet a client: the end effector at a grasp on a free body, with its velocity, through a corridor."""
 
 from __future__ import annotations
 
@@ -15,19 +15,103 @@ from ffsms_pin.client import Client, ClientEstimate
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import REACH, TOLERANCE, Goal, check_reaches
 from ffsms_pin.opt.goals.place import Place
-from ffsms_pin.opt.limits.corridor import Corridor
 from ffsms_pin.opt.limits.limit import Limit
+from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion.frame import Frame
+from ffsms_pin.opt.parts.inequality import Inequality
 
-__all__ = ["HALF_ANGLE", "Meet"]
+__all__ = ["Corridor", "Meet"]
 
-# [rad] At the standoff the corridor is then 55 mm wide to each side, about as far as a gripper opens.
-HALF_ANGLE = math.radians(20.0)
-# Share of the time at which motions that a search starts from are at the corridor's mouth.
-_MOUTH = 0.75
-# Of the time from there on: when these motions are at places of the approach.
-_SHARES = (0.0, 0.2, 0.4, 0.6, 0.8)
-# And when the last tenth begins, in which they are at the grasp.
-_THERE = 0.6
+_MOUTH = 0.75  # share of the time at which motions that a search starts from are at the corridor's mouth
+
+
+@dataclass(frozen=True, eq=False)
+class Corridor(Inequality):
+    """Near a grasp, the end effector stays in a cone that is fixed to it.
+
+    What is forbidden is a ball round the grasp without a cone in it. Room is the greater of the ways into the
+    cone and out of the ball.
+
+    Attributes
+    ----------
+    goal : Goal
+        The grasp: a goal whose places are poses.
+    deadline : float
+        Time of the goal at the motion's deadline [s].
+    length : float
+        The corridor counts within this distance of the grasp [m].
+    half_angle : float
+        [rad]
+    axis : ndarray, shape (3,)
+        Unit vector of the direction of approach, in grasp axes.
+    slack : float
+        By how much the cone is wider than its tip at the grasp [m]: at the grasp the end effector may miss by
+        so much.
+    inside: float
+        Whole motions are looked for that are in the corridor for so long before the deadline [s]: which
+        instants belong into it is then settled, and none is pushed out of the ball on the wrong side.
+    reserve : float
+        What they keep in hand beyond the margin, at the cone and round the ball [m].
+    began : float
+        See `Limit`; the goal's time is counted from the start of the whole motion [s].
+    """
+
+    goal: Goal
+    deadline: float
+    length: float
+    half_angle: float
+    axis: FloatArray
+    slack: float
+    inside: float
+    reserve: float = 0.0
+    began: float = 0.0
+    of_goal: bool = True
+    name = "corridor"
+    refusal = "the start is beside the corridor: {note}; move the start, or take a shorter standoff"
+    margin = 4e-3  # [arm lengths] between two instants a path may cut the mouth's edge
+    step_margin = 0.0
+    binding = 1e-3
+
+    def room(self, m: Features) -> Any:
+        """The greater of the ways into the cone and out of the ball."""
+        cone, far = self._seen(m)
+        return np.maximum(cone, far - self.length)
+
+    def lack(self, m: Features) -> Feature:
+        """Of whole motions, which are in the cone at last; the margin must not shut that at its tip."""
+        cone, far = self._seen(m)
+        late = m.times + self.began >= self.deadline - self.inside
+        ball = far - np.where(late, math.inf, self.length)[None]
+        in_hand = self.margin * m.stack.length + self.reserve
+        lack: Feature = in_hand * np.minimum(far / self.length, 1.0) - np.maximum(cone, ball)
+        return lack
+
+    def _seen(self, m: Features) -> tuple[Feature, Feature]:
+        """How far the end effector is inside the cone, and its distance from the grasp."""
+        grasp = self._grasp(m)
+        way, axis = m.tip - grasp, grasp.axis(self.axis)
+        along = way.dot(axis)
+        beside = (way - along * axis).norm()
+        c, s = math.cos(self.half_angle), math.sin(self.half_angle)
+        return self.slack - c * beside - s * along, way.norm()
+
+    def _grasp(self, m: Features) -> Frame:
+        """The grasp frame, which moves by itself: in a step that counts."""
+        times = self.began + m.times
+        places, place, turn = self.goal.places(times), {}, {}
+        assert places.rotation is not None
+        if m.step is not None:
+            now = self.goal.place(float(times[0]))
+            moves = (np.zeros(3) if one is None else one for one in (now.velocity, now.spin))
+            place, turn = ({"by_time": one[:, None, None]} for one in moves)
+        return Frame(places.position[:, None], places.rotation[:, :, None], place, turn, m.where)
+
+    def note(self, room: float, time: float) -> str:
+        """What is said of a motion that leaves it."""
+        return (
+            f"the approach is {-1e3 * room:.1f} mm outside its corridor at {time:.3g} s "
+            f"(half angle {math.degrees(self.half_angle):.3g} deg within {self.length:.3g} m of the grasp)"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +121,7 @@ class Meet(Goal):
     What lies within `standoff` of the grasp is approached through a corridor only: a cone on the grasp's
     axis, its tip at the grasp, fixed to the client. The axis is the direction in which the end effector moves
     up to the grasp, so it comes from the side of minus `axis`. A problem with this goal has the corridor
-    among its limits (`opt.limits.corridor.Corridor`, named "corridor").
+    among its limits (`opt.Corridor`, named "corridor").
 
     Attributes
     ----------
@@ -48,7 +132,8 @@ class Meet(Goal):
         Length of the corridor [m]; zero: no corridor. Default: the last hand's breadth, in which a gripper's
         fingers are beside the grasp.
     half_angle : float
-        Of the corridor [rad], above zero and below a right angle.
+        Of the corridor [rad], above zero and below a right angle. By default it is 55 mm wide to each side at
+        the standoff, about as far as a gripper opens.
     axis : array_like, shape (3,)
         Direction of approach, in grasp axes; its length does not matter. Default z, which points away from
         the flange in most tool frames.
@@ -70,7 +155,7 @@ class Meet(Goal):
     client: Client | ClientEstimate
     grasp: Any = None
     standoff: float = 0.15
-    half_angle: float = HALF_ANGLE
+    half_angle: float = math.radians(20.0)
     axis: Any = (0.0, 0.0, 1.0)
     tolerance: float = TOLERANCE
     reach: float = REACH
@@ -116,9 +201,10 @@ class Meet(Goal):
     def approach(self, duration: float) -> list[tuple[float, Place]]:
         """From the mouth of the corridor along its axis, ever more slowly, where there is one."""
         found = []
-        for share in _SHARES if self.standoff > 0.0 else ():
+        for share in (0.0, 0.2, 0.4, 0.6, 0.8) if self.standoff > 0.0 else ():
             t = (_MOUTH + (1.0 - _MOUTH) * share) * duration
-            back = pin.SE3(np.eye(3), -(max(1.0 - share / _THERE, 0.0) ** 2) * self.standoff * self.axis)
+            left = max(1.0 - share / 0.6, 0.0)  # none from the last tenth on
+            back = pin.SE3(np.eye(3), -(left**2) * self.standoff * self.axis)
             pose = self.client.pose(t) * self.grasp * back
             found.append((t, Place(pose.translation, pose.rotation)))
         return found

@@ -20,36 +20,20 @@ from ffsms_pin.system.batch.stacks import diagonal, dot
 
 __all__ = ["BINDING", "Near", "Verdict", "arrivals", "beyond", "end_errors", "verdict"]
 
-# Shares of the tolerance at the deadline and of the reach in the last tenth: nearer than that there is
-# nothing to gain. What is kept in hand is for the difference between the spline and the finished motion, and
-# for what a penalty gives way.
-_END, _TAIL = 0.4, 0.9
 BINDING = 0.05  # of what is allowed: with less left the limit binds
-_TINY = 1e-12  # [m, rad] below this length a vector has no direction
 
 
 class Near(Inequality):
     """A frame of the robot is near a place, at the times at which that counts.
 
     Room is in metres: that of an angle by its share of what is allowed.
-
-    Attributes
-    ----------
-    frame : str
-        "tip" is the end effector.
-    reach, orientation_reach : float
-        How far from the place, and from its attitude, the frame may be [m], [rad].
-    share : float
-        Of these; nearer than that there is nothing to gain.
-    said : str
-        What a motion that breaks it is told, of what it misses and when [s].
     """
 
-    frame: str = "tip"
-    reach: float
-    orientation_reach: float
-    share: float
-    said: str
+    frame: str = "tip"  # the end effector
+    reach: float  # [m] how far from the place the frame may be
+    orientation_reach: float  # [rad] and from its attitude
+    share: float  # of these; nearer than that there is nothing to gain
+    said: str  # what a motion that breaks it is told, of what it misses and when [s]
 
     def places(self, m: Features) -> Place:
         """Where the frame should be: at each of the instants, or at all of them."""
@@ -65,7 +49,7 @@ class Near(Inequality):
         return list(zip(missed, (self.reach, self.orientation_reach), strict=False))
 
     def asked(self, m: Features) -> list[tuple[Feature, float]]:
-        """What is missed, with how much of it may be."""
+        """What is missed at the instants of `m`, likewise."""
         return self.among(self.missed(m).parts)
 
     def room(self, m: Features) -> Any:
@@ -96,11 +80,13 @@ class _OfGoal(Near):
 
     def __init__(self, goal: Goal, frame: str, when: str) -> None:
         self.goal, self.frame, self.when, self.name = goal, frame, when, f"also {frame}"
+        # The rest of the reaches is for the difference between the spline and the finished motion, and for
+        # what a penalty gives way.
         if when == "deadline":
             self.reach = self.orientation_reach = goal.tolerance
-            self.share, self.said = _END, f"'{frame}' ends {{}} from its goal"
+            self.share, self.said = 0.4, f"'{frame}' ends {{}} from its goal"
         else:
-            self.reach, self.orientation_reach, self.share = goal.reach, goal.orientation_reach, _TAIL
+            self.reach, self.orientation_reach, self.share = goal.reach, goal.orientation_reach, 0.9
             self.said = f"'{frame}' is up to {{}} from its goal in the last tenth of the time"
         self.in_hand, self.binding = (1.0 - self.share) * self.reach, BINDING * self.reach
 
@@ -116,7 +102,7 @@ def arrivals(goal: Goal, frame: str = "tip") -> list[Near]:
 
 def beyond(x: Feature, allowed: float) -> Feature:
     """What of vectors is longer than allowed: the vectors, shortened."""
-    length = np.maximum(np.sqrt(dot(x.value, x.value)), _TINY)
+    length = np.maximum(np.sqrt(dot(x.value, x.value)), 1e-12)  # a shorter one has no direction
     share, unit = np.maximum(1.0 - allowed / length, 0.0), x.value / length
     if not share.any():
         return Feature(np.zeros_like(x.value), {}, x.where)
@@ -131,26 +117,13 @@ def beyond(x: Feature, allowed: float) -> Feature:
 
 
 class Verdict(NamedTuple):
-    """How a finished motion comes to its goal.
+    """How a finished motion comes to its goal."""
 
-    Attributes
-    ----------
-    distance, angle : ndarray, shape (N + 1,)
-        To the wanted position and attitude at the nodes [m], [rad].
-    contact : ndarray, shape (6,)
-        Velocity and angular velocity of the end effector relative to the place at the deadline; one without
-        velocities counts as standing still.
-    misses : str
-        By how much the end misses the goal beyond its tolerance, in words; empty where it is within.
-    late : str
-        By how much the motion is too far off in the last tenth, in words; empty where it is not.
-    """
-
-    distance: FloatArray
-    angle: FloatArray
-    contact: FloatArray
-    misses: str
-    late: str
+    distance: FloatArray  # (N + 1,) to the wanted position at the nodes [m]
+    angle: FloatArray  # (N + 1,) and to the wanted attitude [rad]
+    contact: FloatArray  # (6,) velocities relative to the place at the deadline, else to standing still
+    misses: str  # by how much the end misses the goal beyond its tolerance; empty where it is within
+    late: str  # by how much the motion is too far off in the last tenth; empty where it is not
 
 
 def verdict(goal: Goal, motion: Motions) -> Verdict:
@@ -164,7 +137,13 @@ def verdict(goal: Goal, motion: Motions) -> Verdict:
     contact: FloatArray = np.concatenate(moving) - np.concatenate(wanted)
     errors = end_errors(goal, float(distance[-1]), float(angle[-1]), contact, motion.duration)
     nodes = motion.last_tenth[motion.last_tenth % 2 == 0] // 2
-    late = _late(goal, float(distance[nodes].max()), float(angle[nodes].max()))
+    far, turned, late = float(distance[nodes].max()), float(angle[nodes].max()), ""
+    if far > goal.reach or turned > goal.orientation_reach:
+        late = (
+            f"too late: up to {1e3 * far:.3g} mm and {math.degrees(turned):.3g} deg off in the last tenth of "
+            f"the time, where {1e3 * goal.reach:.3g} mm and {math.degrees(goal.orientation_reach):.3g} deg "
+            "may be"
+        )
     return Verdict(distance, angle, contact, _misses(goal, errors), late)
 
 
@@ -187,12 +166,3 @@ def _misses(goal: Goal, errors: FloatArray) -> str:
     allowed = ", ".join(f"{size * goal.tolerance:.2g} {unit}" for _, size, unit in told)
     what = "at contact the grasp is missed by" if goal.exact else "the end is off by"
     return f"{what} {found}; its tolerance is {allowed}"
-
-
-def _late(goal: Goal, distance: float, angle: float) -> str:
-    if distance <= goal.reach and angle <= goal.orientation_reach:
-        return ""
-    return (
-        f"too late: up to {1e3 * distance:.3g} mm and {math.degrees(angle):.3g} deg off in the last tenth of "
-        f"the time, where {1e3 * goal.reach:.3g} mm and {math.degrees(goal.orientation_reach):.3g} deg may be"
-    )

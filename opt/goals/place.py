@@ -26,14 +26,9 @@ _OPPOSITE = 1e-8  # [rad] an axis that points away but for this has no way of it
 
 
 class Missed(NamedTuple):
-    """What frames miss of a place, in the axes that the place is given in.
+    """What frames miss of a place, in its axes: the way to it (3, S, K) [m], and the turn (3, S, K) [rad].
 
-    Attributes
-    ----------
-    way : Feature, shape (3, S, K)
-        From the frame to the place [m].
-    turn : Feature, shape (3, S, K), or None
-        Rotation vector that takes the frame's attitude to the nearest that will do [rad]; None: any will do.
+    The turn is a rotation vector to the nearest attitude that will do; None: any will do.
     """
 
     way: Feature
@@ -67,28 +62,14 @@ class Missed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where a frame of the robot should be at one time, or at each of K times (arrays then end in K).
+    """Where a frame of the robot should be at one time, or at each of K times (arrays then end in K)."""
 
-    Attributes
-    ----------
-    position : ndarray, shape (3,)
-        [m]
-    rotation : ndarray, shape (3, 3), or None
-        None: any attitude will do.
-    velocity, spin : ndarray, shape (3,), or None
-        [m/s], [rad/s]; None: not asked for.
-    free_axis : ndarray, shape (3,), or None
-        Unit vector, in the frame's own axes, about which the frame may be turned by any angle.
-    on : {"inertial", "base"}
-        The axes of all this: inertial ones, or those of the robot's base link, with which the place moves.
-    """
-
-    position: FloatArray
-    rotation: FloatArray | None = None
-    velocity: FloatArray | None = None
-    spin: FloatArray | None = None
-    free_axis: FloatArray | None = None
-    on: str = INERTIAL
+    position: FloatArray  # (3,) [m]
+    rotation: FloatArray | None = None  # (3, 3); None: any attitude will do
+    velocity: FloatArray | None = None  # (3,) [m/s]; None: not asked for
+    spin: FloatArray | None = None  # (3,) [rad/s]; likewise
+    free_axis: FloatArray | None = None  # (3,) unit vector in the frame's axes: any turn about it will do
+    on: str = INERTIAL  # the axes of all this, or BASE: those of the base link, with which the place moves
 
     @property
     def moves_with_base(self) -> bool:
@@ -158,13 +139,6 @@ class Place:
         rotation = None if self.rotation is None else np.einsum("xy,yz...->xz...", turn, self.rotation)
         return replace(self, position=(self.position.T + shift.T).T, rotation=rotation)
 
-    def moving(self, before: Place, after: Place, time: float) -> Place:
-        """With the velocities that lead from one place to another in so long [s]."""
-        spin = None
-        if before.rotation is not None and after.rotation is not None:
-            spin = pin.log3(after.rotation @ before.rotation.T) / time
-        return replace(self, velocity=(after.position - before.position) / time, spin=spin)
-
     def aim(self, sms: SpaceManipulator, q: FloatArray) -> Place:
         """A plain place for a step from there: where this one is now, its free turn as the arm has it."""
         here = self.at(q)
@@ -210,13 +184,7 @@ def stacked_places(places: list[Place]) -> Place:
 
 
 def checked_freedom(axis: Any, on: Any, velocity: FloatArray | None) -> tuple[FloatArray | None, str]:
-    """A free axis as a unit vector (3,) or None, and the name of the axes that a place is given in.
-
-    Raises
-    ------
-    InvalidValue
-        No direction, another name, or a velocity asked for on the base.
-    """
+    """A free axis as a unit vector (3,) or None, and the name of the axes; on the base no velocity may be."""
     if axis is not None:
         axis = direction("goal.free_axis", axis)
     if one_of("goal.on", on, (INERTIAL, BASE)) == BASE and velocity is not None:

@@ -1,10 +1,4 @@
-"""How whole motions arrive at the goal: as residuals, and what to aim at where the finished motion does not.
-
-The descent sees the motion at the instants of a quadrature; the finished one is rolled out at its nodes.
-Where the two differ, by a millimetre at a long arm's end, the descent is given another goal: beside the one
-before by as much as the finished motion missed the true one, and with less reach where that motion ends at
-the goal but is too far from it in the last tenth.
-"""
+"""How whole motions arrive at the goal: as residuals, and what to aim at where a finished motion does not."""
 
 from __future__ import annotations
 
@@ -27,21 +21,12 @@ __all__ = ["Arrival", "arrival", "arrival_error", "corrected_goal"]
 
 
 class Arrival(NamedTuple):
-    """What a goal asks of S motions. A radian, a metre a second and a radian a second weigh like a metre.
+    """What a goal asks of S motions. A radian, a metre a second and a radian a second weigh like a metre."""
 
-    Attributes
-    ----------
-    end, tail : list of Feature
-        At the deadline, and in the last tenth.
-    end_share, late_share : ndarray, shape (S,)
-        The largest error at the deadline as a share of the tolerance, and in the last tenth as a share of the
-        reach.
-    """
-
-    end: list[Feature]
-    tail: list[Feature]
-    end_share: FloatArray
-    late_share: FloatArray
+    end: list[Feature]  # at the deadline
+    tail: list[Feature]  # in the last tenth
+    end_share: FloatArray  # (S,) the largest error at the deadline, as a share of the tolerance
+    late_share: FloatArray  # (S,) and in the last tenth, as a share of the reach
 
 
 def arrival(goal: Goal, motions: Motions) -> Arrival:
@@ -78,7 +63,12 @@ def arrival_error(goal: Goal, plan: Trajectory) -> float:
 
 
 def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
-    """The next goal, after a landing at `goal` gave this plan; None where the plan arrives."""
+    """The next goal, after a landing at `goal` gave this plan; None where the plan arrives.
+
+    The descent sees a motion at the instants of a quadrature, the finished one is rolled out at its nodes.
+    The next goal is beside the one before by as much as the finished motion missed the true one, and has less
+    reach where that motion ends at the goal but is too far from it in the last tenth.
+    """
     within = arrival_error(problem.goal, plan) <= problem.goal.tolerance
     if plan.reached and within:
         return None

@@ -19,7 +19,7 @@ from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing, apply_rates
 from ffsms_pin.opt.parts.reading import residuals_of
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import Problem, given
 from ffsms_pin.opt.terms.term import time_scale
 
 __all__ = ["Linearisation", "Weighted", "Weights", "linearise", "motions_of", "sums"]
@@ -140,7 +140,7 @@ def motions_of(
         own_spin=own,
         smoothing=smoothing,
         lag=problem.dt,
-        **problem.given(goal or problem.goal, spline.times),
+        **given(problem, goal or problem.goal, spline.times),
     )
 
 

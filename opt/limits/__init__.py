@@ -2,7 +2,6 @@
 
 from ffsms_pin.opt.limits.base import BaseLimits
 from ffsms_pin.opt.limits.clearance import Clearance, Obstacle
-from ffsms_pin.opt.limits.corridor import Corridor
 from ffsms_pin.opt.limits.joints import AlphaBox, JointLimits
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
 from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
@@ -12,7 +11,6 @@ __all__ = [
     "AlphaBox",
     "BaseLimits",
     "Clearance",
-    "Corridor",
     "JointLimits",
     "Limit",
     "Obstacle",

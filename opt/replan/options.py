@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ffsms_pin.opt.horizon.merit import Weights
 from ffsms_pin.opt.horizon.spline import Grid
 
 __all__ = ["ReplanOptions"]
 
 _LONG, _MIDDLE, _SHORT = Grid(12, 5, 3), Grid(8, 4, 2), Grid(4, 3, 2)
-_BAND, _NARROWEST, _WIDEST = 3.0, 1e-4, 1e-3  # the dead band: times the noise, and its range [m]
-_WEIGHTS = Weights(end=1e5, limits=1e4)
 
 
 @dataclass(frozen=True)
@@ -22,9 +19,8 @@ class ReplanOptions:
     Attributes
     ----------
     period : float
-        Between two re-plans [s]: a base that moves by centimetres a second is not astray by then.
-    share : float
-        The period is never more than this share of the time left: near the deadline errors matter at once.
+        Between two re-plans [s], and never more than a tenth of the time left: a base that moves by
+        centimetres a second is not astray by then, and near the deadline errors matter at once.
     long, middle, short : Grid
         Splines of the rest of the motion: while more than half of the whole time is left, more than a tenth,
         less.
@@ -33,34 +29,28 @@ class ReplanOptions:
         stirs an arm that comes to rest.
     iterations : int
         Of the descent. Two leave commands that jump with the last bits of what is measured.
-    corrections, correcting : int
-        How many times some more are made, with ten times as stiff a goal and limits, where these are not met;
-        and how many each time.
-    enough, limit_enough : float
-        A plan meets its goal within this share of the tolerance, of which the solver leaves 0.4 alone; and a
-        limit within that share of its margin.
-    weights : Weights
-        Of the goal and of the limits: those with which a search ends, without smoothing.
-    damping : float
-        That a descent starts from.
+    corrections : int
+        How many times four more are made, with ten times as stiff a goal and limits, where the plan meets its
+        goal or a limit by more than half of the tolerance or the margin.
     handover : float
-        [s] So long before the deadline single steps take over from the plan: they close what error is left at
-        every planning step.
+        [s] So long before the deadline, but no fewer than ten planning steps, single steps take over from the
+        plan: they close what error is left at every planning step. Where velocities are asked for, the last
+        plan is followed to its end, for a step knows a place only.
     last_plan : float
-        [s] The same where velocities must be met too (`Goal.exact`): the last plan is then followed to its
-        end, for a step knows a place only.
-    least_steps : int
-        And never fewer planning steps than these before it: a spline has to have steps to be sampled at.
+        [s] So long before the deadline the last plan is made where the goal must be met exactly
+        (`Goal.exact`).
     changed : float
         An estimated mass is taken over when it has changed by this share.
     return_rate : float
         [1/s] How fast a step comes back to the plan where a limit kept it away.
     arrived_miss : float
-        [m] A plan that ends within this arrives; a tenth of the paper's r_th, twice the tolerance of
-        plans.
+        [m] A plan that ends within this arrives; a tenth of the paper's r_th, twice the tolerance of plans.
     follow_miss : float
         [m] Where the plan ends further away, single steps would only push against what is in the way: the
         plan is followed to its end.
+    search_again : float
+        [s] Where the rest of a plan does not arrive, a whole search is made, at most once in this time, and
+        at most once in a quarter of the time left.
     dead_band : float, optional
         [m] After the deadline an arm that is this near to a goal that stands still rests until it is further
         away. Default: three times the noise with which its place is seen, from 0.1 to 1 mm; none with perfect
@@ -72,27 +62,17 @@ class ReplanOptions:
     jerk : array_like, optional
         [rad/s^3] One number or (n,). Commanded accelerations change no faster, as far as the limits allow:
         these come first. Default: no limit.
-    search_again : float
-        [s] Where the rest of a plan does not arrive, a whole search is made, at most once in this time, and
-        at most once in a quarter of the time left.
     """
 
     period: float = 0.1
-    share: float = 0.1
     long: Grid = _LONG
     middle: Grid = _MIDDLE
     short: Grid = _SHORT
     cost_until: float = 0.1
     iterations: int = 3
     corrections: int = 3
-    correcting: int = 4
-    enough: float = 0.5
-    limit_enough: float = 0.5
-    weights: Weights = _WEIGHTS
-    damping: float = 0.03
     handover: float = 0.1
     last_plan: float = 0.5
-    least_steps: int = 10
     changed: float = 2e-3
     return_rate: float = 2.0
     arrived_miss: float = 2e-3
@@ -102,16 +82,11 @@ class ReplanOptions:
     settle: float = 0.1
     jerk: Any = None
 
-    @property
-    def calm(self) -> float:
-        """Time in which a limited jerk lets an error be closed without swinging [s]; see `settle`."""
-        return 5.0 * self.settle
-
     def band(self, noise: float | None) -> float:
         """The dead band [m], for sensors of which `noise` [m] is known; None: they are perfect."""
         if self.dead_band is not None:
             return self.dead_band
-        return 0.0 if noise is None else min(max(_BAND * noise, _NARROWEST), _WIDEST)
+        return 0.0 if noise is None else min(max(3.0 * noise, 1e-4), 1e-3)
 
     def rests(self, distance: float, noise: float | None, rested: bool) -> bool:
         """Whether an arm rests at a distance [m] after the deadline, so that it does not chase noise.

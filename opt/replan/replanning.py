@@ -10,27 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, vector
+from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.starts import REFERENCE_WEIGHTS
 from ffsms_pin.opt.motion.actuated import wheel_total
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.approach import aim
-from ffsms_pin.opt.replan.correctable import Correctable
+from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.replan.rest import JointPlan
-from ffsms_pin.opt.replan.rest_planner import RestPlanner
+from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import OneThread
 
-__all__ = ["Replanning"]
-
-_FOLLOWED = (
-    "another thread has begun to follow this Replanning, and it remembers one motion only;"
-    " make one for each run: opt.Replanning(problem)"
-)
-_STILL = 1e-9  # [rad/s, rad/s^2] what a failed joint may still do in a step
+__all__ = ["Replanning", "Watching", "first_sight"]
 
 
 class Replanning:
@@ -39,15 +33,14 @@ class Replanning:
     A closed loop calls `observe` with what it measures, then `sample`. Every `ReplanOptions.period` the whole
     rest of the motion is planned again, from the rest of the last plan: with the base where it is measured,
     the joints as they were commanded (so that they stay within their limits and without jumps), the masses as
-    the motion shows them (`ReactionEstimate`), the wheels' momenta as `observe_wheels` was told, and without
-    the joints that have failed. In between, steps follow the plan under the limits; shortly before the
-    deadline, and after it, steps go straight to the goal from the measured state.
+    the motion shows them, the wheels' momenta as `observe_wheels` was told, and without the joints that have
+    failed. In between, steps follow the plan under the limits; shortly before the deadline, and after it,
+    steps go straight to the goal from the measured state.
 
     Parameters
     ----------
     problem : Problem
-        What the motion should do. It begins in the first state that is measured, whatever the problem's
-        start.
+        What the motion should do, from the first state that is measured on.
     hold : float
         Time for which the goal is held after the deadline [s].
     plan : Trajectory, optional
@@ -61,9 +54,9 @@ class Replanning:
     duration : float
         Time to arrive and to hold [s].
     momentum, base_mode
-        Those of the problem (`momentum` and `mode`); `mode` is what the steps follow.
+        Those of the problem.
     failed_steps, failed_in_a_row : int
-        Steps whose programme was not solved, and how many of them up to now in a row; the arm braked in each.
+        Steps whose programme was not solved, so that the arm braked, and how many of them in a row by now.
     """
 
     def __init__(
@@ -85,7 +78,11 @@ class Replanning:
         self._robot = sms
         if problem.locked:
             self._renew_stepper()
-        self._thread = OneThread(_FOLLOWED, for_good=True)
+        followed = (
+            "another thread has begun to follow this Replanning, and it remembers one motion only;"
+            " make one for each run: opt.Replanning(problem)"
+        )
+        self._thread = OneThread(followed, for_good=True)
         self._step, self._seen = -1, problem.q0
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
@@ -94,6 +91,8 @@ class Replanning:
         self._wheels: FloatArray | None = None
         self._correctable, self._uncorrectable = Correctable(sms, problem.mode), 0.0
         self._rests = False
+        goal = problem.goal
+        self._passing = goal.exact or not goal.place(problem.duration).rests
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
         at_least_zero("dead_band", self.options.band(None), "m")
 
@@ -132,7 +131,7 @@ class Replanning:
         left = self._left
         if left <= 0.5 * self.problem.dt:
             return "hold"
-        return "step" if left <= self._handover and not self.problem.goal.exact else "plan"
+        return "step" if left <= self._handover and not self._passing else "plan"
 
     @property
     def plan_age(self) -> float:
@@ -142,10 +141,8 @@ class Replanning:
     @property
     def note(self) -> str:
         """What stands in the way, as foreseen; empty where nothing does."""
-        names = self.problem.sms.joint_names
-        notes = [
-            f"joint '{names[i]}' has failed" for i in np.flatnonzero(self._planner.failed & self.problem.free)
-        ]
+        names, failed = self.problem.sms.joint_names, self._planner.failed & self.problem.free
+        notes = [f"joint '{names[i]}' has failed" for i in np.flatnonzero(failed)]
         if np.isfinite(self.expected_miss) and self.expected_miss > self.options.arrived_miss:
             notes.append(f"no motion found that arrives: the target is missed by {self.expected_miss:.3g} m")
         if self.failed_steps:
@@ -153,14 +150,7 @@ class Replanning:
         return "; ".join(notes)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Plan the next step from the measured state, and the whole rest, where they are due.
-
-        Parameters
-        ----------
-        t : float
-            [s]
-        q, v : ndarray, shape (nq,), (6 + n,)
-            Measured state.
+        """Plan the next step at t [s] from the measured state, and the whole rest, where they are due.
 
         Raises
         ------
@@ -204,8 +194,8 @@ class Replanning:
     def observe_wheels(self, momentum: ArrayLike) -> None:
         """Take in the measured momenta (w,) of the wheels that hold the attitude, against the base [N m s].
 
-        To be called before `observe`. Without it the wheels' momenta are those that conservation gives from
-        the start on: what thrusters take out of the wheels meanwhile is not known.
+        To be called before `observe`. Without it conservation gives them from the start on: what thrusters
+        take out of the wheels meanwhile is not known.
         """
         if (wheels := self.problem.wheels) is not None:
             self._wheels = vector("momentum", momentum, len(wheels), "N m s")
@@ -233,8 +223,9 @@ class Replanning:
 
     @property
     def _handover(self) -> float:
-        options, exact = self.options, self.problem.goal.exact
-        return max(options.last_plan if exact else options.handover, options.least_steps * self.problem.dt)
+        options = self.options
+        time = options.last_plan if self.problem.goal.exact else options.handover
+        return max(time, 10 * self.problem.dt)
 
     def _stepped(self, now: float, q: FloatArray, plan: JointPlan, goal: Goal) -> Step:
         """The next step: along the plan, or to the goal."""
@@ -247,7 +238,7 @@ class Replanning:
         else:
             position, rotation = aim(self.problem, goal, now, q)
             if self._jerk is not None and not goal.moves:
-                left = max(left, options.calm)
+                left = max(left, 5.0 * options.settle)
             if self.mode == "hold" and not goal.moves:
                 here = self.problem.sms.at(q).end_effector_pose.translation
                 distance = float(np.linalg.norm(position - here))
@@ -271,17 +262,54 @@ class Replanning:
         robot = self._robot = self._planner.robot
         if failed.any():
             velocity, acceleration = robot.limits.velocity.copy(), robot.limits.acceleration.copy()
-            velocity[failed] = acceleration[failed] = _STILL
+            velocity[failed] = acceleration[failed] = 1e-9  # not zero: rows of a programme need room
             robot = robot.with_limits(replace(robot.limits, velocity=velocity, acceleration=acceleration))
         self._stepper = self._stepper.like(sms=robot)
         self._stepper.reset(base_start=base_start, deadline=self.problem.duration)
 
     def _after(self, h: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Motion `h` seconds into the planned step, and on at its last rates if nobody plans the next."""
-        dt, acceleration = self.problem.dt, self._accelerations
-        if h <= dt * (1.0 + 1e-9):
-            rates = self._rates + h * acceleration
-            return self._start + (0.5 * h) * (self._rates + rates), rates, acceleration.copy()
-        end = self._rates + dt * acceleration
-        place = self._start + (0.5 * dt) * (self._rates + end) + (h - dt) * end
-        return place, end, np.zeros_like(end)
+        dt, acceleration = self.problem.dt, self._accelerations.copy()
+        late = h > dt * (1.0 + 1e-9)
+        within = dt if late else h
+        rates = self._rates + within * acceleration
+        place = self._start + (0.5 * within) * (self._rates + rates) + (h - within) * rates
+        return place, rates, np.zeros_like(rates) if late else acceleration
+
+
+class Watching(Replanning):
+    """A reference that plans again to a client that a noisy and late sensor measures meanwhile.
+
+    The problem's goal and obstacles hold the `estimate`, which `first_sight` gives: what is measured renews
+    them all. `client` is where it truly is. It is measured for the last time `last_look` seconds before the
+    deadline; from there its own motion is trusted: whatever is corrected later leaves a velocity, and a hand
+    that is near hides the markers. All else is as in `Replanning`.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        client: Client,
+        sensor: ClientSensor,
+        estimate: ClientEstimate,
+        last_look: float = 1.0,
+        **others: Any,
+    ) -> None:
+        super().__init__(problem, **others)
+        self.estimate, self._client, self._sensor = estimate, client, sensor
+        self._rng = np.random.default_rng((sensor.seed, 1))
+        self._look, self._last_look = sensor.period, problem.duration - last_look
+
+    def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """Measure the client where that is due, then plan."""
+        if self._look - 1e-9 <= t <= self._last_look + 1e-9:
+            self._look += self._sensor.period
+            then = t - self._sensor.latency
+            self.estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
+        super().observe(t, q, v)
+
+
+def first_sight(client: Client, sensor: ClientSensor) -> ClientEstimate:
+    """What is known of a client when the motion begins: one measurement, late and noisy."""
+    first = measured(client, -sensor.latency, sensor, np.random.default_rng(sensor.seed))
+    return ClientEstimate(first, -sensor.latency, sensor)

@@ -1,50 +1,45 @@
-"""What is left of a motion, planned again from the rest of the last plan."""
+"""Plans of what is left of a motion, each from the rest of the one before, for the robot as known by then."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Changed, Goal
-from ffsms_pin.opt.horizon.descent import Candidates, Model, descend
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, descend
+from ffsms_pin.opt.horizon.diagnosis import within_workspace
 from ffsms_pin.opt.horizon.merit import motions_of
+from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.solve import refused
+from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.limits.limit import later
 from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.approach import Approach
+from ffsms_pin.opt.replan.known import ReactionEstimate
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["JointPlan", "replanned", "rest_of"]
+__all__ = ["JointPlan", "RestPlanner", "replanned", "rest_of"]
 
 
 @dataclass(frozen=True, eq=False)
 class JointPlan:
-    """A plan of the joints: rates at nodes, linear between them.
+    """A plan of the joints: positions and rates (N + 1, n) at nodes from `start` on, rates linear between."""
 
-    Attributes
-    ----------
-    start : float
-        Time of the first node [s].
-    dt : float
-        [s]
-    positions, rates : ndarray, shape (N + 1, n)
-        At the nodes [rad], [rad/s].
-    miss : float
-        Distance to the goal at the deadline, as foreseen [m].
-    damping : float, optional
-        With which the descent that made it ended.
-    """
-
-    start: float
-    dt: float
+    start: float  # [s]
+    dt: float  # [s]
     positions: FloatArray
     rates: FloatArray
-    miss: float
-    damping: float | None = None
+    miss: float  # [m] distance to the goal at the deadline, as foreseen
+    damping: float = 0.03  # with which the descent that made it ended
 
     @classmethod
     def of_rates(
@@ -87,20 +82,10 @@ def rest_of(
     goal: Goal | None = None,
     wheel_total: FloatArray | None = None,
 ) -> Problem:
-    """The problem from time t on: from the state there to the same goal at the same deadline.
+    """The problem from time t on, a whole number of steps: to the same goal at the same deadline.
 
-    Parameters
-    ----------
-    problem, sms : Problem, SpaceManipulator
-        The whole one, and the robot as it is known now.
-    t : float
-        A whole number of the problem's steps [s].
-    q : ndarray, shape (nq,)
-        Measured configuration: the base is there.
-    joints, rates : ndarray, shape (n,)
-        Joint positions [rad] and rates [rad/s] that the rest begins with.
-    base_start, locked, goal, wheel_total
-        As in `Problem`; the last two by default those of the whole one.
+    The robot is as known now, its base where q (nq,) was measured, its joints (n,) [rad] and rates [rad/s] as
+    commanded. What follows is as in `Problem`, `goal` and `wheel_total` by default those of the whole one.
     """
     goal = problem.goal if goal is None else goal
     if any(limit.joint_bounds is not None for limit in problem.limits):
@@ -127,49 +112,32 @@ def rest_of(
 
 
 def replanned(
-    problem: Problem,
-    start: float,
-    joints: FloatArray,
-    last: JointPlan,
-    options: ReplanOptions,
-    share: float,
+    problem: Problem, start: float, joints: FloatArray, last: JointPlan, options: ReplanOptions, share: float
 ) -> JointPlan:
-    """The plan for what is left: the solver of the whole horizon, from the rest of the last plan.
+    """The plan for what is left (`rest_of`) from `start` [s] on: the solver of the whole horizon.
 
     One motion instead of a search, a coarse spline, and a few iterations, damped as the last ones were: the
-    last plan is near the minimum, and what has changed since, the base's place or an estimated mass, has
-    changed by little.
-
-    Parameters
-    ----------
-    problem, start : Problem, float
-        What is left (`rest_of`), and when it begins [s].
-    joints : ndarray, shape (n,)
-        Joint positions there, continuous in time: those of a configuration are not, where joints turn without
-        end.
-    last : JointPlan
-        The last plan; what is left of it is the first guess.
-    options : ReplanOptions
-    share : float
-        Of the whole time that is left.
+    rest of the last plan is near the minimum, and what has changed since has changed by little. Joints (n,)
+    are counted continuously in time, which those of a configuration are not where they turn without end;
+    `share` of the whole time is left.
     """
     if share <= options.cost_until:
         problem = replace(problem, terms=[term for term in problem.terms if not term.measures_cost])
-    model, weights = Model.make(problem, options.grid(share)), options.weights
-    p, damping = _first(model, start, last)[None], last.damping or options.damping
-    for iterations in (options.iterations, *[options.correcting] * options.corrections):
-        motion = descend(model, Candidates.start(model, p, weights, damping), weights, iterations)
-        p, damping = motion.p, float(motion.damping[0])
-        if motion.at.end_share[0] <= options.enough and motion.at.limit_share[0] <= options.limit_enough:
+    model = Model.make(problem, options.grid(share))
+    spline = model.spline
+    weights, p = LAST_WEIGHTS, _first(model, start, last)[None]
+    motion = descend(model, Candidates.start(model, p, weights, last.damping), weights, options.iterations)
+    for _ in range(options.corrections):
+        if max(motion.at.end_share[0], motion.at.limit_share[0]) <= 0.5:
             break
         weights = weights.stiffer()
-    spline = model.spline
-    ends = motions_of(problem, spline, p)
+        motion = descend(model, Candidates.start(model, motion.p, weights, motion.damping), weights, 4)
     nodes = np.arange(problem.steps + 1, dtype=np.float64) * problem.dt
-    rates = spline.rates_at(nodes).of(p[0], problem.joint_rates)
+    rates = spline.rates_at(nodes).of(motion.p[0], problem.joint_rates)
     rates[0] = problem.joint_rates
+    ends = motions_of(problem, spline, motion.p)
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
-    return JointPlan.of_rates(start, problem.dt, joints, rates, miss, damping)
+    return JointPlan.of_rates(start, problem.dt, joints, rates, miss, float(motion.damping[0]))
 
 
 def _first(model: Model, start: float, last: JointPlan) -> FloatArray:
@@ -180,3 +148,91 @@ def _first(model: Model, start: float, last: JointPlan) -> FloatArray:
     p[:, ~problem.free] = 0.0
     # The nearest control points that the limits allow.
     return p + model.qp.solve(np.eye(p.size), np.zeros(p.size), p)
+
+
+class RestPlanner:
+    """Makes the first plan, by default by a search, and all that follow; says when the next one is `due` [s].
+
+    `robot` is another object whenever an estimated mass has changed; `wheel_total` (w,) [N m s] is what the
+    wheels would have, were all else at rest, as last observed, or None; `failed` (n,) joints do not move.
+    """
+
+    def __init__(self, problem: Problem, options: ReplanOptions, given: Trajectory | None = None) -> None:
+        self._problem, self._options, self._given = problem, options, given
+        self._estimate, self.robot = ReactionEstimate(problem.sms, problem.mode), problem.sms
+        self._known: FloatArray = np.ones(problem.sms.n + 1)
+        self._base_start: FloatArray | None = None
+        self._next_search = 0.0
+        self.wheel_total: FloatArray | None = None
+        self.failed: NDArray[np.bool_] = ~problem.free
+        self.current: JointPlan | None = None
+        self.made = self.due = self.computing_time = 0.0
+
+    def observe(self, q: FloatArray, v: FloatArray) -> None:
+        """Learn from a measured state; the base's turn and shift count from the first one."""
+        if self._base_start is None:
+            self._base_start = q[:7].copy()
+        if self._estimate.observe(q, v):
+            self.due = 0.0  # a body was captured: the plan is that of another robot
+
+    def expect_noise(self) -> None:
+        """Count on noise in what is observed."""
+        self._estimate.noisy = True
+
+    def without(self, joint: int) -> None:
+        """Plan without a joint, at once."""
+        self.failed[joint] = True
+        self.due = self._next_search = 0.0
+
+    @one_blas_thread()
+    def plan(self, now: float, q: FloatArray, joints: FloatArray, rates: FloatArray, goal: Goal) -> JointPlan:
+        """Plan the rest of the motion from `now` [s]: q (nq,) as measured, joints and rates as commanded.
+
+        The goal is the problem's, as far as the arm can come to it.
+        """
+        begun, options, whole, last = time.perf_counter(), self._options, self._problem, self.current
+        factors = self._estimate.solve()
+        if np.abs(factors - self._known).max() > options.changed:
+            self._known, self.robot = factors, self._estimate.robot()
+        locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
+        base_start = q[:7] if self._base_start is None else self._base_start
+        rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked, goal, self.wheel_total)
+        if last is None:
+            plan = JointPlan.of_trajectory(self._given or _searched(rest), now)
+        else:
+            plan = replanned(self._careful(rest), now, joints, last, options, rest.duration / whole.duration)
+            if plan.miss > options.arrived_miss and now >= self._next_search:
+                plan = self._searched_again(rest, now, joints, plan)
+        self.computing_time = time.perf_counter() - begun
+        self.current, self.made = plan, now
+        self.due = now + max(min(options.period, 0.1 * rest.duration), whole.dt)
+        return plan
+
+    def _searched_again(self, rest: Problem, now: float, joints: FloatArray, plan: JointPlan) -> JointPlan:
+        """A short search, where the rest of the plan does not arrive; the better of both."""
+        self._next_search = now + max(self._options.search_again, 0.25 * rest.duration)
+        found = Search(rest).run(QUICK)
+        other = JointPlan.of_trajectory(found, now)
+        if found.broken or other.miss >= plan.miss:
+            return plan
+        # Joints that turn without end are counted from where they are.
+        return replace(other, positions=other.positions + joints - other.positions[0])
+
+    def _careful(self, rest: Problem) -> Problem:
+        """With noisy sensors: the goal met more narrowly, without ways away from it.
+
+        A tenth of the tolerance: the rest is left to what the model does not know.
+        """
+        goal = rest.goal
+        if not self._estimate.noisy or goal.exact or goal.moves:
+            return rest
+        narrow = Changed(goal, tolerance=0.1 * goal.tolerance)
+        return replace(rest, goal=narrow, terms=[*rest.terms, Approach()])
+
+
+def _searched(problem: Problem) -> Trajectory:
+    """The first plan: as `opt.solve`, but without a diagnosis, which would take seconds."""
+    stays = refused(problem)
+    if stays is not None:
+        return stays
+    return Search(problem).run(STRATEGIES if within_workspace(problem) else QUICK)

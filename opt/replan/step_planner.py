@@ -74,23 +74,15 @@ class StepPlanner(Stepper):
         how = f"dt={self.dt:g} s, kappa={self.kappa:g}"
         return f"StepPlanner({self.sms.model.name}, {how}; {', '.join(names)})"
 
-    @property
-    def stepper(self) -> Stepper:
-        """What takes the steps: itself."""
-        return self
-
     def track(self, target: Any, duration: float, hold: float = 0.0) -> Replanning:
         """A reference for a closed loop that plans again from the measured state.
 
         Parameters
         ----------
         target : array_like, shape (3,), pinocchio.SE3, callable, or Goal
-            Inertial axes [m], or a function of time [s] that gives one: it is then met at its place at the
-            deadline with its velocity, and followed from there on.
-        duration : float
-            Time to arrive [s].
-        hold : float
-            Time for which the target is held after that [s].
+            As in `Problem`. A path is met at the deadline with its velocity, and followed from there on.
+        duration, hold : float
+            Time to arrive, and for which the target is held after that [s].
         """
         sms = self.sms
         # The motion begins in the first state that is measured; until then in the middle of what is allowed.

@@ -9,9 +9,10 @@ import slopes
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.opt.goals import Changed
 from ffsms_pin.opt.horizon.spline import Grid, rate_spline
 from ffsms_pin.opt.parts.reading import residuals_of
-from ffsms_pin.opt.replan.approach import Approach, narrower
+from ffsms_pin.opt.replan.approach import Approach
 
 
 def test_slopes_of_a_retreat(planar: ffsms.SpaceManipulator) -> None:
@@ -35,7 +36,7 @@ def test_slopes_of_a_retreat(planar: ffsms.SpaceManipulator) -> None:
 
 def test_a_narrower_goal_is_the_same_place() -> None:
     goal = opt.Position([0.5, 0.2, 0.1])
-    narrow = narrower(goal)
+    narrow = Changed(goal, tolerance=0.1 * goal.tolerance)
     assert narrow.tolerance == 0.1 * goal.tolerance
     assert narrow.reach == goal.reach
     np.testing.assert_array_equal(narrow.place(1.0).position, goal.place(1.0).position)

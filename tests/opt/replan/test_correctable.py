@@ -14,9 +14,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import FfsmsError, InvalidValue
-from ffsms_pin.opt.replan.correctable import Correctable
+from ffsms_pin.opt.replan.known import Correctable, ReactionEstimate
 from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.replan.reaction import ReactionEstimate
 from ffsms_pin.simulation import Tracking, perturb, simulate
 from ffsms_pin.system.base_motion import roll_out
 

@@ -12,7 +12,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import Coordinated
-from ffsms_pin.opt.replan.reaction import ReactionEstimate
+from ffsms_pin.opt.replan.known import ReactionEstimate
 from ffsms_pin.opt.replan.rest import rest_of
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.simulation import Tracking, perturb

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.replan.reaction import ReactionEstimate
+from ffsms_pin.opt.replan.known import ReactionEstimate
 from ffsms_pin.simulation import perturb
 from ffsms_pin.system.base_motion import roll_out
 

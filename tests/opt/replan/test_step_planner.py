@@ -34,12 +34,12 @@ def test_it_is_the_stepper_with_the_limits_of_the_paper(planar: ffsms.SpaceManip
         planner.advance(q, rates, TARGET, 4.9).joint_rates, stepper.advance(q, rates, TARGET, 4.9).joint_rates
     )
     planner.reset()
-    assert planner.stepper.base_start is None
+    assert planner.base_start is None
     assert (planner.sms, planner.dt, planner.kappa, planner.clearance) == (planar, 0.02, 5.0, 0.02)
     assert planner.base_limits == opt.BaseLimits(attitude=0.1)
     np.testing.assert_array_equal(planner.momentum, 0.01 * np.ones(6))
     planner.dt = 0.05
-    assert planner.stepper.dt == 0.05
+    assert planner.dt == 0.05
 
 
 def test_its_defaults_are_those_of_the_contract() -> None:

@@ -221,8 +221,7 @@ def test_the_step_planner_in_a_mode() -> None:
     assert step.entropy != floating.entropy
     assert step.entropy == pytest.approx(coupling_of(sms.at(start(sms)), "rotation-floating").entropy)
     # A copy goes on alike, and so does another one with the same settings.
-    stepper = planner.stepper
-    copies = pickle.loads(pickle.dumps(stepper)), stepper.like()
+    copies = pickle.loads(pickle.dumps(planner)), planner.like()
     for copy in copies:
         assert copy.mode == "rotation-floating"
         np.testing.assert_array_equal(copy.wheel_total, [0.1, 0.0, 0.0, 0.0])

@@ -1,0 +1,178 @@
+"""What re-planning learns of its robot: how its base really reacts, and which errors its arm can correct."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.goals import Changed, Goal, Place
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.stacks import apply, exp3
+
+__all__ = ["Correctable", "ReactionEstimate"]
+
+_LEAST, _MOST = 0.5, 2.0  # factors beyond these are not explained by masses
+
+
+class ReactionEstimate:
+    """Factors on the arm's masses (and inertias) and on the base's inertia that explain the measured motion.
+
+    The total momentum of a floating system stays what it was at the first sample, and it is linear in the
+    factors: each sample gives six equations, whatever the torques. Momentum has no scale of its own, so the
+    base's mass is the unit. The estimate is the least-squares one with a prior around the model, so factors
+    that the motion does not show stay at 1. With `noisy` sensors the first sample is as noisy as any other,
+    and the constant momentum is estimated too. What external forces do counts as an error of the masses.
+
+    Where wheels hold the attitude the linear momentum alone is constant: three equations. Thrusters push from
+    outside, so in their modes the model is kept.
+
+    Where exact measurements ask for factors (n + 1,) out of bounds, something else than masses is at work,
+    and the model is kept. Noisy ones ask for that where the motion shows little: there the best factors
+    within the bounds are taken, for to drop them all at once would make the plans jump.
+    """
+
+    def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
+        self._sms, self._data = sms, sms.model.createData()
+        # Components of [linear; angular] momentum that stay.
+        self._kept = {"floating": 6, "rotation-floating": 3}.get(mode, 0)
+        self.factors: FloatArray = np.ones(sms.n + 1)  # of the arm's bodies, then of the base's inertia
+        base = sms.model.inertias[1]
+        mass, lever = float(base.mass), np.array(base.lever)
+        self._point = pin.Inertia(mass, lever, np.zeros((3, 3)))
+        self._turning = pin.Inertia(0.0, lever, np.array(base.inertia))
+        size, noise = float(np.trace(base.inertia)) / 3.0, 1e-3  # [m/s, rad/s] of the base in one sample
+        self._scale = 1.0 / (noise * np.repeat([mass, size], 3))[: self._kept, None]
+        self.noisy = False
+        self._first: FloatArray | None = None
+        self._last: FloatArray | None = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Start the sums of the least squares: A x = -c + (by what the first sample's momentum is off)."""
+        count = len(self.factors)
+        self._G, self._g = np.eye(count) / 0.2**2, np.zeros(count)  # the prior's standard deviation: 0.2
+        self._sum_A, self._sum_c = np.zeros((self._kept, count)), np.zeros(self._kept)
+        self._samples = 0
+
+    def observe(self, q: FloatArray, v: FloatArray) -> bool:
+        """Take in a measured state, Pinocchio's; whether it is that of another robot than before."""
+        if not self._kept:
+            return False
+        parts, jumped = self._momenta(q, v), False
+        if self._last is not None:  # more than thirty times the noise is no noise
+            step = (parts - self._last) * self._scale
+            jumped = bool(np.abs(step @ np.concatenate([[1.0], self.factors])).max() > 30.0)
+        if self._first is None or jumped:
+            # The first sample; or a body was captured, and what was learnt is of another robot.
+            self._forget()
+            self._first = parts
+        self._last = parts
+        change = (parts - self._first) * self._scale
+        A = change[:, 1:]
+        # sum of factor times part is constant; with factor = 1 + x: A x = -(sum of all changes).
+        c = change.sum(axis=1)
+        self._G += A.T @ A
+        self._g -= A.T @ c
+        self._sum_A, self._sum_c, self._samples = self._sum_A + A, self._sum_c + c, self._samples + 1
+        return jumped
+
+    def _momenta(self, q: FloatArray, v: FloatArray) -> FloatArray:
+        """Momenta of base mass, arm bodies and base inertia, about the inertial origin: rows that stay."""
+        model, data = self._sms.model, self._data
+        pin.forwardKinematics(model, data, q, v)
+        place, twist = data.oMi[1], data.v[1]
+        arm = [data.oMi[i].act(model.inertias[i] * data.v[i]) for i in range(2, self._sms.n + 2)]
+        parts = [place.act(self._point * twist), *arm, place.act(self._turning * twist)]
+        return np.stack([part.vector for part in parts], axis=1)[: self._kept]
+
+    def solve(self) -> FloatArray:
+        """The factors (n + 1,) by what was measured until now."""
+        G, g = self._G, self._g
+        if self.noisy:
+            # The best constant for factors x is the mean of c + A x, with a prior of one sample's noise.
+            G = G - self._sum_A.T @ self._sum_A / (self._samples + 1)
+            g = g + self._sum_A.T @ self._sum_c / (self._samples + 1)
+        factors = np.asarray(1.0 + np.linalg.solve(G, g), dtype=np.float64)
+        if (factors >= _LEAST).all() and (factors <= _MOST).all():
+            return factors
+        if not self.noisy:
+            return np.ones_like(factors)
+        from scipy.optimize import lsq_linear  # slow to load, and few runs need it
+
+        L = np.linalg.cholesky(G)
+        bounds = _LEAST - 1.0, _MOST - 1.0
+        return np.asarray(1.0 + lsq_linear(L.T, np.linalg.solve(L, g), bounds).x)
+
+    def robot(self) -> SpaceManipulator:
+        """The robot with the estimated factors, which `factors` then holds."""
+        self.factors = self.solve()
+        model = self._sms.model.copy()
+        for i, factor in enumerate(self.factors[:-1].tolist()):
+            model.inertias[i + 2] = _scaled(model.inertias[i + 2], factor, factor)
+        model.inertias[1] = _scaled(model.inertias[1], 1.0, float(self.factors[-1]))
+        return self._sms.with_inertias(model)
+
+
+def _scaled(body: Any, mass: float, inertia: float) -> Any:
+    return pin.Inertia(mass * body.mass, body.lever, inertia * body.inertia)
+
+
+class Correctable:
+    """The directions in which a robot can move its end effector at all, whatever its configuration.
+
+    The range of J* over some configurations within the limits, in the root's axes: all of space for most
+    arms, the plane of motion for one whose joint axes are parallel, to which the base then keeps as well.
+    """
+
+    def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
+        self._sms = sms
+        lower, upper = np.maximum(sms.limits.lower, -np.pi), np.minimum(sms.limits.upper, np.pi)
+        joints = np.random.default_rng(0).uniform(lower, upper, (8, sms.n)).T
+        J = sms.arm_stack(mode).coupled(joints)[1].reshape(6, -1)
+        self._shifts, self._turns = _range(J[:3]), _range(J[3:])
+
+    @property
+    def everything(self) -> bool:
+        """Whether every error can be corrected."""
+        return self._shifts is None and self._turns is None
+
+    def goal(self, goal: Goal, q: FloatArray, t: float) -> tuple[Goal, float]:
+        """The goal as far as the arm can come to it from q (nq,), and what is left however it moves [m].
+
+        The goal's place at time t [s] counts for that distance.
+        """
+        if self.everything:
+            return goal, 0.0
+        here, place = self._sms.at(q).end_effector_pose, goal.place(t)
+        root = np.eye(3) if place.moves_with_base else pin.XYZQUATToSE3(q[:7]).rotation
+        shifts, turns = (
+            np.eye(3) if part is None else root @ part @ root.T for part in (self._shifts, self._turns)
+        )
+
+        def projected(place: Place) -> Place:
+            """Moved to where the arm can come: along what it cannot correct, it is where it is."""
+            missed, times = place.missed(place.seen(here, q)), place.position.shape[1:]
+            shift = np.tensordot(shifts - np.eye(3), missed.way.value, 1).reshape(3, *times)
+            vector = missed.vector.reshape(3, *times)
+            moved = place.moved(shift, apply(exp3(turns @ vector), exp3(-vector)))
+            velocities = zip((shifts, turns), (place.velocity, place.spin), strict=True)
+            velocity, spin = (None if one is None else part @ one for part, one in velocities)
+            return replace(moved, velocity=velocity, spin=spin)
+
+        vector = place.missed(place.seen(here, q)).vector[:, 0, 0]
+        left = float(np.linalg.norm(place.position - projected(place).position))
+        tilt = float(np.linalg.norm(vector - turns @ vector))
+        if max(left, tilt) < 1e-6:  # [m, rad] rounding
+            return goal, 0.0
+        return Changed(goal, projected), left
+
+
+def _range(J: FloatArray) -> FloatArray | None:
+    """Projection (3, 3) on the range of J (3, k), weak directions apart; None where that is all of space."""
+    directions, strengths, _ = np.linalg.svd(J, full_matrices=True)
+    rank = int((strengths > 1e-3 * strengths[0]).sum())
+    return None if rank == 3 else directions[:, :rank] @ directions[:, :rank].T
