@@ -46,7 +46,7 @@ __all__ = [
 # little to keep an arm from leaving a singular start. Re-planned motions have it too: a goal at the edge of
 # the workspace is not worth fast joints.
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
-_STRIDES = 40  # a step of a march with all limits is at most such a part of the time left
+_STRIDES = 60  # a step of a march with all limits is at most such a part of the time left
 _BEHIND = 1.5  # at such a multiple of the way that is left at the mean speed a march is given up
 
 

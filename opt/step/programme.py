@@ -220,19 +220,17 @@ class StepSolver:
     def solve(self, p: Programme, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
         """Solution of a programme, from the solution (x, z) of one like it.
 
-        The rows that were active there mostly are here, too: then their equations give the solution, which
-        ProxQP only has to confirm. A start of another size is not used. Where the solver does not converge
-        from it, it starts once more from nothing.
+        A start of another size is not used. Where the solver does not converge from it, it starts once more
+        from nothing.
         """
         if start is not None and (len(start[0]), len(start[1])) == (len(p.g), len(p.low)):
-            guess = kernel.refined(*p, start[1], _TOLERANCE)
-            found = self._solve(p, *(guess or start), confirms=guess is not None)
+            found = self._solve(p, *start)
             # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.
             if found.exact:
                 return found
         return self._solve(p, np.zeros(len(p.g)), np.zeros(len(p.low)))
 
-    def _solve(self, p: Programme, x: FloatArray, z: FloatArray, confirms: bool = False) -> Solution:
+    def _solve(self, p: Programme, x: FloatArray, z: FloatArray) -> Solution:
         """ProxQP's solution, made exact: that of the equations of the rows that are active by multipliers.
 
         ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory
@@ -250,8 +248,6 @@ class StepSolver:
         results, info = qp.results, qp.results.info
         self.iterations = int(info.iter)
         solved = info.status == proxqp.PROXQP_SOLVED
-        if solved and confirms and self.iterations == 0:
-            return Solution(x, z, True, True)
         if solved and (exact := kernel.refined(*p, results.z, _TOLERANCE)) is not None:
             return Solution(*exact, True, True)
         x, z = np.array(results.x), np.array(results.z)
