@@ -162,6 +162,8 @@ def _check_client(source: Path, tables: Mapping[str, Any]) -> None:
         if tables["contact"]:
             raise InvalidScenario(source, "[contact] needs a table [client]")
         return
+    if tables["capture"]:
+        raise InvalidScenario(source, "[[capture]] and [client] both give the end effector a body; keep one")
     if tables["plan"].get("method", "horizon") != "horizon":
         raise InvalidScenario(source, '[plan] method must be "horizon" for a client: the others meet none')
     built = {"joints", "joints" + DEGREES} & client.keys()
