@@ -11,6 +11,7 @@ from ffsms_pin.checks import instance, whole
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, run
 from ffsms_pin.engine.cluster import ALLOWED_FAILURES
 from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.extras import require
 from ffsms_pin.scenarios import Scenario
 
 __all__ = ["campaign", "campaign_of", "replayed_scenario"]
@@ -48,6 +49,7 @@ def campaign(
         As for `ffsms_pin.engine.run`. A run that fails is no error: it is a row with its error.
     """
     instance("campaign", of, Campaign)
+    require("cluster", "a campaign")
     work = CampaignRuns(of)
     return run(
         work,

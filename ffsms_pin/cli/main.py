@@ -124,9 +124,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except FfsmsError as error:
         return _failed(f"error: {error}", BAD_INPUT)
     except _Terminated:
-        return _failed("terminated", TERMINATED)
+        return _failed("terminated" + _goes_on(arguments), TERMINATED)
     except KeyboardInterrupt:
-        return _failed("interrupted", INTERRUPTED)
+        return _failed("interrupted" + _goes_on(arguments), INTERRUPTED)
     except MemoryError:
         return _failed("error: out of memory; ask for shorter motions or fewer of them", BAD_INPUT)
     except Exception as error:  # whatever is left is our fault
@@ -134,6 +134,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         what = " ".join(f"{type(error).__name__}: {error}".split())
         return _failed(f"a defect of ffsms-pin, please report it: {what}", DEFECT)
+
+
+def _goes_on(arguments: argparse.Namespace) -> str:
+    """How a long command that was stopped goes on."""
+    resumes = getattr(_COMMANDS[arguments.command], "RESUMES", False)
+    return "; what is done is kept: the same command goes on from there" if resumes else ""
 
 
 def _no_command(given: Sequence[str]) -> str:
