@@ -56,6 +56,7 @@ def campaign(
         Chunks.fitting(of.runs),
         folder,
         specification=of.specification(),
+        where=of.where,
         jobs=jobs,
         scheduler=scheduler,
         shard=shard,
@@ -75,7 +76,7 @@ def campaign_of(folder: str | os.PathLike[str], allow_import: bool = False) -> C
     """
     place = ChunkFolder(folder)
     try:
-        return Campaign.from_specification(place.specification, allow_import)
+        return Campaign.from_specification(place.specification, place.where, allow_import)
     except (KeyError, TypeError, ValueError):
         raise ResultError(place.path, "holds results, but not of a campaign") from None
 
