@@ -72,7 +72,7 @@ def obstacles_beside(sms: ffsms.SpaceManipulator, task: Task, rng: np.random.Gen
     """Obstacles that the straight move keeps clear of, near to where it passes."""
     profile = 1.5 * (1.0 - (2.0 * np.linspace(0.0, 1.0, MOVE + 1) - 1.0) ** 2)
     rates = profile[:, None] * (task.joint_goal - sms.joint_positions(task.q0))
-    motion = rolled_out(sms, ArmStack(sms), task.q0, rates, 1.0 / MOVE, None, 0.9)
+    motion = rolled_out(sms, ArmStack(sms), task.q0, rates, 1.0 / MOVE)
     points = motion.com[:, None] + apply(
         motion.base_attitude[:, :, :1], motion.arm.points[:, 2:, 0] - motion.arm.com
     )

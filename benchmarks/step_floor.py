@@ -28,8 +28,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits
 from ffsms_pin.opt.step import stepper
 from ffsms_pin.opt.step.march import start_sides
-from ffsms_pin.opt.step.programme import StepProblem
-from ffsms_pin.opt.step.solver import StepSolver, new_solver
+from ffsms_pin.opt.step.programme import StepProblem, StepSolver, new_solver
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import advance
 

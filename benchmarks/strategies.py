@@ -104,12 +104,12 @@ def _straight(
     """The straight move, from rest to rest."""
     s = np.linspace(0.0, 1.0, round(duration / DT) + 1)
     rates = (6.0 * s * (1.0 - s))[:, None] * way / duration
-    return rolled_out(sms, stack, q0, rates, duration / (len(s) - 1), momentum, 0.9)
+    return rolled_out(sms, stack, q0, rates, duration / (len(s) - 1), momentum)
 
 
 def _clear_at(sms: ffsms.SpaceManipulator, stack: ArmStack, clearance: opt.Limit, joints: FloatArray) -> bool:
     """Whether the arm keeps clear at joint positions (n,)."""
-    still = rolled_out(sms, stack, sms.configuration(joints), np.zeros((2, sms.n)), DT, None, 0.9)
+    still = rolled_out(sms, stack, sms.configuration(joints), np.zeros((2, sms.n)), DT)
     return clearance.violation(still).amount == 0.0
 
 

@@ -18,7 +18,6 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.problem import ARRIVAL_SHARE
 from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.batch.arm import ArmStack
 
@@ -54,7 +53,7 @@ def reachable_targets(
         move = joint_goal - start
         # One second at constant rates: the base's motion depends on the path alone, not on its timing.
         rates, dt_move = np.tile(move, (STEPS + 1, 1)), 1.0 / STEPS
-        motion = rolled_out(sms, stack, q0, rates, dt_move, None, ARRIVAL_SHARE)
+        motion = rolled_out(sms, stack, q0, rates, dt_move)
         if clearance.violation(motion).amount > 0.0:
             continue
         # By the plain roll-out again, which earlier targets were made by: those of a seed stay the same bits.

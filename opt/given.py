@@ -1,4 +1,4 @@
-"""What a problem is given: defaults where nothing is, and checks, made once."""
+"""What `plan`, `Problem` and `StepPlanner` are given: defaults, and checks of parts, times and joints."""
 
 from __future__ import annotations
 
@@ -6,15 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, frozen, number, positive, vector
-from ffsms_pin.client import rest_momentum
+from ffsms_pin.checks import FloatArray, instance, number, positive
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.limits import (
     AlphaBox,
-    BaseLimits,
     Clearance,
     JointLimits,
     Limit,
@@ -24,19 +20,15 @@ from ffsms_pin.opt.limits import (
 )
 from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.base_reaction import MODES
 
 __all__ = [
-    "asked_momentum",
     "check_joints",
-    "check_locked",
-    "check_parts",
-    "checked_momentum",
+    "checked_locked",
+    "checked_parts",
     "checked_times",
     "default_limits",
     "default_terms",
     "step_limits",
-    "wheels_at_start",
     "with_defaults",
 ]
 
@@ -46,10 +38,7 @@ MOST_STEPS = 1_000_000  # some 400 MB for seven joints
 def default_terms(
     kappa: float = Coupling.kappa, effort: float | None = None, base: float = 0.0, coupled: bool = True
 ) -> tuple[Term, ...]:
-    """What a motion should be like where nothing else is asked for.
-
-    `effort` and `base` weigh joint travel and turning of the base; for `coupled` see `Goal.coupled`.
-    """
+    """What a motion should be like where nothing else is asked for; for `coupled` see `Goal.coupled`."""
     cost = (Coupling(kappa),) if coupled else ()
     spared = (BaseTurn(base),) if number("base", base) != 0.0 else ()
     return (*cost, Smooth(), Effort() if effort is None else Effort(effort), *spared)
@@ -59,11 +48,10 @@ def default_limits(
     clearance: float = Clearance.clearance,
     collision: str = Clearance.collision,
     obstacles: Sequence[Obstacle] = (),
-    base: BaseLimits | None = None,
+    base: Limit | None = None,
 ) -> tuple[Limit, ...]:
     """What must hold where nothing else is asked for: limits of the joints and their torques, a clearance."""
-    if base is not None and not isinstance(base, BaseLimits):
-        raise InvalidValue("base_limits", base, "must be an opt.BaseLimits")
+    instance("base_limits", base, Limit, optional=True)
     kept = (JointLimits(), TorqueLimits(), Clearance(clearance, collision, obstacles=obstacles))
     return kept if base is None else (*kept, base)
 
@@ -79,8 +67,8 @@ def with_defaults(limits: Sequence[Limit], *more: Limit) -> tuple[Limit, ...]:
     return (*limits, *(one for one in more if one.name not in [limit.name for limit in limits]))
 
 
-def check_parts(name: str, parts: Any, kind: type) -> None:
-    """Raise `InvalidValue` where parts are not a sequence of named parts of one kind."""
+def checked_parts(name: str, parts: Any, kind: type) -> tuple[Any, ...]:
+    """Parts of one kind, each with a name of its own."""
     for part in parts if isinstance(parts, Sequence) else [parts]:
         if not isinstance(part, kind) or part is parts:
             raise InvalidValue(name, part, f"must be a sequence of opt.{kind.__name__}")
@@ -90,6 +78,7 @@ def check_parts(name: str, parts: Any, kind: type) -> None:
     for one in names:
         if names.count(one) > 1:
             raise InvalidValue(name, one, "must have one part of each name; give yours another `name`")
+    return tuple(parts)
 
 
 def checked_times(duration: Any, dt: Any) -> tuple[float, float]:
@@ -98,61 +87,23 @@ def checked_times(duration: Any, dt: Any) -> tuple[float, float]:
     if duration < dt:
         raise InvalidValue("duration", duration, f"must be at least one step of {dt:g} s")
     if duration / dt > MOST_STEPS:
-        raise InvalidValue(
-            "duration", duration, f"must be at most {MOST_STEPS} steps of {dt:g} s; take a longer dt"
-        )
+        most = f"must be at most {MOST_STEPS} steps of {dt:g} s; take a longer dt"
+        raise InvalidValue("duration", duration, most)
     return duration, duration / round(duration / dt)
 
 
-def check_locked(sms: SpaceManipulator, locked: Any) -> None:
-    """Raise `InvalidValue` where locked joints are not a sequence of joint names."""
+def checked_locked(sms: SpaceManipulator, locked: Any) -> tuple[str, ...]:
+    """Names of joints that cannot move."""
     if isinstance(locked, str) or not isinstance(locked, Sequence):
         raise InvalidValue("locked", locked, "must be a sequence of joint names")
     for name in locked:
         if name not in sms.joint_names:
             raise InvalidValue("locked", name, f"must be a joint: {', '.join(sms.joint_names)}")
+    return tuple(locked)
 
 
-def checked_momentum(
-    sms: SpaceManipulator, q0: FloatArray, goal: Goal, given: Any, mode: str
-) -> FloatArray | None:
-    """Total momentum (6,), that given or what the goal asks for; None: zero.
-
-    `InvalidValue` for momentum that the base would have to turn or move with where it is held.
-    """
-    if given is not None:
-        momentum: FloatArray | None = vector("momentum", given, 6)
-    else:
-        momentum = asked_momentum(goal, np.array(pin.centerOfMass(sms.model, sms.model.createData(), q0)))
-    if momentum is None or not momentum.any():
-        return None
-    rows = MODES[mode]
-    if len(rows) < 6 and (momentum[3:].any() or 0 not in rows):
-        kept = "linear momentum only" if 0 in rows else "none"
-        raise InvalidValue("momentum", momentum, f"must be {kept} in mode '{mode}': the base is held")
-    return momentum
-
-
-def asked_momentum(goal: Goal, com: FloatArray) -> FloatArray | None:
-    """The total momentum (6,) that a goal asks for, the robot's centre of mass at com (3,); None: any."""
-    return None if goal.at_rest_with is None else rest_momentum(goal.at_rest_with, com)
-
-
-def wheels_at_start(sms: SpaceManipulator, mode: str, given: Any) -> FloatArray:
-    """Momenta (w,) of the wheels that hold the attitude [N m s]; none where none do."""
-    wheels = sms.wheels if mode == "rotation-floating" else None
-    if given is None or np.size(given) == 0:
-        return frozen(np.zeros(0 if wheels is None else len(wheels)))
-    if wheels is None:
-        raise InvalidValue(
-            "wheel_momentum", given, "must be left out: in this mode no wheels hold the attitude"
-        )
-    return frozen(vector("wheel_momentum", given, len(wheels), "N m s"))
-
-
-def check_joints(sms: SpaceManipulator, limits: Any, q0: FloatArray) -> None:
-    """Raise `InvalidValue` where a start is outside joint limits."""
-    positions = sms.layout.positions(q0)
+def check_joints(sms: SpaceManipulator, limits: Any, positions: FloatArray) -> None:
+    """Raise `InvalidValue` where joint positions (n,) [rad] are outside joint limits."""
     outside = limits.violation(positions)
     if outside.any():
         i = int(np.argmax(outside))

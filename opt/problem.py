@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -12,35 +12,25 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import (
-    FloatArray,
-    dimensions,
-    frozen,
-    instance,
-    matrix,
-    one_of,
-    positive,
-    vector,
-)
+from ffsms_pin.checks import FloatArray, dimensions, frozen, instance, matrix, one_of, positive, vector
 from ffsms_pin.checks import times as instants
+from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.given import (
     check_joints,
-    check_locked,
-    check_parts,
-    checked_momentum,
+    checked_locked,
+    checked_parts,
     checked_times,
     default_limits,
     default_terms,
     step_limits,
-    wheels_at_start,
     with_defaults,
 )
 from ffsms_pin.opt.goals import Goal, Place, as_goal
 from ffsms_pin.opt.limits import Limit, WheelLimits
 from ffsms_pin.opt.limits.limit import prepared
 from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
-from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE, Motions
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.terms import Coupling, Term
 from ffsms_pin.system import SpaceManipulator
@@ -49,8 +39,6 @@ from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
 __all__ = ["ARRIVAL_SHARE", "Problem"]
 
-ARRIVAL_SHARE = 0.9  # const8 asks for arrival from 0.9 T on
-_STEPS = 100  # at least, of a problem with another duration
 _LEAST_WAY = 0.02  # [m] a target this near, or nearer, is gone to as slowly as one at this distance
 
 
@@ -69,15 +57,13 @@ class Problem:
     duration : float
         Time to the deadline [s]. The paper states none; 12 s is ours for its cases.
     dt : float
-        Step of the finished motion [s]. A whole number of steps makes up the duration, so the step is the
-        nearest that does.
+        Step of the finished motion [s]: the nearest of which a whole number makes up the duration.
     terms : sequence of Term, optional
-        What the motion should be like. Default: the paper's cost with kappa 10, small accelerations, little
-        travel. Without the paper's cost where the goal sets the way (`Goal.coupled`).
+        Default: the paper's cost with kappa 10 (not where the goal sets the way, `Goal.coupled`), small
+        accelerations, little travel.
     limits : sequence of Limit, optional
-        What must hold. Default: the joints' limits, those of their torques, and a clearance of 0.01 m. Limits
-        that belong to the goal, such as the corridor of `opt.Meet`, come to these by themselves, as
-        `WheelLimits` do where wheels hold the attitude.
+        Default: those of the joints and their torques, and a clearance of 0.01 m. The goal's own, such as the
+        corridor of `opt.Meet`, are added, as `WheelLimits` are where wheels hold the attitude.
     joint_rates : array_like, shape (n,), optional
         At the start [rad/s]; default: at rest.
     momentum : array_like, shape (6,), optional
@@ -117,56 +103,67 @@ class Problem:
     def __post_init__(self) -> None:
         if not isinstance(self.sms, SpaceManipulator):
             raise InvalidValue("sms", self.sms, "must be a SpaceManipulator, as ffsms_pin.load gives it")
-        q0 = frozen(self.sms.checked_configuration("q0", self.q0))
+        sms, put = self.sms, partial(object.__setattr__, self)
+        put("q0", frozen(sms.checked_configuration("q0", self.q0)))
         duration, dt = checked_times(self.duration, self.dt)
-        goal = as_goal(self.goal)
-        terms = default_terms(coupled=goal.coupled) if self.terms is None else self.terms
-        limits = default_limits() if self.limits is None else self.limits
-        check_parts("terms", terms, Term)
-        check_parts("limits", limits, Limit)
-        limits = (*(limit for limit in limits if not limit.of_goal), *goal.limits(duration))
-        check_parts("limits", limits, Limit)
-        n = self.sms.n
-        rates = np.zeros(n) if self.joint_rates is None else self.joint_rates
-        check_locked(self.sms, self.locked)
-        mode = one_of("mode", self.mode, MODES)
-        momentum = checked_momentum(self.sms, q0, goal, self.momentum, mode)
-        if mode == "rotation-floating" and self.sms.wheels is not None:
+        put("duration", duration)
+        put("dt", dt)
+        put("goal", as_goal(self.goal))
+        put("mode", one_of("mode", self.mode, MODES))
+        terms = default_terms(coupled=self.goal.coupled) if self.terms is None else self.terms
+        put("terms", checked_parts("terms", terms, Term))
+        limits = checked_parts("limits", default_limits() if self.limits is None else self.limits, Limit)
+        limits = (*(limit for limit in limits if not limit.of_goal), *self.goal.limits(duration))
+        if self.wheels is not None:
             limits = with_defaults(limits, WheelLimits())
-        start = None if self.base_start is None else frozen(vector("base_start", self.base_start, 7))
-        values = {
-            "q0": q0,
-            "goal": goal,
-            "duration": duration,
-            "dt": dt,
-            "terms": tuple(terms),
-            "limits": tuple(prepared(limit, self.sms) for limit in limits),
-            "joint_rates": frozen(vector("joint_rates", rates, n, "rad/s")),
-            "momentum": None if momentum is None else frozen(momentum),
-            "locked": tuple(self.locked),
-            "mode": mode,
-            "base_start": start,
-            "wheel_momentum": wheels_at_start(self.sms, mode, self.wheel_momentum),
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
+        limits = checked_parts("limits", limits, Limit)
+        put("limits", tuple(prepared(limit, sms) for limit in limits))
+        rates = np.zeros(sms.n) if self.joint_rates is None else self.joint_rates
+        put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s")))
+        put("locked", checked_locked(sms, self.locked))
+        put("momentum", self._checked_momentum())
+        put("wheel_momentum", self._checked_wheel_momentum())
+        if self.base_start is not None:
+            put("base_start", frozen(vector("base_start", self.base_start, 7)))
         for limit in self.limits:
             if limit.joint_bounds is not None:
-                check_joints(self.sms, limit.joint_bounds, self.q0)
+                check_joints(sms, limit.joint_bounds, self.joints0)
+
+    def _checked_momentum(self) -> FloatArray | None:
+        """Total momentum (6,), that given or what the goal asks for; None: zero."""
+        momentum = self.asked_momentum if self.momentum is None else vector("momentum", self.momentum, 6)
+        if momentum is None or not momentum.any():
+            return None
+        free = MODES[self.mode]
+        if len(free) < 6 and (momentum[3:].any() or 0 not in free):
+            kept = "linear momentum only" if 0 in free else "none"
+            words = f"must be {kept} in mode '{self.mode}': the base is held"
+            raise InvalidValue("momentum", momentum, words)
+        return frozen(momentum)
+
+    def _checked_wheel_momentum(self) -> FloatArray:
+        """Momenta (w,) of the wheels that hold the attitude [N m s]; none where none do."""
+        given, count = self.wheel_momentum, 0 if self.wheels is None else len(self.wheels)
+        if given is None or np.size(given) == 0:
+            return frozen(np.zeros(count))
+        if count == 0:
+            words = "must be left out: in this mode no wheels hold the attitude"
+            raise InvalidValue("wheel_momentum", given, words)
+        return frozen(vector("wheel_momentum", given, count, "N m s"))
 
     def __repr__(self) -> str:
-        moving = ", moving," if self.goal.moves else ""
+        place = self.goal.place(self.duration).words() + (", moving," if self.goal.moves else "")
+        terms = ", ".join(term.name for term in self.terms) or "none"
+        limits = ", ".join(limit.name for limit in self.limits) or "none"
         return (
-            f"Problem({self.sms.model.name} to {self.goal.place(self.duration).words()}{moving} in "
-            f"{self.duration:.4g} s, "
-            f"{self.steps} steps; terms: {', '.join(term.name for term in self.terms) or 'none'}; "
-            f"limits: {', '.join(limit.name for limit in self.limits) or 'none'})"
+            f"Problem({self.sms.model.name} to {place} in {self.duration:.4g} s, {self.steps} steps; "
+            f"terms: {terms}; limits: {limits})"
         )
 
     def lasting(self, duration: float) -> Problem:
-        """The same problem with another duration, in as many steps, or in a hundred where it has fewer."""
+        """The same problem with another duration [s], in as many steps."""
         duration = positive("duration", duration, "s")
-        return replace(self, duration=duration, dt=duration / max(self.steps, _STEPS))
+        return replace(self, duration=duration, dt=duration / self.steps)
 
     @property
     def steps(self) -> int:
@@ -221,17 +218,18 @@ class Problem:
         q0, dt = self.q0, self.dt if dt is None else dt
         rows = len(rates) if dimensions("rates", rates) == 2 else 0
         rates = matrix("rates", rates, max(2, rows), self.sms.n)
-        motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum, ARRIVAL_SHARE)
+        motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum)
         return replace(motion, **self.given(self.goal, motion.times))
 
     def given(self, goal: Goal, times: FloatArray) -> dict[str, Any]:
         """What motions at times (K,) have from the problem, beside what moves; its goal, or one near it."""
         instance("goal", goal, Goal)
         times = instants("times", times)
-        (place, attitude), wanted = self.base_from, goal.places(times)
+        root = pin.XYZQUATToSE3(self.q0[:7] if self.base_start is None else self.base_start)
+        wanted = goal.places(times)
         return {
-            "base_start": place,
-            "rotation_start": attitude,
+            "base_start": root.act(self.stack.base_com),
+            "rotation_start": root.rotation.copy(),
             "target": np.broadcast_to(wanted.position, (3, len(times))),
             "target_on": wanted.on,
             "mean_speed": self.mean_speed,
@@ -262,12 +260,6 @@ class Problem:
         return np.asarray(self.q0[:3] + self.rotation0 @ self.arm0.com[:, 0])
 
     @cached_property
-    def base_from(self) -> tuple[FloatArray, FloatArray]:
-        """Place of the base's centre of mass (3,) [m] and attitude (3, 3) that its motion counts from."""
-        pose = pin.XYZQUATToSE3(self.q0[:7] if self.base_start is None else self.base_start)
-        return pose.act(self.stack.base_com), pose.rotation.copy()
-
-    @cached_property
     def tip0(self) -> FloatArray:
         """Position of the end effector at the start (3,) [m]."""
         return np.asarray(self.com0 + self.rotation0 @ self.arm0.rho[:, 0])
@@ -277,6 +269,12 @@ class Problem:
         """The goal's place at the deadline in inertial axes; one on the base as seen from the start."""
         place: Place = self.goal.place(self.duration).at(self.q0)
         return place
+
+    @property
+    def asked_momentum(self) -> FloatArray | None:
+        """The total momentum (6,) that the goal asks for; None: any."""
+        client = self.goal.at_rest_with
+        return None if client is None else rest_momentum(client, self.com0)
 
     @cached_property
     def drift(self) -> FloatArray:

@@ -11,9 +11,7 @@ from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.near import verdict
 from ffsms_pin.opt.motion.actuated import nodal_momentum, propellant, wheel_energy
-from ffsms_pin.opt.motion.finished import angles_from_start, path_ratio, sampled
-from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.rollout import configurations, velocities
+from ffsms_pin.opt.motion.rollout import angles_from_start, configurations, velocities
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
@@ -33,8 +31,7 @@ class Trajectory:
     ----------
     t : ndarray, shape (N + 1,)
         [s]
-    q : ndarray, shape (N + 1, nq)
-    v : ndarray, shape (N + 1, 6 + n)
+    q, v : ndarray, shape (N + 1, nq) and (N + 1, 6 + n)
     joint_positions : ndarray, shape (N + 1, n)
         [rad], continuous in time, also those of continuous joints.
     joint_accelerations : ndarray, shape (N, n)
@@ -44,44 +41,39 @@ class Trajectory:
     cos_theta, entropy, cost : ndarray, shape (N,)
         At the step's start, for the rates of its end; `cost` is the summand of the paper's J.
     end_effector : ndarray, shape (N + 1, 3)
-        Position of the end effector [m].
-    position_error : ndarray, shape (N + 1,)
-        Distance from the end effector to the target [m].
+        Its position [m].
+    position_error, orientation_error : ndarray, shape (N + 1,)
+        Distance from the end effector to the target [m]; angle to the wanted attitude [rad], zero where any
+        will do.
     target : ndarray, shape (3,)
         [m]
     target_rotation : ndarray, shape (3, 3)
         Wanted attitude of the end effector; NaN where any will do.
-    orientation_error : ndarray, shape (N + 1,)
-        Angle from the end effector's attitude to the wanted one [rad]; zero where any will do.
     kappa : float
-    reach : float
-        The paper's r_th [m].
-    orientation_reach : float
-        The same for the angle [rad].
+    reach, orientation_reach : float
+        The paper's r_th [m], and the same for the angle [rad].
     note : str
         By how much and why the end is not within the goal's tolerance, or the target not reached; never empty
         then.
     clear : bool
-        Whether the motion keeps the clearance that was asked for, and the joint limits, at every node and
-        between them.
+        Whether all limits are kept, at every node and between them.
     shortest_duration : float
         A duration that would do, where the plan failed for want of time and one is known [s]; else 0.
     contact_velocity : ndarray, shape (6,)
         Velocity [m/s] and angular velocity [rad/s] of the end effector at the deadline relative to the goal's
         place, inertial axes. Where a goal asks for no velocity, it counts as one that stands still.
-    met : bool
-        Whether the end is within the goal's tolerance, velocities included; asked of `opt.Meet` only.
-    within_tolerance : bool
+    within_tolerance, met : bool
         Whether the end is within the goal's own tolerance: position, attitude, and velocities where they are
-        asked for. `reached` is the paper's criterion, which allows `reach`.
+        asked for. `reached` is the paper's criterion, which allows `reach`. `met` is the same of `opt.Meet`
+        and true of other goals.
     momentum : ndarray, shape (6,)
         Total momentum [linear; angular], inertial axes, about the system's centre of mass.
     shares : dict of str to float
-        What each term comes to, by its name: its integral over time, with its weight.
+        The integral over time of each term, with its weight, by its name.
     binding : dict of str to ndarray
         Instants [s] at which each limit binds, by its name; a limit that never does is left out.
     broken : dict of str to float
-        By how much each limit is broken, by its name, in the limit's own unit; empty where all are kept.
+        By how much limits are broken, by their names, in the limit's own unit; empty where all are kept.
     wheel_momentum : ndarray, shape (N + 1, w)
         Predicted spin momenta of the robot's wheels against the base [N m s]: zero where they stand still.
     wheel_energy : float
@@ -192,7 +184,10 @@ class Trajectory:
     @property
     def path_ratio(self) -> float:
         """Length of the end effector's path over the straight line between its ends; 1 where it stays."""
-        return path_ratio(self.end_effector)
+        way = self.end_effector
+        straight = float(np.linalg.norm(way[-1] - way[0]))
+        length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+        return length / straight if straight > 0.0 else 1.0
 
     @property
     def base_rotation(self) -> FloatArray:
@@ -209,8 +204,14 @@ class Trajectory:
 
         Before the start and after the end: the first and last positions, at rest.
         """
-        v, accelerations = self.joint_rates, self.joint_accelerations
-        return sampled(number("t", t), self.t, self.joint_positions, v, accelerations)
+        t, positions, rates = number("t", t), self.joint_positions, self.joint_rates
+        if not 0.0 <= t <= self.duration:
+            end = positions[0 if t < 0.0 else -1]
+            return end.copy(), np.zeros_like(end), np.zeros_like(end)
+        k = min(int(t / self.dt + 1e-9), len(self.t) - 2)
+        h, acceleration = t - self.t[k], self.joint_accelerations[k].copy()
+        position = positions[k] + h * (rates[k] + 0.5 * h * acceleration)
+        return position, rates[k] + h * acceleration, acceleration
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
@@ -223,14 +224,13 @@ class Trajectory:
 
 
 def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
-    """The finished motion of joint rates (N + 1, n) at the nodes, with its measures, shares and limits.
-
-    The rates are linear between nodes; the base follows the momentum equation.
-    """
+    """The finished motion of joint rates (N + 1, n) [rad/s] at the nodes, with its measures."""
     sms, goal, kappa, q0 = problem.sms, problem.goal, problem.kappa, problem.q0
     momentum, motion, nodes = problem.momentum, problem.motion(rates), slice(None, None, 2)
     steps, q, at_goal = motion.paired, configurations(sms, q0, motion), verdict(goal, motion)
     found = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
+    most = sms.limits.torque
+    torques = (motion.torque_sizes[:, 0, ::2].T / most) if np.isfinite(most).any() else np.zeros((0, 0))
     notes = [note, at_goal.misses or at_goal.late, *(violation.note for _, violation in found)]
     return Trajectory(
         t=motion.times[nodes],
@@ -263,12 +263,5 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         wheel_energy=wheel_energy(motion),
         propellant=propellant(motion),
         mode=problem.mode,
-        torque_share=_torque_shares(motion, sms.limits.torque),
+        torque_share=torques,
     )
-
-
-def _torque_shares(motion: Motions, most: FloatArray) -> FloatArray:
-    """Shares (N + 1, n) of the largest torques (n,) at the nodes; zero where these are infinite."""
-    if not np.isfinite(most).any():
-        return np.zeros((len(motion.times) // 2 + 1, len(most)))
-    return np.asarray((motion.torque_sizes[:, 0, ::2] / most[:, None]).T)

@@ -18,8 +18,8 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.base import BaseLimits
 from ffsms_pin.opt.motion.actuated import wheel_torque
+from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.step.march import march
 from ffsms_pin.opt.step.stepper import Stepper
@@ -239,7 +239,7 @@ def problem_of(sms: ffsms.SpaceManipulator, part: str = "", **change: Any) -> op
 
 def finished(problem: opt.Problem, rates: FloatArray) -> Motions:
     """The motion of joint rates at the nodes, as limits and terms are shown it at the end."""
-    motion = rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum, 0.9)
+    motion = rolled_out(problem.sms, problem.stack, problem.q0, rates, problem.dt, problem.momentum)
     place = problem.goal.place(problem.duration).position
     target = np.repeat(place[:, None], len(motion.times), axis=1)
     motion = replace(motion, target=target, mean_speed=problem.mean_speed, thrusters=problem.thrusters)
@@ -278,7 +278,7 @@ def largest_torques(sms: ffsms.SpaceManipulator, plan: opt.Trajectory) -> FloatA
     return largest
 
 
-def size_of(residuals: Residuals) -> float:
+def size_of(residuals: list[Feature]) -> float:
     """The largest residual; zero where there is none."""
     return max((float(np.abs(one.value).max(initial=0.0)) for one in residuals), default=0.0)
 

@@ -8,14 +8,14 @@ from clearances_at import Points
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.alpha_box import AlphaBox
+from ffsms_pin.opt.limits.joints import AlphaBox
 from ffsms_pin.opt.limits.limit import UNBOUNDED
-from ffsms_pin.opt.step.programme import StepProblem, StepWeights
+from ffsms_pin.opt.step.programme import Programme, StepProblem, StepWeights
 from ffsms_pin.opt.step.reference import reference_speed
 from ffsms_pin.opt.step.state import StepState, rate_bounds
-from ffsms_pin.opt.terms.cost import ideal_cosine
+from ffsms_pin.opt.terms.paper import ideal_cosine
 
-__all__ = ["by_daqp", "plain_programme"]
+__all__ = ["as_solved", "by_daqp", "plain_programme"]
 
 
 def plain_programme(
@@ -83,3 +83,11 @@ def by_daqp(problem: StepProblem) -> FloatArray:
     x, _, flag, _ = daqp.solve(p.H, p.g, A, up, low, np.zeros(len(up), dtype=np.int32), primal_tol=1e-11)
     assert flag == 1
     return np.asarray(x)
+
+
+def as_solved(problem: StepProblem) -> Programme:
+    """The same with its bounds as rows."""
+    H, g, C, low, up, lower, upper = problem
+    (bounded,) = (np.minimum(-lower, upper) < UNBOUNDED).nonzero()
+    rows = np.concatenate([C, np.eye(len(g))[bounded]])
+    return Programme(H, g, rows, np.concatenate([low, lower[bounded]]), np.concatenate([up, upper[bounded]]))

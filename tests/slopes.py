@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,8 +11,8 @@ from ffsms_pin.opt import Problem
 from ffsms_pin.opt.horizon.arrival import arrival
 from ffsms_pin.opt.horizon.merit import Weighted, motions_of, sums
 from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing
-from ffsms_pin.opt.motion.residual import JointResidual, Residual, Residuals
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
 __all__ = ["by_differences", "by_slopes", "check_arrival", "motions", "tip_turning_slopes", "values_of"]
@@ -24,66 +23,60 @@ def motions(problem: Problem, spline: RateSpline, p: FloatArray, smoothing: Smoo
     return motions_of(problem, spline, p, smoothing)
 
 
-def values_of(residuals: Residuals, shape: tuple[int, int, int]) -> FloatArray:
+def values_of(residuals: list[Feature], shape: tuple[int, int, int]) -> FloatArray:
     """All residuals of one motion in one vector; entries that are left out are zero."""
-    _n, _, instants = shape
     rows: list[FloatArray] = []
     for residual in residuals:
-        if isinstance(residual, JointResidual):
-            rows.append(np.broadcast_to(residual.value, shape)[:, 0].ravel())
-        elif residual.motion is None:
-            rows.append(residual.value[0])
+        motion, instants = residual.where or (None, slice(None))
+        if motion is None:
+            rows.append(residual.value[..., 0, :].ravel())
         else:
             # Several entries may stand at one instant (pairs of points): their squares add up.
-            at = np.arange(instants)[residual.instants]
-            rows.append(np.bincount(at, residual.value**2, minlength=instants).astype(np.float64))
+            at, square = np.arange(shape[2])[instants], residual.value**2
+            total = square.reshape(-1, square.shape[-1]).sum(axis=0)
+            rows.append(np.bincount(at, total, minlength=shape[2]).astype(np.float64))
     return np.concatenate(rows) if rows else np.zeros(0)
 
 
-def by_slopes(problem: Problem, spline: RateSpline, p: FloatArray, residuals: Residuals) -> FloatArray:
+def by_slopes(problem: Problem, spline: RateSpline, p: FloatArray, residuals: list[Feature]) -> FloatArray:
     """Slopes (rows, n M) of `values_of`, joints first, by the chain rule."""
     at = motions(problem, spline, p)
-    n, instants, size = problem.sms.n, len(spline.times), spline.size
     rows = []
     for residual in residuals:
-        if isinstance(residual, JointResidual):
-            made = np.zeros((n, instants, n, size))
-            parts = (
-                (residual.by_position, spline.travel.free),
-                (residual.by_rate, spline.rates.free),
-                (residual.by_acceleration, spline.accelerations.free),
-            )
-            for slope, free in parts:
-                if slope is not None:
-                    for j in range(n):
-                        made[j, :, j] += np.broadcast_to(slope, (n, 1, instants))[j, 0][:, None] * free
-            rows.append(made.reshape(n * instants, -1))
-        elif residual.motion is None:
-            rows.append(_rows(spline, at, residual))
+        motion, instants = residual.where or (None, slice(None))
+        made = _rows(spline, at, residual)
+        if motion is None:
+            rows.append(made.reshape(-1, made.shape[-1]))
         else:
-            squared = np.zeros((instants, n * size))
-            assert isinstance(residual, Residual)
-            where = np.arange(instants)[residual.instants]
-            np.add.at(squared, where, 2.0 * residual.value[:, None] * _rows(spline, at, residual))
+            squared = np.zeros((len(spline.times), made.shape[-1]))
+            values = residual.value.reshape(made.shape[:2])
+            by_entry = 2.0 * np.sum(values[..., None] * made, axis=0)
+            np.add.at(squared, np.arange(len(spline.times))[instants], by_entry)
             rows.append(squared)
-    return np.vstack(rows) if rows else np.zeros((0, n * size))
+    return np.vstack(rows) if rows else np.zeros((0, problem.sms.n * spline.size))
 
 
-def _rows(spline: RateSpline, at: Motions, residual: Residual) -> FloatArray:
-    """Slopes (values, n M) of one motion's residual, joints first: gradients of its values, one by one."""
-    ones = replace(residual, value=np.ones_like(residual.value))
+def _rows(spline: RateSpline, at: Motions, residual: Feature) -> FloatArray:
+    """Slopes (c, K, n M) of one motion's residual, joints first: gradients of its values, one by one."""
     rows = []
-    for weight in np.eye(residual.value.shape[-1]):
-        gradient, _ = sums(spline, at, np.array([0]), [Weighted(ones, weight)])
-        rows.append(gradient.reshape(spline.size, -1).T.ravel())
-    return np.array(rows).reshape(len(rows), -1)
+    for i in range(len(residual) if residual.ndim == 3 else 1):
+        one = np.zeros_like(residual.value)
+        if residual.ndim == 3:
+            one[i] = 1.0
+        else:
+            one[:] = 1.0
+        ones = Feature(one, residual.slopes, residual.where)
+        for weight in np.eye(residual.shape[-1]):
+            gradient, _ = sums(spline, at, np.array([0]), [Weighted(ones, weight)])
+            rows.append(gradient.reshape(spline.size, -1).T.ravel())
+    return np.array(rows).reshape(-1, residual.shape[-1], spline.size * at.stack.n)
 
 
 def by_differences(
     problem: Problem,
     spline: RateSpline,
     p: FloatArray,
-    residuals: Callable[[Motions], Residuals],
+    residuals: Callable[[Motions], list[Feature]],
     step: float = 1e-6,
 ) -> FloatArray:
     """The same by central differences."""
@@ -115,7 +108,7 @@ def check_arrival(problem: Problem, spline: RateSpline, p: FloatArray, exact: bo
     at = motions(problem, spline, p)
     for kind in ("end", "tail"):
 
-        def residuals(one: Motions, kind: str = kind) -> Residuals:
+        def residuals(one: Motions, kind: str = kind) -> list[Feature]:
             return list(getattr(arrival(problem.goal, one), kind))
 
         slopes = by_slopes(problem, spline, p, residuals(at))

@@ -10,7 +10,7 @@ import numpy as np
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.alpha_box import AlphaBox
+from ffsms_pin.opt.limits.joints import AlphaBox
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.step.march import March, march
 from ffsms_pin.opt.step.state import StepState, rate_bounds
@@ -50,6 +50,11 @@ class StepLimit(Limit):
 
 class StepJoints(StepLimit):
     """The robot's joint limits."""
+
+    def for_robot(self, sms: ffsms.SpaceManipulator) -> StepJoints:
+        made = StepJoints()
+        made.joint_bounds = sms.limits
+        return made
 
     def rows(self, step: StepState) -> Rows:
         return Rows(np.eye(step.sms.n), *rate_bounds(step.joints, step.rates, step.sms.limits, step.dt))

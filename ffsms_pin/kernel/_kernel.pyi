@@ -6,6 +6,8 @@ from typing import Any, TypeAlias
 from ffsms_pin.checks import FloatArray as Array
 
 Pair: TypeAlias = tuple[Array, Array]
+Maps: TypeAlias = tuple[Array, Array, Array]  # of a spline: travel, rates, accelerations
+Quadrature: TypeAlias = tuple[Array, Array, int]  # integral_to_points, integral_over, late
 
 class Tree:
     """The robot in plain numbers: at most 64 joints, parents first.
@@ -21,7 +23,6 @@ class Tree:
 
 # bind_stacks.cpp: of (rows, ...), rows (.., B)
 def arm_values(tree: Tree, positions: Array, /) -> Array: ...
-def poses(tree: Tree, positions: Array, /) -> Array: ...
 def coupled(tree: Tree, positions: Array, /) -> Array: ...
 def manipulator_jacobian(tree: Tree, positions: Array, /) -> Array: ...
 def reduced_inertia(tree: Tree, positions: Array, /) -> Array: ...
@@ -36,22 +37,10 @@ def singular_values(matrices: Array, vectors: bool, /) -> Array: ...
 def attitudes(start: Array, omega: Array, dt: float, /) -> Array: ...
 def roll_out(tree: Tree, start: Array, accelerations: Array, momentum: Array, dt: float, /) -> Array: ...
 def spline_attitudes(
-    quadrature: tuple[Array, Array, int],
-    omega: Array,
-    inverse: Array,
-    start: Array,
-    momentum: Array | None,
-    /,
+    quadrature: Quadrature, omega: Array, inverse: Array, start: Array, momentum: Array | None, /
 ) -> Array: ...
 def sums(
-    tree: Tree,
-    maps: tuple[Array, Array, Array],
-    quadrature: tuple[Array, Array, int],
-    motions: tuple[Any, ...],
-    residuals: Sequence[Any],
-    of_joints: Sequence[Any],
-    chosen: Any,
-    /,
+    tree: Tree, maps: Maps, quadrature: Quadrature, motions: Any, residuals: Sequence[Any], chosen: Any, /
 ) -> Pair: ...
 def cone_marches(
     tree: Tree,
@@ -59,8 +48,6 @@ def cone_marches(
     duration: float,
     kappa: float,
     mean_speed: float,
-    arrival_power: float,
-    least_approach: float,
     damping: float,
     joints: Array,
     places: Array,
@@ -71,11 +58,16 @@ def cone_marches(
 ) -> Array: ...
 
 # bind_step.cpp
-def step_state(tree: Tree, root: Array, joints: Array, momentum: Array | None, /) -> Pair: ...
-def rate_bounds(limits: Array, joints: Array, rates: Array, dt: float, /) -> Pair: ...
+ARRIVAL_POWER: float
+
+def step_state(
+    tree: Tree, root: Array, joints: Array, momentum: Array | None, /
+) -> tuple[Array, Array, Array]: ...
+def rate_bounds(limits: Array, joints: Array, rates: Array, dt: float, /) -> Array: ...
 def wanted_motion(
-    schedule: Array,
     way: Array,
+    rotation: Array | None,
+    attitude: Array,
     J: Array,
     rates: Array,
     drift: Array,
@@ -85,28 +77,24 @@ def wanted_motion(
     time_left: float,
     dt: float,
     /,
-) -> tuple[Array, Array, float, Array] | None: ...
-def scheduled(
-    schedule: Array,
-    left: float,
-    speed: float,
-    gradient: Array,
-    acceleration: Array,
-    time_left: float,
-    dt: float,
-    /,
-) -> float: ...
-def reference_speed(
-    schedule: Array, path_left: float, speed: float, time_left: float, dt: float, /
-) -> float: ...
+) -> Array: ...
+def reference_speed(path_left: float, speed: float, time_left: float, dt: float, /) -> float: ...
 def objective(
-    J: Array, V: Array, rates: Array, drift: Array, way: Array, speed: float, weights: Array, plain: bool, /
-) -> Pair: ...
+    J: Array,
+    V: Array,
+    rates: Array,
+    drift: Array,
+    direction: Array,
+    speed: float,
+    spin: Array | None,
+    weights: Array,
+    /,
+) -> Array: ...
 def stacked_rows(
-    V: Array, rows: Sequence[tuple[Array, Array, Array, float]], /
-) -> tuple[Array, Array, Array, Array, Array]: ...
+    V: Array, limits: Sequence[tuple[Array, Array, Array, float]], /
+) -> tuple[Array, Array, Array]: ...
 def refined(
-    H: Array, g: Array, A: Array, low: Array, up: Array, z: Array, tolerance: float, kept: float, /
+    H: Array, g: Array, A: Array, low: Array, up: Array, z: Array, tolerance: float, /
 ) -> Pair | None: ...
 
 # bind_clearance.cpp: the table is that of `PartPairs`
@@ -124,4 +112,4 @@ def near_parts(
     near: Array,
     /,
     *table: Any,
-) -> tuple[Array, list[tuple[int, float, list[tuple[float, int]]]], Array]: ...
+) -> tuple[Array, Array, list[tuple[int, list[tuple[float, int]]]], Array]: ...

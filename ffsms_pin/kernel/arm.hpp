@@ -130,7 +130,7 @@ void carry(const Tree& tree, Arm<T>& arm) {
     const Vec3<T> centre = arm.origin[j] + arm.rotation[j] * joint.lever;
     arm.moment[j] = joint.mass * centre;
     arm.inertia[j] = arm.rotation[j] * joint.inertia * transposed(arm.rotation[j]);
-    add_steiner(arm.inertia[j], same<T>(joint.mass), centre);
+    add_steiner(arm.inertia[j], T(joint.mass), centre);
   }
   Vec3<T> moment = same<T>(tree.base_moment);
   Mat3<T> inertia = same<T>(tree.base_inertia);
@@ -140,13 +140,13 @@ void carry(const Tree& tree, Arm<T>& arm) {
     (parent < 0 ? inertia : arm.inertia[parent]) += arm.inertia[j];
   }
   const Vec3<T> com = (1.0 / tree.total_mass) * moment;
-  add_steiner(inertia, same<T>(-tree.total_mass), com);
+  add_steiner(inertia, T(-tree.total_mass), com);
   arm.com = com;
   if (!tree.moves) {
     arm.com = same<T>(tree.base_com);
-    add_steiner(inertia, same<T>(tree.total_mass), arm.com - com);
+    add_steiner(inertia, T(tree.total_mass), arm.com - com);
   }
-  arm.inverse = tree.turns_freely ? inverse_symmetric(inertia) : zero33<T>();
+  arm.inverse = tree.turns_freely ? inverse_symmetric(inertia) : Mat3<T>{};
 }
 
 // Momentum of a joint at unit rate, on a fixed base, about the origin.

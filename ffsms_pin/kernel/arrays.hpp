@@ -25,7 +25,8 @@ inline void expect(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
 }
 
-inline void expect_size(const In& array, Size size) {
+template <class Array>
+void expect_size(const Array& array, Size size) {
   expect(array.size() == size, "an array has a wrong shape");
 }
 

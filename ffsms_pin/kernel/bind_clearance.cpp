@@ -3,7 +3,6 @@
 
 #include "arrays.hpp"
 #include "clearance.hpp"
-#include "points.hpp"
 
 namespace ffsms {
 namespace {
@@ -13,14 +12,18 @@ template <class T, int... shape>
 using Table = nb::ndarray<const T, nb::shape<shape...>, nb::c_contig, nb::device::cpu>;
 using Indices = Table<Index, -1>;
 
-// The arm at one after the other of many joint positions (n, count).
+// The arm, and obstacles, at one after the other of many joint positions (n, count).
 struct ArmAt {
   const Tree& tree;
   const Matrix& joints;
+  Table<double, 3, 3, -1, -1> turns;
+  Table<double, 3, -1, -1> origins;
   Arm<double> arm;
   Index last = -1;
 
-  ArmAt(const Tree& robot, const Matrix& positions) : tree(robot), joints(positions) {
+  ArmAt(const Tree& robot, const Matrix& positions, Table<double, 3, 3, -1, -1> axes = {},
+        Table<double, 3, -1, -1> places = {})
+      : tree(robot), joints(positions), turns(axes), origins(places) {
     expect(joints.shape(0) == static_cast<Size>(tree.n), "an array has a wrong shape");
   }
   // Whether the arm is another one than before.
@@ -32,64 +35,51 @@ struct ArmAt {
     last = k;
     return true;
   }
+  // The base, a body of the arm, or an obstacle: these come after the joints, as the base sees them.
   Placed body(Index index) const {
     if (index < 0) return {{{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}}, zero3<double>()};
-    return {arm.rotation[index], arm.origin[index]};
-  }
-};
-
-// Obstacles as the base sees them at each configuration.
-struct Obstacles {
-  Table<double, 3, 3, -1, -1> turns;
-  Table<double, 3, -1, -1> origins;
-
-  Placed at(Index which, Index k) const {
+    if (index < tree.n) return {arm.rotation[index], arm.origin[index]};
     Placed found;
     for (int x = 0; x < 3; ++x) {
-      found.origin[x] = origins(x, which, k);
-      for (int y = 0; y < 3; ++y) found.turn[x][y] = turns(x, y, which, k);
+      found.origin[x] = origins(x, index - tree.n, last);
+      for (int y = 0; y < 3; ++y) found.turn[x][y] = turns(x, y, index - tree.n, last);
     }
     return found;
   }
 };
 
-constexpr double kRounding = 1e-9;  // [m] of bounds from above and from below
+constexpr double kExact = 1e-7;  // [m] of bounds from above and from below that have met
 
-constexpr double kShare = 0.5;  // of bounds from above, to which those from below are improved
-struct Candidate {
-  Index pair;
-  double bound;
-};
-
-// Of V entries (pair of bodies, configuration): bounds (V,) from below on distances, `near` where parts may
-// be nearer. Of the latter (U), in order, the entry, its `near`, and the pairs of parts that may be, each
-// with its bound, the nearest first; and the second body as the first sees it, (U, 4, 3): three rows of its
-// attitude, then its place.
+// Distances (V) and nearest points (V, 3, 3), in axes of the first body, of V entries (pair of bodies,
+// configuration); bounds from below, no points, where they are not below `near`. Of the entries (U) that have
+// pairs of parts which overlap, or of which one has no corners: the entry, and these pairs, each with a bound
+// from below, and the second body as the first sees it, (U, 4, 3): three rows of its attitude, then its
+// place.
 nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1> turns,
                      Table<double, 3, -1, -1> origins, Indices columns, Indices at, Vector near,
                      Table<double, -1, 17> bodies, Table<double, -1, 17> parts, Table<Index, -1, 2> ends,
                      Indices starts, Table<Index, -1, 2> pairs, Table<double, -1, 3> corners, Indices begins,
-                     Vector rounds) {
-  ArmAt arm(tree, joints);
-  const Obstacles obstacles{turns, origins};
+                     Table<double, -1, 5> rounds) {
+  ArmAt arm(tree, joints, turns, origins);
   const auto* cover = reinterpret_cast<const Cover*>(bodies.data());
   const auto* part = reinterpret_cast<const Cover*>(parts.data());
   const auto* corner = reinterpret_cast<const Vec3<double>*>(corners.data());
-  const auto corners_of = [&](Index p) {
-    return Corners{corner + begins(p), begins(p + 1) - begins(p), rounds(p)};
+  const auto hull = [&](Index p) {
+    const double* round = rounds.data() + 5 * p;
+    return Hull{corner + begins(p), begins(p + 1) - begins(p), round[0], round[1], vector_at(round + 2)};
   };
   std::vector<Placed> placed(bodies.shape(0)), seen;
   std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), zero3<double>());
-  std::vector<Candidate> found;
+  std::vector<std::pair<double, Index>> close;  // pairs of parts that may be near, and bounds
   const Size size = columns.shape(0);
-  Out distance = new_array(size);
+  Out distance = new_array(size), points = new_array(size, 3, 3);
+  std::fill_n(points.data(), points.size(), 0.0);
   nb::list entries;
   for (Size v = 0; v < size; ++v) {
     const Index m = columns(v), one = ends(m, 0), other = ends(m, 1);
     if (arm.move(at(v))) {
       for (Size b = 0; b < placed.size(); ++b) {
-        const auto body = static_cast<Index>(cover[b].body);
-        placed[b] = body < tree.n ? arm.body(body) : obstacles.at(body - tree.n, at(v));
+        placed[b] = arm.body(static_cast<Index>(cover[b].body));
         centres[b] = placed[b].origin + placed[b].turn * cover[b].centre;
       }
     }
@@ -97,51 +87,41 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
     double& least = distance.data()[v];
     least = std::sqrt(dot(apart, apart)) - cover[one].radius - cover[other].radius;
     if (!(least < near(v))) continue;
-    const Placed relative = seen_from(placed[one], placed[other]);
+    const Mat3<double> back = transposed(placed[one].turn);
+    const Placed relative = {back * placed[other].turn, back * (placed[other].origin - placed[one].origin)};
     least = bound(cover[one], cover[other], relative, near(v));
     if (!(least < near(v))) continue;
-    found.clear();
+    close.clear();
     double beyond = kInfinity, most = near(v);
     for (Index i = starts(m); i < starts(m + 1); ++i) {
       const double low = bound(part[pairs(i, 0)], part[pairs(i, 1)], relative, near(v));
-      if (low < near(v)) {
-        found.push_back({i, low});
-      } else {
+      if (low < near(v))
+        close.emplace_back(low, i);
+      else
         beyond = std::min(beyond, low);
+    }
+    std::sort(close.begin(), close.end());
+    nb::list left;
+    for (const auto& [low, i] : close) {
+      if (!(low < most)) break;
+      const Gap between = gap(hull(pairs(i, 0)), hull(pairs(i, 1)), relative, most, ways[i]);
+      if (between.least >= most) {
+        beyond = std::min(beyond, between.least);
+      } else if (between.most - between.least < kExact) {
+        most = between.most;
+        std::memcpy(points.data() + 9 * v, &between.found, sizeof between.found);
+      } else {
+        left.append(nb::make_tuple(std::max(low, between.least), i));
       }
     }
-    const auto nearer = [](const Candidate& a, const Candidate& b) { return a.bound < b.bound; };
-    std::stable_sort(found.begin(), found.end(), nearer);
-    const double share = found.size() > 1 ? kShare : -kInfinity;
-    // What is farther than another pair of parts is at most need not be measured.
-    for (Candidate& candidate : found) {
-      const Index p = pairs(candidate.pair, 0), q = pairs(candidate.pair, 1);
-      const Corners first = corners_of(p), second = corners_of(q);
-      if (!(candidate.bound < most) || first.count == 0 || second.count == 0) continue;
-      Vec3<double>& way = ways[candidate.pair];
-      if (dot(way, way) == 0.0) {
-        way = relative.origin + relative.turn * part[q].centre - part[p].centre;
-        way = (1.0 / std::fmax(std::sqrt(dot(way, way)), 1e-9)) * way;
-      }
-      const Gap between = gap(first, second, relative, most, share, way);
-      candidate.bound = std::max(candidate.bound, between.least);
-      most = std::min(most, std::max(between.most, 0.0));
-    }
-    std::stable_sort(found.begin(), found.end(), nearer);
-    if (!found.empty()) beyond = std::min(beyond, found.front().bound);
-    least = std::max(least, beyond);
-    if (!(least < near(v))) continue;
-    least = near(v);
-    nb::list close;
-    for (const Candidate& candidate : found) {
-      if (candidate.bound <= most + kRounding) close.append(nb::make_tuple(candidate.bound, candidate.pair));
-    }
-    entries.append(nb::make_tuple(v, near(v), close));
+    least = most < near(v) || left.size() > 0 ? most : std::max(least, beyond);
+    if (left.size() == 0) continue;
+    entries.append(nb::make_tuple(v, left));
     seen.push_back(relative);
   }
   Out as_seen = new_array(seen.size(), 4, 3);
   std::memcpy(as_seen.data(), seen.data(), seen.size() * sizeof(Placed));
-  return nb::make_tuple(distance, entries, as_seen);
+  return nb::make_tuple(distance, points, entries, as_seen);
 }
 
 // Distances (V) and nearest points (V, 3, 3) of the paper's points: `ends` are joints' origins in their

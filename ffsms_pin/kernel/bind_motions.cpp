@@ -1,10 +1,9 @@
 // Whole motions: the base's attitude along them, their sums, and coarse marches. Shapes are checked here.
+#include <nanobind/stl/map.h>
 #include <nanobind/stl/optional.h>
-
-#include <deque>
-#include <optional>
-#include <string>
-#include <vector>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
 
 #include "arrays.hpp"
 #include "cone_march.hpp"
@@ -16,57 +15,52 @@ namespace {
 using Slope = nb::ndarray<const double, nb::device::cpu>;
 using Indices = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
+// What Python hands over.
+using GivenQuadrature = std::tuple<In, Matrix, int>;   // integral_to_points, integral_over, late
+using GivenMaps = std::tuple<Matrix, Matrix, Matrix>;  // travel, rates, accelerations
+// joints, rates, base_attitude, own_spin, entropy_slope
+using GivenMotions = std::tuple<In, In, In, In, std::optional<In>>;
+// Of one feature: instants, motion, weight, value, slopes by name.
+using GivenResidual =
+    std::tuple<Indices, std::optional<Indices>, Vector, Slope, std::map<std::string, Slope>>;
+
+[[noreturn]] void wrong(const std::string& name) {
+  throw std::invalid_argument(name + " of a residual or a motion has a wrong shape");
+}
+
 // Sizes of an array along its axes; zero: it has no such axis. An axis of one repeats.
 struct Shape {
-  Size component, joint, motion, instant;
+  Size row, component, joint, motion, instant;
 };
 
-// What was handed over, in forms that the kernel can read, kept until it is done.
-class Given {
- public:
-  Strided strided(nb::handle object, const Shape& shape, const char* name) {
-    const Slope& array = slopes_.emplace_back(nb::cast<Slope>(object));
-    Strided out;
-    out.data = array.data();
-    Size axis = array.ndim();
-    const auto step = [&](Size size) -> std::ptrdiff_t {
-      if (size == 0) return 0;
-      if (axis == 0 || (array.shape(axis - 1) != size && array.shape(axis - 1) != 1)) wrong(name);
-      --axis;
-      return array.shape(axis) == 1 ? 0 : array.stride(axis);
-    };
-    out.instant = step(shape.instant);
-    out.motion = step(shape.motion);
-    out.joint = step(shape.joint);
-    out.component = step(shape.component);
-    if (axis != 0) wrong(name);
-    return out;
-  }
+// The first row; `row` is how far the next one lies.
+Strided strided(const Slope& array, const Shape& shape, const char* name, std::ptrdiff_t& row) {
+  Size axis = array.ndim();
+  const auto step = [&](Size size) -> std::ptrdiff_t {
+    if (size == 0) return 0;
+    if (axis == 0 || (array.shape(axis - 1) != size && array.shape(axis - 1) != 1)) wrong(name);
+    --axis;
+    return array.shape(axis) == 1 ? 0 : array.stride(axis);
+  };
+  Strided out;
+  out.data = array.data();
+  out.instant = step(shape.instant);
+  out.motion = step(shape.motion);
+  out.joint = step(shape.joint);
+  out.component = step(shape.component);
+  row = step(shape.row);
+  if (axis != 0) wrong(name);
+  return out;
+}
 
-  const In& dense(nb::handle object, Size size, const char* name) {
-    const In& array = dense_.emplace_back(nb::cast<In>(object));
-    if (size != 0 && array.size() != size) wrong(name);
-    return array;
+// As many indices as `count`, below `end`.
+const std::int64_t* checked(const Indices& array, Size count, Size end, const char* name) {
+  if (array.shape(0) != count) wrong(name);
+  for (Size i = 0; i < count; ++i) {
+    if (array(i) < 0 || array(i) >= static_cast<std::int64_t>(end)) wrong(name);
   }
-
-  const std::int64_t* indices(nb::handle object, Size count, Size end, const char* name) {
-    const Indices& array = indices_.emplace_back(nb::cast<Indices>(object));
-    if (array.shape(0) != count) wrong(name);
-    for (Size i = 0; i < count; ++i) {
-      if (array(i) < 0 || array(i) >= static_cast<std::int64_t>(end)) wrong(name);
-    }
-    return array.data();
-  }
-
- private:
-  static void wrong(const char* name) {
-    throw std::invalid_argument(std::string(name) + " of a residual or a motion has a wrong shape");
-  }
-
-  std::deque<Slope> slopes_;
-  std::deque<In> dense_;
-  std::deque<Indices> indices_;
-};
+  return array.data();
+}
 
 // -- attitudes
 
@@ -135,24 +129,18 @@ Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
   return out;
 }
 
-Quadrature quadrature_of(Given& given, const nb::tuple& from) {
-  const In& over = given.dense(from[1], 0, "integral_over");
-  expect(over.ndim() == 2, "integral_over has two axes");
-  Quadrature out;
-  out.intervals = static_cast<int>(over.shape(0));
-  out.gauss = static_cast<int>(over.shape(1));
-  out.over = over.data();
-  out.to_points = given.dense(from[0], over.size() * over.shape(1), "integral_to_points").data();
-  out.late = nb::cast<int>(from[2]);
-  return out;
+Quadrature quadrature_of(const GivenQuadrature& given) {
+  const auto& [to_points, over, late] = given;
+  const Size intervals = over.shape(0), gauss = over.shape(1);
+  expect_size(to_points, intervals * gauss * gauss);
+  return {static_cast<int>(intervals), static_cast<int>(gauss), late, to_points.data(), over.data()};
 }
 
 // Attitudes (9) of the base along S motions of a spline, and what momentum adds to its angular velocity (3):
 // rows (12, S K). Given that of the joint rates (3, S, K) and the inverse inertia (3, 3, S, K).
-Out spline_attitudes(const nb::tuple& quadrature, const In& omega, const In& inverse, const Matrix& start,
-                     const std::optional<Vector>& momentum) {
-  Given given;
-  const Quadrature by = quadrature_of(given, quadrature);
+Out spline_attitudes(const GivenQuadrature& quadrature, const In& omega, const In& inverse,
+                     const Matrix& start, const std::optional<Vector>& momentum) {
+  const Quadrature by = quadrature_of(quadrature);
   const Size K = static_cast<Size>(by.instants()), count = omega.size() / 3;
   expect(omega.size() == 3 * count && count % K == 0 && inverse.size() == 9 * count,
          "an array has a wrong shape");
@@ -183,94 +171,83 @@ Out spline_attitudes(const nb::tuple& quadrature, const In& omega, const In& inv
 
 // -- sums
 
-SplineMaps maps_of(Given& given, const nb::tuple& from, Size instants) {
-  const In& rates = given.dense(from[0], 0, "rates");
-  expect(rates.ndim() == 2 && rates.shape(0) == instants, "the spline's rates have a wrong shape");
-  SplineMaps out;
-  out.size = static_cast<int>(rates.shape(1));
-  out.rates = rates.data();
-  out.travel = given.dense(from[1], rates.size(), "travel").data();
-  out.accelerations = given.dense(from[2], rates.size(), "accelerations").data();
-  return out;
-}
-
-// (instants, motion or None, weight, value, slopes by name)
-Residual residual_of(Given& given, const nb::tuple& from, Size n, Size motions, Size instants) {
-  Residual out;
-  const In& weight = given.dense(from[2], 0, "weight");
-  const Size count = weight.size(), S = from[1].is_none() ? motions : 0;
-  out.count = static_cast<std::ptrdiff_t>(count);
-  out.instants = given.indices(from[0], count, instants, "instants");
-  out.motion = from[1].is_none() ? nullptr : given.indices(from[1], count, motions, "motion");
-  out.weight = weight.data();
-  out.value = given.strided(from[3], {0, 0, S, count}, "value");
-  const Shape by_joint = {0, n, S, count}, by_vector = {3, 0, S, count};
-  const struct {
-    const char* name;
-    Strided* slope;
-    Shape shape;
-  } named[] = {
-      {"by_joints", &out.by_joints, by_joint},
-      {"by_rates", &out.by_rates, by_joint},
-      {"by_accelerations", &out.by_accelerations, by_joint},
-      {"by_tip", &out.by_tip, by_vector},
-      {"by_turn", &out.by_turn, by_vector},
-      {"by_velocity", &out.by_velocity, by_vector},
-      {"by_spin", &out.by_spin, by_vector},
-      {"by_base", &out.by_base, by_vector},
-      {"by_base_turn", &out.by_base_turn, by_vector},
-      {"by_base_spin", &out.by_base_spin, by_vector},
-      {"by_entropy", &out.by_entropy, {0, 0, S, count}},
-      {"by_coupling", &out.by_coupling, {6, n, S, count}},
-  };
-  const nb::dict slopes = nb::cast<nb::dict>(from[4]);
-  for (const auto& one : named) {
-    if (slopes.contains(one.name)) *one.slope = given.strided(slopes[one.name], one.shape, one.name);
+SplineMaps maps_of(const GivenMaps& given, Size instants) {
+  const auto& [travel, rates, accelerations] = given;
+  for (const Matrix* map : {&travel, &rates, &accelerations}) {
+    if (map->shape(0) != instants || map->shape(1) != travel.shape(1)) wrong("a map of the spline");
   }
-  return out;
+  return {static_cast<int>(travel.shape(1)), {travel.data(), rates.data(), accelerations.data()}};
 }
 
-// (weight, value, by_position, by_rate, by_acceleration), the slopes None where there is none.
-JointResidual joints_of(Given& given, const nb::tuple& from, const Shape& shape) {
-  JointResidual out;
-  out.count = static_cast<std::ptrdiff_t>(shape.instant);
-  out.weight = given.dense(from[0], shape.instant, "weight").data();
-  const auto part = [&](int i, const char* name) {
-    return from[i].is_none() ? Strided() : given.strided(from[i], shape, name);
-  };
-  out.value = part(1, "value");
-  out.by_position = part(2, "by_position");
-  out.by_rate = part(3, "by_rate");
-  out.by_acceleration = part(4, "by_acceleration");
-  return out;
+// Residuals of one feature, each of its components.
+void add_residuals(const GivenResidual& given, Size n, Size motions, Size instants,
+                   std::vector<Residual>& out) {
+  const auto& [at, motion, weight, value, slopes] = given;
+  const Size count = weight.size(), S = motion ? 1 : motions;
+  const Size components = value.ndim() == 3 ? value.shape(0) : 0;
+  if (count == 0) return;
+  Residual first = {};
+  first.count = static_cast<std::ptrdiff_t>(count);
+  first.instants = checked(at, count, instants, "instants");
+  first.motion = motion ? checked(*motion, count, motions, "motion") : nullptr;
+  first.weight = weight.data();
+  std::ptrdiff_t value_step, steps[kSlopes] = {};
+  first.value = strided(value, {components, 0, 0, S, count}, "value", value_step);
+  const char* names[kSlopes] = {"by_velocity",      "by_spin",          "by_base_spin", "by_tip",
+                                "by_base",          "by_turn",          "by_base_turn", "by_joints",
+                                "by_rates",         "by_accelerations", "own_joint",    "own_rate",
+                                "own_acceleration", "by_entropy",       "by_coupling"};
+  for (int i = 0; i < kSlopes; ++i) {
+    const auto found = slopes.find(names[i]);
+    if (found == slopes.end()) continue;
+    Shape shape = {components, 0, 0, S, count};
+    if (i < kVectors) shape.component = 3;
+    if (i == kCoupling) shape.component = 6;
+    if ((i >= kVectors && i < kOwnJoint) || i == kCoupling) shape.joint = n;
+    first.by[i] = strided(found->second, shape, names[i], steps[i]);
+    expect(i < kOwnJoint || i >= kEntropy || components == n,
+           "slopes by own joints are of one number a joint");
+  }
+  for (Size c = 0; c < std::max<Size>(components, 1); ++c) {
+    Residual one = first;
+    const auto row = static_cast<std::ptrdiff_t>(c);
+    one.joint = static_cast<int>(c);
+    one.value.data += row * value_step;
+    for (int i = 0; i < kSlopes; ++i) {
+      if (one.by[i]) one.by[i].data += row * steps[i];
+    }
+    out.push_back(one);
+  }
 }
 
 // Gradients (T, M n) and Hessians (T, M n, M n) of T chosen motions.
-nb::tuple sums(const Tree& tree, const nb::tuple& maps, const nb::tuple& quadrature, const nb::tuple& motions,
-               const nb::list& residuals, const nb::list& of_joints, const Indices& chosen) {
-  Given given;
-  const Quadrature by = quadrature_of(given, quadrature);
+nb::tuple sums(const Tree& tree, const GivenMaps& maps, const GivenQuadrature& quadrature,
+               const GivenMotions& motions, const std::vector<GivenResidual>& residuals,
+               const Indices& chosen) {
+  const Quadrature by = quadrature_of(quadrature);
   const Size n = static_cast<Size>(tree.n), K = static_cast<Size>(by.instants());
-  const SplineMaps spline = maps_of(given, maps, K);
-  const Size size = n * static_cast<Size>(spline.size), S = nb::cast<Slope>(motions[0]).shape(1);
-  const ArmMotions arm = {
-      given.strided(motions[0], {0, n, S, K}, "joints"), given.strided(motions[1], {0, n, S, K}, "rates"),
-      given.strided(motions[2], {3, 3, S, K}, "base_attitude"),
-      given.strided(motions[3], {3, 0, S, K}, "own_spin"),
-      motions[4].is_none() ? Strided() : given.strided(motions[4], {6, n, S, K}, "entropy_slope")};
+  const SplineMaps spline = maps_of(maps, K);
+  const auto& [joints, rates, attitude, own_spin, entropy_slope] = motions;
+  const Size size = n * static_cast<Size>(spline.size), stack = joints.size() / n, S = stack / K;
+  if (joints.size() != n * S * K || rates.size() != joints.size() || attitude.size() != 9 * stack ||
+      own_spin.size() != 3 * stack || (entropy_slope && entropy_slope->size() != 6 * n * stack))
+    wrong("an array");
+  const MotionArrays arrays = {joints.data(),
+                               rates.data(),
+                               attitude.data(),
+                               own_spin.data(),
+                               entropy_slope ? entropy_slope->data() : nullptr,
+                               static_cast<std::ptrdiff_t>(stack)};
   std::vector<Residual> values;
-  std::vector<JointResidual> single;
-  for (nb::handle one : residuals) values.push_back(residual_of(given, nb::cast<nb::tuple>(one), n, S, K));
-  for (nb::handle one : of_joints) single.push_back(joints_of(given, nb::cast<nb::tuple>(one), {0, n, S, K}));
+  for (const auto& one : residuals) add_residuals(one, n, S, K, values);
   const Size count = chosen.shape(0);
+  checked(chosen, count, S, "a chosen motion");
   Out gradient = new_array(count, size), hessian = new_array(count, size, size);
   std::fill_n(gradient.data(), gradient.size(), 0.0);
   std::fill_n(hessian.data(), hessian.size(), 0.0);
-  for (Size i = 0; i < count; ++i) expect(chosen(i) >= 0 && Size(chosen(i)) < S, "no such motion");
-  Sums all(tree, arm, spline, by);
-  for (Size i = 0; i < count; ++i) {
-    all.add(chosen(i), values, single, gradient.data() + i * size, hessian.data() + i * size * size);
-  }
+  Sums all(tree, arrays, spline, by);
+  for (Size i = 0; i < count; ++i)
+    all.add(chosen(i), values, gradient.data() + i * size, hessian.data() + i * size * size);
   return nb::make_tuple(gradient, hessian);
 }
 
@@ -279,32 +256,16 @@ nb::tuple sums(const Tree& tree, const nb::tuple& maps, const nb::tuple& quadrat
 // Joint rates (S, steps, n) of marches to the sides (S, 3). `joints` are positions, limits and greatest rates
 // (4, n); `places` the target, the centre of mass and its drift (3, 3).
 Out cone_marches(const Tree& tree, int steps, double duration, double kappa, double mean_speed,
-                 double arrival_power, double least_approach, double damping, const Matrix& joints,
-                 const Matrix& places, const Matrix& attitude, const std::optional<Matrix>& rotation,
-                 const Matrix& sides) {
+                 double damping, const Matrix& joints, const Matrix& places, const Matrix& attitude,
+                 const std::optional<Matrix>& rotation, const Matrix& sides) {
   const Size n = static_cast<Size>(tree.n), count = sides.shape(0);
   expect(joints.shape(0) == 4 && joints.shape(1) == n && sides.shape(1) == 3, "an array has a wrong shape");
   expect(places.size() == 9 && attitude.size() == 9 && (!rotation || rotation->size() == 9),
          "an array has a wrong shape");
   Out rates = new_array(count, steps, n);
-  const double* start = joints.data();
-  const ConeMarch by = {duration,
-                        steps,
-                        kappa,
-                        mean_speed,
-                        arrival_power,
-                        least_approach,
-                        damping,
-                        vector_at(places.data()),
-                        vector_at(places.data() + 3),
-                        vector_at(places.data() + 6),
-                        matrix_at(attitude.data()),
-                        rotation.has_value(),
-                        rotation ? matrix_at(rotation->data()) : Mat3<double>(),
-                        start,
-                        start + n,
-                        start + 2 * n,
-                        start + 3 * n};
+  const double* turned = rotation ? rotation->data() : nullptr;
+  const ConeMarch by = {duration,      steps,         kappa,           mean_speed, damping,
+                        joints.data(), places.data(), attitude.data(), turned};
   for (Size s = 0; s < count; ++s) {
     cone_march(tree, by, vector_at(sides.data() + 3 * s), rates.data() + s * static_cast<Size>(steps) * n);
   }

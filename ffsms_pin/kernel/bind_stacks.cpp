@@ -112,14 +112,12 @@ Out moving(const Tree& tree, const In& positions, const In& rates, int rows, con
   });
 }
 
-// What `ArmValues` holds beside the positions, in its order: 54 n + 27 rows.
+// What `ArmValues` holds beside the positions, in its order: 42 n + 27 rows.
 Out arm_values(const Tree& tree, const In& positions) {
   const int n = tree.n;
-  return at_each(tree, positions, 54 * n + 27, [n](auto& work, Size, Writer& write) {
+  return at_each(tree, positions, 42 * n + 27, [n](auto& work, Size, Writer& write) {
     auto& arm = work.arm;
-    for (const auto* columns : {arm.axis, arm.velocity, arm.linear, arm.angular, arm.moment})
-      write.put(columns, n);
-    write.put(arm.inertia, n);
+    for (const auto* columns : {arm.axis, arm.velocity, arm.linear, arm.angular}) write.put(columns, n);
     write.put(&arm.com, 1);
     write.put(&arm.inverse, 1);
     write.put(arm.spin, n);
@@ -134,19 +132,6 @@ Out arm_values(const Tree& tree, const In& positions) {
       write.put(&arm.tip[x], 1);
     }
     write.put(arm.rotation, n);
-  });
-}
-
-// Rotations, origins and twists: 18 n rows.
-Out poses(const Tree& tree, const In& positions) {
-  const int n = tree.n;
-  const Size count = positions.size() / static_cast<Size>(n);
-  expect_size(positions, count * static_cast<Size>(n));
-  return stack(count, 18 * n, [&](auto& work, Size k, Writer& write) {
-    Reader{positions.data() + k, count}.next(work.given[0], n);
-    pose(tree, work.given[0], work.arm);
-    write.put(work.arm.rotation, n);
-    for (const auto* columns : {work.arm.origin, work.arm.axis, work.arm.velocity}) write.put(columns, n);
   });
 }
 
@@ -265,7 +250,7 @@ Out singular_values(const In& matrices, bool vectors) {
       for (int j = 0; j < c; ++j) read.next(&A[by_rows ? i * m + j : j * m + i], 1);
     }
     // So that no square overflows, or vanishes.
-    auto largest = same<std::decay_t<decltype(work.value)>>(kTiny);
+    auto largest = std::decay_t<decltype(work.value)>(kTiny);
     for (int i = 0; i < r * c; ++i) largest = larger(largest, magnitude(A[i]));
     for (int i = 0; i < r * c; ++i) A[i] = A[i] / largest;
     decompose(m, k, A, m, V, work.sigma);
@@ -292,7 +277,6 @@ void bind_stacks(nb::module_& m) {
         std::memcpy(static_cast<void*>(&self), state.data(), sizeof(Tree));
       });
   m.def("arm_values", &arm_values);
-  m.def("poses", &poses);
   m.def("coupled", &coupled);
   m.def("manipulator_jacobian", &manipulator_jacobian);
   m.def("reduced_inertia", &reduced);

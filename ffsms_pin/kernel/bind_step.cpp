@@ -4,31 +4,24 @@
 #include <optional>
 #include <vector>
 
-#include "arm.hpp"
 #include "arrays.hpp"
+#include "entropy.hpp"
 #include "step.hpp"
 
 namespace ffsms {
 namespace {
 
-Schedule schedule_of(const Vector& s, double time_left, double dt) {
-  return {s(0), s(1), s(2), s(3), time_left, dt};
-}
+using View = nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>;  // in any order
 
-Out array_of(const Vec3<double>& vector) {
-  Out out = new_array(3);
-  std::copy_n(vector.v, 3, out.data());
-  return out;
-}
-
-Out zeros(int size) {
-  Out out = new_array(size);
-  std::fill_n(out.data(), size, 0.0);
+Out array_of(const std::vector<double>& values) {
+  Out out = new_array(values.size());
+  std::copy(values.begin(), values.end(), out.data());
   return out;
 }
 
 // What a step is written from, of a root pose (x, y, z, quaternion): see opt/step/state.py. First columns
-// (6, n), reaction, J*, J_m and C_bm; then places and twists, and the end effector's attitude.
+// (6, n), reaction, J*, J_m and C_bm; then V (n, n); then places, twists, the end effector's attitude, and
+// the paper's entropy.
 nb::tuple step_state(const Tree& tree, const Vector& root, const Vector& joints,
                      const std::optional<Vector>& momentum) {
   const int n = tree.n;
@@ -39,7 +32,8 @@ nb::tuple step_state(const Tree& tree, const Vector& root, const Vector& joints,
   const Mat3<double> R = {{{1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)},
                            {2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)},
                            {2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}}};
-  Out columns = new_array(4, 6, n), more = new_array(27);
+  Out columns = new_array(4, 6, n), basis = new_array(n, n), more = new_array(28);
+  double A[kMostJoints * 6], V[kMostJoints * kMostJoints], sigma[kMostJoints];
   for (int j = 0; j < n; ++j) {
     Writer write = {columns.data() + j, static_cast<Size>(n)};
     const Vec3<double> turning = tree.joints[j].moves_tip ? arm.axis[j] : zero3<double>();
@@ -47,7 +41,17 @@ nb::tuple step_state(const Tree& tree, const Vector& root, const Vector& joints,
                                        R * (arm.spin[j] + turning), R * arm.tip_velocity[j], R * turning}) {
       write.put(&column, 1);
     }
-    for (const auto& row : arm.coupling) write.put(&row[j], 1);
+    for (int i = 0; i < 6; ++i) {
+      write.put(&arm.coupling[i][j], 1);
+      A[j * 6 + i] = arm.coupling[i][j];
+    }
+  }
+  // Singular values depend on the reference point, the base's centre of mass, and not on the axes.
+  decompose(6, n, A, 6, V, sigma);
+  sort(n, sigma, V);
+  Writer rows = {basis.data(), 1};
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < n; ++j) rows.put(&V[j * n + i], 1);
   }
   Vec3<double> spin = zero3<double>(), moving = spin;
   if (momentum) {
@@ -61,156 +65,154 @@ nb::tuple step_state(const Tree& tree, const Vector& root, const Vector& joints,
     write.put(&one, 1);
   }
   const Mat3<double> attitude = R * arm.tip_rotation;
+  const double entropy = normalised_entropy(sigma, n);
   write.put(&attitude, 1);
-  return nb::make_tuple(columns, more);
+  write.put(&entropy, 1);
+  return nb::make_tuple(columns, basis, more);
 }
 
-// Least and greatest rates at the step's end, of limits (4, n): lower, upper, velocity, acceleration.
-nb::tuple rate_bounds(const Matrix& limits, const Vector& joints, const Vector& rates, double dt) {
+// Least and greatest rates (2, n) at the step's end, of limits (4, n): lower, upper, velocity, acceleration.
+Out rate_bounds(const Matrix& limits, const Vector& joints, const Vector& rates, double dt) {
   const Size n = rates.shape(0);
-  Out least = new_array(n), greatest = new_array(n);
+  Out bounds = new_array(2, n);
   for (Size j = 0; j < n; ++j) {
     const double velocity = std::min(limits(2, j), kUnbounded), acceleration = limits(3, j);
     const double down = greatest_rate(joints(j) - limits(0, j), -rates(j), velocity, acceleration, dt);
     const double up = greatest_rate(limits(1, j) - joints(j), rates(j), velocity, acceleration, dt);
-    least.data()[j] = -down;
-    greatest.data()[j] = std::max(up, -down);  // where there is no room to brake, the lower one is both
+    bounds.data()[j] = -down;
+    bounds.data()[n + j] = std::max(up, -down);  // where there is no room to brake, the lower one is both
   }
-  return nb::make_tuple(least, greatest);
+  return bounds;
 }
 
-// (towards, direction, speed, side), or None where the end effector has arrived.
-nb::object wanted_motion(const Vector& constants, const Vector& way, const Matrix& J, const Vector& rates,
-                         const Vector& drift, const Vector& acceleration, const Vector& side, double cosine,
-                         double time_left, double dt) {
-  const Schedule schedule = schedule_of(constants, time_left, dt);
+// Unit vectors to the target and along the wanted motion, its side, the wanted spin, and the speed (13,): see
+// opt/step/reference.py. J is J* (6, n), `rotation` the wanted attitude (3, 3).
+Out wanted_motion(const Vector& way, const std::optional<Matrix>& rotation, const Matrix& attitude,
+                  const Matrix& J, const Vector& rates, const Vector& drift, const Vector& acceleration,
+                  const Vector& side, double cosine, double time_left, double dt) {
   const int n = static_cast<int>(rates.shape(0));
-  expect(n <= kMostJoints, "the kernel takes 1 to 64 joints");
-  const Vec3<double> left = vector_at(way.data()), hint = vector_at(side.data());
-  const double distance = std::sqrt(dot(left, left));
-  if (distance < 1e-12) return nb::none();
-  const Vec3<double> towards = left / distance;
-  Vec3<double> velocity;
-  for (int i = 0; i < 3; ++i) velocity[i] = dot(J.data() + i * n, rates.data(), n) + drift(i);
-  const bool sided = dot(hint, hint) > 0.0;
-  const Vec3<double> lateral = lateral_direction(towards, sided ? hint : velocity);
-  const double sine = std::sqrt(std::max(0.0, 1.0 - cosine * cosine));
-  const Vec3<double> direction = cosine * towards + sine * lateral;
-  double gradient[kMostJoints];
-  for (int j = 0; j < n; ++j) gradient[j] = dot(direction, Vec3<double>{{J(0, j), J(1, j), J(2, j)}});
-  // A path at a constant angle to the direction of the target is 1 / cos longer than the straight one.
-  const double along = std::max(cosine, schedule.least_approach);
-  const double speed =
-      schedule.reached(distance / along, dot(velocity, direction), gradient, acceleration.data(), n);
-  const double most = schedule.nearing * distance * along / dt;
-  return nb::make_tuple(array_of(towards), array_of(direction), std::min(speed, most), array_of(lateral));
+  const auto reached = [&](double left, const Vec3<double>& direction, int row) {
+    return reached_speed(left, direction, J.data() + row * n, rates.data(), drift.data() + row,
+                         acceleration.data(), n, time_left, dt);
+  };
+  Vec3<double> towards = vector_at(way.data()), lateral = vector_at(side.data());
+  Vec3<double> direction = zero3<double>(), spin = direction;
+  const double distance = std::sqrt(dot(towards, towards));
+  double speed = 0.0;
+  if (distance < 1e-12) {
+    towards = direction;
+  } else {
+    towards = towards / distance;
+    if (dot(lateral, lateral) == 0.0) {  // the side on which the end effector is moving
+      for (int i = 0; i < 3; ++i) lateral[i] = dot(J.data() + i * n, rates.data(), n) + drift(i);
+    }
+    lateral = lateral_direction(towards, lateral);
+    direction = cosine * towards + std::sqrt(std::max(0.0, 1.0 - cosine * cosine)) * lateral;
+    // A path at a constant angle to the direction of the target is 1 / cos longer than the straight one. One
+    // step goes half of the way to the point of a straight step that is nearest to the target at most: a
+    // longer step at an angle to the target would go round it instead of nearing it.
+    const double along = std::max(cosine, kLeastApproach);
+    speed = std::min(reached(distance / along, direction, 0), 0.5 * distance * along / dt);
+  }
+  if (rotation) {
+    const Vec3<double> turn = log3(matrix_at(rotation->data()) * transposed(matrix_at(attitude.data())));
+    const double angle = std::sqrt(dot(turn, turn));
+    // Nearer than that it is rounding.
+    if (angle >= 1e-12) spin = reached(angle, turn / angle, 3) * (turn / angle);
+  }
+  Out out = new_array(13);
+  Writer write = {out.data(), 1};
+  for (const Vec3<double>& one : {towards, direction, lateral, spin}) write.put(&one, 1);
+  write.put(&speed, 1);
+  return out;
 }
 
-double scheduled(const Vector& constants, double left, double speed, const Vector& gradient,
-                 const Vector& acceleration, double time_left, double dt) {
-  const int n = static_cast<int>(gradient.shape(0));
-  return schedule_of(constants, time_left, dt).reached(left, speed, gradient.data(), acceleration.data(), n);
-}
-
-double reference_speed(const Vector& constants, double path_left, double speed, double time_left, double dt) {
-  return schedule_of(constants, time_left, dt).reference(path_left, speed);
-}
-
-// H (n + 2, n + 2) and g (n + 2,) of direction, speed, effort, change and slack.
-nb::tuple objective(const Matrix& J, const Matrix& V, const Vector& rates, const Vector& drift,
-                    const Vector& direction, double speed, const Vector& weights, bool plain_effort) {
+// H (n + 2, n + 2), and g below it, of 1/2 x^T H x + g^T x: direction, speed, effort, change, slack, and the
+// end effector's spin, by their weights. J is J* (6, n).
+Out objective(const Matrix& J, const Matrix& V, const Vector& rates, const Vector& drift,
+              const Vector& direction, double speed, const std::optional<Vector>& spin,
+              const Vector& weights) {
   const int n = static_cast<int>(rates.shape(0)), size = n + 2;
-  const double effort = plain_effort ? weights(2) : 0.0, change = weights(3), slack = weights(4);
   expect(n <= kMostJoints, "the kernel takes 1 to 64 joints");
-  Out H = new_array(size, size), linear = zeros(size);
-  std::fill_n(H.data(), size * size, 0.0);
-  double *g = linear.data(), row[kMostJoints + 1];
-  for (int r = 0; r < 3; ++r) {  // J V alpha + drift is to be along the direction
-    times_basis(J.data() + r * n, V.data(), n, row);
-    row[n] = -direction(r);
+  Out out = new_array(size + 1, size);
+  std::fill_n(out.data(), (size + 1) * size, 0.0);
+  double *H = out.data(), *g = H + size * size, row[kMostJoints + 1];
+  // J V alpha + drift is to be along the direction, or the wanted spin.
+  for (int r = 0; r < (spin ? 6 : 3); ++r) {
+    const double weight = weights(r < 3 ? 0 : 2), offset = r < 3 ? drift(r) : drift(r) - (*spin)(r - 3);
+    for (int c = 0; c < n; ++c) {
+      row[c] = 0.0;
+      for (int j = 0; j < n; ++j) row[c] += J(r, j) * V(j, c);
+    }
+    row[n] = r < 3 ? -direction(r) : 0.0;
     for (int i = 0; i <= n; ++i) {
-      const double weighted = weights(0) * row[i];
-      g[i] += weighted * drift(r);
-      for (int j = 0; j <= n; ++j) H.data()[i * size + j] += weighted * row[j];
+      const double weighted = weight * row[i];
+      g[i] += weighted * offset;
+      for (int j = 0; j <= n; ++j) H[i * size + j] += weighted * row[j];
     }
   }
   // V turns without stretching, so that |u| = |alpha|: effort and change are diagonal in alpha, too.
   for (int i = 0; i < n; ++i) {
-    H.data()[i * size + i] += change + effort;
-    for (int j = 0; j < n; ++j) g[i] -= change * rates(j) * V(j, i);
+    H[i * size + i] += weights(4) + weights(3);
+    for (int j = 0; j < n; ++j) g[i] -= weights(4) * rates(j) * V(j, i);
   }
-  H.data()[n * size + n] += weights(1);
+  H[n * size + n] += weights(1);
   g[n] -= weights(1) * speed;
-  H.data()[(n + 1) * size + n + 1] += slack;
-  g[n + 1] += slack;
-  return nb::make_tuple(H, linear);
+  H[(n + 1) * size + n + 1] += weights(5);
+  g[n + 1] += weights(5);
+  return out;
 }
 
-bool is_identity(const Matrix& G) {
-  const Size n = G.shape(1);
-  bool found = G.shape(0) == n;
-  for (Size i = 0; found && i < n * n; ++i) found = G.data()[i] == (i % (n + 1) == 0 ? 1.0 : 0.0);
-  return found;
-}
-
-// Rows low <= A x <= up of a programme, and the bounds on single joint rates that never give way.
-//
-// Each of `rows` is (G, lower, upper, give); the last two rows are s >= 0 and slack >= 0.
-nb::tuple stacked_rows(const Matrix& V, const nb::sequence& rows) {
-  const int n = static_cast<int>(V.shape(0)), size = n + 2;
-  struct Row {
-    const double* g;
-    double low, up, give;
+// A (m, n + 2), low and up of a programme low <= A x <= up, from the (G, lower, upper, give) of limits. The
+// last two rows are s >= 0 and slack >= 0.
+nb::tuple stacked_rows(const Matrix& V, const nb::sequence& limits) {
+  const Size n = V.shape(0), size = n + 2;
+  std::vector<double> A, low, up;
+  const auto add = [&](double least, double most) {
+    low.push_back(least);
+    up.push_back(most);
+    A.resize(A.size() + size, 0.0);
+    return &A[A.size() - size];
   };
-  std::vector<Row> all;
-  std::vector<Matrix> kept;  // keeps what rows point into
-  Out hard_low = new_array(n), hard_up = new_array(n);
-  std::fill_n(hard_low.data(), n, -kUnbounded);
-  std::fill_n(hard_up.data(), n, kUnbounded);
-  for (nb::handle one : rows) {
-    const Matrix& G = kept.emplace_back(nb::cast<Matrix>(one[0]));
-    const auto low = nb::cast<Vector>(one[1]), up = nb::cast<Vector>(one[2]);
+  for (nb::handle one : limits) {
+    const auto G = nb::cast<View>(one[0]);
+    const auto lower = nb::cast<Vector>(one[1]), upper = nb::cast<Vector>(one[2]);
     const double give = nb::cast<double>(one[3]);
-    const int count = static_cast<int>(G.shape(0));
-    for (int j = 0; give == 0.0 && j < n && is_identity(G); ++j) {
-      hard_low.data()[j] = std::max(hard_low.data()[j], low(j));
-      hard_up.data()[j] = std::min(hard_up.data()[j], up(j));
-    }
+    const auto add_row = [&](Size r, double least, double most, double slack) {
+      double* row = add(least, most);
+      for (Size j = 0; j < n; ++j) {
+        const double g = G(r, j);
+        for (Size c = 0; g != 0.0 && c < n; ++c) row[c] += g * V(j, c);
+      }
+      row[n + 1] = slack;
+    };
     // A side that gives way is a row of its own.
-    for (int r = 0; r < count; ++r) {
-      const double most = give == 0.0 ? up(r) : kUnbounded;
-      if (give == 0.0 || low(r) > -kUnbounded) all.push_back({G.data() + r * n, low(r), most, give});
+    for (Size r = 0; r < lower.shape(0); ++r) {
+      if (give == 0.0)
+        add_row(r, lower(r), upper(r), 0.0);
+      else if (lower(r) > -kUnbounded)
+        add_row(r, lower(r), kUnbounded, give);
     }
-    for (int r = 0; give != 0.0 && r < count; ++r) {
-      if (up(r) < kUnbounded) all.push_back({G.data() + r * n, -kUnbounded, up(r), -give});
+    for (Size r = 0; give != 0.0 && r < lower.shape(0); ++r) {
+      if (upper(r) < kUnbounded) add_row(r, -kUnbounded, upper(r), -give);
     }
   }
-  const int count = static_cast<int>(all.size());
-  Out A = new_array(count + 2, size), low = zeros(count + 2), up = new_array(count + 2);
-  std::fill_n(A.data(), (count + 2) * size, 0.0);
-  for (int r = 0; r < count; ++r) {
-    times_basis(all[r].g, V.data(), n, A.data() + r * size);
-    A.data()[r * size + n + 1] = all[r].give;
-    low.data()[r] = all[r].low;
-    up.data()[r] = all[r].up;
-  }
-  for (int k = 0; k < 2; ++k) {
-    A.data()[(count + k) * size + n + k] = 1.0;
-    up.data()[count + k] = kUnbounded;
-  }
-  return nb::make_tuple(A, low, up, hard_low, hard_up);
+  for (Size k : {n, n + 1}) add(0.0, kUnbounded)[k] = 1.0;
+  Out rows = new_array(low.size(), size);
+  std::copy(A.begin(), A.end(), rows.data());
+  return nb::make_tuple(rows, array_of(low), array_of(up));
 }
 
 // The exact solution (x, z) of the equations of the active rows; None where it is not the programme's.
 nb::object refined(const Matrix& H, const Vector& g, const Matrix& A, const Vector& low, const Vector& up,
-                   const Vector& z, double tolerance, double kept) {
+                   const Vector& z, double tolerance) {
   const int n = static_cast<int>(g.shape(0)), rows = static_cast<int>(low.shape(0));
   std::vector<int> active;
   for (int r = 0; r < rows; ++r) {
     if (std::fabs(z(r)) > tolerance) active.push_back(r);
   }
   const int k = static_cast<int>(active.size()), size = n + k;
-  std::vector<double> equations(size * (size + 1), 0.0);
+  std::vector<double> equations(size * (size + 1), 0.0), multipliers(rows, 0.0), x(n);
   const auto at = [&](int i, int j) -> double& { return equations[i * (size + 1) + j]; };
   for (int i = 0; i < n; ++i) {
     std::copy_n(H.data() + i * n, n, &at(i, 0));
@@ -222,28 +224,27 @@ nb::object refined(const Matrix& H, const Vector& g, const Matrix& A, const Vect
     at(n + a, size) = z(r) > 0.0 ? up(r) : low(r);
   }
   if (!solve(equations.data(), size)) return nb::none();
-  Out x = new_array(n), multipliers = zeros(rows);
-  for (int i = 0; i < n; ++i) x.data()[i] = at(i, size);
+  for (int i = 0; i < n; ++i) x[i] = at(i, size);
   for (int r = 0; r < rows; ++r) {
     const double reached = dot(A.data() + r * n, x.data(), n);
     // Written so that a NaN is not the solution.
-    if (!(std::max(low(r) - reached, reached - up(r)) <= kept)) return nb::none();
+    if (!(std::max(low(r) - reached, reached - up(r)) <= 1e-9)) return nb::none();
   }
   for (int a = 0; a < k; ++a) {
     const double multiplier = at(n + a, size);
     if (!(multiplier * z(active[a]) >= 0.0)) return nb::none();
-    multipliers.data()[active[a]] = multiplier;
+    multipliers[active[a]] = multiplier;
   }
-  return nb::make_tuple(x, multipliers);
+  return nb::make_tuple(array_of(x), array_of(multipliers));
 }
 
 }  // namespace
 
 void bind_step(nb::module_& m) {
+  m.attr("ARRIVAL_POWER") = kArrivalPower;
   m.def("step_state", &step_state);
   m.def("rate_bounds", &rate_bounds);
   m.def("wanted_motion", &wanted_motion);
-  m.def("scheduled", &scheduled);
   m.def("reference_speed", &reference_speed);
   m.def("objective", &objective);
   m.def("stacked_rows", &stacked_rows);

@@ -11,44 +11,16 @@
 namespace ffsms {
 
 struct ConeMarch {
-  double duration;        // [s]
-  int steps;              // of one length
-  double kappa;           // of the paper's cost
-  double mean_speed;      // of a straight way to the target [m/s]
-  double arrival_power;   // that the distance goes to zero with
-  double least_approach;  // least cosine that the schedule counts on
-  double damping;         // of the least squares [m]
-  Vec3<double> target, com, drift;
-  Mat3<double> attitude;                    // of the base at the start
-  bool posed;                               // whether the end effector shall turn, too
-  Mat3<double> rotation;                    // how
-  const double *start, *low, *high, *most;  // joint positions, their limits, and greatest rates (n)
+  double duration;         // [s]
+  int steps;               // of one length
+  double kappa;            // of the paper's cost
+  double mean_speed;       // of a straight way to the target [m/s]
+  double damping;          // of the least squares [m]
+  const double* joints;    // their positions, limits and greatest rates (4, n)
+  const double* places;    // the target, the centre of mass and its drift (3, 3)
+  const double* attitude;  // of the base at the start (3, 3)
+  const double* rotation;  // wanted of the end effector (3, 3), or null
 };
-
-// The rotation vector [rad] of a rotation, by its quaternion: sound up to half a turn. The largest column of
-// 4 q q^T, so that nothing is lost there (I. Y. Bar-Itzhack, 2000).
-inline Vec3<double> log3(const Mat3<double>& R) {
-  double K[4][4];
-  const double trace = R[0][0] + R[1][1] + R[2][2];
-  K[3][3] = 1.0 + trace;
-  for (int i = 0; i < 3; ++i) {
-    const int a = (i + 1) % 3, b = (i + 2) % 3;
-    K[i][i] = 1.0 + 2.0 * R[i][i] - trace;
-    K[i][a] = K[a][i] = R[i][a] + R[a][i];
-    K[i][3] = K[3][i] = R[b][a] - R[a][b];
-  }
-  int most = 0;
-  for (int i = 1; i < 4; ++i) {
-    if (K[i][i] > K[most][most]) most = i;
-  }
-  const double* q = K[most];
-  const double sign = q[3] < 0.0 ? -1.0 : 1.0;
-  const Vec3<double> v = {{sign * q[0], sign * q[1], sign * q[2]}};
-  const double size = std::sqrt(dot(v, v));
-  const double factor =
-      size < 1e-9 * std::fabs(q[3]) ? 2.0 / std::fabs(q[3]) : 2.0 * std::atan2(size, sign * q[3]) / size;
-  return factor * v;
-}
 
 // The cosine of no cost, log(exp(kappa (1 - H)) - 1) / kappa, within [-1, 1].
 inline double ideal_cosine(const Tree& tree, const Arm<double>& arm, double kappa) {
@@ -85,17 +57,19 @@ inline void least_rates(int m, int n, const double (*J)[kMostJoints], const doub
 
 // Joint rates (steps, n) of a march to that side of the target's direction; straight where it is zero.
 inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side, double* out) {
-  const int n = tree.n, rows = by.posed ? 6 : 3;
+  const int n = tree.n, rows = by.rotation ? 6 : 3;
+  const double *low = by.joints + n, *high = low + n, *most = high + n;
+  const Vec3<double> target = vector_at(by.places), drift = vector_at(by.places + 6);
   const double dt = by.duration / by.steps;
   const bool straight = dot(side, side) == 0.0;
   double q[kMostJoints] = {}, J[6][kMostJoints], wanted[6], speed = 0.0;
-  std::copy(by.start, by.start + n, q);
-  Mat3<double> R = by.attitude;
+  std::copy(by.joints, low, q);
+  Mat3<double> R = matrix_at(by.attitude);
   Arm<double> arm;
   for (int k = 0; k < by.steps; ++k, out += n) {
     evaluate(tree, q, arm);
-    const Vec3<double> com = by.com + (k * dt) * by.drift;
-    const Vec3<double> way = by.target - com - R * (arm.tip - arm.com);
+    const Vec3<double> com = vector_at(by.places + 3) + (k * dt) * drift;
+    const Vec3<double> way = target - com - R * (arm.tip - arm.com);
     const double distance = std::sqrt(dot(way, way)) + 1e-12;
     const Vec3<double> d = (1.0 / distance) * way;
     const double cosine = straight ? 1.0 : ideal_cosine(tree, arm, by.kappa);
@@ -103,14 +77,14 @@ inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side,
     side = (1.0 / (std::sqrt(dot(side, side)) + 1e-12)) * side;
     const Vec3<double> e = cosine * d + std::sqrt(std::fmax(1.0 - cosine * cosine, 0.0)) * side;
     const double left = by.duration - k * dt;
-    const double share = by.arrival_power / (left + 0.5 * by.arrival_power * dt);
+    const double share = kArrivalPower / (left + 0.5 * kArrivalPower * dt);
     // The speed rises over a tenth of the time to its mean.
     const double mean = std::fmax(by.mean_speed, distance / by.duration);
-    speed = std::fmin(share * distance / std::fmax(cosine, by.least_approach),
-                      speed + 10.0 / by.steps * mean * by.arrival_power);
-    const Vec3<double> velocity = speed * e - by.drift;
+    speed = std::fmin(share * distance / std::fmax(cosine, kLeastApproach),
+                      speed + 10.0 / by.steps * mean * kArrivalPower);
+    const Vec3<double> velocity = speed * e - drift;
     Vec3<double> turn = zero3<double>();
-    if (by.posed) turn = share * log3(by.rotation * transposed(R * arm.tip_rotation));
+    if (by.rotation) turn = share * log3(matrix_at(by.rotation) * transposed(R * arm.tip_rotation));
     for (int x = 0; x < 3; ++x) {
       wanted[x] = velocity[x];
       wanted[3 + x] = turn[x];
@@ -125,11 +99,11 @@ inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side,
     }
     least_rates(rows, n, J, wanted, by.damping, out);
     double used = 1.0;  // of the greatest rates, the largest share
-    for (int j = 0; j < n; ++j) used = std::fmax(used, std::fabs(out[j]) / std::fmax(by.most[j], 1e-12));
+    for (int j = 0; j < n; ++j) used = std::fmax(used, std::fabs(out[j]) / std::fmax(most[j], 1e-12));
     Vec3<double> spin = zero3<double>();
     for (int j = 0; j < n; ++j) {
-      const double rate = by.most[j] > 0.0 ? out[j] / used : 0.0;
-      out[j] = std::fmin(std::fmax(rate, (by.low[j] - q[j]) / dt), (by.high[j] - q[j]) / dt);
+      const double rate = most[j] > 0.0 ? out[j] / used : 0.0;
+      out[j] = std::fmin(std::fmax(rate, (low[j] - q[j]) / dt), (high[j] - q[j]) / dt);
       q[j] += dt * out[j];
       spin += out[j] * arm.spin[j];
     }

@@ -34,8 +34,8 @@ bool rotate(int m, T* a, T* b, int n, T* v, T* w, T whole) {
   const T least = larger(kAcross * (first * last), kNegligible * (whole * larger(first, last)));
   const auto left = off * off > least;
   if (!any(left)) return false;
-  const T slant = (last - first) / select(left, 2.0 * off, same<T>(1.0));
-  const T sign = select(slant < 0.0, same<T>(-1.0), same<T>(1.0));
+  const T slant = (last - first) / select(left, 2.0 * off, T(1.0));
+  const T sign = select(slant < 0.0, T(-1.0), T(1.0));
   const T tangent = select(left, sign / (magnitude(slant) + root(slant * slant + 1.0)), T{});
   const T cosine = 1.0 / root(tangent * tangent + 1.0), sine = tangent * cosine;
   const auto turn = [&](int count, T* x, T* y) {
@@ -63,7 +63,7 @@ void decompose(int m, int k, T* A, int apart, T* V, T* sigma) {
   T whole = T{};
   for (int j = 0; j < k; ++j) {
     whole += square(j);
-    for (int i = 0; i < n; ++i) V[j * n + i] = same<T>(i == j ? 1.0 : 0.0);
+    for (int i = 0; i < n; ++i) V[j * n + i] = T(i == j ? 1.0 : 0.0);
   }
   for (int sweep = 0; sweep < kMostSweeps; ++sweep) {
     bool more = false;
@@ -109,10 +109,10 @@ T entropy(int rows, int n, const T (&C)[kMostRows][kMostJoints], T (&gradient)[k
     for (int j = 0; j < m; ++j) A[i][j] = by_rows ? C[i][j] : C[j][i];
   }
   decompose(m, k, A[0], kMostJoints, V, sigma);
-  T largest = same<T>(kLeastValue), total = T{}, plain = T{};
+  T largest = T(kLeastValue), total = T{}, plain = T{};
   for (int i = 0; i < k; ++i) largest = larger(largest, sigma[i]);
   for (int i = 0; i < k; ++i) {
-    sigma[i] = larger(larger(sigma[i], kLeastShare * largest), same<T>(kLeastValue));
+    sigma[i] = larger(larger(sigma[i], kLeastShare * largest), T(kLeastValue));
     total += sigma[i];
   }
   for (int i = 0; i < k; ++i) {

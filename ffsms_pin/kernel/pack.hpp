@@ -12,57 +12,43 @@
 namespace ffsms {
 
 #if defined(__GNUC__)
-constexpr int kPair = 2;
 using Pair = double __attribute__((vector_size(16)));
 using PairMask = std::int64_t __attribute__((vector_size(16)));
 #define FFSMS_INLINE inline __attribute__((always_inline))
+FFSMS_INLINE bool any(const PairMask& which) { return (which[0] | which[1]) != 0; }
 #else
-constexpr int kPair = 1;
 using Pair = double;
 using PairMask = bool;
 #define FFSMS_INLINE inline
 #endif
 
 constexpr int kPairs = 4;
-constexpr int kLanes = kPair * kPairs;
+constexpr int kLanes = kPairs * static_cast<int>(sizeof(Pair) / sizeof(double));
 
 struct Pack {
   Pair p[kPairs];
+
+  Pack() = default;
+  FFSMS_INLINE Pack(double x) {
+    for (Pair& pair : p) pair = Pair{} + x;
+  }
 };
 struct Mask {
   PairMask p[kPairs];
 };
 
-FFSMS_INLINE Pack filled(double x) {
-  Pack out;
-  for (int i = 0; i < kPairs; ++i) out.p[i] = Pair{} + x;
-  return out;
-}
-
-#define FFSMS_OPERATOR(op)                                        \
-  FFSMS_INLINE Pack operator op(const Pack& a, const Pack& b) {   \
-    Pack out;                                                     \
+#define FFSMS_OPERATOR(op, Result)                                \
+  FFSMS_INLINE Result operator op(const Pack& a, const Pack& b) { \
+    Result out;                                                   \
     for (int i = 0; i < kPairs; ++i) out.p[i] = a.p[i] op b.p[i]; \
     return out;                                                   \
-  }                                                               \
-  FFSMS_INLINE Pack operator op(double a, const Pack& b) {        \
-    Pack out;                                                     \
-    for (int i = 0; i < kPairs; ++i) out.p[i] = a op b.p[i];      \
-    return out;                                                   \
-  }                                                               \
-  FFSMS_INLINE Pack operator op(const Pack& a, double b) {        \
-    Pack out;                                                     \
-    for (int i = 0; i < kPairs; ++i) out.p[i] = a.p[i] op b;      \
-    return out;                                                   \
-  }                                                               \
-  FFSMS_INLINE Pack& operator op## = (Pack & a, const Pack& b) {  \
-    for (int i = 0; i < kPairs; ++i) a.p[i] = a.p[i] op b.p[i];   \
-    return a;                                                     \
   }
-FFSMS_OPERATOR(+)
-FFSMS_OPERATOR(-)
-FFSMS_OPERATOR(*)
-FFSMS_OPERATOR(/)
+FFSMS_OPERATOR(+, Pack)
+FFSMS_OPERATOR(-, Pack)
+FFSMS_OPERATOR(*, Pack)
+FFSMS_OPERATOR(/, Pack)
+FFSMS_OPERATOR(<, Mask)
+FFSMS_OPERATOR(>, Mask)
 #undef FFSMS_OPERATOR
 
 FFSMS_INLINE Pack operator-(const Pack& a) {
@@ -70,17 +56,8 @@ FFSMS_INLINE Pack operator-(const Pack& a) {
   for (int i = 0; i < kPairs; ++i) out.p[i] = -a.p[i];
   return out;
 }
-
-#define FFSMS_COMPARISON(op)                                      \
-  FFSMS_INLINE Mask operator op(const Pack& a, const Pack& b) {   \
-    Mask out;                                                     \
-    for (int i = 0; i < kPairs; ++i) out.p[i] = a.p[i] op b.p[i]; \
-    return out;                                                   \
-  }                                                               \
-  FFSMS_INLINE Mask operator op(const Pack& a, double b) { return a op filled(b); }
-FFSMS_COMPARISON(<)
-FFSMS_COMPARISON(>)
-#undef FFSMS_COMPARISON
+FFSMS_INLINE Pack& operator+=(Pack& a, const Pack& b) { return a = a + b; }
+FFSMS_INLINE Pack& operator-=(Pack& a, const Pack& b) { return a = a - b; }
 
 // -- what differs between a double and a pack, by one name
 FFSMS_INLINE double select(bool which, double yes, double no) { return which ? yes : no; }
@@ -94,11 +71,7 @@ FFSMS_INLINE bool any(bool which) { return which; }
 FFSMS_INLINE bool any(const Mask& which) {
   PairMask all = which.p[0];
   for (int i = 1; i < kPairs; ++i) all = all | which.p[i];
-#if defined(__GNUC__)
-  return (all[0] | all[1]) != 0;
-#else
-  return all;
-#endif
+  return any(all);
 }
 
 template <class Function>
@@ -112,18 +85,6 @@ FFSMS_INLINE Pack each(const Function& function, Pack x) {
   for (double& lane : lanes) lane = function(lane);
   std::memcpy(&x, lanes, sizeof x);
   return x;
-}
-
-// A constant as a value of every lane.
-template <class T>
-T same(double x);
-template <>
-FFSMS_INLINE double same<double>(double x) {
-  return x;
-}
-template <>
-FFSMS_INLINE Pack same<Pack>(double x) {
-  return filled(x);
 }
 
 template <class T>
@@ -179,7 +140,7 @@ FFSMS_INLINE void sine_cosine(const T& x, T& sine, T& cosine) {
   // Quarters of a turn, -2 to 2, change names and signs.
   const T turn = quarters - 4.0 * rounded(0.25 * quarters);
   const auto swapped = magnitude(magnitude(turn) - 1.0) < 0.5;
-  const T plus = same<T>(1.0), minus = same<T>(-1.0);
+  const T plus = 1.0, minus = -1.0;
   const T sine_sign = select(turn < -0.5, minus, select(turn > 1.5, minus, plus));
   const T cosine_sign = select(turn > 0.5, minus, select(turn < -1.5, minus, plus));
   sine = sine_sign * select(swapped, near_cosine, near_sine);

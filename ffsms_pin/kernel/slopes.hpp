@@ -122,7 +122,7 @@ void coupling_slopes(const Tree& tree, const Arm<T>& arm, const T (&by_coupling)
   const Vec3<T> base_com = same<T>(tree.base_com);
   Vec3<T> by_axis[kMostJoints], by_velocity[kMostJoints];  // of the columns that a joint carries: they turn
   ByTwist<T> own[kMostJoints];
-  ByTwist<T> base = {zero3<T>(), zero33<T>()};
+  ByTwist<T> base = {zero3<T>(), Mat3<T>{}};
   for (int j = 0; j < tree.n; ++j) {
     // Slopes by root and spin, then by the momenta that these answer: the base's inertia is symmetric.
     const Vec3<T> by_root = {{by_coupling[0][j], by_coupling[1][j], by_coupling[2][j]}};

@@ -36,30 +36,35 @@ inline double dot(const double* a, const double* b, int n) {
   return sum;
 }
 
-// The schedule of speeds: see opt/step/direction.py, whose constants these are.
-struct Schedule {
-  double power;           // what is left of the way shrinks as (time left)^power
-  double after;           // steps after the deadline at which it ends
-  double least_approach;  // below this cosine a path counts as if at it
-  double nearing;         // share of the way that one step goes at most
-  double time_left, dt;
+// What is left of the way shrinks as (time left)^p. With 2.5 the speed and the deceleration end at zero, the
+// speed at the start is only 2.5 times the mean, and at 0.9 T, where const8 begins, 0.3 % of the way is left.
+constexpr double kArrivalPower = 2.5;
+// Below this cosine a path would be a spiral of many turns; its length is then taken as if at this cosine.
+constexpr double kLeastApproach = 0.2;
 
-  // Speed at the end of the next step that leads over the path that is left to the target at the deadline.
-  double reference(double path_left, double speed) const {
-    const double left_after = std::max(time_left - dt, 0.0) + after * dt;
-    const double way = std::max(path_left - 0.5 * dt * speed, 0.0);
-    return power * way / (left_after + 0.5 * dt * power);
-  }
+// Speed at the end of the next step that leads over the path that is left to the target at the deadline. The
+// schedule ends two steps later: a stopped end effector has no direction, and the paper's cost would charge
+// for it at the last step; what is left of the speed there is some 1e-5 m/s.
+inline double reference_speed(double path_left, double speed, double time_left, double dt) {
+  const double left_after = std::max(time_left - dt, 0.0) + 2.0 * dt;
+  const double way = std::max(path_left - 0.5 * dt * speed, 0.0);
+  return kArrivalPower * way / (left_after + 0.5 * dt * kArrivalPower);
+}
 
-  // The same, as far as the joints can reach it in one step along a gradient (n,).
-  double reached(double left, double speed, const double* gradient, const double* acceleration, int n) const {
-    const double now = std::max(0.0, speed), wanted = reference(left, now);
-    if (wanted <= now) return wanted;
-    double gain = 0.0;
-    for (int j = 0; j < n; ++j) gain += std::fabs(gradient[j]) * std::min(acceleration[j], kFastest);
-    return std::min(wanted, now + dt * gain);
+// The same for what moves along a direction by rows J (3, n) and a drift, as far as the joints can reach it
+// in one step: asking for more would buy speed with direction.
+inline double reached_speed(double path_left, const Vec3<double>& direction, const double* J,
+                            const double* rates, const double* drift, const double* acceleration, int n,
+                            double time_left, double dt) {
+  double speed = dot(direction, vector_at(drift)), gain = 0.0;
+  for (int j = 0; j < n; ++j) {
+    const double along = dot(direction, Vec3<double>{{J[j], J[n + j], J[2 * n + j]}});
+    speed += along * rates[j];
+    gain += std::fabs(along) * std::min(acceleration[j], kFastest);
   }
-};
+  const double now = std::max(0.0, speed);
+  return std::min(reference_speed(path_left, now, time_left, dt), now + dt * gain);
+}
 
 // Unit vector across `towards`, as near to `hint` as possible; any, where that has no part across.
 inline Vec3<double> lateral_direction(const Vec3<double>& towards, const Vec3<double>& hint) {
@@ -76,13 +81,40 @@ inline Vec3<double> lateral_direction(const Vec3<double>& towards, const Vec3<do
   return across / std::sqrt(dot(across, across));
 }
 
-// A row (n,) times V (n, n).
-inline void times_basis(const double* row, const double* V, int n, double* out) {
-  std::fill_n(out, n, 0.0);
-  for (int j = 0; j < n; ++j) {
-    if (row[j] == 0.0) continue;
-    for (int c = 0; c < n; ++c) out[c] += row[j] * V[j * n + c];
+// The rotation vector [rad] of a rotation, by its quaternion: sound up to half a turn. The largest column of
+// 4 q q^T, so that nothing is lost there (I. Y. Bar-Itzhack, 2000).
+inline Vec3<double> log3(const Mat3<double>& R) {
+  double K[4][4];
+  const double trace = R[0][0] + R[1][1] + R[2][2];
+  K[3][3] = 1.0 + trace;
+  for (int i = 0; i < 3; ++i) {
+    const int a = (i + 1) % 3, b = (i + 2) % 3;
+    K[i][i] = 1.0 + 2.0 * R[i][i] - trace;
+    K[i][a] = K[a][i] = R[i][a] + R[a][i];
+    K[i][3] = K[3][i] = R[b][a] - R[a][b];
   }
+  int most = 0;
+  for (int i = 1; i < 4; ++i) {
+    if (K[i][i] > K[most][most]) most = i;
+  }
+  const double* q = K[most];
+  const double sign = q[3] < 0.0 ? -1.0 : 1.0;
+  const Vec3<double> v = {{sign * q[0], sign * q[1], sign * q[2]}};
+  const double size = std::sqrt(dot(v, v));
+  const double factor =
+      size < 1e-9 * std::fabs(q[3]) ? 2.0 / std::fabs(q[3]) : 2.0 * std::atan2(size, sign * q[3]) / size;
+  return factor * v;
+}
+
+// H_norm of singular values (n), in the paper's formula: 0 log 0 = 0, and zero where there are none.
+inline double normalised_entropy(const double* sigma, int n) {
+  double total = 0.0, sum = 0.0;
+  for (int i = 0; i < n; ++i) total += sigma[i];
+  for (int i = 0; i < n && n > 1; ++i) {
+    const double share = total > 0.0 ? sigma[i] / total : 0.0;
+    if (share > 0.0) sum -= share * std::log(share);
+  }
+  return n > 1 ? std::min(1.0, std::max(0.0, sum / std::log(static_cast<double>(n)))) : 0.0;
 }
 
 // Solves equations (size, size + 1), the right sides last, where the solution then stands: by Gauss'

@@ -23,12 +23,7 @@ struct Mat3 {
 
 template <class T>
 Vec3<T> zero3() {
-  return {{T{}, T{}, T{}}};
-}
-
-template <class T>
-Mat3<T> zero33() {
-  return {{{T{}, T{}, T{}}, {T{}, T{}, T{}}, {T{}, T{}, T{}}}};
+  return {};
 }
 
 // Of numbers one after the other, row by row.
@@ -40,13 +35,13 @@ inline Mat3<double> matrix_at(const double* x) {
 // Constants as values of every lane.
 template <class T>
 Vec3<T> same(const Vec3<double>& a) {
-  return {{same<T>(a[0]), same<T>(a[1]), same<T>(a[2])}};
+  return {{a[0], a[1], a[2]}};
 }
 template <class T>
 Mat3<T> same(const Mat3<double>& a) {
   Mat3<T> out;
   for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) out[i][j] = same<T>(a[i][j]);
+    for (int j = 0; j < 3; ++j) out[i][j] = a[i][j];
   }
   return out;
 }

@@ -10,12 +10,11 @@ from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.motion.finished import angles_from_start
 from ffsms_pin.plotting.series import plot_series
 from ffsms_pin.plotting.style import applied, legend_above, line, stack
-from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.scenarios.modes import ModeComparison, Strategy
 from ffsms_pin.simulation import Tracking
+from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
@@ -81,8 +80,7 @@ def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None
 
 def plot_attitude(tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Angle by which the base is turned from its attitude at the start of a run [deg]."""
-    angle = np.degrees(angles_from_start(tracking.q[:, 3:7]))
-    return plot_series(ax, tracking.t, angle, "base turned by [deg]")
+    return plot_series(ax, tracking.t, np.degrees(tracking.base_rotation), "base turned by [deg]")
 
 
 def _drawn(

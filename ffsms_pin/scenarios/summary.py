@@ -13,10 +13,10 @@ from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.described import described
-from ffsms_pin.studies.extremes import base_numbers, least_clearances, position_range
 from ffsms_pin.scenarios.joint_units import joint_units
 from ffsms_pin.scenarios.run import Outcome
 from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers, planned_actuators, tracked_numbers
+from ffsms_pin.studies.extremes import base_numbers, least_clearances, least_of_samples, position_range
 from ffsms_pin.version import __version__
 
 __all__ = ["summary"]
@@ -139,7 +139,7 @@ def _clearance(outcome: Outcome) -> dict[str, Any]:
     stack = clearance_stack(outcome.sms, mode)
     if stack is None:
         return {"checked": mode, "wanted_m": None, "least_m": None, "pairs_m": {}}
-    least = least_clearances(outcome.sms, outcome.trajectory, stack)
+    least = least_clearances(outcome.trajectory, stack)
     pairs = dict(zip(stack.names, least.tolist(), strict=True))
     return {
         "checked": mode,
@@ -157,7 +157,8 @@ def _tracked_clearance(outcome: Outcome) -> float | None:
         return None
     tracking = outcome.tracking
     every = max(1, round(outcome.trajectory.dt / float(tracking.t[1] - tracking.t[0])))
-    return float(stack.least(tracking.q[::every])[0].min())
+    joints = np.array([outcome.plant.layout.positions(q) for q in tracking.q[::every]]).T
+    return float(least_of_samples(stack, joints)[0].min())
 
 
 def _timing(outcome: Outcome) -> dict[str, float]:

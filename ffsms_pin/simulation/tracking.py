@@ -11,7 +11,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen, instance
 from ffsms_pin.opt.goals import REACH
-from ffsms_pin.opt.motion.finished import angles_from_start
+from ffsms_pin.opt.motion.rollout import angles_from_start
 from ffsms_pin.opt.problem import ARRIVAL_SHARE
 from ffsms_pin.simulation.streaming import save_mapped
 from ffsms_pin.simulation.unfinished import recorded

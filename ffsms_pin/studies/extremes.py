@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -10,7 +10,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
+from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Poses
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "base_motion",
     "base_numbers",
     "least_clearances",
+    "least_of_samples",
     "position_range",
 ]
 
@@ -40,40 +41,37 @@ def position_range(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
     return every.min(axis=0), every.max(axis=0)
 
 
-def least_clearances(sms: SpaceManipulator, trajectory: Trajectory, stack: ClearanceStack) -> FloatArray:
+def least_clearances(trajectory: Trajectory, stack: ClearanceStack) -> FloatArray:
     """Least value of each clearance (m,) [m], at the nodes and at places between them.
 
-    The joints alone decide a clearance, so the base stays where it is here. Around the least sample of each
-    the motion is looked at once more, closely: where another face of the box becomes the nearest a clearance
-    has a corner, which samples miss.
+    Around the least sample of each the motion is looked at once more, closely: where another face of the box
+    becomes the nearest a clearance has a corner, which samples miss.
     """
     rough = trajectory.dt / _SAMPLES_A_STEP
     times = rough * np.arange(_SAMPLES_A_STEP * (len(trajectory.t) - 1) + 1, dtype=np.float64)
-    home = pin.SE3.Identity()
 
-    def q_at(times: FloatArray) -> FloatArray:
-        return np.array([sms.configuration(trajectory.sample(t)[0], home) for t in times.tolist()])
+    def joints_at(times: FloatArray) -> FloatArray:
+        return np.array([trajectory.sample(t)[0] for t in times.tolist()]).T
 
-    least, at = stack.least(q_at(times))
+    least, at = least_of_samples(stack, joints_at(times))
     close: FloatArray = rough * np.linspace(-1.0, 1.0, _CLOSER)
     for i, k in enumerate(at):
         around: FloatArray = np.clip(times[k] + close, 0.0, trajectory.duration)
         alone = np.where(np.arange(len(least)) == i, least, -np.inf)  # the others are not looked for
-        least[i] = stack.least(q_at(around), alone)[0][i]
+        least[i] = min(least[i], stack.values(Poses.of(joints_at(around)), alone)[i].min())
     return least
 
 
-class BaseMotion(NamedTuple):
-    """Displacement of the base from its start, at every row of q.
+def least_of_samples(stack: ClearanceStack, joints: FloatArray) -> tuple[FloatArray, Any]:
+    """Least value of each clearance (m,) over joint positions (n, k) [m], and at which (m,)."""
+    # A few come first, so that little is measured of the others.
+    few = stack.values(Poses.of(joints[:, :: 4 * _SAMPLES_A_STEP])).min(axis=1)
+    values = stack.values(Poses.of(joints), few + 1e-6)
+    return values.min(axis=1), values.argmin(axis=1)
 
-    Attributes
-    ----------
-    translation : ndarray, shape (k, 3)
-        Of the base's centre of mass, inertial axes [m].
-    rotation : ndarray, shape (k, 3)
-        Rotation vector, inertial axes [rad]; its length is the angle of one turn that leads there, so at
-        most pi.
-    """
+
+class BaseMotion(NamedTuple):
+    """Ways of the base's centre of mass [m] and rotation vectors, at most pi [rad], inertial axes (k, 3)."""
 
     translation: FloatArray
     rotation: FloatArray

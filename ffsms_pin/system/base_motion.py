@@ -37,14 +37,7 @@ def advance(
     momentum: ArrayLike | None = None,
     mode: str = "floating",
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry a system over one step of constant joint accelerations (n,); see `roll_out`.
-
-    Returns
-    -------
-    q : ndarray, shape (nq,)
-        At the end of the step.
-    rates : ndarray, shape (n,)
-    """
+    """`roll_out` over one step of joint accelerations (n,): q (nq,) and rates (n,) at its end."""
     states = _states(sms, q, rates, accelerations[:, None], dt, momentum, mode)
     end, n = states[:, 1], sms.n
     result = np.empty(sms.nq)
@@ -65,29 +58,10 @@ def roll_out(
     momentum: ArrayLike | None = None,
     mode: str = "floating",
 ) -> tuple[FloatArray, FloatArray]:
-    """Carry a system over N steps of constant joint accelerations.
+    """Carry a system from q (nq,) and joint rates (n,) over N steps of joint accelerations (N, n).
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    q : ndarray, shape (nq,)
-    rates : ndarray, shape (n,)
-        Joint rates at the start [rad/s].
-    accelerations : ndarray, shape (N, n)
-        Of the joints, each row held for a step [rad/s^2].
-    dt : float
-        [s]
-    momentum : array_like, shape (6,), optional
-        Total momentum [linear; angular], inertial axes, about the system's centre of mass
-        [kg m/s; kg m^2/s]; it is constant. Default zero.
-    mode : str
-        What of the base is held, one of `ffsms_pin.system.base_reaction.MODES`.
-
-    Returns
-    -------
-    q : ndarray, shape (N + 1, nq)
-        At the nodes; the joints and the system's centre of mass to rounding, the attitude to order 4.
-    rates : ndarray, shape (N + 1, n)
+    With total momentum (6,) about the system's centre of mass, inertial axes. Gives q (N + 1, nq) and rates
+    (N + 1, n) at the nodes: joints and centre of mass to rounding, the attitude to order 4.
     """
     states, n = _states(sms, q, rates, accelerations.T, dt, momentum, mode), sms.n
     configurations = np.empty((states.shape[1], sms.nq))

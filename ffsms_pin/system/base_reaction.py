@@ -42,13 +42,7 @@ __all__ = [
 
 
 def root_reaction(M: FloatArray) -> FloatArray:
-    """-M_b^-1 M_bm (6, n): the root's velocity a joint rate at zero momentum, in the root's axes.
-
-    Parameters
-    ----------
-    M : ndarray, shape (6 + n, 6 + n)
-        Pinocchio's inertia matrix: `dynamics.inertia_matrix`.
-    """
+    """-M_b^-1 M_bm (6, n): the root's velocity a joint rate at zero momentum, in the root's axes."""
     return -over_base(M, M[:6, 6:])
 
 
@@ -78,13 +72,7 @@ def base_to_root(q: FloatArray, base_com: FloatArray) -> Any:
     """The transformation (pinocchio.SE3) from the paper's base twist to Pinocchio's root velocity.
 
     Its `action` (6, 6) makes the root velocity of a base twist, `actionInverse` the base twist of a root
-    velocity.
-
-    Parameters
-    ----------
-    q : ndarray, shape (nq,)
-    base_com : ndarray, shape (3,)
-        Centre of mass of the base body in the root frame [m].
+    velocity. `base_com` (3,) is the base's centre of mass in the root frame [m].
     """
     transformation = pin.XYZQUATToSE3(q[:7]).inverse()
     transformation.translation = base_com
@@ -109,14 +97,8 @@ def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
     C_bm[f] = -H_b[f, f]^-1 H_bm[f], and the others are zero. Where the attitude is held the linear momentum
     is zero; where the base's centre of mass is held, the angular momentum about it.
 
-    Parameters
-    ----------
-    H_b : ndarray, shape (6, 6)
-    H_bm : ndarray, shape (6, n)
-        Blocks of the paper's inertia matrix, as `State.H_b` and `State.H_bm`.
-    mode : str
-        One of `MODES`: M. Wilde, S. Kwok Choon, A. Grompone, M. Romano, "Equations of motion of free-floating
-        spacecraft-manipulator systems: an engineer's tutorial", Frontiers in Robotics and AI 5 (2018).
+    Reference: M. Wilde, S. Kwok Choon, A. Grompone, M. Romano, "Equations of motion of free-floating
+    spacecraft-manipulator systems: an engineer's tutorial", Frontiers in Robotics and AI 5 (2018).
     """
     free = list(MODES[one_of("mode", mode, MODES)])
     coupling = np.zeros_like(H_bm)
@@ -126,17 +108,7 @@ def mode_coupling(H_b: FloatArray, H_bm: FloatArray, mode: str) -> FloatArray:
 
 
 def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
-    """The root's velocity a joint rate (6, n) in a mode, in the root's axes: `mode_coupling` at the root.
-
-    Parameters
-    ----------
-    M : ndarray, shape (6 + n, 6 + n)
-        Pinocchio's inertia matrix.
-    base_com : ndarray, shape (3,)
-        Centre of mass of the base body in the root frame [m].
-    mode : str
-        One of `MODES`.
-    """
+    """The root's velocity a joint rate (6, n) in a mode, in the root's axes: `mode_coupling` at the root."""
     if mode == "floating":
         return root_reaction(M)
     to_root = np.eye(6)  # of a twist at the base's centre of mass, in root axes
@@ -149,17 +121,8 @@ def mode_reaction(M: FloatArray, base_com: FloatArray, mode: str) -> FloatArray:
 def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "floating") -> FloatArray:
     """Root velocity (6,), in the root's axes, that gives the system `momentum` with the joints at rest.
 
-    Parameters
-    ----------
-    M : ndarray, shape (6 + n, 6 + n)
-        Pinocchio's inertia matrix at q.
-    q : ndarray, shape (nq,)
-        Its attitude matters: the momentum is in inertial axes, the velocity in the root's.
-    momentum : ndarray, shape (6,)
-        [linear; angular], inertial axes, about the system's centre of mass [kg m/s; kg m^2/s].
-    mode : str
-        One of `MODES`. A base that keeps its attitude is moved by the linear part alone, one that keeps its
-        place by none.
+    The momentum (6,) is in inertial axes, about the system's centre of mass. A base that keeps its attitude
+    is moved by its linear part alone, one that keeps its place by none.
     """
     to_root, whole = pin.XYZQUATToSE3(q[:7]).rotation.T, whole_body(M)
     linear, angular = to_root @ momentum[:3], to_root @ momentum[3:]
@@ -169,17 +132,7 @@ def root_drift(M: FloatArray, q: FloatArray, momentum: FloatArray, mode: str = "
 
 
 class WholeBody(NamedTuple):
-    """The system as one rigid body, its joints locked; in the root frame.
-
-    Attributes
-    ----------
-    mass : float
-        [kg]
-    com : ndarray, shape (3,)
-        Centre of mass [m].
-    inertia : ndarray, shape (3, 3)
-        About the centre of mass [kg m^2].
-    """
+    """The system as one rigid body in the root frame: mass, centre of mass (3,), inertia about it (3, 3)."""
 
     mass: float
     com: FloatArray

@@ -111,17 +111,7 @@ def floating_torque(robot: Mechanism, q: FloatArray, v: FloatArray, acceleration
 
 
 class Centroidal(NamedTuple):
-    """What a system does as a whole.
-
-    Attributes
-    ----------
-    com : ndarray, shape (3,)
-        Centre of mass [m].
-    momentum : ndarray, shape (6,)
-        [linear; angular], the angular part about the centre of mass [kg m/s; kg m^2/s].
-    kinetic_energy : float
-        [J]
-    """
+    """Centre of mass (3,) [m], momentum (6,) [linear; angular] about it, kinetic energy [J]."""
 
     com: FloatArray
     momentum: FloatArray
@@ -143,22 +133,9 @@ def bias_accelerations(
 
     Nothing acts on the base, so with zero joint accelerations the base rows of the equations of motion give
     the root's acceleration, and one kinematics pass gives the rest. With zero momentum these accelerations
-    are dC_bm/dt qd and dJ*/dt qd.
-
-    Parameters
-    ----------
-    robot : Mechanism
-    M : ndarray, shape (6 + n, 6 + n)
-        Pinocchio's inertia matrix at q.
-    q, v : ndarray, shape (nq,), (6 + n,)
-        Of any momentum.
-
-    Returns
-    -------
-    base, end_effector : ndarray, shape (6,)
-        Rates of the twists [m/s^2; rad/s^2], inertial axes: of the base's centre of mass and of the end
-        effector's origin. The linear part is the acceleration of the point (the classical one, not the
-        spatial one).
+    are dC_bm/dt qd and dJ*/dt qd. Rates of twists (6,) each, inertial axes, of the base's centre of mass and
+    of the end effector's origin; the linear part is the classical acceleration of the point, not the spatial
+    one.
     """
     model, data = robot.model, scratch(robot)
     acceleration = np.zeros(robot.nv)

@@ -37,20 +37,7 @@ class ModeCoupling(NamedTuple):
 
 
 def coupling_of(state: State, mode: str) -> ModeCoupling:
-    """The paper's measures with the C_bm of a mode in place of the floating base's.
-
-    Parameters
-    ----------
-    state : State
-        Of `sms.at`.
-    mode : str
-        One of `ffsms_pin.system.base_reaction.MODES`.
-
-    Raises
-    ------
-    InvalidValue
-        An unknown mode.
-    """
+    """The paper's measures with the C_bm of a mode in place of the floating base's."""
     C_bm = mode_coupling(state.H_b, state.H_bm, mode)
     _, sigma, V = decompose(C_bm)
     return ModeCoupling(

@@ -58,18 +58,9 @@ class ShapeSource(ABC):
 
 @dataclass(frozen=True)
 class Description(ShapeSource):
-    """The text that a robot was built from, kept for its shapes.
+    """The whole URDF that a robot was built from, kept for its shapes.
 
-    Attributes
-    ----------
-    text : str
-        The whole URDF.
-    path : Path
-        The file that it comes from, from which mesh names are looked up.
-    package_dirs : tuple of Path
-        Folders in which `package://` names are looked up first.
-    srdf : Path, optional
-        File that names pairs of links whose collisions do not count.
+    Mesh names are looked up from its path, `package://` names in `package_dirs` first.
     """
 
     text: str
@@ -262,15 +253,7 @@ def _geometry(items: list[_Packed]) -> Any:
 
 
 def checked_shapes(model: Any, visual: Any, collision: Any) -> tuple[Any, Any] | None:
-    """Visual and collision shapes for a model, None where there are none of either kind.
-
-    Without visual shapes those for collisions are drawn.
-
-    Raises
-    ------
-    InvalidValue
-        Not a geometry model, or of another model: a shape is carried by a joint that is not there.
-    """
+    """Visual and collision shapes for a model; None where there are none, those for collisions for both."""
     for name, shapes in (("visual", visual), ("collision", collision)):
         if shapes is None:
             continue

@@ -152,19 +152,9 @@ def _parse(path: Path, text: str, key: str, where: str, largest: float) -> float
 
 
 def only_tool(candidates: Sequence[str], same_body: bool) -> str:
-    """The end effector among the last frames.
+    """The end effector among the last frames: the only one, or of several the one whose name says tool.
 
-    Parameters
-    ----------
-    candidates : sequence of str
-        Names of the last frames.
-    same_body : bool
-        Whether they are fixed to one body. If not, a name does not decide between them: they may be two arms.
-
-    Raises
-    ------
-    AmbiguousEndEffector
-        There are several, and not exactly one of them says tool.
+    Where they are not fixed to one body a name does not decide: they may be two arms.
     """
     if len(candidates) == 1:
         return candidates[0]

@@ -40,30 +40,10 @@ def lenient(
     inertias: Inertias = "check",
     overridden: Collection[str] = (),
 ) -> list[str]:
-    """Make a robot ready for the strict check.
+    """Make a <robot> ready for the strict check; sentences say what was assumed without being asked for.
 
-    Parameters
-    ----------
-    robot : Element
-        The <robot>; it is changed.
-    path : Path
-        Its file, for errors.
-    locked : mapping of str to float, optional
-        Joints that become fixed, and where [rad or m].
-    inertias : {"check", "keep", "repair"}
-        What happens to inertias that no rigid body has; "check" leaves them to the strict check.
-    overridden : collection of {"velocity", "effort"}
-        Limits that the caller gives for all joints: what the file says of them does not matter.
-
-    Returns
-    -------
-    list of str
-        Sentences that say what was assumed or changed without being asked for.
-
-    Raises
-    ------
-    InvalidValue, InvalidUrdf
-        A locked joint is not there, or cannot be locked.
+    `locked` says where joints become fixed [rad or m]; `overridden` names limits ("velocity", "effort") that
+    the caller gives for all joints, whatever the file says of them.
     """
     locked = {} if locked is None else locked
     followers = _positions_of_mimics(robot, locked)

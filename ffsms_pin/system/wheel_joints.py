@@ -33,21 +33,9 @@ def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionW
     """The same robot with these joints fixed, so that the base has the wheels' masses, and the wheels.
 
     Spin inertia, axis, largest torque (the effort limit) and friction are those of the file; the largest
-    momentum is that at the velocity limit.
-
-    Parameters
-    ----------
-    urdf : UrdfFile
-    names : sequence of str
-        Of continuous joints between the base, or what is fixed to it, and a wheel.
-
-    Raises
-    ------
-    InvalidValue
-        A name is no joint of the file, or there is none.
-    UnsupportedJoint
-        A joint is not continuous, is not on the base, carries another joint, or its link is not balanced and
-        symmetric about its axis.
+    momentum is that at the velocity limit. `InvalidValue` for what is no joint of the file,
+    `UnsupportedJoint` for one that is not continuous, is not on the base, carries another joint, or whose
+    link is not balanced and symmetric about its axis.
     """
     types = {joint.name: joint.type for joint in urdf.joints}
     for name in names:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.clearance.points import PointStack
+from ffsms_pin.opt.limits.clearance.bodies import PointStack
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.colours import usage_colour
 from ffsms_pin.viewer.frames import Frames

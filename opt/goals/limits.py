@@ -18,8 +18,7 @@ from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.frame import RobotFrame
 from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.opt.parts.all_of import AllOf
-from ffsms_pin.opt.parts.inequality import Inequality
+from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import dot

@@ -79,7 +79,7 @@ class Near(Inequality):
         for x, most in self.asked(self.counted(m)):
             part = self.reach / most
             lack = beyond(x, max(self.share * most - self.kept / part, 0.0)) * (part / scale)
-            found += lack.residuals(over_time=False) if lack.value.any() else []
+            found += [lack.at_once()] if lack.value.any() else []
         return found
 
     def violation(self, motion: Motions) -> Violation:

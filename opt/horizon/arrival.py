@@ -19,7 +19,6 @@ from ffsms_pin.opt.goals.near import arrivals, beyond, end_errors
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system.batch.stacks import dot
@@ -32,15 +31,15 @@ class Arrival(NamedTuple):
 
     Attributes
     ----------
-    end, tail : list of Residual
+    end, tail : list of Feature
         At the deadline, and in the last tenth.
     end_share, late_share : ndarray, shape (S,)
         The largest error at the deadline as a share of the tolerance, and in the last tenth as a share of the
         reach.
     """
 
-    end: Residuals
-    tail: Residuals
+    end: list[Feature]
+    tail: list[Feature]
     end_share: FloatArray
     late_share: FloatArray
 
@@ -62,9 +61,7 @@ def arrival(goal: Goal, motions: Motions) -> Arrival:
     (way, reach), *turns = near  # of the way the distance counts alone
     tails = [np.maximum(way.norm() - tail.share * reach, 0.0)]
     tails += [beyond(x, tail.share * most) for x, most in turns]
-    end_residuals, tail_residuals = (
-        [one for x in found for one in x.residuals(over_time=False)] for found in (ends, tails)
-    )
+    end_residuals, tail_residuals = ([x.at_once() for x in found] for found in (ends, tails))
     return Arrival(end_residuals, tail_residuals, _largest([*asked, *moving]), _largest(near))
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Model
-from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.search import SearchOptions
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_range, spread_postures, straight_time, too_short
 from ffsms_pin.opt.horizon.starts import missed_at, moves_to
 from ffsms_pin.opt.limits.limit import Limit, Violation

@@ -16,9 +16,9 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.arrival import arrival
 from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing, apply_rates
-from ffsms_pin.opt.motion.residual import Indices, JointResidual, Residual
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms.term import time_scale
@@ -141,7 +141,6 @@ def motions_of(
         weights=spline.over_time,
         limit_weights=spline.limit_weights,
         last_tenth=spline.last_tenth,
-        last=len(spline.times) - 1,
         joints=joints,
         rates=rates,
         accelerations=accelerations,
@@ -205,10 +204,10 @@ def _measured(
             objective += own
     at_goal = arrival(goal, motions)
     end = weights.end * time_scale(motions) / problem.stack.length**2
-    for ones, share in ((at_goal.end, 1.0), (at_goal.tail, 0.1)):
+    for ones, share in ((at_goal.end, end), (at_goal.tail, 0.1 * end)):
         for one in ones:
-            merit += share * end * one.squares(over_time, count)
-            residuals.append(Weighted.of(one, share * end, over_time))
+            merit += share * one.squares(over_time, count)
+            residuals.append(Weighted.of(one, share, over_time))
     for limit in problem.limits:
         for residual in residuals_of(limit, seen):
             merit += weights.limits * residual.squares(motions.limit_weights, count)
@@ -221,38 +220,25 @@ def _measured(
     return Linearisation(merit, objective, cost, empty, empty, *arrived, lack, blocked), residuals
 
 
-def _largest(residual: Residual | JointResidual, margin: float) -> tuple[Indices, FloatArray]:
+def _largest(residual: Feature, margin: float) -> tuple[Indices, FloatArray]:
     """Motions, and the largest residual of each as a share of the margin."""
-    value = np.abs(residual.value) / max(margin, 1e-12)
-    if isinstance(residual, JointResidual):
-        value = value.max(axis=(0, 2))
-    elif residual.motion is not None:
-        return residual.motion, value
-    else:
-        value = value.max(axis=1)
-    return np.arange(len(value)), value
+    motion, _ = residual.where or (None, None)
+    value = np.abs(residual.value).reshape(-1, *residual.shape[-2:]).max(axis=0) / max(margin, 1e-12)
+    return (np.arange(len(value)), value.max(axis=1)) if motion is None else (motion, value[0])
 
 
 class Weighted(NamedTuple):
-    """A residual, and the weight of the square of each of its values.
+    """A residual, and the weights of its squares at its instants, (K,) or (V,)."""
 
-    Attributes
-    ----------
-    residual : Residual or JointResidual
-    weight : ndarray, shape (K,), or (V,) of a residual with entries
-    """
-
-    residual: Residual | JointResidual
+    residual: Feature
     weight: FloatArray
 
     @classmethod
-    def of(cls, residual: Residual | JointResidual, factor: float, over_time: FloatArray) -> Weighted:
+    def of(cls, residual: Feature, factor: float, over_time: FloatArray) -> Weighted:
         """A weight that is the same for all values, times the quadrature's where the square is integrated."""
-        if isinstance(residual, JointResidual):
-            return cls(residual, factor * over_time)
-        if residual.over_time:
-            return cls(residual, factor * over_time[residual.instants])
-        return cls(residual, np.full(residual.value.shape[-1], factor))
+        if not residual.over_time:
+            return cls(residual, np.full(residual.shape[-1], factor))
+        return cls(residual, factor * (over_time if residual.where is None else over_time[residual.where[1]]))
 
 
 def sums(
@@ -263,18 +249,12 @@ def sums(
     The control points come first, the joints last. A base that floats reacts to the joints; that its own
     momentum turns it otherwise is left out (see `motions_of`).
     """
-    every, entropy = np.arange(len(motions.times)), None
-    single, rest = [], []
+    every, entropy, given = np.arange(len(motions.times)), None, []
     for residual, weight in residuals:
-        if isinstance(residual, JointResidual):
-            slopes = (residual.by_position, residual.by_rate, residual.by_acceleration)
-            single.append((weight, residual.value, *slopes))
-        elif residual.value.size:
-            where = every[residual.instants]
-            by = residual.slopes()
-            rest.append((where, residual.motion, weight, residual.value, by))
-            if "by_entropy" in by:
-                entropy = motions.entropy_slope
-    maps = (spline.rates.free, spline.travel.free, spline.accelerations.free)
-    given = (motions.joints, motions.rates, motions.base_attitude, motions.own_spin, entropy)
-    return kernel.sums(motions.stack.tree, maps, spline.quadrature, given, rest, single, chosen)
+        (motion, instants), by = residual.where or (None, slice(None)), residual.slopes
+        if "by_entropy" in by:
+            entropy = motions.entropy_slope
+        given.append((every[instants], motion, weight, residual.value, by))
+    maps = (spline.travel.free, spline.rates.free, spline.accelerations.free)
+    arrays = (motions.joints, motions.rates, motions.base_attitude, motions.own_spin, entropy)
+    return kernel.sums(motions.stack.tree, maps, spline.quadrature, arrays, given, chosen)

@@ -1,10 +1,10 @@
-"""The search for one problem: what its strategies share, and which finished motion is the plan."""
+"""The search for one problem: its numbers, what strategies share, and which finished motion is the plan."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.arrival import arrival_error, corrected_goal
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, take_down, tighten
-from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
+from ffsms_pin.opt.horizon.spline import Grid
 from ffsms_pin.opt.limits.limit import tightened
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.terms.term import REFERENCE_TIME
@@ -23,15 +23,90 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 if TYPE_CHECKING:
     from ffsms_pin.opt.horizon.strategies import Strategy
 
-__all__ = ["Found", "Ranking", "Search", "cost_of"]
+__all__ = ["Found", "Ranking", "Search", "SearchOptions", "cost_of"]
+
+_COARSE, _FINE, _FINEST = Grid(6, 3, 2), Grid(12, 5, 3), Grid(24, 8, 4)
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """Numbers of the search; the defaults were tuned on the packaged robots.
+
+    Attributes
+    ----------
+    time_limit : float, optional
+        After so long [s] the best plan so far is returned; looked at between motions. Default: no limit.
+    cost_tolerance : float
+        Of motions that cost at most so much more than the cheapest one found, the one of least effort is
+        taken [s, whatever the duration]. A motion that costs more goes on on the finest spline, and a plan
+        that does is compared with marches of the step: no plan costs 1e-3 more than one of these.
+    coarse, fine, finest : Grid
+        The coarse spline has ten control points a joint, enough for a zigzag of three strokes, the others
+        twice and four times as many: in the last tenth, where most of the cost is left, they are finest.
+    last_iterations : int
+        On the finest spline.
+    near_radius : float
+        [rad or m] Joint goals near the start are looked for from postures within this.
+    goal_radius, arrived_radius : float
+        [arm lengths] Straight moves that end further away are tried only where less than half of the group
+        ends nearer; those that end as near as `arrived_radius` count as ending there.
+    corrections : int
+        Of a motion whose finished form misses what its quadrature hit.
+    limit_reserve : float
+        [arm lengths] More in hand for a limit that a finished motion broke.
+    rest_rate : float
+        [rad/s] A plan that is faster at its end has not come to rest.
+    most_reversals, least_reversal : float
+        A motion with more changes of sign a joint than `most_reversals` chatters; smaller products of rates
+        than `least_reversal` [(rad/s)^2] do not count.
+    around_obstacles : float
+        Among obstacles a plan that costs so many times what ends the search without them ends it.
+    widest_cone : float
+        Where C~ may exceed max(0, cos(theta_a)) by more, log 2 / kappa, the cone is so wide that a march
+        spirals: none is tried.
+    long_way : float
+        Marches are tried as well where the joints travel more than so many times as far as on the shortest
+        straight move: the cheapest motions found are sometimes detours, and a march rarely is one.
+    march_steps : int
+        Steps of the marches that are starts.
+    judged_steps : int
+        Motions of more than twice as many steps are judged in so many while the search goes on.
+    without : sequence of str
+        Names of strategies that are left out (`strategies.STRATEGIES`), to see what each earns.
+    """
+
+    time_limit: float | None = None
+    cost_tolerance: float = 8e-4
+    coarse: Grid = _COARSE
+    fine: Grid = _FINE
+    finest: Grid = _FINEST
+    last_iterations: int = 10
+    near_radius: float = 1.0
+    goal_radius: float = 0.05
+    arrived_radius: float = 1e-3
+    corrections: int = 4
+    limit_reserve: float = 1e-4
+    rest_rate: float = 1e-3
+    most_reversals: int = 8
+    least_reversal: float = 1e-8
+    around_obstacles: float = 3.0
+    widest_cone: float = 0.2
+    long_way: float = 3.0
+    march_steps: int = 30
+    judged_steps: int = 1000
+    without: tuple[str, ...] = ()
 
 
 class Found(NamedTuple):
-    """A finished motion, its control points (M, n), and the model whose spline they belong to."""
+    """A finished motion, its control points (M, n), and the model whose spline they belong to.
+
+    `in_full` says whether the motion was measured in the problem's steps, or in fewer for the search alone.
+    """
 
     plan: Trajectory
     p: FloatArray
     model: Model
+    in_full: bool = True
 
 
 def cost_of(problem: Problem, plan: Trajectory) -> float:
@@ -40,17 +115,10 @@ def cost_of(problem: Problem, plan: Trajectory) -> float:
 
 
 class Ranking:
-    """Ranks finished motions of one problem.
-
-    Attributes
-    ----------
-    scale : float
-        What costs that are given for motions up to 8 s are multiplied by.
-    """
+    """Ranks finished motions of one problem."""
 
     def __init__(self, problem: Problem, options: SearchOptions) -> None:
         self._problem, self._options = problem, options
-        self.scale = max(1.0, problem.duration / REFERENCE_TIME)
         self._rests = problem.goal.place(problem.duration).rests
 
     def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
@@ -67,12 +135,6 @@ class Ranking:
     def arrives(self, plan: Trajectory) -> bool:
         """Whether a plan reaches its goal within the tolerance, at rest where that is asked for."""
         return self.misses(plan)[:2] == (False, False)
-
-    def least_cost(self, found: Sequence[Found]) -> float:
-        """The least cost of those that arrive [s]; infinite where none does."""
-        return min(
-            (cost_of(self._problem, one.plan) for one in found if self.arrives(one.plan)), default=np.inf
-        )
 
     def best(self, found: Sequence[Found]) -> Found:
         """Of those that arrive and cost about as little as any, the one of least effort.
@@ -94,28 +156,7 @@ class Ranking:
 
 
 class Search:
-    """The search for one problem; keeps what a diagnosis needs. Arguments as for `solve`.
-
-    Attributes
-    ----------
-    coarse, fine : Model
-        The problem on the splines that the search begins and goes on with.
-    goals : JointGoals
-        All that were found.
-    drawn : int
-        How many postures were drawn for them.
-    starts : ndarray, shape (K, M, n)
-        Control points on the coarse spline that nothing was made of yet.
-    pool : Candidates or None
-        Early motions made of all starts so far.
-    found, fresh : list of Found
-        Finished motions: all, and what the last starts came to.
-    settled, hopeless : bool
-        Whether no cheaper way is wanted, and whether none that arrives is expected.
-    costed : bool
-        Whether "nearly free" says something: without the paper's cost the first plan that meets a client
-        will do.
-    """
+    """The search for one problem; keeps what a diagnosis needs. Arguments as for `solve`."""
 
     def __init__(
         self,
@@ -124,18 +165,24 @@ class Search:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         self.problem, self.options = problem, options or SearchOptions()
+        # What the search makes of a motion does not need all the steps of a long one.
+        many = problem.steps > 2 * self.options.judged_steps
+        self._judged = replace(problem, dt=problem.duration / self.options.judged_steps) if many else problem
         self._report = progress or (lambda share: None)
-        self.coarse, self.fine = (
-            Model.make(problem, one) for one in (self.options.coarse, self.options.fine)
-        )
+        self.coarse = Model.make(problem, self.options.coarse)
+        self.fine = Model.make(problem, self.options.fine)
         self.ranking = Ranking(problem, self.options)
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
-        self.drawn = 0
-        self.pool: Candidates | None = None
+        self.drawn = 0  # postures, for these goals
+        # Control points (K, M, n) on the coarse spline, and what was made of them.
         self.starts: FloatArray = np.empty(0)
+        self.pool: Candidates | None = None
+        # Finished motions: all, and what the last starts came to.
         self.found: list[Found] = []
         self.fresh: list[Found] = []
+        # Whether no cheaper way is wanted, and whether none that arrives is expected.
         self.settled = self.hopeless = False
+        # Whether "nearly free" says something: else the first plan that meets a client will do.
         self.costed = not problem.goal.exact or bool(problem.cost_terms)
         self._started = time.perf_counter()
 
@@ -148,7 +195,7 @@ class Search:
                 strategy.run(self)
             self._report((i + 1) / len(strategies))
         self._report(1.0)
-        return self.best().plan
+        return self._best_in_full().plan
 
     def best(self) -> Found:
         """The best finished motion so far."""
@@ -196,28 +243,47 @@ class Search:
 
     def keep(self, model: Model, p: FloatArray) -> Found:
         """Measure the finished motion of control points (M, n), and keep it."""
-        rates = model.spline.rates_at(self._nodes).of(p, self.problem.joint_rates)
-        rates[0] = self.problem.joint_rates
-        self.found.append(Found(measure(self.problem, rates), p, model))
+        self.found.append(self._measured(self._judged, model, p))
         return self.found[-1]
 
     def keep_plan(self, plan: Trajectory) -> None:
         """Keep a motion that was made in another way, with the nearest control points."""
-        maps = self.fine.spline.rates_at(self._nodes)
+        maps = self.fine.spline.rates_at(_nodes(self.problem))
         wanted = plan.joint_rates - maps.fixed[:, None] * self.problem.joint_rates
         self.found.append(Found(plan, np.linalg.lstsq(maps.free, wanted, rcond=None)[0], self.fine))
 
-    @property
-    def _nodes(self) -> FloatArray:
-        """Times of the finished motion's nodes (N + 1,) [s]."""
-        return np.arange(self.problem.steps + 1, dtype=np.float64) * self.problem.dt
-
     def arrived(self, cost: float = np.inf) -> bool:
         """Whether there is a plan that arrives, as cheap as this [s]."""
-        least = self.ranking.least_cost(self.found)
-        return least <= cost and least < np.inf
+        plans = (one.plan for one in self.found)
+        return any(cost_of(self.problem, one) <= cost for one in plans if self.ranking.arrives(one))
 
     def out_of_time(self) -> bool:
         """Whether there is a plan and no time for another."""
         limit = self.options.time_limit
         return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
+
+    @property
+    def time_scale(self) -> float:
+        """What costs that are given for motions up to 8 s are multiplied by."""
+        return max(1.0, self.problem.duration / REFERENCE_TIME)
+
+    def _measured(self, problem: Problem, model: Model, p: FloatArray) -> Found:
+        """The finished motion of control points (M, n) in a problem's steps."""
+        rates = model.spline.rates_at(_nodes(problem)).of(p, problem.joint_rates)
+        rates[0] = problem.joint_rates
+        return Found(measure(problem, rates), p, model, in_full=problem is self.problem)
+
+    def _best_in_full(self) -> Found:
+        """The best finished motion, measured in full; where that no longer arrives it is landed again."""
+        while not (best := self.best()).in_full:
+            full = self._measured(self.problem, best.model, best.p)
+            self.found = [full if one is best else one for one in self.found]
+            if self.ranking.arrives(best.plan) and not self.ranking.arrives(full.plan):
+                self._judged = self.problem
+                self.finish(best.model, Candidates.start(best.model, best.p[None], LAST_WEIGHTS, 0.03))
+        return best
+
+
+def _nodes(problem: Problem) -> FloatArray:
+    """Times of a finished motion's nodes (N + 1,) [s]."""
+    return np.arange(problem.steps + 1, dtype=np.float64) * problem.dt

@@ -51,7 +51,7 @@ class JointGoals(NamedTuple):
 
 
 class GoalFromStart(NamedTuple):
-    """The place of a frame for a motion without momentum, from the start's centre of mass; or on the base."""
+    """The place of a frame, for a motion without momentum from the start's centre of mass; or on the base."""
 
     place: Place
     frame: RobotFrame
@@ -80,14 +80,7 @@ class GoalFromStart(NamedTuple):
     ) -> tuple[FloatArray, FloatArray]:
         """What K motions miss at their end (3 to 6, K), and how fast joints make it up (3 to 6, n, K).
 
-        Parameters
-        ----------
-        arm : ArmValues
-            At the end.
-        R : ndarray, shape (3, 3, K)
-            How the base is turned by then.
-        beyond : ndarray, shape (3, n, K), optional
-            What J* leaves out of how goals turn the base (see `straight_ends`).
+        `arm`, `R` and `beyond` are those of `straight_ends`.
         """
         position, rotation, linear, angular = self.frame.of_arm(arm)
         if not self.place.moves_with_base:
@@ -105,16 +98,9 @@ class GoalFromStart(NamedTuple):
 def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:
     """Joint goals whose straight moves end near the goal: Newton's method through J*.
 
-    J* says how the end moves on a base that has turned already. Where the base turns much, `straight_ends`
-    adds what a changed goal turns it.
-
-    Parameters
-    ----------
-    problem : Problem
-    joints : ndarray, shape (K, n)
-        Joint positions to start from.
-    iterations : int
-        At most; fewer where half of the moves end at the goal before.
+    From joint positions (K, n), in so many iterations, or fewer where half of the moves end at the goal
+    before. J* says how the end moves on a base that has turned already; where the base turns much,
+    `straight_ends` adds what a changed goal turns it.
     """
     arm, wanted, start = problem.stack, GoalFromStart.all_of(problem), problem.joints0
     low, high = joint_range(problem)
@@ -152,18 +138,11 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
 def straight_ends(
     problem: Problem, goals: FloatArray, exact: bool = False
 ) -> tuple[ArmValues, FloatArray, FloatArray | None]:
-    """Where straight moves to joint goals (K, n) end, without momentum.
+    """Where straight moves to joint goals (K, n) end, without momentum: arm and turn of the base (3, 3, K).
 
-    Returns
-    -------
-    arm : ArmValues
-        At the goals.
-    R : ndarray, shape (3, 3, K)
-        How the base is turned by then.
-    beyond : ndarray, shape (3, n, K), or None
-        With `exact`: how much more a change of a joint's goal turns the base than the joint's rate there
-        would, axes of the start. The turn is the integral of R omega over the move, omega = spin @ way:
-        another goal changes the way, and where it leads. Where the base turns little that is little.
+    With `exact` also (3, n, K), how much more a change of a joint's goal turns the base than the joint's rate
+    there would, axes of the start. The turn is the integral of R omega over the move, omega = spin @ way:
+    another goal changes the way, and where it leads. Where the base turns little that is little.
     """
     stack, start = problem.stack, problem.joints0
     # With the few its base rotation is known to 1e-4 rad where the base turns little.
@@ -218,17 +197,8 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
     """Joint positions (count, n), evenly spread over the joint range, or over what lies near the start.
 
-    Joints that carry nothing with a goal, such as those of an idle arm, stay: what a search starts from
-    should not swing them. They still move where that holds the base, or where the terms ask for it.
-
-    Parameters
-    ----------
-    problem : Problem
-    first : int
-        How many were drawn before.
-    count : int
-    radius : float
-        Largest distance of a joint from where it starts [rad or m].
+    `first` of them were drawn before; `radius` is in rad or m. Joints that carry nothing with a goal, such as
+    those of an idle arm, stay: what a search starts from should not swing them.
     """
     low, high = joint_range(problem)
     start = problem.joints0

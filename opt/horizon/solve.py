@@ -9,14 +9,12 @@ import numpy as np
 
 from ffsms_pin.checks import instance, optional_callable, positive
 from ffsms_pin.errors import InvalidValue, PartError
-from ffsms_pin.opt.given import asked_momentum
 from ffsms_pin.opt.horizon.diagnosis import explain, with_limits_said, within_workspace
-from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.search import Search
+from ffsms_pin.opt.horizon.search import Search, SearchOptions
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
-from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import JointLimits
 from ffsms_pin.threads import one_blas_thread
@@ -170,7 +168,7 @@ def refused(problem: Problem) -> Trajectory | None:
         The start overlaps an obstacle, or the target lies inside one.
     """
     still = np.zeros((problem.steps + 1, problem.sms.n))
-    begin = rolled_out(problem.sms, problem.stack, problem.q0, still[:2], problem.dt, None, ARRIVAL_SHARE)
+    begin = rolled_out(problem.sms, problem.stack, problem.q0, still[:2], problem.dt)
     found = [(limit, violation_of(limit, begin)) for limit in problem.limits if limit.refusal]
     for _, one in found:
         if one.overlap:
@@ -204,7 +202,7 @@ def _check_target(problem: Problem) -> None:
 
 def _momentum_note(problem: Problem) -> str:
     """How far the problem's momentum is from the one that its goal asks for; empty where it is that."""
-    asked = asked_momentum(problem.goal, problem.com0)
+    asked = problem.asked_momentum
     if asked is None:
         return ""
     given = np.zeros(6) if problem.momentum is None else problem.momentum

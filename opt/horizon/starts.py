@@ -4,9 +4,7 @@ A descent finds the nearest minimum, so what decides is where it starts. A joint
 at the target, the base reacting, gives a start that arrives; goals from all over give the ways round
 that a single start would not see. A goal with an approach is entered from one side, and a descent does not
 find the way round from the other; so such a goal gets moves that pass its approach. A greedy march of the
-paper's step is free of cost wherever nothing stops it, and may arrive where no straight move does: it is
-taken on the cost's cone without limits, all sides at once, by one damped least-squares solution a step.
-A march with every limit is a plan of its own: where nothing stops it, it moves the joints little.
+paper's step is free of cost wherever nothing stops it: without limits it is a start, with all of them a plan.
 """
 
 from __future__ import annotations
@@ -19,7 +17,6 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals import Place
 from ffsms_pin.opt.horizon.control_qp import at_rest, braking
-from ffsms_pin.opt.horizon.options import SearchOptions
 from ffsms_pin.opt.horizon.shooting import GoalFromStart, joint_range
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.motion.frame import RobotFrame
@@ -27,7 +24,6 @@ from ffsms_pin.opt.motion.motions import apply_rates
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across, start_sides
 from ffsms_pin.opt.step.programme import StepWeights
-from ffsms_pin.opt.step.reference import ARRIVAL_POWER, LEAST_APPROACH
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system.base_motion import advance
@@ -46,12 +42,11 @@ __all__ = [
     "straight_moves",
 ]
 
-
 # The references are about what they spare: ten times the step's own price of redundant motion, and still too
 # little to keep an arm from leaving a singular start. Re-planned motions have it too: a goal at the edge of
 # the workspace is not worth fast joints.
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
-_STRIDES = 60  # a step of a march with all limits is at most such a part of the time left
+_STRIDES = 40  # a step of a march with all limits is at most such a part of the time left
 _BEHIND = 1.5  # at such a multiple of the way that is left at the mean speed a march is given up
 _BRAKING = 0.5  # of the acceleration limits, at the end of such a march
 _DAMPING = 1e-3  # of the least squares, in squares of the arm's length
@@ -151,11 +146,10 @@ def _least_squares(J: FloatArray, wanted: FloatArray, problem: Problem) -> Float
     return np.asarray((np.swapaxes(J, 1, 2) @ solved)[..., 0])
 
 
-def march_starts(problem: Problem, spline: RateSpline, options: SearchOptions) -> FloatArray:
-    """Control points (S, M, n) nearest to the marches."""
-    rates = cone_marches(problem, options.march_steps)
-    middles = (np.arange(options.march_steps) + 0.5) * problem.duration / options.march_steps
-    return _fitted(problem, spline, middles, rates)
+def march_starts(problem: Problem, spline: RateSpline, steps: int) -> FloatArray:
+    """Control points (S, M, n) nearest to the marches of so many steps."""
+    middles = (np.arange(steps) + 0.5) * problem.duration / steps
+    return _fitted(problem, spline, middles, cone_marches(problem, steps))
 
 
 def cone_marches(problem: Problem, steps: int) -> FloatArray:
@@ -174,8 +168,6 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
         problem.duration,
         problem.kappa,
         problem.mean_speed,
-        ARRIVAL_POWER,
-        LEAST_APPROACH,
         0.003 * problem.stack.length,
         np.stack([problem.joints0, low, high, most]),
         np.stack([place.position, problem.com0, problem.drift]),
@@ -194,9 +186,8 @@ def _fitted(problem: Problem, spline: RateSpline, times: FloatArray, rates: Floa
 def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
     """Joint rates (N + 1, n) of marches that cost less than a budget [s], one for each side, landed.
 
-    A march is given up where it has cost more, where a step's programme was not solved, or where it is so far
-    behind its schedule that it will not arrive. Far from the deadline a step is longer than one of the
-    motion: nothing changes fast there. In between the rates are linear.
+    Given up where one has cost more, a step's programme was not solved, or it will not arrive in time. Far
+    from the deadline nothing changes fast: a step is longer than one of the motion there.
     """
     place, sms, dt, steps = problem.goal.place(problem.duration), problem.sms, problem.dt, problem.steps
     stepper = Stepper.of(problem)

@@ -27,15 +27,7 @@ __all__ = ["QUICK", "STRATEGIES", "Strategy"]
 
 
 class Strategy(NamedTuple):
-    """A way to find starts or motions.
-
-    Attributes
-    ----------
-    name : str
-        For `SearchOptions.without`.
-    run : callable
-        What it does to a search.
-    """
+    """A way to find starts or motions: its name, for `SearchOptions.without`, and what it does."""
 
     name: str
     run: Callable[[Search], None]
@@ -60,20 +52,14 @@ def straight_starts(
 ) -> None:
     """Straight moves to joint goals that are found from so many postures near the start, and from all over.
 
-    Parameters
-    ----------
-    search : Search
-    near, far : int
-    enough : tuple of float
-        Nothing is done where a plan is as cheap as the first plus the second times (log 2 / kappa)^2 [s, for
-        a motion of 8 s]: C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, so for a small kappa no
-        motion that arrives is nearly free. Among obstacles such a way may not be there: more will do.
-    insist : bool
-        Whether to go on where neither motions of any shape nor straight moves have ended at the goal.
+    Nothing is done where a plan is as cheap as `enough`: the first plus the second times (log 2 / kappa)^2
+    [s, for a motion of 8 s]. C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, so for a small kappa no
+    motion that arrives is nearly free; among obstacles more will do. Without `insist` nothing is done either
+    where no motion and no straight move has ended at the goal.
     """
     problem, options, first = search.problem, search.options, not search.drawn
     free, by_kappa = enough
-    most = search.ranking.scale * (free + by_kappa * (math.log(2.0) / problem.kappa) ** 2)
+    most = search.time_scale * (free + by_kappa * (math.log(2.0) / problem.kappa) ** 2)
     if any(limit.obstacles for limit in problem.limits):
         most *= options.around_obstacles
     if not search.costed:
@@ -97,21 +83,12 @@ def straight_starts(
 def coarse_marches(search: Search) -> None:
     """Coarse marches of the paper's step."""
     if len(search.starts):
-        marches = march_starts(search.problem, search.coarse.spline, search.options)
+        marches = march_starts(search.problem, search.coarse.spline, search.options.march_steps)
         search.starts = np.concatenate([search.starts, marches])
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
-    """Take the starts down, and follow the best to their ends.
-
-    Parameters
-    ----------
-    search : Search
-    keep : tuple of int
-        Motions that are followed: on the coarse spline, on the fine one, and there to the end.
-    repeats : int
-        How many times the usual iterations these make: those whose end is hard to meet need more.
-    """
+    """Take the starts down, and follow the best to their ends: `keep` and `repeats` are those of `follow`."""
     search.fresh = []
     if not len(search.starts):
         return
@@ -170,15 +147,13 @@ def marches(search: Search) -> None:
 
 
 def straight_moves_that_end_there(search: Search) -> None:
-    """Where every cheap way round fails: straight moves that end at the goal, whatever they cost.
-
-    First those that keep the limits, then the quickest, half a dozen at most.
-    """
+    """Where every cheap way fails: half a dozen straight moves that end at the goal, whatever they cost."""
     search.fresh = []
     if search.hopeless or search.arrived():
         return
     problem, model, goals = search.problem, search.fine, search.goals.joints[search.there()]
     times = np.array([straight_time(problem, goal) for goal in goals])
+    # First those that keep the limits, then the quickest.
     poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
     weights = LAST_WEIGHTS.stiffer()
     for goal in goals[np.lexsort((times, poor))][:6]:
@@ -213,9 +188,9 @@ STRATEGIES = (
     Strategy("coarse marches", coarse_marches),
     *_descent(keep=(3, 2, 1), repeats=1),
     Strategy("more starts", partial(straight_starts, near=4, far=8, enough=(3e-3, 0.2))),
-    *_descent(keep=(6, 4, 2), repeats=2),
-    Strategy("most starts", partial(straight_starts, near=4, far=20, enough=(0.03, 0.5), insist=False)),
-    *_descent(keep=(10, 6, 4), repeats=4),
+    *_descent(keep=(4, 2, 1), repeats=2),
+    Strategy("most starts", partial(straight_starts, near=4, far=16, enough=(0.03, 0.5), insist=False)),
+    *_descent(keep=(8, 5, 3), repeats=3),
     Strategy("marches", marches),
     _STRAIGHT,
     _WITHIN,

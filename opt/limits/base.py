@@ -11,8 +11,7 @@ import numpy as np
 
 from ffsms_pin.checks import positive
 from ffsms_pin.opt.motion import Features
-from ffsms_pin.opt.parts.all_of import AllOf
-from ffsms_pin.opt.parts.inequality import Inequality
+from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 
 __all__ = ["SCALE", "SHARE", "BaseLimits"]
 

@@ -1,24 +1,25 @@
-"""The joints' rates, accelerations and positions as a limit."""
+"""Limits on the joint rates: what the joints can do, and the paper's box on its scaling factors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, cast
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
+from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Residuals
+from ffsms_pin.opt.motion.slopes import singular
+from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import JointLimits as Limits
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["JointLimits"]
-
-_ROUNDING = 1e-12  # [rad or rad/s] of sums over a thousand nodes
-_BINDING = 1e-3  # share of a limit: with less than this left it binds
+__all__ = ["AlphaBox", "JointLimits"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,12 @@ class JointLimits(Limit):
 
     def rows(self, step: StepState) -> Rows:
         """Bounds on the joint rates that leave room to brake."""
-        return Rows(np.eye(len(step.rates)), *step.bounds)
+        return Rows(self._each, *step.bounds)
+
+    @cached_property
+    def _each(self) -> FloatArray:
+        """The identity (n, n), made once for all steps of a robot."""
+        return np.eye(len(cast(Limits, self.joint_bounds).lower))
 
     def residual(self, motions: Motions) -> Residuals:
         """None: the control points keep the limits."""
@@ -56,11 +62,11 @@ class JointLimits(Limit):
             "acceleration": limits.acceleration[:, None] - np.abs(accelerations),
         }
         wholes = limits.upper - limits.lower, limits.velocity, limits.acceleration
-        rounding = _ROUNDING, _ROUNDING, _ROUNDING / float(steps.min())
+        rounding = 1e-12, 1e-12, 1e-12 / float(steps.min())  # of sums over a thousand nodes
         units = ("rad", "rad/s", "rad/s^2")
         amount, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
         for (kind, room), whole, least, unit in zip(left.items(), wholes, rounding, units, strict=True):
-            near = room < _BINDING * np.where(np.isfinite(whole), whole, 1.0)[:, None]
+            near = room < 1e-3 * np.where(np.isfinite(whole), whole, 1.0)[:, None]
             binds[: room.shape[1]] |= near.any(axis=0)
             joint, k = np.unravel_index(int(np.argmin(room)), room.shape)
             worst = -float(room[joint, k])
@@ -82,3 +88,78 @@ def _room(joints: FloatArray, rates: FloatArray, accelerations: FloatArray, limi
     both = np.stack([joints, turned])
     left: FloatArray = np.minimum(both - limits.lower[:, None], limits.upper[:, None] - both).min(axis=0)
     return left
+
+
+@dataclass(frozen=True)
+class AlphaBox(Inequality):
+    """The paper's |alpha_i| <= 1, with joint rates = V alpha.
+
+    The paper's step has it always, as printed; whole motions on request. V only turns, so the box says that
+    no principal direction of the coupling moves faster than 1 rad/s: slow arms never notice, and arms whose
+    joints may turn faster than 1 rad/s are held back by it.
+    """
+
+    name = "alpha box"
+    unit = "rad/s"
+    scale = 1.0
+    margin = 0.02
+
+    def room(self, m: Features) -> Any:
+        """What is left of each |alpha_i| <= 1."""
+        return 1.0 - abs(_alpha(m))
+
+    def rows(self, step: StepState) -> Rows:
+        """Rows -1 <= V^T u <= 1, exactly as printed.
+
+        V turns from step to step, so fast joint rates that were within the box may now be outside, and no
+        acceleration that the joints have brings them back in one step. The box is kept without giving way
+        where an arm that brakes as fast as its joints may is within it at the step's end: then it can be
+        kept. Elsewhere it gives way by the slack that the step returns (`Step.slack`), as little as possible.
+        """
+        one = np.ones(step.sms.n)
+        # V turns without stretching: within the ball of radius 1 all rates are in the box.
+        slow = step.rates.dot(step.rates) <= 1.0
+        kept = slow or np.abs(step.V.T.dot(np.clip(0.0, *step.bounds))).max() <= 1.0
+        # It gives way so fast that the clearances, which share the slack, give way by centimetres a second at
+        # most; still some times dearer than any speed or direction gained by it [rad/m].
+        return Rows(step.V.T, -one, one, 0.0 if kept else 10.0)
+
+    def violation(self, motion: Motions) -> Violation:
+        """The largest |alpha_i| beyond 1: each step's rates in the basis of its start, as printed."""
+        most = np.abs(motion.paired.alpha).max(axis=1)
+        binds = motion.times[2::2][most > 1.0 - self.margin]
+        largest = float(most.max(initial=0.0))
+        if largest <= 1.0 + 1e-6:  # what a solver may leave
+            return Violation(0.0, binds)
+        return Violation(
+            largest - 1.0, binds, f"|alpha_i| reaches {largest:.4g}, the paper's box asks for at most 1"
+        )
+
+
+def _alpha(m: Features) -> Feature:
+    """V^T u (n, S, K), with slopes.
+
+    Slopes by the joint rates are the columns of V. Those by the coupling follow from the eigenvectors of
+    C^T C: dv_i = sum over j of v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
+    """
+    rates, C = m.motions.rates, m.motions.arm.coupling
+    n, shape = len(rates), rates.shape[1:]
+    C = C.reshape(6, n, -1)
+    _, V = singular(C)
+    alpha = np.einsum("bmi,mb->ib", V, rates.reshape(n, -1))
+
+    def slopes() -> dict[str, FloatArray]:
+        CV = np.einsum("kmb,bmi->kib", C, V)
+        lambdas = np.sum(CV**2, axis=0)
+        gap = lambdas[:, None] - lambdas
+        # v_i itself, and directions that are alike, have none of their own.
+        gap = np.where(np.abs(gap) < 1e-9, np.inf, gap)
+        along = np.einsum("bmj,ijb->imb", V, alpha / gap)
+        slope = np.einsum("kib,imb->ikmb", CV, along)
+        slope += np.einsum("kmb,imb,bni->iknb", C, along, V)
+        return {
+            "by_rates": V.transpose(2, 1, 0).reshape(n, n, *shape),
+            "by_coupling": slope.reshape(n, 6, n, *shape),
+        }
+
+    return m.feature(alpha.reshape(n, *shape), slopes)

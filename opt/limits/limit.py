@@ -78,13 +78,7 @@ class Violation(NamedTuple):
 
 
 class End(NamedTuple):
-    """Where a limit wants a frame of the robot at the deadline.
-
-    Attributes
-    ----------
-    frame : RobotFrame
-    place : Place
-    """
+    """Where a limit wants a frame of the robot at the deadline."""
 
     frame: RobotFrame
     place: Place

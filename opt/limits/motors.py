@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.base import SCALE, SHARE
@@ -13,25 +14,18 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.actuated import (
     arm_momentum,
-    forces,
     held_momentum,
     wheel_momentum,
     wheel_shares,
     wheel_torque,
 )
 from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.slopes import forces
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["TorqueLimits", "WheelLimits", "wheel_rows"]
-
-_LEAST_LEFT = 0.5  # share of a limit: a tighter one would hold a plan back more than the motors do
-_BOUND = 0.91  # share of a limit above which it binds: a little less than what is kept in hand leaves
-_UNMOVED = 1e-12  # [N m s/(rad/s)] joints that move a wheel by less do not move it
-_UNCOVERED = 1e-6  # share of the arm's momentum along an axis that no wheel has
-_ROOM = 1e-3  # share of what the joints can do that a row leaves them at least
-_PARALLEL = 1e-9  # rows whose cosine is so near to one are the same
 
 
 class _Motors(Inequality):
@@ -40,7 +34,9 @@ class _Motors(Inequality):
     margin = SCALE * SHARE
     scale = 1.0 / SCALE
     in_hand = SHARE
-    most_reserve = 1.0 - _LEAST_LEFT - SHARE
+    most_reserve = (
+        0.5 - SHARE
+    )  # with less than half left the limit would hold a plan back more than motors do
     eased_by_time = True
 
 
@@ -87,16 +83,12 @@ class TorqueLimits(_Motors):
         if not np.isfinite(most).any():
             return Violation()
         sizes = motion.torque_sizes[:, 0]
-        used = sizes / most[:, None]
-        instants = motion.times[(used > _BOUND).any(axis=0)]
-        i, k = np.unravel_index(int(np.argmax(used)), used.shape)
-        if used[i, k] <= 1.0:
-            return Violation(0.0, instants)
+        lack, binds, i, k = _lack(sizes, most)
         note = (
             f"the torque limit is broken: '{robot.joint_names[i]}' would need {sizes[i, k]:.4g} N m at "
             f"{motion.times[k]:.3g} s and has {most[i]:.4g} N m"
         )
-        return Violation(float(used[i, k]) - 1.0, instants, note)
+        return Violation(lack, motion.times[binds], note if lack > 0.0 else "")
 
 
 @dataclass(frozen=True)
@@ -129,30 +121,34 @@ class WheelLimits(_Motors):
         if wheels is None:
             return Violation()
         momentum = np.abs(wheel_momentum(motion)[:, 0])
-        # Accelerations jump at the nodes: at each instant those of the step before as well.
-        before = np.concatenate([motion.accelerations[..., :1], motion.accelerations[..., :-1]], axis=-1)
-        both = motion, replace(motion, accelerations=before)
-        torque = np.max([np.abs(wheel_torque(one)[:, 0]) for one in both], axis=0)
-        worst, notes = 0.0, []
-        binds = np.zeros(len(motion.times), dtype=bool)
+        torque = np.max([np.abs(wheel_torque(one)[:, 0]) for one in (motion, motion.before)], axis=0)
+        worst, notes, binding = 0.0, [], []
         for values, most, unit in ((momentum, wheels.momentum, "N m s"), (torque, wheels.torque, "N m")):
-            used = values / most[:, None]
-            binds |= (used > _BOUND).any(axis=0)
-            # Wheels that do the same by symmetry differ by rounding: the first of them is named.
-            i, k = np.unravel_index(int(np.argmax(used.round(9))), used.shape)
-            if used[i, k] > 1.0:
-                worst = max(worst, float(used[i, k]) - 1.0)
+            lack, binds, i, k = _lack(values, most)
+            binding.append(binds)
+            if lack > 0.0:
+                worst = max(worst, lack)
                 notes.append(
                     f"{wheels.names[i]} would need {values[i, k]:.3g} {unit} at {motion.times[k]:.3g} s and "
                     f"has {most[i]:.3g} {unit}; wheels of {values.max():.3g} {unit} would do"
                 )
         taken = arm_momentum(motion)[:, 0]
         rest = np.abs(taken - wheels.axes.T @ (wheel_shares(wheels) @ taken)).max()
-        if rest > _UNCOVERED * max(float(np.abs(taken).max()), 1e-9):
+        if rest > 1e-6 * max(float(np.abs(taken).max()), 1e-9):  # more than rounding
             worst = max(worst, 1.0)
             notes.append(f"{rest:.3g} N m s of the arm's momentum are about an axis that no wheel has")
         note = f"the wheels would saturate: {'; '.join(notes)}" if notes else ""
-        return Violation(worst, motion.times[binds], note)
+        return Violation(worst, motion.times[np.any(binding, axis=0)], note)
+
+
+def _lack(values: FloatArray, most: FloatArray) -> tuple[float, NDArray[np.bool_], int, int]:
+    """By which share values (m, K) are beyond `most` (m,) at most, when they bind (K,), and where that is."""
+    used: FloatArray = values / most[:, None]
+    # Motors that do the same by symmetry differ by rounding: the first of them is named.
+    i, k = np.unravel_index(int(np.argmax(used.round(9))), used.shape)
+    # A little less than what is kept in hand leaves binds.
+    binds = np.asarray((used > 0.91).any(axis=0))
+    return max(0.0, float(used[i, k]) - 1.0), binds, int(i), int(k)
 
 
 def wheel_rows(step: StepState, in_hand: float) -> Rows | None:
@@ -165,11 +161,7 @@ def wheel_rows(step: StepState, in_hand: float) -> Rows | None:
     to keep that, they come first, and the row asks for what comes nearest. Wheels that feel the same sum, as
     all do that a planar arm moves, share a row.
 
-    Parameters
-    ----------
-    step : StepState
-    in_hand : float
-        Share of the limits that is kept.
+    `in_hand` is the share of the limits that is kept.
     """
     wheels = step.wheels
     if wheels is None:
@@ -195,12 +187,12 @@ def wheel_rows(step: StepState, in_hand: float) -> Rows | None:
 def _share(kept: list[tuple[FloatArray, float, float]], row: FloatArray, low: float, up: float) -> None:
     """Add a row; of those that are parallel one is kept, with the bounds of all: a solver asks for that."""
     size = float(np.linalg.norm(row))
-    if size <= _UNMOVED:
+    if size <= 1e-12:  # joints that do not move the wheel
         return
     row, low, up = row / size, low / size, up / size
     for i, (other, least, most) in enumerate(kept):
         along = float(row @ other)
-        if abs(along) > 1.0 - _PARALLEL:
+        if abs(along) > 1.0 - 1e-9:
             low, up = (low, up) if along > 0.0 else (-up, -low)
             kept[i] = other, max(least, min(low, most)), min(most, max(up, least))
             return
@@ -214,7 +206,7 @@ def _reachable(G: FloatArray, lower: FloatArray, upper: FloatArray, step: StepSt
     least, most = step.bounds
     ends = G * least, G * most
     lowest, highest = (np.sum(pick(*ends), axis=1) for pick in (np.minimum, np.maximum))
-    room = _ROOM * (highest - lowest)
+    room = 1e-3 * (highest - lowest)
     return Rows(G, np.minimum(lower, highest - room), np.maximum(upper, lowest + room))
 
 

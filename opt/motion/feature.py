@@ -11,22 +11,23 @@ from typing import Any, SupportsIndex, TypeAlias
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
+from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.motion.derivatives import DERIVATIVES, FLAT
-from ffsms_pin.opt.motion.residual import Indices, JointResidual, Residual, Residuals
+from ffsms_pin.opt.motion.slopes import DERIVATIVES, FLAT
 
-__all__ = ["Feature", "Slopes", "Where", "during", "lost_slopes", "root_of_size"]
+__all__ = ["OWN", "Feature", "Indices", "Slopes", "Where", "during", "lost_slopes", "root_of_size"]
+
+Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
 # Slopes by what moves, or what makes them once they are wanted.
 Slopes: TypeAlias = "dict[str, FloatArray] | Callable[[], dict[str, FloatArray]]"
 # Motions, or None for all of them, and instants.
-Where: TypeAlias = "tuple[Indices | None, Indices]"
+Where: TypeAlias = "tuple[Indices | None, Any]"
 
 # Components of these each depend on their own joint alone, so their slopes need no axis of their own.
-_OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
-_JOINT = {"own_joint": "by_position", "own_rate": "by_rate", "own_acceleration": "by_acceleration"}
+OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
 _lost = threading.local()  # how many features were made plain arrays, in each thread
 
@@ -54,6 +55,8 @@ class Feature(NDArrayOperatorsMixin):
     where : tuple of ndarray, optional
         Motions and instants, (V,) each, of the V values of one of shape (1, V) or (c, 1, V); or None and the
         instants (K,) of all motions. Default: all.
+    over_time : bool
+        Whether its square, as a residual, is integrated over time; otherwise it counts as it is.
     """
 
     def __init__(
@@ -61,8 +64,9 @@ class Feature(NDArrayOperatorsMixin):
         value: FloatArray,
         slopes: Slopes | None = None,
         where: Where | None = None,
+        over_time: bool = True,
     ) -> None:
-        self.value, self.where = value, where
+        self.value, self.where, self.over_time = value, where, over_time
         self._slopes: Slopes = {} if slopes is None else slopes
 
     def __repr__(self) -> str:
@@ -137,8 +141,8 @@ class Feature(NDArrayOperatorsMixin):
 
     def _by(self) -> dict[str, FloatArray]:
         """Slopes of a vector, of which none is of components by their own joint alone."""
-        found = {name: slope for name, slope in self.slopes.items() if name not in _OWN}
-        for own, name in _OWN.items():
+        found = {name: slope for name, slope in self.slopes.items() if name not in OWN}
+        for own, name in OWN.items():
             if own in self.slopes:
                 full = self._full(self.slopes[own])
                 slope = np.eye(len(full))[..., None, None] * full
@@ -182,8 +186,8 @@ class Feature(NDArrayOperatorsMixin):
         """Slopes of the sum of components times ways (c, S, K), added to those found already."""
         for name, slope in self.slopes.items():
             full = self._full(slope)
-            if name in _OWN:
-                name, by = _OWN[name], full * ways
+            if name in OWN:
+                name, by = OWN[name], full * ways
             else:
                 by = np.einsum("c...,c...->...", full, _beside(ways, slope.ndim - 3))
             found[name] = found[name] + by if name in found else by
@@ -200,43 +204,21 @@ class Feature(NDArrayOperatorsMixin):
         size = np.sqrt(np.einsum("csk,csk->sk", self.value, self.value) + rounding * rounding)
         return Feature(size, lambda: self._along(self.value / size, {}), self.where)
 
-    def residuals(self, over_time: bool = True) -> Residuals:
-        """As residuals: one of a number, one a component of a vector."""
-        if self.value.ndim < 3:
-            return [self._residual(over_time)]
-        if over_time and self.where is None and self.slopes and self.slopes.keys() <= _OWN.keys():
-            return [JointResidual(self.value, **{_JOINT[name]: x for name, x in self.slopes.items()})]
-        if self.where is not None and not over_time:
-            return [self._one_after_the_other(*self.where)._residual(over_time)]
-        return [self[i]._residual(over_time) for i in range(len(self.value))]
+    def squares(self, weights: FloatArray, motions: int) -> FloatArray:
+        """Sum of its squares (S,), integrated with weights of all instants (K,) where it is over time."""
+        motion, instants = self.where or (None, slice(None))
+        square: FloatArray = self.value * self.value
+        if square.ndim == 3:
+            square = square.sum(axis=0)
+        if self.over_time:
+            square = square * weights[instants]
+        if motion is None:
+            return np.asarray(square.sum(axis=1))
+        return np.bincount(motion, square[0], minlength=motions).astype(np.float64)
 
-    def _one_after_the_other(self, motion: Indices | None, instants: Indices) -> Feature:
-        """The components of a vector at some instants (c, S, K) as a number at c times as many (S, c K)."""
-        count, motions, _ = self.value.shape
-
-        def slopes() -> dict[str, FloatArray]:
-            found = {}
-            for name, slope in self._by().items():
-                full = np.broadcast_to(slope, (count, *slope.shape[1:-2], *self.value.shape[1:]))
-                found[name] = np.moveaxis(full, 0, -2).reshape(*full.shape[1:-2], motions, -1)
-            return found
-
-        value = self.value.transpose(1, 0, 2).reshape(motions, -1)
-        motion = None if motion is None else np.tile(motion, count)
-        return Feature(value, slopes, (motion, np.tile(instants, count)))
-
-    def _residual(self, over_time: bool) -> Residual:
-        """Of a number; its slopes wait until they are wanted."""
-        motion, instants = (None, slice(None)) if self.where is None else self.where
-
-        def slopes() -> dict[str, FloatArray]:
-            found = {name: slope for name, slope in self.slopes.items() if name != "by_time"}
-            if motion is None:
-                return found
-            return {name: slope.reshape(*slope.shape[:-2], -1) for name, slope in found.items()}
-
-        value = self.value if motion is None else self.value.reshape(-1)
-        return Residual(value, instants, motion, over_time, later=slopes)
+    def at_once(self) -> Feature:
+        """The same as a residual whose square counts as it is."""
+        return Feature(self.value, lambda: self.slopes, self.where, over_time=False)
 
 
 def root_of_size(x: Feature, rounding: float) -> Feature:

@@ -12,8 +12,6 @@ import numpy as np
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.motion.actuated import (
-    force_slopes,
-    forces,
     friction_slope,
     held_momentum,
     wheel_momentum,
@@ -24,7 +22,7 @@ from ffsms_pin.opt.motion.feature import Feature, Slopes, Where
 from ffsms_pin.opt.motion.frame import BASE, EYE, INERTIAL, Frame, RobotFrame
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.opt.motion.slopes import momentum_slopes
+from ffsms_pin.opt.motion.slopes import force_slopes, momentum_slopes
 from ffsms_pin.system.batch.stacks import apply, skew
 
 if TYPE_CHECKING:
@@ -215,14 +213,12 @@ class Features:
     @cached_property
     def wrench(self) -> Feature:
         """Force and moment that hold the base [N, N m]."""
-        m = self.motions
-        value = forces(m.stack, m.joints, m.rates, m.accelerations)[-6:]
-        return self.feature(value, lambda: self._force_slopes(slice(-6, None)))
+        return self.feature(self.motions.forces[-6:], lambda: self._force_slopes(slice(-6, None)))
 
     def _force_slopes(self, rows: slice) -> dict[str, FloatArray]:
         m = self.motions
         found = force_slopes(m.stack, m.joints, m.rates, m.accelerations, m.own_spin)
-        return {name: slope[rows] for name, slope in found._asdict().items()}
+        return {name: slope[rows] for name, slope in found.items()}
 
     @property
     def time(self) -> Feature:

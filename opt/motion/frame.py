@@ -18,21 +18,13 @@ __all__ = ["BASE", "EYE", "INERTIAL", "Frame", "FrameValues", "RobotFrame"]
 
 # The axes that something is given in.
 INERTIAL, BASE = "inertial", "base"
-_ZERO, _EYE = np.zeros(3), np.eye(3)
-_ROUNDING = 1e-9  # [rad] keeps the slope of an angle finite where it is zero
 EYE = np.eye(3)[..., None, None]  # slopes of a vector by itself
 
 
 class FrameValues(NamedTuple):
-    """A frame at a stack of configurations, base axes.
+    """A frame at a stack of configurations: place (3, ...) [m] and attitude from the root, base axes.
 
-    Attributes
-    ----------
-    position : ndarray, shape (3, ...)
-        From the root [m].
-    rotation : ndarray, shape (3, 3, ...)
-    linear, angular : ndarray, shape (3, n, ...)
-        Velocities a unit rate of each joint, on a fixed base.
+    `linear` and `angular` (3, n, ...) are its velocities a unit rate of each joint, on a fixed base.
     """
 
     position: FloatArray
@@ -44,19 +36,9 @@ class FrameValues(NamedTuple):
 class RobotFrame(NamedTuple):
     """A frame that is fixed to a body of the robot.
 
-    Attributes
-    ----------
-    name : str
-    body : int
-        Index of the joint that carries it; -1: the base.
-    offset : ndarray, shape (3,)
-        From the body's origin, in the axes of the body [m].
-    turn : ndarray, shape (3, 3)
-        Its attitude in these axes.
-    moves : ndarray, shape (n,)
-        1 for joints that move it, else 0.
-    is_tip : bool
-        Whether it is the end effector's, which motions have at hand.
+    `body` is the index of the joint that carries it, -1 the base; `offset` (3,) [m] and `turn` (3, 3) are its
+    place and attitude in the body's axes; `moves` (n,) is 1 for joints that move it, else 0; `is_tip` marks
+    the end effector's, which motions have at hand.
     """
 
     name: str
@@ -69,56 +51,40 @@ class RobotFrame(NamedTuple):
     @classmethod
     def tip(cls, stack: ArmStack) -> RobotFrame:
         """The robot's end effector."""
-        return cls("end effector", -1, _ZERO, _EYE, stack.moves_tip, True)
+        return cls("end effector", -1, np.zeros(3), np.eye(3), stack.moves_tip, True)
 
     @classmethod
     def of(cls, sms: SpaceManipulator, name: str) -> RobotFrame:
         """The robot's frame of that name; a `FrameNotFound` names those that there are."""
         frame = sms.model.frames[frame_index(sms.model, name)]
-        body = int(frame.parentJoint) - 2
+        body, placement = int(frame.parentJoint) - 2, frame.placement
         moves = sms.arm_stack().carries[:, body] if body >= 0 else np.zeros(sms.n)
-        placement = frame.placement
         return cls(name, body, placement.translation.copy(), placement.rotation.copy(), moves)
 
-    def seen(
-        self, rotations: FloatArray, origins: FloatArray, axes: FloatArray, velocities: FloatArray
-    ) -> FrameValues:
-        """The frame where the bodies are so, and the joints' twists: as `ArmStack.poses` gives them."""
-        shape = axes.shape[2:]
+    def of_arm(self, arm: ArmValues) -> FrameValues:
+        """The frame of an arm that is evaluated already."""
+        shape = arm.axes.shape[2:]
+        moves = self.moves.reshape(-1, *(1,) * len(shape))
+        angular = arm.axes * moves
+        if self.is_tip:
+            return FrameValues(arm.tip, arm.tip_rotation, arm.arm, angular)
         if self.body < 0:
             along = (..., *(None,) * len(shape))
             position = np.broadcast_to(self.offset[along], (3, *shape))
             rotation = np.broadcast_to(self.turn[along], (3, 3, *shape))
         else:
-            carrier = rotations[:, :, self.body]
-            position = origins[:, self.body] + np.einsum("xy...,y->x...", carrier, self.offset)
+            carrier = arm.rotations[:, :, self.body]
+            position = arm.points[:, self.body] + np.einsum("xy...,y->x...", carrier, self.offset)
             rotation = np.einsum("xy...,yz->xz...", carrier, self.turn)
-        moves = self.moves.reshape(-1, *(1,) * len(shape))
-        angular = axes * moves
-        return FrameValues(
-            position, rotation, velocities * moves + cross(angular, position[:, None]), angular
-        )
-
-    def of_arm(self, arm: ArmValues) -> FrameValues:
-        """The frame of an arm that is evaluated already."""
-        if self.is_tip:
-            moves = self.moves.reshape(-1, *(1,) * (arm.axes.ndim - 2))
-            return FrameValues(arm.tip, arm.tip_rotation, arm.arm, arm.axes * moves)
-        return self.seen(arm.rotations, arm.points, arm.axes, arm.velocities)
+        linear = arm.velocities * moves + cross(angular, position[:, None])
+        return FrameValues(position, rotation, linear, angular)
 
 
 class Frame(Feature):
     """The position (3, S, K) of a frame, inertial axes [m]: a feature.
 
-    Parameters
-    ----------
-    position : ndarray, shape (3, S, K)
-    rotation : ndarray, shape (3, 3, S, K)
-        Its attitude.
-    slopes, turns : see `Feature`
-        Slopes of the position, and of a turn of the frame (rotation vector, inertial axes).
-    where : tuple of ndarray, optional
-        See `Feature`.
+    Beside its slopes it has the frame's attitude `rotation` (3, 3, S, K) and `turns`, the slopes of a turn of
+    the frame (rotation vector, inertial axes).
     """
 
     def __init__(
@@ -158,7 +124,7 @@ class Frame(Feature):
     def angle_from(self, rotation: FloatArray) -> Feature:
         """Its length (S, K) [rad]: how far the frame has turned from an attitude."""
         r = self._from(rotation)
-        angle = np.sqrt(dot(r, r) + _ROUNDING**2)
+        angle = np.sqrt(dot(r, r) + 1e-18)  # its slopes are finite where it is zero, too
         # Along its axis a turn adds to the angle, across it does not.
         return Feature(angle, lambda: self._turn._along(r / angle, {}), self.where)
 

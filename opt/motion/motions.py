@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -10,25 +10,22 @@ import numpy as np
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.finished import Paired, paired
+from ffsms_pin.coupling.stacked import entropies
 from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.opt.motion.slopes import entropy_and_gradient
+from ffsms_pin.opt.motion.slopes import entropy_and_gradient, forces, singular
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
-from ffsms_pin.system.batch.stacks import apply, cross
+from ffsms_pin.system.batch.stacks import apply, cross, dot
 
-__all__ = ["EXACT", "Motions", "Smoothing", "apply_rates"]
+__all__ = ["ARRIVAL_SHARE", "EXACT", "HeldMotions", "Motions", "Paired", "Smoothing", "apply_rates"]
+
+ARRIVAL_SHARE = 0.9  # of the time: const8 asks for arrival from then on
 
 
 class Smoothing(NamedTuple):
     """How much is smoothed while a search is on its way; zeros: nothing, the true values.
 
-    Attributes
-    ----------
-    fade_speed : float
-        Share of the mean speed of a straight way below which a direction of motion fades.
-    fade_distance : float
-        Distance to the target below which the direction to it fades [m].
+    Below the share `fade_speed` of the mean speed a direction of motion fades, and nearer to the target than
+    `fade_distance` [m] the direction to it.
     """
 
     fade_speed: float = 0.0
@@ -36,6 +33,22 @@ class Smoothing(NamedTuple):
 
 
 EXACT = Smoothing()
+
+
+class Paired(NamedTuple):
+    """The N steps of one motion; the paper pairs the place at a step's start with the rates at its end.
+
+    cos(theta_a) and H_norm (N,), and the paper's alpha (N, n): joint rates by the right singular vectors of
+    C_bm [rad/s].
+    """
+
+    cosine: FloatArray
+    entropy: FloatArray
+    alpha: FloatArray
+
+    def cost(self, kappa: float) -> FloatArray:
+        """The paper's summand of J (N,)."""
+        return np.asarray((np.logaddexp(0.0, kappa * self.cosine) / kappa - (1.0 - self.entropy)) ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +60,11 @@ class Motions:
     stack : ArmStack
         The robot.
     times, weights : ndarray, shape (K,)
-        Instants [s], and their weights in an integral over time [s].
+        Instants [s], the deadline last, and their weights in an integral over time [s].
     limit_weights : ndarray, shape (K,)
         The same for limits: instants that only they look at have a weight too.
     last_tenth : ndarray of int
         Indices of the instants in the last tenth.
-    last : int
-        Index of the deadline.
     joints, rates, accelerations : ndarray, shape (n, S, K)
     base_attitude : ndarray, shape (3, 3, S, K)
     com : ndarray, shape (3, K)
@@ -88,7 +99,6 @@ class Motions:
     weights: FloatArray
     limit_weights: FloatArray
     last_tenth: Indices
-    last: int
     joints: FloatArray
     rates: FloatArray
     accelerations: FloatArray
@@ -114,9 +124,14 @@ class Motions:
         return int(self.joints.shape[1])
 
     @property
+    def last(self) -> int:
+        """Index of the deadline."""
+        return len(self.times) - 1
+
+    @property
     def duration(self) -> float:
         """Time from the start to the deadline [s]."""
-        return float(self.times[self.last])
+        return float(self.times[-1])
 
     @cached_property
     def arm(self) -> ArmValues:
@@ -134,18 +149,12 @@ class Motions:
         return apply(self.base_attitude, self.arm.tip_rotation)
 
     @cached_property
-    def relative_velocity(self) -> FloatArray:
-        """Velocity of the end effector relative to the system's centre of mass (3, S, K) [m/s]."""
-        moved = apply_rates(self.arm.jstar, self.rates)
-        own, rho = self.own_spin, self.arm.rho
-        if own.any():
-            moved = moved + cross(own, rho)
-        return apply(self.base_attitude, moved)
-
-    @property
     def velocity(self) -> FloatArray:
         """Velocity of the end effector (3, S, K) [m/s]."""
-        return self.relative_velocity + self.drift[:, None, None]
+        moved = apply_rates(self.arm.jstar, self.rates)
+        if self.own_spin.any():
+            moved = moved + cross(self.own_spin, self.arm.rho)
+        return apply(self.base_attitude, moved) + self.drift[:, None, None]
 
     @cached_property
     def base_spin(self) -> FloatArray:
@@ -159,14 +168,10 @@ class Motions:
         return self.base_spin + apply(self.base_attitude, apply_rates(turning, self.rates))
 
     @cached_property
-    def base_from_com(self) -> FloatArray:
-        """From the system's centre of mass to the base's (3, S, K) [m]."""
-        return apply(self.base_attitude, self.stack.base_com[:, None, None] - self.arm.com)
-
-    @property
     def base_position(self) -> FloatArray:
         """Place of the base's centre of mass (3, S, K) [m]."""
-        return self.com[:, None] + self.base_from_com
+        from_com = self.stack.base_com[:, None, None] - self.arm.com
+        return self.com[:, None] + apply(self.base_attitude, from_com)
 
     @property
     def target_points(self) -> FloatArray:
@@ -196,27 +201,38 @@ class Motions:
         return self.entropy_and_slope[1]
 
     @cached_property
+    def forces(self) -> FloatArray:
+        """Joint torques and what holds the base (n + 6, S, K), as `slopes.forces` has them."""
+        return forces(self.stack, self.joints, self.rates, self.accelerations, self.own_spin)
+
+    @property
     def torques(self) -> FloatArray:
         """Joint torques (n, S, K) that the motions need, the base reacting [N m, or N]."""
-        return self._torques(self.accelerations)
+        return self.forces[:-6]
+
+    @cached_property
+    def before(self) -> Motions:
+        """The same with accelerations of just before: those of finished motions jump at the nodes."""
+        jumping = self.accelerations
+        return replace(self, accelerations=np.concatenate([jumping[..., :1], jumping[..., :-1]], axis=-1))
 
     @cached_property
     def torque_sizes(self) -> FloatArray:
-        """Sizes (n, S, K) of the torques of finished motions, whose accelerations jump at the nodes.
-
-        At each instant the larger one of those with the accelerations before it and after it.
-        """
-        before = np.concatenate([self.accelerations[..., :1], self.accelerations[..., :-1]], axis=-1)
-        return np.maximum(np.abs(self.torques), np.abs(self._torques(before)))
-
-    def _torques(self, accelerations: FloatArray) -> FloatArray:
-        moving = (self.joints, self.rates, accelerations, self.own_spin)
-        return kernel.dynamics(self.stack.tree, *moving)[: self.stack.n].reshape(self.rates.shape)
+        """Sizes (n, S, K) of the torques of finished motions: the larger ones of before and after."""
+        return np.maximum(np.abs(self.torques), np.abs(self.before.torques))
 
     @cached_property
     def paired(self) -> Paired:
-        """The steps of one finished motion, as the paper pairs places with rates."""
-        return paired(self)
+        """The steps of one motion at its nodes and the middles between."""
+        arm, rates = self.arm, self.rates[:, 0, 2::2]
+        way = self.to_target[:, 0, :-1:2]
+        velocity = apply_rates(arm.jstar[..., 0, :-1:2], rates)
+        velocity += cross(self.own_spin[:, 0, :-1:2], arm.rho[:, 0, :-1:2])
+        velocity = apply(self.base_attitude[:, :, 0, :-1:2], velocity) + self.drift[:, None]
+        both = np.linalg.norm(way, axis=0) * np.linalg.norm(velocity, axis=0)
+        cosine = np.clip(dot(way, velocity) / np.where(both > 0.0, both, 1.0), -1.0, 1.0)
+        sigma, V = singular(arm.coupling[..., 0, :-1:2])
+        return Paired(cosine, entropies(sigma, len(rates)), (rates.T[:, None] @ V)[:, 0])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -225,10 +241,10 @@ class HeldMotions(Motions):
 
     end_effector: FloatArray
     attitude: FloatArray
-    relative_velocity: FloatArray
+    velocity: FloatArray
     base_spin: FloatArray
     spin: FloatArray
-    base_from_com: FloatArray
+    base_position: FloatArray
 
 
 def apply_rates(columns: FloatArray, rates: FloatArray) -> FloatArray:

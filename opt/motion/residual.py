@@ -1,19 +1,14 @@
-"""Residuals of whole motions, and their slopes by what moves: the language of terms, goals and limits."""
+"""Slopes by hand: what a part may answer in place of features."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.motion.feature import OWN, Feature, Indices
 
 __all__ = ["Indices", "JointResidual", "Residual", "Residuals"]
-
-Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +26,8 @@ class Residual:
     motion : ndarray of int, shape (V,), or None
     over_time : bool
         Whether the square is integrated over time; otherwise it counts as it is.
-    by_joints, by_rates : ndarray, shape (n, S, K)
-        By the joint positions and rates, whatever moves with them held still.
-    by_accelerations : ndarray, shape (n, S, K)
-        By the joint accelerations.
+    by_joints, by_rates, by_accelerations : ndarray, shape (n, S, K)
+        By the joint positions, rates and accelerations, whatever moves with them held still.
     by_tip, by_turn : ndarray, shape (3, S, K)
         By the end effector's position, and by a turn of it (rotation vector).
     by_velocity, by_spin : ndarray, shape (3, S, K)
@@ -45,8 +38,6 @@ class Residual:
         By H_norm.
     by_coupling : ndarray, shape (6, n, S, K)
         By the entries of C_bm in base axes (`ArmValues.coupling`).
-    later : callable, optional
-        Makes the slopes by these names once they are wanted, instead.
     """
 
     value: FloatArray
@@ -65,27 +56,18 @@ class Residual:
     by_base_spin: FloatArray | None = None
     by_entropy: FloatArray | None = None
     by_coupling: FloatArray | None = None
-    later: Callable[[], dict[str, FloatArray]] | None = None
 
     def slopes(self) -> dict[str, FloatArray]:
         """The slopes that there are, by name."""
-        if self.later is not None:
-            return self.later()
-        named = {name: getattr(self, name) for name in _SLOPES}
-        return {name: x for name, x in named.items() if x is not None}
+        named = ((one.name, getattr(self, one.name)) for one in fields(self) if one.name.startswith("by_"))
+        return {name: _plain(slope) for name, slope in named if slope is not None}
 
-    def squares(self, weights: FloatArray, motions: int = 1) -> FloatArray:
-        """Sum of squares (S,), integrated with the weights (of all instants) where it is over time."""
-        square = self.value * self.value
-        if self.over_time:
-            square = square * weights[self.instants]
-        if self.motion is None:
-            return np.asarray(square.sum(axis=1))
-        sums: FloatArray = np.bincount(self.motion, square, minlength=motions).astype(np.float64)
-        return sums
-
-
-_SLOPES = [one.name for one in fields(Residual) if one.name.startswith("by_")]
+    def feature(self) -> Feature:
+        """The same as a feature."""
+        value, slopes = _plain(self.value), self.slopes()
+        if self.motion is not None:
+            value, slopes = value[None], {name: slope[..., None, :] for name, slope in slopes.items()}
+        return Feature(value, slopes, (self.motion, self.instants), self.over_time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +86,16 @@ class JointResidual:
     by_rate: FloatArray | None = None
     by_acceleration: FloatArray | None = None
 
-    def squares(self, weights: FloatArray, motions: int = 1) -> FloatArray:
-        """Sum of squares (S,), integrated over time."""
-        return np.asarray(np.einsum("jsk,jsk,k->s", self.value, self.value, weights))
+    def feature(self) -> Feature:
+        """The same as a feature."""
+        by = zip(OWN, (self.by_position, self.by_rate, self.by_acceleration), strict=True)
+        slopes = {name: _plain(slope) for name, slope in by if slope is not None}
+        return Feature(_plain(self.value), slopes, (None, slice(None)))
 
 
-Residuals: TypeAlias = list["Residual | JointResidual"]
+def _plain(x: Any) -> FloatArray:
+    """Features may stand where arrays are asked for: their values count."""
+    return x.value if isinstance(x, Feature) else x
+
+
+Residuals: TypeAlias = list["Feature | Residual | JointResidual"]

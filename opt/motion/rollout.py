@@ -7,12 +7,12 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.motions import Motions, apply_rates
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE, Motions, apply_rates
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, cross, quaternions
 
-__all__ = ["configurations", "rolled_out", "velocities"]
+__all__ = ["angles_from_start", "configurations", "rolled_out", "velocities"]
 
 
 def rolled_out(
@@ -21,30 +21,13 @@ def rolled_out(
     q0: FloatArray,
     rates: FloatArray,
     dt: float,
-    momentum: FloatArray | None,
-    late_share: float,
+    momentum: FloatArray | None = None,
 ) -> Motions:
     """One motion at its N + 1 nodes, even instants, and in the N middles between them, odd instants.
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    stack : ArmStack
-        The same robot.
-    q0 : ndarray, shape (nq,)
-    rates : ndarray, shape (N + 1, n)
-        Joint rates at the nodes, linear between them [rad/s].
-    dt : float
-        [s]
-    momentum : ndarray, shape (6,), or None
-        Total momentum [linear; angular], inertial axes, about the system's centre of mass.
-    late_share : float
-        From which share of the time on instants count as late.
-
-    Returns
-    -------
-    Motions
-        Without a target (NaN); see `dataclasses.replace`.
+    From `q0` (nq,), with joint rates (N + 1, n) at nodes `dt` [s] apart, linear between them [rad/s], and the
+    total momentum (6,) [linear; angular], inertial axes, about the system's centre of mass. It has no target
+    (NaN); see `dataclasses.replace`.
     """
     steps, n = len(rates) - 1, sms.n
     count = 2 * steps + 1
@@ -57,8 +40,7 @@ def rolled_out(
     joints[:, ::2] = (start + np.vstack([np.zeros(n), travel])).T
     joints[:, 1::2] = joints[:, :-1:2] + 0.125 * dt * (3.0 * rates[:-1] + rates[1:]).T
     slopes = np.diff(rates, axis=0).T / dt
-    accelerations = np.repeat(slopes, 2, axis=1)
-    accelerations = np.hstack([accelerations, slopes[:, -1:]])
+    accelerations = np.hstack([np.repeat(slopes, 2, axis=1), slopes[:, -1:]])
 
     arm = stack.evaluate(joints)
     rotation0 = pin.Quaternion(q0[3:7]).toRotationMatrix()
@@ -80,8 +62,7 @@ def rolled_out(
         times=times,
         weights=simpson,
         limit_weights=simpson,
-        last_tenth=np.flatnonzero(times >= late_share * times[-1] - 1e-9),
-        last=count - 1,
+        last_tenth=np.flatnonzero(times >= ARRIVAL_SHARE * times[-1] - 1e-9),
         joints=joints[:, None],
         rates=u[:, None],
         accelerations=accelerations[:, None],
@@ -117,9 +98,12 @@ def velocities(motion: Motions) -> FloatArray:
     """Pinocchio's v (N + 1, 6 + n) at the nodes: root velocity in root axes, then joint rates."""
     R, arm, u = motion.base_attitude[:, :, 0, ::2], motion.arm, motion.rates[:, 0, ::2]
     own = motion.own_spin[:, 0, ::2]
-    v = np.empty((u.shape[1], 6 + len(u)))
     linear = apply_rates(arm.root[..., 0, ::2], u) + np.einsum("yxk,y->xk", R, motion.drift)
-    v[:, :3] = (linear + cross(arm.com[:, 0, ::2], own)).T
-    v[:, 3:6] = (apply_rates(arm.spin[..., 0, ::2], u) + own).T
-    v[:, 6:] = u.T
-    return v
+    angular = apply_rates(arm.spin[..., 0, ::2], u) + own
+    return np.concatenate([linear + cross(arm.com[:, 0, ::2], own), angular, u]).T
+
+
+def angles_from_start(quaternions: FloatArray) -> FloatArray:
+    """Angle of each attitude from the first one (N + 1,) [rad], of unit quaternions (N + 1, 4)."""
+    apart = np.abs(quaternions @ quaternions[0])
+    return np.asarray(2.0 * np.arccos(np.minimum(apart, 1.0)))

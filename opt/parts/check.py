@@ -11,16 +11,13 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, prepared
-from ffsms_pin.opt.motion.at_step import StepFeatures
-from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.held import StepFeatures, difference, movers
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.nudged import difference, movers
-from ffsms_pin.opt.motion.residual import JointResidual, Residual
 from ffsms_pin.opt.motion.rollout import configurations
 from ffsms_pin.opt.motion.slopes import coupling_slopes
-from ffsms_pin.opt.parts.all_of import AllOf
-from ffsms_pin.opt.parts.inequality import Inequality
+from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 from ffsms_pin.opt.parts.reading import formulas, residuals_of, rows_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.state import StepState
@@ -30,13 +27,10 @@ from ffsms_pin.system.base_motion import advance
 __all__ = ["check"]
 
 _STEP = 1e-5  # [s, rad/s] that a state is carried on for in a difference
-_STEPS = 5  # of a random motion
-_SPEEDS = (0.1, 0.3, 1.0)  # [rad/s] of its joints, times a normal random number
-_OWN = {"by_joints": "by_position", "by_rates": "by_rate", "by_accelerations": "by_acceleration"}
 
 
 def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: int = 0) -> float:
-    """Compare the slopes of a term or a limit with differences, on random motions of a problem.
+    """The largest relative error of a part's slopes against differences, on random motions of a problem.
 
     Of an `opt.Inequality` the slopes of its room, and the rows of a step against a step that is taken. Of
     another limit the slopes of its residual, and whether a row leads out of the limit where it is broken.
@@ -50,11 +44,6 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
         Largest error of a slope, relative to the largest slope of its residual.
     seed : int
         Of the random motions.
-
-    Returns
-    -------
-    float
-        The largest relative error.
 
     Raises
     ------
@@ -70,9 +59,9 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
         return max((check(one, problem, tolerance, seed) for one in part.parts), default=0.0)
     method = "room" if isinstance(part, Inequality) else "residual"
     rng, largest, seen = np.random.default_rng(seed), 0.0, False
-    for speed in _SPEEDS:
-        rates = speed * rng.normal(size=(_STEPS + 1, problem.sms.n))
-        motions = _random_motion(problem, rates)
+    for speed in (0.1, 0.3, 1.0):  # [rad/s]
+        rates = speed * rng.normal(size=(6, problem.sms.n))
+        motions = replace(problem.motion(rates, problem.duration / 5), lag=problem.dt)
         for i, one in enumerate(_dense(part, method, motions)):
             seen = seen or bool(one.value.any())
             largest = max(largest, _compared(part, method, i, one, motions, tolerance))
@@ -88,41 +77,22 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
     return largest
 
 
-def _random_motion(problem: Problem, rates: FloatArray) -> Motions:
-    """A finished motion of these rates at its nodes, as terms and limits see one."""
-    return replace(problem.motion(rates, problem.duration / _STEPS), lag=problem.dt)
-
-
 def _dense(part: Any, method: str, motions: Motions) -> list[Feature]:
     """What the part gives, each as a feature of all instants with all its slopes."""
-    found: list[Feature] = []
-    for one in formulas(part, method, Features(motions)):
-        if isinstance(one, Feature) and one.where is None:
-            found.append(one)
-        else:
-            alone = one.residuals() if isinstance(one, Feature) else [one]
-            found.extend(_as_feature(each, motions) for each in alone)
-    return found
+    found = formulas(part, method, Features(motions))
+    return [one if one.where is None else _spread(one, *one.where, motions) for one in found]
 
 
-def _as_feature(residual: Residual | JointResidual, motions: Motions) -> Feature:
-    n, shape = motions.stack.n, motions.rates.shape[1:]
-    if isinstance(residual, JointResidual):
-        slopes = {}
-        for name, own in _OWN.items():
-            slope = getattr(residual, own)
-            if slope is not None:
-                slopes[name] = np.eye(n)[..., None, None] * np.broadcast_to(slope, (n, *shape))
-        return Feature(residual.value, slopes)
-    where: Any = (slice(None), residual.instants) if residual.motion is None else None
-    where = (residual.motion, residual.instants) if where is None else where
-
+def _spread(one: Feature, motion: Indices | None, instants: Indices | slice, motions: Motions) -> Feature:
     def spread(values: FloatArray) -> FloatArray:
-        full = np.zeros((*values.shape[: values.ndim - residual.value.ndim], *shape))
-        full[(..., *where)] = values
+        full = np.zeros((*values.shape[:-2], *motions.rates.shape[1:]))
+        if motion is None:
+            full[..., instants] = values
+        else:
+            full[..., motion, instants] = values[..., 0, :]
         return full
 
-    return Feature(spread(residual.value), {name: spread(x) for name, x in residual.slopes().items()})
+    return Feature(spread(one.value), {name: spread(x) for name, x in one.slopes.items()})
 
 
 def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, tolerance: float) -> float:
@@ -157,11 +127,9 @@ def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, to
 
 def _check_rows(limit: Limit, problem: Problem, motion: Motions, tolerance: float) -> float:
     """The largest relative error of a limit's rows at the nodes of a motion."""
-    largest = 0.0
-    for k, q in enumerate(configurations(problem.sms, problem.q0, motion)):
-        if k == 0:  # at the start lengths that count from it are zero, and have no slopes
-            continue
-        state = _state(problem, q, motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))
+    largest, nodes = 0.0, configurations(problem.sms, problem.q0, motion)
+    for k in range(1, len(nodes)):  # at the start lengths that count from it are zero, and have no slopes
+        state = _state(problem, nodes[k], motion.rates[:, 0, 2 * k], float(motion.times[2 * k]))
         rows = rows_of(limit, state)
         if rows is None:
             continue

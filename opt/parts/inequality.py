@@ -8,38 +8,30 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
+from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacked
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
-from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE, Motions
 from ffsms_pin.opt.motion.residual import Residuals
-from ffsms_pin.opt.parts.reading import formulas
+from ffsms_pin.opt.parts.reading import formulas, residuals_of
 from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["Inequality"]
-
-_ROUNDING = 1e-6  # of room's unit: what a plan may break a limit by and still counts as keeping it
-_BINDING = 1.125  # of what is kept in hand: with less left the limit binds, a penalty gives way a little
-_LAST = 0.1  # of the time: the last tenth
-_HURRY = 1.5  # times the mean speed of what is left: the most that a step is asked for
-_BEFORE = 10  # steps before room is due it should be there
+__all__ = ["AllOf", "Inequality"]
 
 
 class Inequality(Limit):
     """What is left of something, `room(m)`, stays at or above zero: a whole limit.
 
-    Room may be a number or a vector, whose components are one limit each, or a list of these. In a step it
-    shrinks at most at a rate proportional to what is left; what depends on the joint rates themselves, such
-    as a speed, must be there at the step's end. In whole motions what it lacks is a penalty, and at the end
-    the least of it is the verdict.
+    In a step room shrinks at most at a rate proportional to what is left; what depends on the joint rates
+    themselves, such as a speed, must be there at the step's end. In whole motions what it lacks is a penalty,
+    and at the end the least of it is the verdict.
 
     Attributes
     ----------
     unit : str
         Of room, for messages.
     scale : float or None
-        So much of room weighs like a target missed by one arm's length. None: the arm's length, for room
-        in metres.
+        So much of room weighs like a target missed by one arm's length. None: the arm's length, for metres.
     margin : float
         What whole motions keep in hand, as a share of `scale`: a penalty gives way a little, and they are
         watched at some instants only.
@@ -50,12 +42,11 @@ class Inequality(Limit):
     step_margin : float
         What a step keeps in hand, in room's unit: for what happens within it.
     give : float
-        How far a row of a step gives way per unit of the step's slack, in room's unit per metre; 1 weighs
-        a lack of room in metres like one of clearance. 0: never; only for what can always be kept.
+        How far a row of a step gives way per unit of the step's slack, in room's unit per metre. 0: never;
+        only for what can always be kept.
     when : {"always", "deadline", "last tenth"}
-        When there must be room. Where that is not always, a step may go without: what is missing must shrink
-        once it is as much as the arm is trusted to make up in the time that is left, and where more is
-        missing it shrinks as fast as it takes.
+        When there must be room. Before that a step may go without as much as the arm is trusted to make up in
+        the time that is left; where more is missing it shrinks as fast as it takes.
     trusted : float
         How fast an arm is trusted to make up room that is missing, in its unit a second.
     binding : float or None
@@ -95,11 +86,12 @@ class Inequality(Limit):
         """How long until there must be room, in a step [s]; None: there always must."""
         if self.when == "always":
             return None
-        return step.time_left - (_LAST * (step.time + step.time_left) if self.when == "last tenth" else 0.0)
+        late = (1.0 - ARRIVAL_SHARE) * (step.time + step.time_left)
+        return step.time_left - (late if self.when == "last tenth" else 0.0)
 
     def rooms(self, m: Features) -> Feature:
         """What is left, all of it one below the other, (c, S, K)."""
-        return _stacked([one for one in formulas(self, "room", m) if isinstance(one, Feature)], m)
+        return _stacked(formulas(self, "room", m), m)
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows of a step: what moves uses room up slowly, what jumps leaves room at the step's end."""
@@ -112,10 +104,10 @@ class Inequality(Limit):
         due, most = self.due(step), np.full(len(value), UNBOUNDED)
         if due is not None:  # what is missing at the step's end, and how fast it must shrink
             missing = self._kept(seen.motions)[1] - value - step.dt * (flow @ step.rates + drift)
-            spare = max(due - _BEFORE * step.dt, 0.0)
+            spare = max(due - 10.0 * step.dt, 0.0)  # ten steps before it is due it should be there
             closing = self.rate * (missing - self.trusted * spare)
-            if spare > 0.0:
-                closing = np.minimum(closing + self.trusted, _HURRY * missing / max(spare, 2.0 * step.dt))
+            if spare > 0.0:  # at most 1.5 times the mean speed of what is left
+                closing = np.minimum(closing + self.trusted, 1.5 * missing / max(spare, 2.0 * step.dt))
             return Rows(flow, closing - drift, most, self.give)
         left = value - self.kept - self.step_margin
         jumps = jump.any(axis=1)
@@ -140,7 +132,9 @@ class Inequality(Limit):
                 return []
             counted = m.at(*lacking)
         lack: Feature = np.maximum(self.lack(counted), 0.0) / scale  # type: ignore[assignment]
-        return [one for one in lack.residuals(over_time=always) if one.value.any()]
+        if not lack.value.any():
+            return []
+        return [lack if always else lack.at_once()]
 
     def _kept(self, motions: Motions) -> tuple[float, float]:
         """`scale` and `in_hand`."""
@@ -153,17 +147,49 @@ class Inequality(Limit):
         left, times = self.rooms(counted).value[:, 0], counted.times
         if not left.size:
             return Violation()
-        binding = _BINDING * self._kept(motion)[1] if self.binding is None else self.binding
+        # A penalty gives way a little: the limit binds where a little more is left than is kept in hand.
+        binding = 1.125 * self._kept(motion)[1] if self.binding is None else self.binding
         binds = times[(left < binding).any(axis=0)]
         least = _least_between(left) if counted.where is None else left
         i, k = np.unravel_index(int(np.argmin(least)), least.shape)
-        if least[i, k] > -_ROUNDING:
+        if least[i, k] > -1e-6:  # of room's unit: it counts as kept
             return Violation(0.0, binds)
         return Violation(float(-least[i, k]), binds, self.note(float(least[i, k]), float(times[k])))
 
     def note(self, room: float, time: float) -> str:
         """What is said of a motion that breaks the limit: the least room, and when [s]."""
         return f"the limit '{self.name}' is broken by {-room:.3g} {self.unit} at {time:.3g} s"
+
+
+class AllOf(Limit):
+    """Inequalities in units of their own that are given, kept and reported together."""
+
+    @property
+    @abstractmethod
+    def parts(self) -> list[Inequality]:
+        """The inequalities."""
+
+    def rows(self, step: StepState) -> Rows | None:
+        """Of all of them."""
+        return stacked([rows for part in self.parts if (rows := part.rows(step)) is not None])
+
+    def residual(self, m: Features) -> Any:
+        """Of all of them."""
+        return [residuals_of(part, m) for part in self.parts]
+
+    def violation(self, motion: Motions) -> Violation:
+        """The largest amount of any of them."""
+        found = [part.violation(motion) for part in self.parts]
+        amount, notes = (
+            max((one.amount for one in found), default=0.0),
+            [one.note for one in found if one.note],
+        )
+        instants = np.unique(np.concatenate([np.empty(0), *(one.instants for one in found)]))
+        return Violation(amount, instants, self.told(notes) if notes else "")
+
+    def told(self, notes: list[str]) -> str:
+        """What is said of a motion that breaks some: their notes, in one."""
+        return "; ".join(notes)
 
 
 def _stacked(rooms: list[Feature], m: Features) -> Feature:

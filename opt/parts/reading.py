@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,11 +11,11 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, PartError
 from ffsms_pin.opt.limits.limit import Rows, Violation
-from ffsms_pin.opt.motion.feature import Feature, lost_slopes
+from ffsms_pin.opt.motion.feature import OWN, Feature, lost_slopes
 from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.held import by_differences
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.nudged import by_differences
-from ffsms_pin.opt.motion.residual import JointResidual, Residual, Residuals
+from ffsms_pin.opt.motion.residual import JointResidual, Residual
 from ffsms_pin.opt.step.state import StepState
 
 __all__ = ["Formula", "asked", "formulas", "residuals_of", "rows_of", "violation_of"]
@@ -28,19 +27,10 @@ _differenced: set[tuple[type, str]] = set()  # parts that were said to be slow
 _JOINTS = ("by_joints", "by_rates", "by_accelerations")
 
 
-def residuals_of(part: Any, motions: Motions | Features) -> Residuals:
-    """Residuals of a term or a limit at motions; features are theirs, which several parts can share.
-
-    Raises
-    ------
-    PartError
-        `part.residual` fails, or gives something that is no residual; the text names part and shapes.
-    """
-    found: Residuals = []
+def residuals_of(part: Any, motions: Motions | Features) -> list[Feature]:
+    """Residuals of a term or a limit at motions; features are theirs, which several parts can share."""
     seen = motions if isinstance(motions, Features) else Features(motions)
-    for one in formulas(part, "residual", seen):
-        found.extend([one] if isinstance(one, (Residual, JointResidual)) else one.residuals())
-    return found
+    return [one for one in formulas(part, "residual", seen) if one.value.size]
 
 
 def rows_of(limit: Any, step: StepState) -> Rows | None:
@@ -65,7 +55,7 @@ def violation_of(limit: Any, motion: Motions) -> Violation:
     return found
 
 
-def formulas(part: Any, method: str, features: Features) -> list[Feature | Residual | JointResidual]:
+def formulas(part: Any, method: str, features: Features) -> list[Feature]:
     """What a method of a part gives for these features, flat and checked; differenced without slopes."""
     return [_read(part, method, i, one, features) for i, one in enumerate(_answers(part, method, features))]
 
@@ -94,9 +84,9 @@ def _flat(found: Any) -> list[Any]:
     return [found]
 
 
-def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Any:
+def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Feature:
     if isinstance(found, (Residual, JointResidual)):
-        return _checked_residual(part, method, found, features)
+        return _by_hand(part, method, found.feature(), features)
     if not isinstance(found, (Feature, np.ndarray, float, int)):
         wanted = "a Feature, a Residual, an array (S, K), or a list of these"
         raise PartError(part, method, f"must return {wanted}; got {type(found).__name__}")
@@ -106,28 +96,18 @@ def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Any
     if (plain or one.where is None) and (one.shape[-2:] != (S, K) or one.ndim > 3):
         shapes = f"{(S, K)} or (c, S, K) = (c, {S}, {K})"
         raise PartError(part, method, f"must return shape (S, K) = {shapes}; got {one.shape}")
-    if plain:
-        return Feature(one.value, _differences(part, method, i, features), features.where)
-    return one
+    return Feature(one.value, _differences(part, method, i, features), features.where) if plain else one
 
 
-def _checked_residual(part: Any, method: str, found: Any, features: Features) -> Any:
-    """The same with plain arrays where features stand; values and slopes have shapes that go together."""
-    plain = {name: x.value for name, x in vars(found).items() if isinstance(x, Feature)}
-    found = replace(found, **plain) if plain else found
-    (n, S, K), wanted = features.motions.rates.shape, found.value.shape
-    if isinstance(found, JointResidual):
-        wanted = (n, S, K)
-    elif found.motion is None:
-        wanted = (S, len(np.arange(K)[found.instants]))
-    else:
-        wanted = found.motion.shape
-    if found.value.shape != wanted:
-        raise PartError(part, method, f"must give a value of shape {wanted}; got {found.value.shape}")
-    if isinstance(found, JointResidual):
-        return found
-    moved = {**dict.fromkeys(_JOINTS, (n,)), "by_entropy": (), "by_coupling": (6, n)}
-    for name, slope in found.slopes().items():
+def _by_hand(part: Any, method: str, found: Feature, features: Features) -> Feature:
+    """The same; values and slopes have shapes that go together."""
+    (n, S, K), (motion, instants) = features.motions.rates.shape, found.where or (None, slice(None))
+    wanted = (S, len(np.arange(K)[instants])) if motion is None else (1, len(motion))
+    wanted = (n, *wanted) if found.ndim == 3 else wanted
+    if found.shape != wanted:
+        raise PartError(part, method, f"must give a value of shape {wanted}; got {found.shape}")
+    moved = {**dict.fromkeys(_JOINTS, (n,)), **dict.fromkeys((*OWN, "by_entropy"), ()), "by_coupling": (6, n)}
+    for name, slope in found.slopes.items():
         full = (*moved.get(name, (3,)), *wanted)
         fits = (have in (1, want) for have, want in zip(slope.shape, full, strict=False))
         if slope.ndim != len(full) or not all(fits):

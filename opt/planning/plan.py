@@ -131,7 +131,7 @@ def _places(also: Mapping[str, Any] | None, via: Sequence[Any]) -> list[Limit]:
     if not isinstance(via, Sequence):
         raise InvalidValue("via", via, "must be a sequence of places")
     goals = [Also(frame, goal) for frame, goal in (also or {}).items()]
-    ways = [one if isinstance(one, Via) else Via(one, name=f"via {i + 1}") for i, one in enumerate(via)]
+    ways = [one if isinstance(one, Limit) else Via(one, name=f"via {i + 1}") for i, one in enumerate(via)]
     return [*goals, *ways]
 
 

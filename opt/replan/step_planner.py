@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.opt.given import check_parts, default_limits, default_terms, step_limits
+from ffsms_pin.opt.given import checked_parts, default_limits, default_terms, step_limits
 from ffsms_pin.opt.limits import BaseLimits, Limit
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.replanning import Replanning
@@ -64,8 +64,8 @@ class StepPlanner(Stepper):
     ) -> None:
         if limits is None:
             limits = step_limits(default_limits(clearance, collision, base=base_limits), mode)
-        check_parts("limits", limits, Limit)
-        check_parts("terms", terms, Term)
+        limits = checked_parts("limits", limits, Limit)
+        terms = checked_parts("terms", terms, Term)
         self.clearance, self.base_limits, self._step_weights = clearance, base_limits, weights
         super().__init__(sms, dt, kappa, limits, terms, weights, aim, momentum, mode, wheel_momentum)
 

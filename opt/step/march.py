@@ -20,26 +20,13 @@ from ffsms_pin.system.base_motion import advance
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.stepper import Step
 
-__all__ = [
-    "March",
-    "Progress",
-    "Steps",
-    "braking",
-    "march",
-    "sides_across",
-    "start_sides",
-    "stoppable",
-    "within",
-]
+__all__ = ["March", "Progress", "Steps", "braking", "march", "sides_across", "start_sides", "stoppable"]
 
-_SHARES = (0.5, 0.25, 0.1)  # of the way from braking to what the programme wants
-_STOPS = 5  # steps of an arm that stops
-
-Progress: TypeAlias = Callable[[float], None]
+Progress: TypeAlias = Callable[[float], None]  # told the share that is done
 
 
 class Steps(Protocol):
-    """What `march` needs: one step after the other."""
+    """What `march` needs: one step after the other, `advance` as of a `Stepper`."""
 
     sms: SpaceManipulator
     dt: float
@@ -48,7 +35,7 @@ class Steps(Protocol):
 
     @property
     def advance(self) -> Callable[..., Step]:
-        """Joint rates for the next step: as `Stepper.advance`."""
+        """Joint rates for the next step."""
 
 
 class March(NamedTuple):
@@ -67,22 +54,9 @@ def march(
     rotation: FloatArray | None = None,
     progress: Progress | None = None,
 ) -> March:
-    """Plan step by step, each step a single quadratic programme.
+    """Plan step by step to a target (3,) [m], and an attitude (3, 3), in whole steps.
 
-    Parameters
-    ----------
-    stepper : Stepper or NonlinearStepper
-        Goes on from what it remembers; `reset` comes first for a new motion.
-    q0, rates0 : ndarray, shape (nq,), (n,)
-        At the start.
-    target : ndarray, shape (3,)
-        Inertial axes [m].
-    duration : float
-        [s], rounded to whole steps.
-    rotation : ndarray, shape (3, 3), optional
-        Wanted attitude of the end effector at the end.
-    progress : callable, optional
-        Told the share that is done.
+    The stepper goes on from what it remembers; `reset` comes first for a new motion.
     """
     sms, dt = stepper.sms, stepper.dt
     steps = max(1, round(duration / dt))
@@ -108,7 +82,7 @@ def start_sides(
     For a planar arm the two sides of the way; in space both senses of the two principal directions.
     """
     step = StepState(sms, q0, np.zeros(sms.n), 1.0, 1.0, mode=mode)
-    return sides_across(target - step.pose.translation, step.J_star[:3]) or [np.zeros(3)]
+    return sides_across(target - step.tip, step.J_star[:3]) or [np.zeros(3)]
 
 
 def sides_across(way: FloatArray, J: FloatArray) -> list[FloatArray]:
@@ -129,28 +103,16 @@ def braking(step: StepState) -> FloatArray:
     return slower
 
 
-def within(rates: FloatArray, bounds: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Rates (n,), or the nearest to them within bounds."""
-    return np.minimum(np.maximum(rates, bounds[0]), bounds[1])
-
-
 def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slower: FloatArray) -> FloatArray:
     """Joint rates (n,) for the step's end after which the arm can still stop with limits kept.
 
     What would happen if it stopped after this step is rolled out. Where that breaks a limit the rates go part
-    of the way to braking, or all of it: that was safe one step ago.
-
-    Parameters
-    ----------
-    limits : sequence of Limit
-    step : StepState
-    rates, slower : ndarray, shape (n,)
-        Wanted rates at the step's end, and those of braking [rad/s].
+    of the way to those of braking, `slower` (n,), or all of it: that was safe one step ago.
     """
     if not _broken(limits, step, rates).any():
         return rates
     most = _broken(limits, step, slower)  # where a limit is broken already, coming back must be possible
-    for share in _SHARES:
+    for share in (0.5, 0.25, 0.1):
         between = slower + share * (rates - slower)
         if (_broken(limits, step, between) <= most).all():
             return between
@@ -158,13 +120,13 @@ def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slowe
 
 
 def _broken(limits: Sequence[Limit], step: StepState, end: FloatArray) -> FloatArray:
-    """By how much each limit is broken if the arm goes to rates `end` and then stops."""
+    """By how much each limit is broken if the arm goes to rates `end` and then stops, in five steps."""
     sms, momentum = step.sms, step.momentum
     q, _ = advance(sms, step.q, step.rates, (end - step.rates) / step.dt, step.dt, momentum, step.mode)
-    slowing = np.linspace(1.0, 0.0, _STOPS + 1)[:, None] * end
-    dt, start = max(_stop(step, end), step.dt) / _STOPS, pin.XYZQUATToSE3(step.base_start)
+    slowing = np.linspace(1.0, 0.0, 6)[:, None] * end
+    dt, start = max(_stop(step, end), step.dt) / 5, pin.XYZQUATToSE3(step.base_start)
     motion = replace(
-        rolled_out(sms, sms.arm_stack(step.mode), q, slowing, dt, momentum, 1.0),
+        rolled_out(sms, sms.arm_stack(step.mode), q, slowing, dt, momentum),
         base_start=start.act(sms.base_com),
         rotation_start=start.rotation,
         wheels=step.wheels,

@@ -1,18 +1,23 @@
-"""The quadratic programme of one step, from its state, its objective and the rows of its limits.
+"""The quadratic programme of one step, from its state, its objective and the rows of its limits, on ProxQP.
 
 Variables x = (alpha (n), s, slack): the paper's scaling factors, the end-effector speed along the wanted
 direction, and how far limits give way. Minimise 1/2 x^T H x + g^T x subject to l <= C x <= u and
 lower <= x <= upper. Terms and limits are stated in the joint rates u = V alpha, and turned here.
+
+Reference: A. Bambade, S. El-Kazdadi, A. Taylor, J. Carpentier, "ProxQP: yet another quadratic programming
+solver for robotics and beyond", Robotics: Science and Systems 2022.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from proxsuite import proxqp
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
@@ -20,7 +25,16 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
 from ffsms_pin.opt.step.reference import WantedMotion
 from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["Programme", "StepProblem", "StepWeights", "nearest_to", "objective", "programme_of"]
+__all__ = [
+    "Programme",
+    "StepProblem",
+    "StepSolver",
+    "StepWeights",
+    "nearest_to",
+    "new_solver",
+    "objective",
+    "programme_of",
+]
 
 
 @dataclass(frozen=True)
@@ -55,9 +69,9 @@ class StepWeights:
     clearance: float = 1.0
 
     @cached_property
-    def sizes(self) -> FloatArray:
-        """Those that every step has: of direction, speed, effort, change and clearance."""
-        return np.array([self.direction, self.speed, self.effort, self.change, self.clearance])
+    def table(self) -> FloatArray:
+        """All of them (6,), in their order."""
+        return np.array(astuple(self))
 
 
 class StepProblem(NamedTuple):
@@ -94,17 +108,9 @@ class StepProblem(NamedTuple):
 
 
 class Programme(NamedTuple):
-    """The same as it is solved: the bounds on single variables are rows, after the others.
+    """The same as it is solved: the bounds are rows (m, n + 2) after the others, low <= A x <= up.
 
     ProxQP has bounds of its own, but takes no multipliers of theirs to start from.
-
-    Attributes
-    ----------
-    H, g : ndarray, shape (n + 2, n + 2), (n + 2,)
-    A : ndarray, shape (m, n + 2)
-    low, up : ndarray, shape (m,)
-    least, greatest : ndarray, shape (n,)
-        Bounds on the joint rates themselves, from rows that never give way [rad/s].
     """
 
     H: FloatArray
@@ -112,18 +118,6 @@ class Programme(NamedTuple):
     A: FloatArray
     low: FloatArray
     up: FloatArray
-    least: FloatArray
-    greatest: FloatArray
-
-    @classmethod
-    def of(cls, problem: StepProblem) -> Programme:
-        """A problem that was looked at."""
-        H, g, C, low, up, lower, upper = problem
-        (bounded,) = (np.minimum(-lower, upper) < UNBOUNDED).nonzero()
-        none = np.full(len(g) - 2, UNBOUNDED)
-        rows = np.concatenate([C, np.eye(len(g))[bounded]])
-        lows, ups = np.concatenate([low, lower[bounded]]), np.concatenate([up, upper[bounded]])
-        return cls(H, g, rows, lows, ups, -none, none)
 
     def problem(self) -> StepProblem:
         """To look at."""
@@ -137,13 +131,6 @@ def programme_of(goal: tuple[FloatArray, FloatArray], V: FloatArray, rows: Seque
 
     A row lower <= G u <= upper becomes lower <= G V alpha <= upper. Where it gives way, a side becomes a row
     of its own, G V alpha + give slack >= lower or G V alpha - give slack <= upper.
-
-    Parameters
-    ----------
-    goal : (H, g)
-    V : ndarray, shape (n, n)
-        Right singular vectors of C_bm: u = V alpha.
-    rows : sequence of Rows
     """
     return Programme(*goal, *kernel.stacked_rows(V, rows))
 
@@ -153,32 +140,21 @@ def objective(
     wanted: WantedMotion,
     weights: StepWeights,
     effort: FloatArray | None = None,
-    spin: FloatArray | None = None,
     terms: Sequence[tuple[FloatArray, FloatArray]] = (),
 ) -> tuple[FloatArray, FloatArray]:
     """What a step should come to: H and g of 1/2 x^T H x + g^T x.
 
-    Parameters
-    ----------
-    step : StepState
-    wanted : WantedMotion
-    weights : StepWeights
-    effort : ndarray, shape (n, n), optional
-        Price of the redundant motion, u^T effort u. Default: the identity.
-    spin : ndarray, shape (3,), optional
-        Wanted angular velocity of the end effector, inertial axes [rad/s].
-    terms : sequence of (W (n, n), w (n,))
-        More terms u^T W u / 2 - w^T u.
+    `effort` (n, n) prices the redundant motion u^T effort u beside the identity; of `terms` each (W (n, n),
+    w (n,)) adds u^T W u / 2 - w^T u.
     """
-    n, V, w, J_v = step.V.shape[0], step.V, weights, step.J_star[:3]
-    motion = wanted.direction, wanted.speed
-    H, g = kernel.objective(J_v, V, step.rates, step.tip_drift, *motion, w.sizes, effort is None)
+    V, n = step.V, len(step.rates)
+    found = kernel.objective(
+        step.J_star, V, step.rates, step.tip_drift, wanted.direction, wanted.speed, wanted.spin, weights.table
+    )
+    H, g = found[:-1], found[-1]
     added = list(terms)
-    if effort is not None:
-        added.append((w.effort * effort, np.zeros(n)))
-    if spin is not None:
-        J_w = step.J_star[3:]
-        added.append((w.orientation * J_w.T.dot(J_w), w.orientation * (spin - step.tip_drift[3:]).dot(J_w)))
+    if effort is not None:  # instead of the identity
+        added.append((weights.effort * (effort - np.eye(n)), np.zeros(n)))
     for matrix, vector in added:
         H[:n, :n] += V.T.dot(matrix).dot(V)
         g[:n] -= vector.dot(V)
@@ -192,3 +168,94 @@ def nearest_to(rates: FloatArray, V: FloatArray, weights: StepWeights) -> tuple[
     H[n + 1, n + 1] = g[n + 1] = weights.clearance
     g[:n] = -rates.dot(V)
     return H, g
+
+
+# The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-11
+# places it to 1e-6 rad/s. A laxer tolerance leaves it open in a few steps of a thousand which rows are
+# active; a stricter one takes a few per cent more iterations for nothing.
+_TOLERANCE = 1e-11
+
+
+class Solution(NamedTuple):
+    """The solution x (n + 2,) of a programme, and multipliers z (m,), above zero at a row's upper side.
+
+    `solved` says whether the solver reached its tolerance, `exact` whether it is the solution of the
+    equations of the rows that are active, with the right signs.
+    """
+
+    x: FloatArray
+    z: FloatArray
+    solved: bool
+    exact: bool
+
+
+def new_solver(variables: int, rows: int) -> Any:
+    """ProxQP's dense solver for programmes of one size, bounds among the rows, with the step's settings."""
+    dense = proxqp.dense
+    qp = dense.QP(variables, 0, rows, dense_backend=dense.DenseBackend.PrimalDualLDLT)
+    settings = qp.settings
+    settings.eps_abs, settings.eps_rel = _TOLERANCE, 0.0
+    # Far below that curvature: each iteration leaves about the share regularisation / curvature of the error.
+    settings.default_rho = 1e-8
+    # A few are usual. A programme that takes these many has failed; they end within milliseconds.
+    settings.max_iter = settings.max_iter_in = 40
+    settings.initial_guess = proxqp.InitialGuess.WARM_START
+    return qp
+
+
+class StepSolver:
+    """Solves programmes one after the other, each from a start where one is given.
+
+    ProxQP's solver is made once for each number of rows. For one thread; a copy starts anew. `iterations` are
+    those of its last call.
+    """
+
+    def __init__(self) -> None:
+        self._solvers: dict[tuple[int, int], Any] = {}
+        self.iterations = 0
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return StepSolver, ()
+
+    def solve(self, p: Programme, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
+        """Solution of a programme, from the solution (x, z) of one like it.
+
+        The rows that were active there mostly are here, too: then their equations give the solution, which
+        ProxQP only has to confirm. A start of another size is not used. Where the solver does not converge
+        from it, it starts once more from nothing.
+        """
+        if start is not None and (len(start[0]), len(start[1])) == (len(p.g), len(p.low)):
+            guess = kernel.refined(*p, start[1], _TOLERANCE)
+            found = self._solve(p, *(guess or start), confirms=guess is not None)
+            # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.
+            if found.exact:
+                return found
+        return self._solve(p, np.zeros(len(p.g)), np.zeros(len(p.low)))
+
+    def _solve(self, p: Programme, x: FloatArray, z: FloatArray, confirms: bool = False) -> Solution:
+        """ProxQP's solution, made exact: that of the equations of the rows that are active by multipliers.
+
+        ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory
+        lies: over a march of a thousand steps that shows. The equations have no memory. Their solution is
+        taken where it keeps all rows and its multipliers have the right signs: so it is the programme's.
+        """
+        size = p.A.shape
+        qp = self._solvers.get(size)
+        if qp is None:
+            qp = self._solvers[size] = new_solver(size[1], size[0])
+            qp.init(H=p.H, g=p.g, C=p.A, l=p.low, u=p.up, compute_preconditioner=False)
+        else:
+            qp.update(H=p.H, g=p.g, C=p.A, l=p.low, u=p.up)
+        qp.solve(x, None, z)
+        results, info = qp.results, qp.results.info
+        self.iterations = int(info.iter)
+        solved = info.status == proxqp.PROXQP_SOLVED
+        if solved and confirms and self.iterations == 0:
+            return Solution(x, z, True, True)
+        if solved and (exact := kernel.refined(*p, results.z, _TOLERANCE)) is not None:
+            return Solution(*exact, True, True)
+        x, z = np.array(results.x), np.array(results.z)
+        solved = solved and math.isfinite(x.dot(x))  # finite where all of x is
+        if not solved:
+            del self._solvers[size]  # the next programme has no use for what is left in it
+        return Solution(x, z, solved, False)

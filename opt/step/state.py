@@ -5,64 +5,53 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.coupling import decompose
-from ffsms_pin.coupling.metrics import entropy_of_values
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.at_step import StepFeatures
+from ffsms_pin.opt.motion.held import StepFeatures
 from ffsms_pin.system import JointLimits, SpaceManipulator
 
 __all__ = ["StepState", "rate_bounds"]
 
 
 class StepState:
-    """One configuration with joint rates, and its kinematics.
+    """One configuration q (nq,) with joint rates (n,), and its kinematics.
 
-    Parameters
+    Attributes
     ----------
     sms : SpaceManipulator
     q, rates : ndarray, shape (nq,), (n,)
         Configuration, and joint rates at the step's start [rad/s].
-    dt, time_left : float
-        Step, and time from its start to the deadline [s].
-    momentum : ndarray, shape (6,), optional
-        Total momentum [linear; angular], inertial axes, about the system's centre of mass. Default zero.
-    base_start : ndarray, shape (7,), optional
-        Root pose that turn and shift of the base count from; default: where it is now.
-    time : float
-        Of the step's start, from the start of the motion [s]: for what moves by itself.
+    dt, time_left, time : float
+        Step; from its start to the deadline; and from the start of the motion to it, for what moves by
+        itself [s].
+    momentum : ndarray, shape (6,), or None
+        Total momentum [linear; angular], inertial axes, about the system's centre of mass; None: zero.
+    base_start : ndarray, shape (7,)
+        Root pose that turn and shift of the base count from; where it is now, if not given.
     mode : str
         What of the base is held, one of `ffsms_pin.system.base_reaction.MODES`.
-    wheel_total : ndarray, shape (w,), optional
-        Momenta of the wheels that hold the attitude, were the joints at rest [N m s]. Default zero.
-
-    Attributes
-    ----------
+    wheel_total : ndarray, shape (w,), or None
+        Momenta of the wheels that hold the attitude, were the joints at rest [N m s]; None: zero.
     joints : ndarray, shape (n,)
         Joint positions [rad].
     reaction : ndarray, shape (6, n)
         Root velocity a joint rate, root axes (Pinocchio's): -M_b^-1 M_bm on a floating base, and zero along
         what the mode holds.
-    J_star : ndarray, shape (6, n)
-        Generalised Jacobian of the mode, inertial axes, [linear; angular].
-    J_arm : ndarray, shape (6, n)
-        Jacobian of the end effector with the base held still, inertial axes.
-    V : ndarray, shape (n, n)
-        Right singular vectors of the mode's C_bm.
-    entropy : float
-        H_norm.
-    pose : pinocchio.SE3
-        Of the end effector, inertial axes.
+    J_star, J_arm : ndarray, shape (6, n)
+        Generalised Jacobian of the mode, and Jacobian with the base held still; inertial axes, [linear;
+        angular].
+    V, entropy : ndarray, shape (n, n), and float
+        Right singular vectors of the mode's C_bm, and H_norm.
+    tip, tip_rotation : ndarray, shape (3,), (3, 3)
+        Place [m] and attitude of the end effector, inertial axes; `pose` is both.
     com : ndarray, shape (3,)
         The system's centre of mass, or the base's where its place is held, root axes [m].
-    drift : ndarray, shape (6,)
-        Root velocity that the total momentum gives with the joints at rest, root axes; zero without momentum.
-    tip_drift : ndarray, shape (6,)
-        Twist of the end effector that belongs to it, inertial axes.
+    drift, tip_drift : ndarray, shape (6,)
+        Root velocity that the total momentum gives with the joints at rest, root axes, and the twist of the
+        end effector that belongs to it, inertial axes.
     """
 
     def __init__(
@@ -82,24 +71,21 @@ class StepState:
         self.momentum, self.time, self.mode, self.wheel_total = momentum, time, mode, wheel_total
         self.base_start = q[:7].copy() if base_start is None else base_start
         self.joints: FloatArray = sms.layout.positions(q)
-        columns, more = kernel.step_state(sms.arm_stack(mode).tree, q[:7], self.joints, momentum)
-        self.reaction, self.J_star, self.J_arm, coupling = columns
-        self.com, self.drift, self.tip_drift = more[3:6], more[6:12], more[12:18]
-        self.pose: Any = pin.SE3(more[18:].reshape(3, 3), more[:3])
-        # Singular values depend on the reference point, the base's centre of mass, and not on the axes.
-        _, sigma, self.V = decompose(coupling)
-        self.entropy = entropy_of_values(sigma.tolist(), sms.n)
+        tree = sms.arm_stack(mode).tree
+        columns, self.V, more = kernel.step_state(tree, q[:7], self.joints, momentum)
+        self.reaction, self.J_star, self.J_arm, _ = columns
+        self.tip, self.com, self.drift, self.tip_drift = more[:3], more[3:6], more[6:12], more[12:18]
+        self.tip_rotation, self.entropy = more[18:27].reshape(3, 3), float(more[27])
+
+    @cached_property
+    def pose(self) -> Any:
+        """Of the end effector, inertial axes, pinocchio.SE3."""
+        return pin.SE3(self.tip_rotation, self.tip)
 
     @property
     def wheels(self) -> ReactionWheels | None:
         """The wheels that hold the attitude, where wheels do."""
         return self.sms.wheels if self.mode == "rotation-floating" else None
-
-    @cached_property
-    def M(self) -> FloatArray:
-        """Inertia matrix (6 + n, 6 + n) in Pinocchio's velocity coordinates."""
-        model = self.sms.model
-        return np.asarray(pin.crba(model, model.createData(), self.q, pin.Convention.WORLD))
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -125,13 +111,6 @@ def rate_bounds(
     With w the rate at the step's end, a the acceleration limit and d the distance to the upper limit, room to
     brake afterwards means dt (rate + w) / 2 + w^2 / (2 a) <= d for w >= 0: a quadratic in w. Where even w = 0
     travels too far, w < 0 must turn round in time: rate^2 dt / (2 (rate - w)) <= d.
-
-    Parameters
-    ----------
-    joints, rates : ndarray, shape (n,)
-        At the step's start [rad], [rad/s].
-    limits : JointLimits
-    dt : float
-        [s]
     """
-    return kernel.rate_bounds(limits.table, joints, rates, dt)
+    least, greatest = kernel.rate_bounds(limits.table, joints, rates, dt)
+    return least, greatest

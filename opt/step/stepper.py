@@ -15,27 +15,25 @@ from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.parts.reading import asked, rows_of
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.step.march import braking, stoppable, within
+from ffsms_pin.opt.step.march import braking, stoppable
 from ffsms_pin.opt.step.programme import (
     Programme,
     StepProblem,
+    StepSolver,
     StepWeights,
     nearest_to,
     objective,
     programme_of,
 )
-from ffsms_pin.opt.step.reference import REFERENCES, WantedMotion, wanted_motion, wanted_spin
-from ffsms_pin.opt.step.solver import StepSolver
+from ffsms_pin.opt.step.reference import REFERENCES, WantedMotion, wanted_motion
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.opt.terms.cost import ideal_cosine, step_cost
+from ffsms_pin.opt.terms.paper import ideal_cosine, step_cost
 from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.threads import OneThread
 
 __all__ = ["Step", "Stepper"]
-
-_IN_USE = "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
 
 
 class Step(NamedTuple):
@@ -85,10 +83,8 @@ class Stepper:
         Step [s]; the attribute may be changed between steps.
     kappa : float
         Sharpness of C~.
-    limits : sequence of Limit
-        Each gives rows of the programme.
-    terms : sequence of Term
-        Each may add to the objective (`Term.step_objective`).
+    limits, terms : sequence of Limit and of Term
+        Each limit gives rows of the programme; each term may add to the objective (`Term.step_objective`).
     weights : StepWeights, optional
     reference : str
         One of `REFERENCES`: "step" is the paper's cost; the others are classical references that go straight.
@@ -136,7 +132,11 @@ class Stepper:
         self._given = tuple(limits)
         self.limits = tuple(prepared(limit, sms) for limit in limits)
         self._in_braking = [one for limit in self.limits if (one := limit.in_braking) is not None]
-        self._solver, self._alone = StepSolver(), OneThread(_IN_USE)
+        self._bounded = any(limit.joint_bounds is not None for limit in self.limits)
+        self._solver = StepSolver()
+        self._alone = OneThread(
+            "this Stepper is at work in another thread; give each thread one of its own: stepper.like()"
+        )
         self.reset()
 
     @classmethod
@@ -172,15 +172,10 @@ class Stepper:
         base_start: FloatArray | None = None,
         deadline: float | None = None,
     ) -> None:
-        """Forget the last step.
+        """Forget the last step; for the arguments see the attributes.
 
-        Parameters
-        ----------
-        side : array_like, shape (3,)
-            Direction whose part across the way to the target is the side of the cone to start on; default:
-            the side on which the end effector is moving, and any where it is at rest.
-        base_start, deadline : optional
-            See the attributes.
+        The part of `side` (3,) across the way to the target is the side of the cone to start on; default: the
+        side on which the end effector is moving, and any where it is at rest.
         """
         self.side, self.base_start, self.deadline = vector("side", side, 3), base_start, deadline
         # Of the last solution: rates at its end, since V turns from step to step; s and slack; multipliers.
@@ -257,38 +252,42 @@ class Stepper:
         given = self.momentum, self.base_start, time, self.mode, self.wheel_total
         step = StepState(self.sms, q, rates, self.dt, time_left, *given)
         cosine_wanted = ideal_cosine(step.entropy, self.kappa) if reference.on_cone else 1.0
-        wanted = wanted_motion(step, target, cosine_wanted, self.side)
+        wanted = wanted_motion(step, target, cosine_wanted, self.side, rotation)
         if prefer is not None:
             goal = nearest_to(prefer, step.V, self.weights)
         else:
-            effort = None if reference.effort is None else reference.effort(step)
-            spin = None if rotation is None else wanted_spin(step, rotation)
             objectives = (asked(term, "step_objective", step) for term in self.terms)
             shares = [share for share in objectives if share is not None]
-            goal = objective(step, wanted, self.weights, effort, spin, shares)
+            goal = objective(step, wanted, self.weights, reference.price(step), shares)
         rows = [rows for limit in self.limits if (rows := rows_of(limit, step)) is not None]
         return step, wanted, programme_of(goal, step.V, rows)
 
     def _solved(self, step: StepState, wanted: WantedMotion, programme: Programme) -> Step:
         """Solve a programme, remember its solution, and say what it comes to."""
-        n, bounds = self.sms.n, (programme.least, programme.greatest)
+        n, V = self.sms.n, step.V
         self.side, self.base_start = wanted.side, step.base_start
         self.deadline = step.time + step.time_left
         start = None
         if self._last is not None:  # the last solution, in the basis of this step
             rates, more, z = self._last
-            start = np.concatenate([rates.dot(step.V), more]), z
-        found = self._solver.solve(programme, start)
+            start = np.concatenate([rates.dot(V), more]), z
+        found, slack = self._solver.solve(programme, start), 0.0
         if found.solved:
-            # Within the solver's tolerance already; this makes the limits hold to the last bit.
-            chosen, slack = within(step.V.dot(found.x[:n]), bounds), max(0.0, float(found.x[n + 1]))
+            chosen, slack = self._within(step, V.dot(found.x[:n])), max(0.0, float(found.x[n + 1]))
             self._last = chosen, found.x[n:], found.z
             if self._in_braking:
-                slower = within(braking(step), bounds)
-                chosen = within(stoppable(self._in_braking, step, chosen, slower), bounds)
+                slower = self._within(step, braking(step))
+                chosen = self._within(step, stoppable(self._in_braking, step, chosen, slower))
         else:
-            chosen, slack, self._last = within(braking(step), bounds), 0.0, None
+            chosen, self._last = self._within(step, braking(step)), None
         velocity = step.J_star[:3].dot(chosen) + step.tip_drift[:3]
         cos_theta = cosine(velocity, wanted.towards)
         cost = step_cost(cos_theta, step.entropy, self.kappa)
-        return Step(chosen.dot(step.V), chosen, cos_theta, step.entropy, cost, found.solved, slack)
+        return Step(chosen.dot(V), chosen, cos_theta, step.entropy, cost, found.solved, slack)
+
+    def _within(self, step: StepState, rates: FloatArray) -> FloatArray:
+        """Rates (n,) within the joints' bounds to the last bit, where a limit keeps them."""
+        if not self._bounded:
+            return rates
+        least, greatest = step.bounds
+        return np.minimum(np.maximum(rates, least), greatest)

@@ -7,20 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.actuation.thrusters import STANDARD_GRAVITY
-from ffsms_pin.checks import at_least_zero, positive
+from ffsms_pin.actuation.allocation import ThrusterAllocation
+from ffsms_pin.checks import positive
 from ffsms_pin.opt.motion import Features
-from ffsms_pin.opt.motion.actuated import thruster_shares
 from ffsms_pin.opt.motion.feature import root_of_size
-from ffsms_pin.opt.terms.term import Term, time_scale
+from ffsms_pin.opt.terms.term import WeightedTerm, time_scale
 
 __all__ = ["BaseTurn", "Propellant", "WheelEnergy", "WheelMomentum"]
 
-_UNIT = 32.0  # [s^2/rad^2] of BaseTurn's weight: 0.01 s of cost for 0.05 rad in 8 s
-
 
 @dataclass(frozen=True)
-class BaseTurn(Term):
+class BaseTurn(WeightedTerm):
     """Little turning of the base.
 
     Attributes
@@ -31,32 +28,21 @@ class BaseTurn(Term):
         choose between motions that are nearly free.
     """
 
-    weight: float = 1.0
     name = "base turn"
-
-    def __post_init__(self) -> None:
-        at_least_zero("weight", self.weight)
 
     def residual(self, m: Features) -> Any:
         """The angular velocity."""
-        return np.sqrt(_UNIT * self.weight) * time_scale(m) * m.base_spin
+        return np.sqrt(32.0 * self.weight) * time_scale(m) * m.base_spin
 
 
 @dataclass(frozen=True)
-class WheelMomentum(Term):
+class WheelMomentum(WeightedTerm):
     """Little momentum of the wheels that hold the attitude; nothing where no wheels do.
 
-    Attributes
-    ----------
-    weight : float
-        On the integral of the wheels' squared momenta [1/(N m s)^2 1/s, for a motion of 8 s].
+    `weight` is on the integral of the wheels' squared momenta [1/(N m s)^2 1/s, for a motion of 8 s].
     """
 
-    weight: float = 1.0
     name = "wheel momentum"
-
-    def __post_init__(self) -> None:
-        at_least_zero("weight", self.weight)
 
     def residual(self, m: Features) -> Any:
         """The momentum of each wheel."""
@@ -64,7 +50,7 @@ class WheelMomentum(Term):
 
 
 @dataclass(frozen=True)
-class WheelEnergy(Term):
+class WheelEnergy(WeightedTerm):
     """Little energy of the wheels that hold the attitude; nothing where no wheels do.
 
     The energy is the integral of the sum of |motor torque x wheel speed|: wheels win nothing back in braking
@@ -79,12 +65,11 @@ class WheelEnergy(Term):
         so much a wheel.
     """
 
-    weight: float = 1.0
     rounding: float = 1e-3
     name = "wheel energy"
 
     def __post_init__(self) -> None:
-        at_least_zero("weight", self.weight)
+        super().__post_init__()
         positive("rounding", self.rounding, "W")
 
     def residual(self, m: Features) -> Any:
@@ -98,12 +83,12 @@ class WheelEnergy(Term):
 
 
 @dataclass(frozen=True)
-class Propellant(Term):
+class Propellant(WeightedTerm):
     """Little propellant of the thrusters that hold attitude or place; nothing where no thrusters do.
 
-    Forces follow from the force and the moment that hold the base (`opt.motion.actuated`), shared by the
-    pseudo-inverse; each force that a thruster would have to pull counts as if an opposed one pushed it. For
-    thrusters in opposed pairs that is what `Trajectory.propellant` says; for others it is a smooth stand-in.
+    The force and the moment that hold the base (`opt.motion.actuated`) are shared by the pseudo-inverse; each
+    force that a thruster would have to pull counts as if an opposed one pushed it. For thrusters in opposed
+    pairs that is what `Trajectory.propellant` says; for others it is a smooth stand-in.
 
     Attributes
     ----------
@@ -118,7 +103,7 @@ class Propellant(Term):
     name = "propellant"
 
     def __post_init__(self) -> None:
-        at_least_zero("weight", self.weight)
+        super().__post_init__()
         positive("rounding", self.rounding, "N")
 
     def residual(self, m: Features) -> Any:
@@ -126,6 +111,6 @@ class Propellant(Term):
         thrusters = m.motions.thrusters
         if thrusters is None:
             return []
-        flow = 1e3 / (thrusters.specific_impulse * STANDARD_GRAVITY)  # [g/s] a newton
-        forces: Any = thruster_shares(m.motions) @ m.weighted().wrench
+        forces: Any = ThrusterAllocation(thrusters, m.stack.base_com).shares @ m.weighted().wrench
+        flow = 1e3 * thrusters.flow(np.ones(1))  # [g/s] a newton
         return np.sqrt(self.weight * flow) * time_scale(m) * root_of_size(forces, self.rounding)

@@ -1,22 +1,54 @@
-"""The paper's cost as a term, and the two that make motions plain: little travel, small accelerations."""
+"""The paper's cost, of a step and as a term, and the two that make motions plain: Effort and Smooth."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, at_least_zero, positive
+from ffsms_pin.checks import FloatArray, at_least_zero, number, positive
 from ffsms_pin.opt.motion import Feature, Features, Motions
-from ffsms_pin.opt.terms.term import Term, time_scale
+from ffsms_pin.opt.terms.term import Term, WeightedTerm, time_scale
 
-__all__ = ["Coupling", "Effort", "Smooth"]
+__all__ = ["Coupling", "Effort", "Smooth", "ideal_cosine", "soft_assistance", "step_cost"]
 
-_TINY_WAY = 1e-5  # [m] keeps the direction to the target defined
-_TINY_SPEED = 1e-6  # [m/s] and that of motion
-# Default weights: they decide only between motions of equal cost.
-_LIGHT_EFFORT, _LIGHT_SMOOTH = 1e-4, 1e-5
+
+def soft_assistance(cos_theta: float, kappa: float) -> float:
+    """C~ = log(1 + exp(kappa cos(theta_a))) / kappa, the smooth max(0, cos(theta_a)) of the paper.
+
+    Parameters
+    ----------
+    cos_theta : float
+        Coupling assistance, in [-1, 1].
+    kappa : float
+        Sharpness, above zero; of any size.
+    """
+    kappa = positive("kappa", kappa)
+    x = kappa * number("cos_theta", cos_theta)
+    # log(1 + exp(x)) without overflow, as numpy's logaddexp(0, x).
+    return (max(x, 0.0) + math.log1p(math.exp(-abs(x)))) / kappa
+
+
+def step_cost(cos_theta: float, entropy: float, kappa: float) -> float:
+    """The summand (C~ - (1 - H_norm))^2 of the paper's cost (Eq. optimal_cost)."""
+    return (soft_assistance(cos_theta, kappa) - (1.0 - number("entropy", entropy))) ** 2
+
+
+def ideal_cosine(entropy: float, kappa: float) -> float:
+    """The cosine at which the cost of a step with this H_norm is zero, or the nearest one in [-1, 1].
+
+    C~ = 1 - H_norm gives log(exp(kappa (1 - H_norm)) - 1) / kappa: the paper asks the end effector to move on
+    a cone around the direction to the target.
+    """
+    kappa = positive("kappa", kappa)
+    x = kappa * (1.0 - number("entropy", entropy))
+    if x <= 0.0:
+        return -1.0
+    # log(exp(x) - 1) = x + log(1 - exp(-x)), without overflow.
+    cosine = (x + math.log(-math.expm1(-x))) / kappa
+    return min(1.0, max(-1.0, cosine))
 
 
 @dataclass(frozen=True)
@@ -24,8 +56,8 @@ class Coupling(Term):
     """The paper's cost (C~ - (1 - H_norm))^2, integrated over time (Eq. optimal_cost).
 
     Its residual does not see speed, and jumps where the end effector stands still or has arrived. While a
-    search is on its way the residual is multiplied by two factors that fall to zero below a small speed and
-    near the target (`Smoothing`); the finished motion is judged on the true one.
+    search is on its way two factors take it to zero there (`Smoothing`); a finished motion is judged on the
+    true one.
 
     Attributes
     ----------
@@ -62,7 +94,7 @@ class Coupling(Term):
         """The residual without smoothing, the way's length and the speed."""
         velocity = m.velocity
         way = m.goal - m.tip + m.lag * velocity
-        length, speed = way.norm(_TINY_WAY), velocity.norm(_TINY_SPEED)
+        length, speed = way.norm(rounding=1e-5), velocity.norm(rounding=1e-6)
         cosine: Any = way.dot(velocity) / (length * speed)
         return np.logaddexp(0.0, self.kappa * cosine) / self.kappa - (1.0 - m.entropy), length, speed
 
@@ -72,8 +104,19 @@ class Coupling(Term):
         return self.weight * float(motion.paired.cost(self.kappa).sum()) * step
 
 
+class _Plain(WeightedTerm):
+    """Makes a motion plain; with no more than the default weight it decides between motions of equal cost."""
+
+    smooths = True
+
+    @property
+    def tie_breaker(self) -> bool:  # type: ignore[override]  # plain elsewhere
+        """Whether the weight is no greater than the default; a greater one is paid for with cost."""
+        return self.weight <= type(self).weight
+
+
 @dataclass(frozen=True)
-class Effort(Term):
+class Effort(_Plain):
     """Little joint travel.
 
     Attributes
@@ -87,19 +130,13 @@ class Effort(Term):
         that is seldom worth it, while terms and limits of the base still are.
     """
 
-    weight: float = _LIGHT_EFFORT
+    weight: float = 1e-4
     idle: float = 100.0
     name = "effort"
-    smooths = True
 
     def __post_init__(self) -> None:
-        at_least_zero("weight", self.weight)
+        super().__post_init__()
         at_least_zero("idle", self.idle)
-
-    @property
-    def tie_breaker(self) -> bool:
-        """Whether the weight is no greater than the default; a greater one is paid for with cost."""
-        return self.weight <= _LIGHT_EFFORT
 
     def residual(self, m: Features) -> Any:
         """The joint rates."""
@@ -108,27 +145,11 @@ class Effort(Term):
 
 
 @dataclass(frozen=True)
-class Smooth(Term):
-    """Small joint accelerations.
+class Smooth(_Plain):
+    """Small joint accelerations; `weight` is on the integral of their squares [s^4/rad^2, for 8 s]."""
 
-    Attributes
-    ----------
-    weight : float
-        On the integral of the squared accelerations [s^4/rad^2, for a motion of 8 s]. The default is small:
-        it decides between motions of equal cost.
-    """
-
-    weight: float = _LIGHT_SMOOTH
+    weight: float = 1e-5
     name = "smooth"
-    smooths = True
-
-    def __post_init__(self) -> None:
-        at_least_zero("weight", self.weight)
-
-    @property
-    def tie_breaker(self) -> bool:
-        """Whether the weight is no greater than the default; a greater one is paid for with cost."""
-        return self.weight <= _LIGHT_SMOOTH
 
     def residual(self, m: Features) -> Any:
         """The joint accelerations."""

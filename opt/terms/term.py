@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.checks import FloatArray, at_least_zero
 from ffsms_pin.opt.parts.reading import Formula, formulas, residuals_of
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ffsms_pin.opt.motion.motions import Motions
     from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["REFERENCE_TIME", "Term", "time_scale"]
+__all__ = ["REFERENCE_TIME", "Term", "WeightedTerm", "time_scale"]
 
 # [s] Weights of motion are those of a motion this long. Times count in eighths of the duration, so that the
 # same joint motion, done in any time, has the same proportion between its cost integral and what it weighs.
@@ -53,15 +53,11 @@ class Term(ABC):
     """
 
     name: str
+    tie_breaker: bool = False
     smooths: bool = False
     step_weight: float = 0.0
     measures_cost: bool = False
     kappa: float | None = None
-
-    @property
-    def tie_breaker(self) -> bool:
-        """See the class; a subclass may put a plain `tie_breaker = True` in its place."""
-        return False
 
     @abstractmethod
     def residual(self, m: Any) -> Formula:
@@ -75,16 +71,15 @@ class Term(ABC):
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:
         """Matrix W (n, n) and vector w (n,) that a step adds to its objective as u^T W u / 2 - w^T u.
 
-        u are the joint rates at the step's end. They rank below the direction and the speed of the end
-        effector: they decide between motions that are equal in these. Default: with `step_weight`, rates that
-        take the residual to zero at 1 /s; nothing without.
+        u are the joint rates at the step's end; they rank below the direction and the speed of the end
+        effector. Default: with `step_weight`, rates that take the residual to zero at 1 /s.
         """
         if self.step_weight == 0.0:
             return None
         seen = step.features
         W, w = np.zeros((step.sms.n, step.sms.n)), np.zeros(step.sms.n)
         for one in formulas(self, "residual", seen):
-            if isinstance(one, Feature):
+            if one.where is None:  # slopes by hand are of whole motions
                 at = seen.change(one)
                 J = at.flow + at.jump
                 W += self.step_weight * J.T @ J
@@ -93,11 +88,19 @@ class Term(ABC):
 
     def cost(self, motions: Motions) -> FloatArray:
         """What the term comes to (S,) without smoothing: the integral of its squared residuals."""
-        total: FloatArray = np.zeros(motions.count)
-        for residual in residuals_of(self, motions):
-            total += residual.squares(motions.weights, motions.count)
-        return total
+        found = residuals_of(self, motions)
+        return sum((one.squares(motions.weights, motions.count) for one in found), np.zeros(motions.count))
 
     def share(self, motion: Motions) -> float:
         """What it comes to for one finished motion, at its nodes and the middles between; default: `cost`."""
         return float(self.cost(motion)[0])
+
+
+@dataclass(frozen=True)
+class WeightedTerm(Term):
+    """A term with a weight, at least zero."""
+
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        at_least_zero("weight", self.weight)

@@ -19,7 +19,6 @@ from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue
 from ffsms_pin.opt.limits.limit import tightened
 from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios import scenario
 
 PAGE = Path(__file__).parents[2] / "docs" / "own-parts.md"
@@ -76,7 +75,7 @@ def test_the_plan_keeps_the_limit_and_looks_where_it_should(page: SimpleNamespac
 
 def test_a_limit_that_is_broken_says_so(page: SimpleNamespace) -> None:
     rates = page.plain.joint_rates
-    motion = rolled_out(page.sms, page.problem.stack, page.q0, rates, page.plain.dt, None, ARRIVAL_SHARE)
+    motion = rolled_out(page.sms, page.problem.stack, page.q0, rates, page.plain.dt)
     broken = page.above.violation(motion)
     assert broken.amount == pytest.approx(-lowest(page, page.plain), abs=1e-5)
     assert broken.note.startswith("the limit 'above' is broken by 0.04")

@@ -18,6 +18,7 @@ from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import JointResidual, Residual
 from ffsms_pin.opt.motion.slopes import coupling_slopes, velocity_slopes
 
+ByHand = tuple[Residual | JointResidual, FloatArray]
 ROBOTS = ("planar_3r", "satellite_panda")
 MOTIONS = 3
 SHAPES = {
@@ -114,7 +115,7 @@ def plain_rows(spline: RateSpline, at: Motions, residual: Residual, s: int) -> t
 
 
 def plain_sums(
-    spline: RateSpline, at: Motions, chosen: FloatArray, residuals: list[Weighted]
+    spline: RateSpline, at: Motions, chosen: FloatArray, residuals: list[ByHand]
 ) -> tuple[FloatArray, FloatArray]:
     """J^T W r and J^T W J, row by row."""
     size = spline.size * at.stack.n
@@ -151,7 +152,7 @@ def plain_joints(
     return rows.reshape(n * instants, -1), residual.value[:, s].ravel(), np.tile(weight, n)
 
 
-def drawn(names: list[str], at: Motions, kind: str, rng: np.random.Generator) -> Weighted:
+def drawn(names: list[str], at: Motions, kind: str, rng: np.random.Generator) -> ByHand:
     """A residual with random slopes: at all instants, at some of them, or of entries."""
     n, count = at.stack.n, len(at.times)
     instants: Any = slice(None)
@@ -166,15 +167,19 @@ def drawn(names: list[str], at: Motions, kind: str, rng: np.random.Generator) ->
     sizes = {"": (), "n": (n,), "3": (3,), "6n": (6, n)}
     slopes: dict[str, Any] = {name: rng.normal(size=(*sizes[SHAPES[name]], *shape)) for name in names}
     residual = Residual(rng.normal(size=shape), instants, motion, **slopes)
-    return Weighted(residual, rng.uniform(0.1, 1.0, shape[-1]))
+    return (residual, rng.uniform(0.1, 1.0, shape[-1]))
 
 
-def agree(spline: RateSpline, at: Motions, chosen: Any, residuals: list[Weighted]) -> None:
+def features(residuals: list[ByHand]) -> list[Weighted]:
+    """As the merit has them."""
+    return [Weighted(residual.feature(), weight) for residual, weight in residuals]
+
+
+def agree(spline: RateSpline, at: Motions, chosen: Any, residuals: list[ByHand]) -> None:
     """Kernel and plain sums, to 1e-9 of the largest entry."""
     chosen = np.asarray(chosen)
-    for ours, plain in zip(
-        sums(spline, at, chosen, residuals), plain_sums(spline, at, chosen, residuals), strict=True
-    ):
+    found = sums(spline, at, chosen, features(residuals))
+    for ours, plain in zip(found, plain_sums(spline, at, chosen, residuals), strict=True):
         np.testing.assert_allclose(ours, plain, rtol=0.0, atol=1e-9 * np.abs(plain).max())
         assert np.abs(plain).max() > 0.0
 
@@ -197,8 +202,8 @@ def test_all_together_for_chosen_motions(robot: str, rng: np.random.Generator) -
     value = rng.normal(size=(n, MOTIONS, count))
     slopes = [rng.normal(size=shape) for shape in (value.shape, (n, 1, 1), (n, 1, count))]
     weight = rng.uniform(size=count)
-    residuals.append(Weighted(JointResidual(value, *slopes), weight))
-    residuals.append(Weighted(JointResidual(value, by_rate=slopes[0]), weight))
+    residuals.append((JointResidual(value, *slopes), weight))
+    residuals.append((JointResidual(value, by_rate=slopes[0]), weight))
     agree(spline, at, [0, 1, 2], residuals)
     agree(spline, at, [2, 0], residuals)
 
@@ -211,14 +216,14 @@ def test_strides_make_no_difference(rng: np.random.Generator) -> None:
     by_tip = rng.normal(size=(count, 2 * MOTIONS, 3)).transpose(2, 1, 0)[:, ::2]
     by_rates = np.broadcast_to(rng.normal(size=(3, 1, 1)), (3, MOTIONS, count))
     residual = Residual(value, by_tip=by_tip, by_rates=by_rates)
-    agree(spline, at, [0, 1, 2], [Weighted(residual, np.ones(count))])
+    agree(spline, at, [0, 1, 2], [(residual, np.ones(count))])
 
 
 def test_nothing_to_sum(rng: np.random.Generator) -> None:
     spline, at = moved("planar_3r", rng)
     none = np.empty(0, dtype=np.int64)
     empty = Residual(np.empty(0), none, none, by_base=np.empty((3, 0)))
-    gradient, hessian = sums(spline, at, np.array([1]), [Weighted(empty, np.empty(0))])
+    gradient, hessian = sums(spline, at, np.array([1]), features([(empty, np.empty(0))]))
     assert gradient.shape == (1, spline.size * 3)
     assert not gradient.any()
     assert not hessian.any()

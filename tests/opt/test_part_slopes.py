@@ -26,16 +26,16 @@ from slopes import by_differences, by_slopes, motions
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.motions import Motions, Smoothing
-from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.reading import residuals_of
 
 SPOTS = ("via", "via at any time", "also")
 
 
 def check_slopes(
-    problem: opt.Problem, residual_of: Callable[[Motions], Residuals], rng: np.random.Generator
-) -> Residuals:
+    problem: opt.Problem, residual_of: Callable[[Motions], list[Feature]], rng: np.random.Generator
+) -> list[Feature]:
     """By control points: the chain rule of the library against central differences."""
     spline = spline_of(problem, COARSE, free_end=True)
     p = 0.15 * rng.normal(size=(1, spline.size, problem.sms.n))

@@ -19,8 +19,8 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
-from ffsms_pin.studies.extremes import least_clearances, position_range
 from ffsms_pin.scenarios.tracked import end_effector_deviation
+from ffsms_pin.studies.extremes import least_clearances, position_range
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_a_clearance_between_nodes_counts(planar: ffsms.SpaceManipulator) -> Non
     problem = opt.Problem(planar, planar.configuration([0.0, 0.4, 0.3]), [1.0, 0.0, 0.0], 2.0, 1.0)
     plan = measure(problem, rates)
     points = Points(planar)
-    least = dict(zip(points.names(), least_clearances(planar, plan, points.stack), strict=True))
+    least = dict(zip(points.names(), least_clearances(plan, points.stack), strict=True))
     assert least["joint_1 - joint_3"] == pytest.approx(0.6 * np.cos(0.65), abs=1e-12)
 
 

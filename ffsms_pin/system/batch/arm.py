@@ -34,8 +34,6 @@ class ArmValues:
         Twist of the joints on a fixed base: angular, and linear of the point at the origin.
     linear, angular : ndarray, shape (3, n, ...)
         Momentum on a fixed base, angular about the origin.
-    moments, inertias : ndarray, shape (3, n, ...), (3, 3, n, ...)
-        First moment and inertia about the origin of all that a joint carries.
     com : ndarray, shape (3, ...)
         Of the system; where the base's place is held, the base's own: the point that does not move.
     inverse : ndarray, shape (3, 3, ...)
@@ -63,8 +61,6 @@ class ArmValues:
     velocities: FloatArray
     linear: FloatArray
     angular: FloatArray
-    moments: FloatArray
-    inertias: FloatArray
     com: FloatArray
     inverse: FloatArray
     spin: FloatArray
@@ -163,11 +159,6 @@ class ArmStack:
         out = kernel.arm_values(self.tree, positions)
         return ArmValues(positions, *_split(out, [(*one, *shape) for one in _shapes(n)]))
 
-    def poses(self, positions: FloatArray) -> tuple[FloatArray, ...]:
-        """Rotations (3, 3, n, ...), origins (3, n, ...) and twists of the joints on a fixed base."""
-        shape = positions.shape
-        return tuple(_split(kernel.poses(self.tree, positions), [(3, 3, *shape), *[(3, *shape)] * 3]))
-
     def coupled(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """C_bm and J* (6, n, ...), the end effector from the base's centre of mass (3, ...) [m]."""
         shape = positions.shape
@@ -187,9 +178,8 @@ class ArmStack:
 def _shapes(n: int) -> list[tuple[int, ...]]:
     """Of the kernel's arrays, in the order of `ArmValues`."""
     columns, turning = (3, n), (3, 3)
-    carried = [*[columns] * 5, (*turning, n)]
     whole = [(3,), turning, columns, columns, (3,), turning]
-    return [*carried, *whole, columns, columns, (6, n), (3, n + 1), (*turning, n)]
+    return [*[columns] * 4, *whole, columns, columns, (6, n), (3, n + 1), (*turning, n)]
 
 
 def _split(out: FloatArray, shapes: list[tuple[int, ...]]) -> list[FloatArray]:

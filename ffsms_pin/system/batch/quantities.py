@@ -78,14 +78,8 @@ def base_motion(coupling: FloatArray, jstar: FloatArray) -> BaseMotion:
     Let X = C_bm J_v^+, J_v the linear rows of J*: the base's twist while the end effector moves with unit
     velocity by the least joint rates. The two numbers are the largest singular values of the linear and of
     the angular rows of X. Directions in which the end effector can hardly move (1e-6 of the strongest) do
-    not count; near a singular posture both numbers grow without bound.
-
-    Parameters
-    ----------
-    coupling : ndarray, shape (6, n, B)
-        C_bm.
-    jstar : ndarray, shape (3, n, B)
-        Linear rows of J*.
+    not count; near a singular posture both numbers grow without bound. `coupling` is C_bm (6, n, B), `jstar`
+    the linear rows of J* (3, n, B).
     """
     X = np.einsum("inb,nxb->ixb", coupling, pseudo_inverse(jstar))
     return BaseMotion(singular_values(X[:3])[0], singular_values(X[3:])[0])
@@ -97,14 +91,8 @@ def assistance(arm_rows: FloatArray, jstar: FloatArray, directions: FloatArray) 
     The paper's measure belongs to joint rates. Here they are the least ones that would move the end effector
     straight along the direction if the base were fixed. So 1 says that the base's reaction leaves the
     direction as it is, 0 that it turns it by a right angle, below zero that it drives the end effector back.
-    Zero too where the arm cannot move along the direction at all.
-
-    Parameters
-    ----------
-    arm_rows, jstar : ndarray, shape (3, n, B)
-        Linear rows of J_m and of J*.
-    directions : ndarray, shape (d, 3)
-        Of unit length.
+    Zero too where the arm cannot move along the direction at all. `arm_rows` and `jstar` are linear rows of
+    J_m and of J* (3, n, B), `directions` of unit length (d, 3).
     """
     rates = np.einsum("nxb,dx->dnb", pseudo_inverse(arm_rows), directions)
     velocity = np.einsum("xnb,dnb->xdb", jstar, rates)

@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.clearance.distances import Poses
-from ffsms_pin.opt.limits.clearance.stack import STRIDE, ClearanceStack
+from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Poses
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices
 
 __all__ = ["Least", "least_of"]
 
+_STRIDE = 16  # of the instants that are measured first
 _MOST = 5000  # clearances that are measured between instants
 # The chord of an obstacle's way from one instant to the next, over which it turns by a few hundredths of a
 # radian, is shorter than the way itself by less than this share.
@@ -39,10 +39,7 @@ class Least(NamedTuple):
 
 
 def least_of(stack: ClearanceStack, motion: Motions, clearance: float, binding: float) -> Least:
-    """The least clearance of one motion at its nodes, in the middles, and between them.
-
-    What convex parts find broken is measured on the shapes.
-    """
+    """The least clearance of one motion at its nodes, in the middles, and between them: by the shapes."""
     poses = stack.seen(motion)
     if stack.reaches is not None:
         return _Search(stack, motion, poses, clearance - stack.tolerance, clearance + binding).least()
@@ -53,14 +50,12 @@ def least_of(stack: ClearanceStack, motion: Motions, clearance: float, binding: 
 
 
 class _Search:
-    """Looks for a distance below `floor`, and for instants with one below `near`.
+    """Looks for a distance below `floor`, and for instants with one below `near` [m].
 
     A place on the motion is an index of its instants, and between two of them a share further.
     """
 
-    def __init__(
-        self, stack: ClearanceStack, motion: Motions, poses: Poses, floor: float, near: float
-    ) -> None:
+    def __init__(self, stack: ClearanceStack, motion: Motions, poses: Poses, floor: float, near: float):
         self.stack, self.motion, self.poses = stack, motion, poses
         self.floor, self.near, self.steps = floor, near, np.diff(motion.times)
         self.change = changes(stack, motion, poses)
@@ -75,7 +70,7 @@ class _Search:
     def least(self) -> Least:
         """Halves intervals until all is decided."""
         pairs, count = self.way.shape
-        cuts = np.append(np.arange(0, count - 1, STRIDE), count - 1)
+        cuts = np.append(np.arange(0, count - 1, _STRIDE), count - 1)
         pair, place = np.tile(np.arange(pairs), len(cuts)), np.repeat(cuts, pairs)
         enough = self.near + 0.5 * np.diff(self.way[:, cuts]).max(axis=1, initial=0.0)
         values = self.measure(pair, place.astype(np.float64), enough[pair])

@@ -1,4 +1,4 @@
-"""Clearances between bodies with shapes: links, the base, what is held, and obstacles."""
+"""What is kept apart: the robot's bodies and obstacles by their shapes, or the paper's points."""
 
 from __future__ import annotations
 
@@ -13,29 +13,21 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
-from ffsms_pin.opt.limits.clearance.distances import Entries, Nearest, PartPairs, Poses
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Entries, Nearest, PartPairs, Poses
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
-from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
+from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import Part, part_of, whole_shapes
 
-__all__ = ["BodyStack", "body_pairs", "chosen_mode"]
+__all__ = ["BodyStack", "PointStack", "body_pairs", "chosen_mode"]
 
 _FAR = 0.05  # [m] beyond the clearance: pairs that can be so far apart are given the whole margin
 _THIN = 1e-6  # [m] of points and the lines between them; axes whose cross product is shorter are parallel
 
 
 class Body(NamedTuple):
-    """A body and its shapes.
-
-    Attributes
-    ----------
-    name : str
-    carrier : int
-        The joint that carries it, -1: the base; obstacles come after the joints.
-    parts, whole : list of Part
-        Convex parts, and the shapes as they are.
-    """
+    """A body and its shapes: convex parts, and as they are. Carriers are bodies as in `ClearanceStack`."""
 
     name: str
     carrier: int
@@ -48,29 +40,9 @@ class BodyStack(ClearanceStack):
 
     A convex part is a little larger than what it stands for. Where parts overlap at zero or in the middle of
     the joint range although the shapes are apart, the pair is judged by the shapes. A pair whose shapes are
-    nearer than the clearance in every posture that was looked at is so by construction, and is left out.
-
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    mode : str
-        See `Clearance`.
-    clearance : float
-        What is asked for [m].
-    payload : Part, optional
-        What the end effector holds: a part of the body that holds it; as obstacles see it, a body.
-    obstacles : sequence of Obstacle
-        Keep the robot from these, less their margins, instead of from itself.
-
-    Attributes
-    ----------
-    left_out : list of str
-        Pairs that are left out.
-
-    Raises
-    ------
-    InvalidValue
-        No two bodies with shapes can meet.
+    nearer than the clearance [m] in every posture that was looked at is so by construction: `left_out`.
+    Where there are obstacles, the robot and its payload, a body of its own, are kept from these, less their
+    margins, instead of from itself.
     """
 
     def __init__(
@@ -86,27 +58,30 @@ class BodyStack(ClearanceStack):
         self.obstacles = tuple(obstacles)
         held = [] if payload is None else [payload]
         own = _robot_bodies(sms, mode, [] if obstacles else held)
-        #: Whether shapes can tell more than their parts.
-        self.refines = not all(part.convex for body in own for part in body.whole)
-        # For "shapes", distances of parts are bounds, and quicker: what they leave in question is measured.
-        self._screens = mode == "shapes" and self.refines
+        # Whether shapes can tell more than their parts.
+        self._refines = not all(part.convex for body in own for part in body.whole)
         self.left_out: list[str] = []
         if obstacles:
             own += [Body("payload", part.body, [part], [part]) for part in held]
-            others = _obstacle_bodies(sms, obstacles)
+            shapes = [
+                part_of(one.shape, sms.n + k, pin.SE3.Identity(), True) for k, one in enumerate(obstacles)
+            ]
+            others = [
+                (one, Body(one.name, x.body, [x], [x])) for one, x in zip(obstacles, shapes, strict=True)
+            ]
             # What is on the base and the base itself do not move past each other.
-            on_base = {body.carrier for body in others if obstacles[body.carrier - sms.n].on_base}
-            self._take([(a, b) for a in own for b in others if a.carrier >= 0 or b.carrier not in on_base])
+            self._take([(a, b) for a in own for one, b in others if a.carrier >= 0 or not one.on_base])
+            self.largest = np.full(len(self.names), np.inf)
         else:
             of = {body.carrier: body for body in own}
             self._take([(of[a], of[b]) for a, b in body_pairs(sms, list(of))])
             if not self.names:
-                raise InvalidValue(
-                    "the collision shapes",
+                count, message = (
                     sum(len(body.whole) for body in own),
-                    "must give at least one pair of bodies that can meet",
+                    "at least one pair of bodies that can meet",
                 )
-        self.largest = np.full(len(self.names), np.inf) if obstacles else self._judged(clearance)
+                raise InvalidValue("the collision shapes", count, f"must give {message}")
+            self.largest = self._judged(clearance)
         limits = sms.limits
         slides = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
         self.reaches = self._parts.reaches(np.where(np.isfinite(slides), slides, 0.0))
@@ -124,11 +99,10 @@ class BodyStack(ClearanceStack):
 
     def _paired(self, pairs: list[tuple[Body, Body]], whole: Any) -> PartPairs:
         """Pairs of bodies by their parts, or, where asked for, by their whole shapes."""
-        chosen = [
-            (a.whole, b.whole) if one else (a.parts, b.parts)
-            for (a, b), one in zip(pairs, whole, strict=True)
-        ]
-        return PartPairs(self.arm, chosen)
+        ends = zip(pairs, whole, strict=True)
+        return PartPairs(
+            self.arm, [(a.whole, b.whole) if one else (a.parts, b.parts) for (a, b), one in ends]
+        )
 
     @cached_property
     def _shapes(self) -> PartPairs:
@@ -146,11 +120,11 @@ class BodyStack(ClearanceStack):
         return of.geometry("collision") is sms.geometry("collision")
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """As `ClearanceStack.nearest`."""
+        """As `ClearanceStack.nearest`; parts are quicker than shapes, which measure what these leave."""
         margins = self._margins[where[0]]
         most = near + margins
         found = self._parts.nearest(poses, where, most)
-        if self._screens:
+        if self._refines and self.mode == "shapes":
             low = np.flatnonzero(found.distance < most)
             exact = self._shapes.nearest(poses, (where[0][low], where[1][low]), most[low])
             for values, better in zip(found, exact, strict=True):
@@ -159,7 +133,7 @@ class BodyStack(ClearanceStack):
 
     def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
         """As `ClearanceStack.refined`: by the shapes."""
-        if not self.refines:
+        if not self._refines:
             return values
         found = self._shapes.nearest(poses, where).distance
         exact = found - self._margins[where[0]]
@@ -170,49 +144,96 @@ class BodyStack(ClearanceStack):
         """How deep the bodies of a pair overlap where their clearance is so much [m]."""
         return -clearance - float(self._margins[pair])
 
-    def _postures(self) -> Poses:
-        """The arm at zero, in its middle posture, and in six that are drawn."""
+    def _judged(self, clearance: float) -> FloatArray:
+        """How large distances can be (m,); leaves out pairs that cannot be apart, by the shapes.
+
+        Looks at the arm at zero, in its middle posture, and in six that are drawn.
+        """
         limits, rng = self.sms.limits, np.random.default_rng(0)
         low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
         high = np.where(np.isfinite(limits.upper), limits.upper, np.pi)
-        rest = np.array([np.clip(0.0, low, high), 0.5 * (low + high)])
         drawn = rng.uniform(low, high, (6, len(low)))
-        return Poses.of(np.concatenate([rest, drawn]).T)
-
-    def _judged(self, clearance: float) -> FloatArray:
-        """How large distances can be (m,); leaves pairs out that cannot be apart.
-
-        Finds those that need the shapes themselves, too.
-        """
-        poses, pairs, names = self._postures(), self._bodies, self.names
-        values = self.values(poses, clearance + _FAR)
+        poses = Poses.of(np.vstack([np.clip(0.0, low, high), 0.5 * (low + high), drawn]).T)
+        values, pairs = self.values(poses, clearance + _FAR), self._bodies
         overlap = values < 0.0
-        overlap[:, 2:] = False  # these were drawn
+        overlap[:, 2:] = False
         doubtful = np.flatnonzero((values < clearance).all(axis=1) | overlap.any(axis=1))
         if not doubtful.size:
             return np.asarray(values.max(axis=1))
         exact, count = np.full(values.shape, np.inf), values.shape[1]
-        whole = self._paired([pairs[k] for k in doubtful], [True] * len(doubtful))
-        every = np.indices((len(doubtful), count)).reshape(2, -1)
-        exact[doubtful] = whole.nearest(poses, (every[0], every[1]), clearance).distance.reshape(-1, count)
+        every = np.repeat(doubtful, count), np.tile(np.arange(count), len(doubtful))
+        exact[doubtful] = self._shapes.nearest(poses, every, clearance).distance.reshape(-1, count)
         kept: Any = (exact >= clearance).any(axis=1)
         by_shapes: Any = (overlap & (exact > 0.0)).any(axis=1) & (self.mode == "hulls")
-        self.left_out = [name for name, keep in zip(names, kept, strict=True) if not keep]
+        self.left_out = [name for name, keep in zip(self.names, kept, strict=True) if not keep]
         if not kept.all() or by_shapes.any():
+            del self._shapes
             self._take([pair for pair, keep in zip(pairs, kept, strict=True) if keep], by_shapes[kept])
             values = self.values(poses, clearance + _FAR)
         return np.asarray(values.max(axis=1))
+
+
+class PointStack(ClearanceStack):
+    """The points d_i of the paper: every joint's origin, and the end effector.
+
+    A pair of points counts where its distance can change (adjacent joints are a link's length apart for
+    ever), and a point counts against the base's box where it moves relative to the base (the paper's i >= 2).
+    Read literally, const5 to const7 would ask all three to hold at once; their sense is that a point is
+    outside the box, so one of them must, in base axes. `first` and `second` are the points of the pairs that
+    count, joint origins in their order, then the end effector; `outside` those that count against the box.
+
+    Raises
+    ------
+    InvalidValue
+        The base has no box.
+    """
+
+    # [m] Finished motions are looked at twice a step; what clearances lose in between is a few micrometres.
+    mode, tolerance = "points", -1e-5
+
+    def __init__(self, sms: SpaceManipulator) -> None:
+        if sms.base_size is None:
+            message = "is needed to keep the arm out of the base: load(..., base_size=(l, w, h))"
+            raise InvalidValue("base_size", None, message)
+        super().__init__(sms)
+        n, placed = sms.n, sms.base_box_placement
+        self._box = np.vstack([placed.rotation, placed.translation, 0.5 * np.array(sms.base_size)])
+        # Every point against every other and against the box, in four postures: what does not change is out.
+        first, second = np.triu_indices(n + 1, 1)
+        ends = [*zip(second, first, strict=True), *((i, -1) for i in range(n + 1))]
+        poses = Poses.of(np.random.default_rng(0).uniform(-1.0, 1.0, (n, 4)))
+        self._take(np.array(ends, dtype=np.int64))
+        found = self.nearest(poses, self.every(poses))
+        apart, there = found.distance.reshape(4, -1), found.points[:, 1].reshape(4, -1, 3)
+        changes = np.where(self._ends[:, 1] < 0, np.ptp(there, axis=0).max(axis=1), np.ptp(apart, axis=0))
+        self._take(self._ends[changes > _THIN])
+        between = self._ends[:, 1] >= 0
+        self.second, self.first = self._ends[between].T
+        self.outside = self._ends[~between, 0]
+
+    def _take(self, ends: Indices) -> None:
+        """Points, and what they are apart from: another point, or the box (-1)."""
+        points = [*self.sms.joint_names, self.sms.end_effector]
+        carriers = np.array([*range(self.sms.n), self.arm.last, -1], dtype=np.int64)
+        self._ends, base = ends, np.full(len(ends), -1)
+        self.bodies = np.stack([carriers[ends[:, 1]], carriers[ends[:, 0]], base], axis=1)
+        self.names = [f"{points[j]} - {points[i]}" if j >= 0 else f"{points[i]} - base box" for i, j in ends]
+        self.largest = np.full(len(ends), np.inf)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PointStack, (self.sms,)
+
+    def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
+        """As `ClearanceStack.nearest`: pairs of points, and how far points are outside the box."""
+        columns, at = where
+        found = kernel.near_points(self.arm.tree, poses.joints, columns, at, self._ends, self._box)
+        return Nearest(*found)
 
 
 def _robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Body]:
     """The robot's bodies with shapes, and what they hold; for "points" the points with lines between them.
 
     These lines stand for the robot in the modes "auto" and "off", too, where the arm has no shapes.
-
-    Raises
-    ------
-    GeometryError
-        The shapes cannot be read, and the mode is "hulls" or "shapes".
     """
     whole: list[Part] = []
     if mode != "points" and sms.description is not None:
@@ -231,12 +252,6 @@ def _robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Bo
     indices = sorted({part.body for part in whole})
     name, model = sms.layout.body_name, sms.model
     return [Body(name(model, i + 2), i, of(parts, i), of(whole, i)) for i in indices]
-
-
-def _obstacle_bodies(sms: SpaceManipulator, obstacles: Sequence[Obstacle]) -> list[Body]:
-    """Obstacles as bodies that move past the base."""
-    parts = [part_of(one.shape, sms.n + k, pin.SE3.Identity(), True) for k, one in enumerate(obstacles)]
-    return [Body(one.name, part.body, [part], [part]) for one, part in zip(obstacles, parts, strict=True)]
 
 
 def body_pairs(sms: SpaceManipulator, indices: Sequence[int]) -> list[tuple[int, int]]:
@@ -268,9 +283,8 @@ def chosen_mode(sms: SpaceManipulator) -> str:
     try:
         shapes = sms.geometry("collision").geometryObjects
     except GeometryError as error:
-        warnings.warn(
-            f"the paper's points are kept clear instead of shapes: {error}", FfsmsWarning, stacklevel=2
-        )
+        message = f"the paper's points are kept clear instead of shapes: {error}"
+        warnings.warn(message, FfsmsWarning, stacklevel=2)
         return "points"
     return "hulls" if body_pairs(sms, [int(one.parentJoint) - 2 for one in shapes]) else "points"
 
@@ -281,17 +295,16 @@ def _lines(sms: SpaceManipulator) -> list[Part]:
     A point is a joint's origin or the end effector; a line lies in the body that carries both ends.
     """
     arm = sms.arm_stack()
-    ends = [*zip(arm.parents, arm.offset, strict=True), (arm.last, arm.tip_in_last)]
-    parts = [_line(body, end) for body, end in ends if body != -1]
+    parts = []
+    for body, end in [*zip(arm.parents, arm.offset, strict=True), (arm.last, arm.tip_in_last)]:
+        length = float(np.linalg.norm(end))
+        if body == -1:
+            continue
+        if length < _THIN:
+            parts.append(part_of(coal.Sphere(_THIN), body, pin.SE3(np.eye(3), end), True))
+            continue
+        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length).toRotationMatrix()
+        parts.append(part_of(coal.Capsule(_THIN, length), body, pin.SE3(turn, 0.5 * end), True))
     if sms.base_size is not None:
         parts.append(part_of(coal.Box(*sms.base_size), -1, sms.base_box_placement, True))
     return parts
-
-
-def _line(body: int, end: FloatArray) -> Part:
-    """The line from a body's origin to a point of it."""
-    length = float(np.linalg.norm(end))
-    if length < _THIN:
-        return part_of(coal.Sphere(_THIN), body, pin.SE3(np.eye(3), end), True)
-    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length).toRotationMatrix()
-    return part_of(coal.Capsule(_THIN, length), body, pin.SE3(turn, 0.5 * end), True)

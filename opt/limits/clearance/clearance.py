@@ -11,11 +11,9 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, number, one_of, pose
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.between import least_of
-from ffsms_pin.opt.limits.clearance.bodies import BodyStack, chosen_mode
-from ffsms_pin.opt.limits.clearance.distances import Entries, Nearest, Poses
+from ffsms_pin.opt.limits.clearance.bodies import BodyStack, PointStack, chosen_mode
+from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Entries, Nearest, Poses
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, checked_obstacles, convex_shape
-from ffsms_pin.opt.limits.clearance.points import PointStack
-from ffsms_pin.opt.limits.clearance.stack import ClearanceStack
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacked
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
@@ -89,21 +87,16 @@ class Clearance(Limit):
 
     def for_robot(self, sms: SpaceManipulator) -> Clearance:
         """With the robot's points or shapes."""
-        held, frame = None, sms.model.frames[sms.frame_id]
+        held, around, last = None, None, self._stack
         if self.payload is not None:
-            shape, placed = self.payload
+            frame, (shape, placed) = sms.model.frames[sms.frame_id], self.payload
             held = part_of(shape, int(frame.parentJoint) - 2, frame.placement * placed, True)
-        around = None
         if self.obstacles:
             seen = [one.later(self.began) for one in self.obstacles]
             around = BodyStack(sms, self.collision, self.clearance, held, seen)
             around = around if around.names else None
-        last = self._stack
-        if (
-            isinstance(last, BodyStack)
-            and self.collision in ("auto", last.mode)
-            and last.serves(sms, self.clearance, held)
-        ):
+        known = last if isinstance(last, BodyStack) and self.collision in ("auto", last.mode) else None
+        if known is not None and known.serves(sms, self.clearance, held):
             # Planned again: the masses are others, the shapes are not.
             return replace(self, _around=around)
         mode = chosen_mode(sms) if self.collision == "auto" else self.collision
@@ -119,12 +112,14 @@ class Clearance(Limit):
 
     @property
     def left_out(self) -> list[str]:
-        """Pairs of bodies that are nearer than the clearance by construction, and so are not kept apart."""
+        """Pairs of bodies that are nearer than the clearance by construction: they are not kept apart."""
         return list(self._stack.left_out) if isinstance(self._stack, BodyStack) else []
 
     def room(self, m: Features) -> list[Feature]:
         """Distances less the clearance: of each stack all its pairs, (c, S, K)."""
         return [self._room(stack, m) for stack in self._stacks]
+
+    # What an `opt.Inequality` makes of `room` follows below from what is near, in a fraction of the time.
 
     def _room(self, stack: ClearanceStack, m: Features) -> Feature:
         poses = stack.seen(m.motions)
@@ -140,8 +135,6 @@ class Clearance(Limit):
             slopes["by_time"] = _Passing(stack, m.step, poses).own_slopes(placed)
         value = by_pairs(found.distance) - self.clearance
         return Feature(value, {name: by_pairs(slope) for name, slope in slopes.items()}, m.where)
-
-    # What an `opt.Inequality` makes of `room` is worked out of what is near alone, in a fraction of the time.
 
     def rows(self, step: StepState) -> Rows | None:
         """A clearance may shrink at most at a rate proportional to what is left of it."""
@@ -265,15 +258,7 @@ class _Passing:
 def clearance_stack(
     sms: SpaceManipulator, collision: str, clearance: float = 0.0, payload: Part | None = None
 ) -> ClearanceStack | None:
-    """What a mode keeps apart of a robot itself; None for "off", and where nothing can come near anything.
-
-    As in `Clearance` and `BodyStack`; "auto" is chosen by `chosen_mode`.
-
-    Raises
-    ------
-    InvalidValue
-        The mode is not known, or the robot has no base box ("points") or no shapes that can meet.
-    """
+    """What a mode, but "auto", keeps apart of a robot itself; None for "off", and where nothing can meet."""
     if collision == "off":
         return None
     if collision not in MODES or collision == "auto":

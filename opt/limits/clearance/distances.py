@@ -1,39 +1,39 @@
-"""Distances between the convex parts of bodies at many configurations at once.
+"""Distances of pairs of bodies at many configurations at once; one configuration is a stack of one.
 
-The kernel bounds them for the whole stack: balls around the bodies and their parts, then a ball against the
-other's box, then a direction along which parts are apart. coal measures only what these leave in question.
+The kernel bounds them by balls and boxes around the bodies and their parts, and measures convex parts that
+these leave in question; coal measures what overlaps, and meshes.
 """
 
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import coal
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
+from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import Indices
+from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
+from ffsms_pin.system.batch.stacks import apply, exp3, log3
 from ffsms_pin.system.convex_parts import Part
 
-__all__ = ["Entries", "Nearest", "PartPairs", "Poses"]
+__all__ = ["ClearanceStack", "Entries", "Nearest", "PartPairs", "Poses"]
 
 Entries: TypeAlias = tuple[Indices, ...]  # pairs (V,), and at which configurations
 
-_TOUCHING = 1e-9  # [m] nearer than this two points have no direction from one to the other
-
 
 class Poses(NamedTuple):
-    """Where bodies are at B configurations: the arm by its joints, obstacles as the base sees them.
+    """Where bodies are at B configurations: the arm by its joints (n, B), obstacles as the base sees them.
 
-    Attributes
-    ----------
-    joints : ndarray, shape (n, B)
-    turns, origins : ndarray, shape (3, 3, o, B), (3, o, B)
-        Of obstacles, base axes.
+    The latter by their axes (3, 3, o, B) and origins (3, o, B), base axes.
     """
 
     joints: FloatArray
@@ -49,94 +49,201 @@ class Poses(NamedTuple):
 
 
 class Nearest(NamedTuple):
-    """Nearest points of V pairs.
+    """Distances (V,) of pairs, negative where they overlap [m], and their nearest points (V, 3, 3).
 
-    Attributes
-    ----------
-    distance : ndarray, shape (V,)
-        Negative where parts overlap [m].
-    points : ndarray, shape (V, 3, 3)
-        On the first body, on the second, and the unit direction along which the distance grows when the
-        second moves; in axes that the pairs say.
+    The latter are on the first body, on the second, and the unit direction along which the distance grows
+    when the second moves; in axes that the pairs say.
     """
 
     distance: FloatArray
     points: FloatArray
 
 
-class PartPairs:
-    """Pairs of bodies, each a list of pairs of parts.
+class ClearanceStack(ABC):
+    """Pairs of things on bodies, and how far they are apart.
 
-    Parameters
-    ----------
-    arm : ArmStack
-    pairs : sequence of (list of Part, list of Part)
-        Parts of the first body and of the second. The arm's bodies have the indices of their joints, the base
-        -1, and obstacles come after the joints.
+    A body is a link, the base, or an obstacle, which moves past as the base sees it.
 
     Attributes
     ----------
-    bodies : ndarray of int, shape (m, 2)
+    names : list of str
+        What each distance is between.
+    bodies : ndarray of int, shape (m, 3)
+        Of each pair: links by their joints, obstacles after them, the base is -1. The third is the body in
+        whose axes nearest points are.
+    largest : ndarray, shape (m,)
+        How large distances can be, as far as it is known [m].
+    reaches : ndarray, shape (m, n), or None
+        How fast distances can change at most by a unit rate of each joint [m/rad]; None: not bounded.
+    obstacles : tuple of Obstacle
+        Where there are any, the second bodies are these.
+    passes : ndarray of bool, shape (m,)
+        Whether the second body moves past the base.
     sizes : ndarray, shape (m, 2)
         How far any point of a body is from its origin at most [m].
+    tolerance : float
+        So much less than the asked clearance counts as kept [m].
+    """
+
+    mode: str
+    names: list[str]
+    bodies: Indices
+    largest: FloatArray
+    reaches: Any = None
+    obstacles: tuple[Obstacle, ...] = ()
+    passes: Any = np.zeros(0, dtype=bool)
+    sizes: FloatArray
+    tolerance: float = 1e-5
+
+    def __init__(self, sms: SpaceManipulator) -> None:
+        self.sms, self.arm = sms, sms.arm_stack()
+
+    @abstractmethod
+    def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
+        """Distances and nearest points at V entries (pair, configuration).
+
+        Where a distance is not below `near`, one number or (V,), a bound from below that is not either will
+        do.
+        """
+
+    def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
+        """Distances that were found at entries (V,), as exactly as can be."""
+        return values
+
+    def below(self, poses: Poses, near: FloatArray) -> tuple[Entries, Nearest]:
+        """Entries whose distance is below `near` (m,), and nearest points there."""
+        columns, at = self.every(poses)
+        asked = np.tile(near, poses.joints.shape[1])
+        found = self.nearest(poses, (columns, at), asked)
+        close = np.flatnonzero(found.distance < asked)
+        return (columns[close], at[close]), Nearest(*(values[close] for values in found))
+
+    def values(self, poses: Poses, near: float | FloatArray = np.inf) -> FloatArray:
+        """Distances (m, B), exact below `near`, a number or (m,), else bounds from below."""
+        count, pairs = poses.joints.shape[1], len(self.names)
+        asked = np.tile(np.broadcast_to(near, pairs), count)
+        return self.nearest(poses, self.every(poses), asked).distance.reshape(count, pairs).T
+
+    def slopes(self, poses: Poses, where: Entries, found: Nearest) -> tuple[FloatArray, FloatArray]:
+        """Gradients (n, V) of distances by the joints, base held still, and what was found in base axes.
+
+        The latter (3, 3, V): the nearest points on the first body and on the second, and the normal.
+        """
+        columns, at = where
+        return kernel.distance_slopes(self.arm.tree, poses.joints, self.bodies, columns, at, found.points)
+
+    def every(self, poses: Poses) -> Entries:
+        """All entries, configuration by configuration."""
+        pairs, count = len(self.names), poses.joints.shape[1]
+        at, columns = np.divmod(np.arange(pairs * count), max(pairs, 1))
+        return columns, at
+
+    def seen(self, motions: Motions) -> Poses:
+        """Bodies of motions, S K configurations."""
+        if not self.obstacles:
+            return Poses.of(motions.joints)
+        R, times = motions.base_attitude, np.tile(motions.times, motions.count)
+        root = motions.base_position - apply(R, motions.stack.base_com[:, None, None])
+        return self._among(motions.joints, times, R.reshape(3, 3, -1), root.reshape(3, -1))
+
+    def at(self, q: FloatArray, time: float) -> Poses:
+        """Bodies at one configuration q (nq,) and one time [s]."""
+        joints = self.sms.layout.positions(q)[:, None]
+        if not self.obstacles:
+            return Poses.of(joints)
+        R: Any = pin.Quaternion(q[3:7]).toRotationMatrix()
+        return self._among(joints, np.array([time]), R[..., None], q[:3, None])
+
+    def between(self, motion: Motions, k: Indices, after: FloatArray) -> Poses:
+        """Bodies of one motion `after` (V,) seconds after the instants k (V,)."""
+        u, steps = motion.rates[:, 0], np.diff(motion.times)[k]
+        slope = (u[:, k + 1] - u[:, k]) / steps
+        joints = motion.joints[:, 0, k] + after * (u[:, k] + 0.5 * after * slope)
+        if not self.obstacles:
+            return Poses.of(joints)
+        R = motion.base_attitude[:, :, 0]
+        turn = log3(np.einsum("yxv,yzv->xzv", R[..., k], R[..., k + 1]))
+        here = apply(R[..., k], exp3(after / steps * turn))
+        com = motion.com[:, k] + after * motion.drift[:, None]
+        root = com - apply(here, self.arm.evaluate(joints).com)
+        return self._among(joints, motion.times[k] + after, here, root)
+
+    def _among(self, joints: FloatArray, times: FloatArray, R: FloatArray, root: FloatArray) -> Poses:
+        """The arm and obstacles at times (B,), as a base at R (3, 3, B), root (3, B) sees them."""
+        turns, origins = [], []
+        for obstacle in self.obstacles:
+            positions, rotations = obstacle.track(times)
+            turn, place = rotations.transpose(1, 2, 0), positions.T
+            if not obstacle.on_base:
+                turn = np.einsum("yxb,yzb->xzb", R, turn)
+                place = np.einsum("yxb,yb->xb", R, place - root)
+            turns.append(turn)
+            origins.append(place)
+        return Poses(Poses.of(joints).joints, np.stack(turns, axis=2), np.stack(origins, axis=1))
+
+
+class PartPairs:
+    """Pairs of bodies (m), each a list of parts of the first and one of the second.
+
+    The arm's bodies have the indices of their joints, the base -1, and obstacles come after the joints.
+    `bodies` (m, 2) are these, and `sizes` (m, 2) how far any point of them is from its origin at most [m].
     """
 
     def __init__(self, arm: ArmStack, pairs: Sequence[tuple[list[Part], list[Part]]]) -> None:
         self.arm = arm
         once = {id(part): part for pair in pairs for side in pair for part in side}
         parts = list(once.values())
-        number = {id(part): k for k, part in enumerate(parts)}
+        number = {key: k for k, key in enumerate(once)}
         flat = [(number[id(a)], number[id(b)]) for one, other in pairs for a in one for b in other]
-        ends = [(parts[i], parts[j]) for i, j in flat]
-        self._measured = [(a.shape, a.place, b.shape, b.place, a.convex and b.convex) for a, b in ends]
+        self._measured = [(parts[i], parts[j]) for i, j in flat]
         self.bodies = np.array([(one[0].body, other[0].body) for one, other in pairs], dtype=np.int64)
         self.bodies = self.bodies.reshape(-1, 2)
-        used = sorted(set(self.bodies.ravel().tolist()))
-        which = np.searchsorted(used, self.bodies)
-        covers = _covers(parts)
-        far = np.linalg.norm(covers[:, 1:4], axis=1) + covers[:, 4]
-        self.sizes = np.array([far[covers[:, 0] == body].max() for body in used])[which]
-        corners = [_corners(part) for part in parts]
+        used, which = np.unique(self.bodies, return_inverse=True)
+        which = which.reshape(-1, 2)
+        covers = [[one.body, *one.centre, one.radius, *one.half, *one.axes.ravel()] for one in parts]
+        own = [[part for part in parts if part.body == body] for body in used]
+        far = [max(float(np.linalg.norm(one.centre)) + one.radius for one in some) for some in own]
+        self.sizes = np.array(far)[which]
+        hulls = [_hull(part) for part in parts]
         self._table: tuple[Any, ...] = (
-            np.array([_around(parts, body) for body in used]).reshape(-1, 17),
-            covers,
+            np.array([_around(some) for some in own]).reshape(-1, 17),
+            np.array(covers, dtype=np.float64).reshape(-1, 17),
             which,
             np.cumsum([0, *(len(one) * len(other) for one, other in pairs)], dtype=np.int64),
             np.array(flat, dtype=np.int64).reshape(-1, 2),
-            np.concatenate([*(points for points, _ in corners), np.zeros((0, 3))]),
-            np.cumsum([0, *(len(points) for points, _ in corners)], dtype=np.int64),
-            np.array([round for _, round in corners]),
+            np.concatenate([*(points for points, _ in hulls), np.zeros((0, 3))]),
+            np.cumsum([0, *(len(points) for points, _ in hulls)], dtype=np.int64),
+            np.array([around for _, around in hulls]).reshape(-1, 5),
         )
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
-        """Nearest points at V entries (pair of bodies, configuration), in axes of the first body.
-
-        Where bodies are no nearer than `near`, one number or (V,), the distance is a bound from below that is
-        no nearer either, and there are no points.
-        """
-        most = np.ascontiguousarray(np.broadcast_to(near, where[0].shape), dtype=np.float64)
+        """As `ClearanceStack.nearest`, in axes of the first body; no points where nothing is below `near`."""
         columns, at = where
-        distance, close, seen = kernel.near_parts(self.arm.tree, *poses, columns, at, most, *self._table)
-        points = np.zeros((len(distance), 3, 3))
+        most = np.ascontiguousarray(np.broadcast_to(near, columns.shape), dtype=np.float64)
+        distance, points, left, seen = kernel.near_parts(
+            self.arm.tree, *poses, columns, at, most, *self._table
+        )
         request, result = coal.DistanceRequest(), coal.DistanceResult()
-        for (v, least, candidates), placed in zip(close, seen, strict=True):
-            second = coal.Transform3s(placed[:3], placed[3])
+        for (v, candidates), placed in zip(left, seen, strict=True):
+            second, least = coal.Transform3s(placed[:3], placed[3]), distance[v]
             for bound, pair in candidates:
                 if bound >= least:
-                    break
-                shape, place, other, on_other, convex = self._measured[pair]
+                    continue
+                one, other = self._measured[pair]
+                convex = one.convex and other.convex
                 result.clear()
                 if not convex and 0.0 < least < np.inf:
                     result.min_distance = least  # triangles that are farther need not be measured
-                found = coal.distance(shape, place, other, second * on_other, request, result)
+                found = coal.distance(
+                    one.shape, one.place, other.shape, second * other.place, request, result
+                )
                 if found >= least:
                     continue
                 distance[v] = least = found
-                here, there = points[v, 0], points[v, 1]
-                here[:], there[:] = result.getNearestPoint1(), result.getNearestPoint2()
+                here, there = result.getNearestPoint1(), result.getNearestPoint2()
                 # coal leaves the normal of meshes unset.
-                known = convex or abs(found) < _TOUCHING
-                points[v, 2] = result.normal if known else (there - here) / found
+                normal = result.normal if convex or abs(found) < 1e-9 else (there - here) / found
+                points[v] = here, there, normal
         return Nearest(distance, points)
 
     def reaches(self, slides: FloatArray) -> FloatArray:
@@ -144,12 +251,7 @@ class PartPairs:
 
         A joint between two bodies moves one of them as seen from the other, and either can be taken as the
         one: the distance changes by no more than the way of the points of the body that is nearer to the
-        joint's axis.
-
-        Parameters
-        ----------
-        slides : ndarray, shape (n,)
-            How far joints that slide can be from zero [m].
+        joint's axis. `slides` (n,): how far joints that slide can be from zero [m].
         """
         arm, n = self.arm, self.arm.n
         steps = np.linalg.norm(arm.offset, axis=1) + np.where(arm.revolute, 0.0, slides)
@@ -163,34 +265,33 @@ class PartPairs:
         return np.where(chains[:, 0] != chains[:, 1], reach, 0.0)
 
 
-def _covers(parts: Sequence[Part]) -> FloatArray:
-    """A ball and a box of one centre around each part.
+def _around(parts: Sequence[Part]) -> list[float]:
+    """A ball and a box of one centre around all parts of a body, the box in its axes: as the kernel's covers.
 
-    Rows (k, 17) as the kernel takes them: body, centre, radius, half the box's sides, its axes.
+    That is a row of 17: the body, the centre, the radius, half the box's sides, its axes.
     """
-    rows = [[one.body, *one.centre, one.radius, *one.half, *one.axes.ravel()] for one in parts]
-    return np.array(rows, dtype=np.float64).reshape(-1, 17)
-
-
-def _around(parts: Sequence[Part], body: int) -> list[float]:
-    """The same around all parts of one body, the box in its axes."""
-    own = [part for part in parts if part.body == body]
-    reach = [np.abs(part.axes) @ part.half for part in own]
-    low = np.min([part.centre - far for part, far in zip(own, reach, strict=True)], axis=0)
-    high = np.max([part.centre + far for part, far in zip(own, reach, strict=True)], axis=0)
+    reach = [np.abs(part.axes) @ part.half for part in parts]
+    low = np.min([part.centre - far for part, far in zip(parts, reach, strict=True)], axis=0)
+    high = np.max([part.centre + far for part, far in zip(parts, reach, strict=True)], axis=0)
     centre = 0.5 * (low + high)
-    radius = max(float(np.linalg.norm(one.centre - centre)) + one.radius for one in own)
-    return [body, *centre, radius, *(0.5 * (high - low)), *np.eye(3).ravel()]
+    radius = max(float(np.linalg.norm(one.centre - centre)) + one.radius for one in parts)
+    return [parts[0].body, *centre, radius, *(0.5 * (high - low)), *np.eye(3).ravel()]
 
 
-def _corners(part: Part) -> tuple[FloatArray, float]:
-    """Corners (k, 3) in its body's axes whose hull a part is, and by how much it is rounder; or none."""
-    shape, local, round = part.shape, np.zeros((0, 3)), 0.0
+def _hull(part: Part) -> tuple[FloatArray, list[float]]:
+    """Corners (k, 3) of a part in its body's axes, or none, and what is around each, for the kernel.
+
+    k is a multiple of four; around are the radius of a ball, that of a disc, and the disc's axis.
+    """
+    shape, local, ball, disc = part.shape, np.zeros((0, 3)), 0.0, 0.0
     if isinstance(shape, coal.Box):
         local = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * shape.halfSide
     elif isinstance(shape, coal.ConvexBase):
         local = np.array(shape.points())
-    elif isinstance(shape, coal.Sphere | coal.Capsule):
-        half = shape.halfLength if isinstance(shape, coal.Capsule) else 0.0
-        local, round = np.array([[0.0, 0.0, -half], [0.0, 0.0, half]]), float(shape.radius)
-    return np.asarray(local @ part.place.getRotation().T + part.place.getTranslation()), round
+    elif isinstance(shape, coal.Sphere):
+        local, ball = np.zeros((1, 3)), shape.radius
+    elif isinstance(shape, coal.Capsule | coal.Cylinder):
+        local = np.array([[0.0, 0.0, -shape.halfLength], [0.0, 0.0, shape.halfLength]])
+        ball, disc = (shape.radius, 0.0) if isinstance(shape, coal.Capsule) else (0.0, shape.radius)
+    turn, local = part.place.getRotation(), np.pad(local, ((0, -len(local) % 4), (0, 0)), mode="edge")
+    return np.asarray(local @ turn.T + part.place.getTranslation()), [ball, disc, *turn[:, 2]]

@@ -21,17 +21,10 @@ INERTIAL, BASE = "inertial", "base"
 
 _ROUND = coal.Sphere | coal.Ellipsoid | coal.Capsule | coal.Cylinder | coal.Cone
 _CONVEX = coal.Box | coal.ConvexBase | _ROUND
-_FLAT = 1e-6  # share of a mesh's size by which its corners may stand out of its faces
 
 
 class Track(NamedTuple):
-    """An obstacle at K times.
-
-    Attributes
-    ----------
-    positions, rotations : ndarray, shape (K, 3), (K, 3, 3)
-        Inertial axes, or those of the base for an obstacle on the base.
-    """
+    """Places (K, 3) and attitudes (K, 3, 3) of an obstacle, inertial axes; of one on the base, base axes."""
 
     positions: FloatArray
     rotations: FloatArray
@@ -78,11 +71,8 @@ class Obstacle:
         known = isinstance(self.on, str) and self.on in (INERTIAL, BASE)
         client = all(callable(getattr(self.on, method, None)) for method in ("pose", "poses"))
         if not (known or client):
-            raise InvalidValue(
-                "obstacle.on",
-                self.on,
-                'must be "inertial", "base", or a client: an object with pose(t) and poses(times)',
-            )
+            message = 'must be "inertial", "base", or a client: an object with pose(t) and poses(times)'
+            raise InvalidValue("obstacle.on", self.on, message)
 
     @property
     def on_base(self) -> bool:
@@ -101,11 +91,8 @@ class Obstacle:
             return Track(np.tile(own.translation, (count, 1)), np.tile(own.rotation, (count, 1, 1)))
         positions, rotations = (np.asarray(one, dtype=np.float64) for one in self.on.poses(times))
         if positions.shape != (count, 3) or rotations.shape != (count, 3, 3):
-            raise InvalidValue(
-                "obstacle.on",
-                (positions.shape, rotations.shape),
-                f"must give poses of shapes ({count}, 3) and ({count}, 3, 3) at {count} times",
-            )
+            message = f"must give poses of shapes ({count}, 3) and ({count}, 3, 3) at {count} times"
+            raise InvalidValue("obstacle.on", (positions.shape, rotations.shape), message)
         return Track(positions + rotations @ own.translation, rotations @ own.rotation)
 
     def distance(self, point: FloatArray, time: float) -> float:
@@ -129,53 +116,38 @@ class Delayed:
     by: float
 
     def pose(self, t: float) -> Any:
-        """Where it is at time t [s] of the new count."""
+        """Its pose at time t [s] of the new count."""
         return self.client.pose(t + self.by)
 
     def poses(self, times: FloatArray) -> Any:
-        """Where it is at times (K,) of the new count."""
+        """Its poses at times (K,) of the new count."""
         return self.client.poses(np.asarray(times) + self.by)
 
 
 def checked_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
-    """A sequence of obstacles, each with a name of its own.
-
-    Raises
-    ------
-    InvalidValue
-        No sequence of `Obstacle`, or two of one name.
-    """
+    """A sequence of obstacles, each with a name of its own; `InvalidValue` where that cannot be."""
     if not isinstance(obstacles, Sequence) or not all(isinstance(one, Obstacle) for one in obstacles):
         raise InvalidValue("obstacles", obstacles, "must be a sequence of opt.Obstacle")
-    named = []
-    for i, one in enumerate(obstacles, start=1):
-        kind = type(one.shape).__name__.lower()
-        named.append(one if one.name else replace(one, name=f"{kind} {i}"))
-    names = [one.name for one in named]
+    kinds = [f"{type(one.shape).__name__.lower()} {i}" for i, one in enumerate(obstacles, start=1)]
+    names = [one.name or kind for one, kind in zip(obstacles, kinds, strict=True)]
     for name in names:
         if names.count(name) > 1:
             raise InvalidValue("obstacles", name, "must have a name each of its own")
-    return tuple(named)
+    return tuple(
+        one if one.name else replace(one, name=name) for one, name in zip(obstacles, names, strict=True)
+    )
 
 
 def convex_shape(name: str, shape: Any) -> Any:
-    """A shape that coal can measure to: as it is, or the hull of a mesh that is convex.
-
-    Raises
-    ------
-    InvalidValue
-        No shape of coal's, not finite, or not convex.
-    """
+    """A shape that coal can measure to: as it is, or the hull of a mesh that is convex; or `InvalidValue`."""
     if not isinstance(shape, coal.CollisionGeometry):
-        raise InvalidValue(
-            name, shape, "must be a coal shape: coal.Box, Sphere, Capsule, Cylinder, Convex, or a convex mesh"
-        )
+        message = "must be a coal shape: coal.Box, Sphere, Capsule, Cylinder, Convex, or a convex mesh"
+        raise InvalidValue(name, shape, message)
     if shape.getObjectType() == coal.OBJECT_TYPE.OT_BVH:
         return _hull(name, shape)
     if not isinstance(shape, _CONVEX):
-        raise InvalidValue(
-            name, type(shape).__name__, "must be a box, sphere, capsule, cylinder or convex mesh"
-        )
+        message = "must be a box, sphere, capsule, cylinder or convex mesh"
+        raise InvalidValue(name, type(shape).__name__, message)
     shape.computeLocalAABB()
     size = float(np.linalg.norm(np.array(shape.aabb_local.max_) - np.array(shape.aabb_local.min_)))
     if not 0.0 < size < checks.LARGEST:
@@ -195,24 +167,20 @@ def _hull(name: str, mesh: Any) -> Any:
         points.extend(list(corners))
         hull = coal.ConvexBase.convexHull(points, True, "Qt")
     except Exception as error:  # qhull refuses what is flat, with kinds of its own
-        raise InvalidValue(
-            name, mesh, "must be a mesh with a volume; give a thin coal.Box instead"
-        ) from error
+        message = "must be a mesh with a volume; give a thin coal.Box instead"
+        raise InvalidValue(name, mesh, message) from error
     triangles = np.array(mesh.vertices(), dtype=np.float64)[faces]
     across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)
     normals, first = (across / np.maximum(area, 1e-300)[:, None])[area > 0.0], triangles[area > 0.0, 0]
-    # Of a convex mesh each face has all corners on one side, whichever way its triangles are wound.
+    # Of a convex mesh each face has all corners on one side, but for rounding, however it is wound.
     heights = corners @ normals.T - np.sum(normals * first, axis=1)
     out = float(np.minimum(heights.max(axis=0), -heights.min(axis=0)).max(initial=0.0))
     size = float(np.ptp(corners, axis=0).max())
-    if out > _FLAT * size:
-        raise InvalidValue(
-            name,
-            f"a mesh with corners on both sides of a face, by {1e3 * out:.3g} mm",
-            "must be convex: cut it into convex pieces and give each as an obstacle, or give its hull, "
-            'coal.ConvexBase.convexHull(points, True, "Qt")',
-        )
+    if out > 1e-6 * size:
+        found = f"a mesh with corners on both sides of a face, by {1e3 * out:.3g} mm"
+        message = "must be convex: cut it into convex pieces and give each as an obstacle, or give its hull, "
+        raise InvalidValue(name, found, message + 'coal.ConvexBase.convexHull(points, True, "Qt")')
     return hull
 
 

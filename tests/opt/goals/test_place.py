@@ -193,7 +193,7 @@ def test_measures_by_pinocchio(panda: ffsms.SpaceManipulator, q0: Any, rng: np.r
             target = pin.XYZQUATToSE3(plan.q[-1, :7]).act(place.position)
             assert np.linalg.norm(target - pin.XYZQUATToSE3(q0[:7]).act(place.position)) > 0.01
             np.testing.assert_allclose(plan.target, target, atol=1e-12)
-        motion = rolled_out(panda, problem.stack, q0, rates, 0.1, problem.momentum, 0.9)
+        motion = rolled_out(panda, problem.stack, q0, rates, 0.1, problem.momentum)
         np.testing.assert_allclose(configurations(panda, q0, motion), plan.q)
 
 

@@ -51,7 +51,7 @@ def test_a_frame_by_pinocchio(sms: ffsms.SpaceManipulator, q0: Any) -> None:
     problem = opt.Problem(
         sms, q0, goals(sms, q0)[0], duration=2.0, dt=0.1, limits=[], momentum=0.5 * np.ones(6)
     )
-    motion = rolled_out(sms, problem.stack, q0, rates, problem.dt, problem.momentum, 0.9)
+    motion = rolled_out(sms, problem.stack, q0, rates, problem.dt, problem.momentum)
     for name in ("right_tool", "left_tool", "satellite"):
         frame = Features(motion).frame(name)
         position, attitude = frame.value, frame.rotation

@@ -11,8 +11,7 @@ from horizon_parts import planar_problem
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.descent import Model
-from ffsms_pin.opt.horizon.options import SearchOptions
-from ffsms_pin.opt.horizon.search import Found, Ranking
+from ffsms_pin.opt.horizon.search import Found, Ranking, SearchOptions
 
 
 @pytest.fixture(scope="module")

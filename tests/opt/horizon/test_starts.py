@@ -9,7 +9,7 @@ from horizon_parts import moving_problem, node_rates, planar_problem, spline_of,
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.options import SearchOptions
+from ffsms_pin.opt.horizon.search import SearchOptions
 from ffsms_pin.opt.horizon.shooting import (
     halton,
     joint_goals,
@@ -131,7 +131,7 @@ def test_cone_marches_come_near_and_stay_slow(planar: ffsms.SpaceManipulator, po
 def test_marches_are_starts_on_the_spline(planar: ffsms.SpaceManipulator) -> None:
     problem, options = moving_problem(planar, duration=12.0), SearchOptions()
     spline = spline_of(problem)
-    p = march_starts(problem, spline, options)
+    p = march_starts(problem, spline, options.march_steps)
     rates = cone_marches(problem, options.march_steps)
     middles = (np.arange(options.march_steps) + 0.5) * problem.duration / options.march_steps
     found = spline.rates_at(middles).of(p, problem.joint_rates)

@@ -14,7 +14,7 @@ from step_parts import StepJoints, make_stepper
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.limits.alpha_box import AlphaBox
+from ffsms_pin.opt.limits.joints import AlphaBox
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.step.march import march
 from ffsms_pin.opt.step.state import StepState

@@ -47,7 +47,7 @@ def test_little_is_measured_along_a_motion_and_nothing_is_lost(robot: ffsms.Spac
     start, end = places(robot, 2, 7).T
     problem = opt.Problem(robot, robot.configuration(start), np.ones(3), 2.0, 0.01, limits=[])
     rates = np.tile((end - start) / 2.0, (201, 1))
-    motion = rolled_out(robot, problem.stack, problem.q0, rates, 0.01, problem.momentum, 0.9)
+    motion = rolled_out(robot, problem.stack, problem.q0, rates, 0.01, problem.momentum)
     stack, binding = BodyStack(robot, "hulls", 0.01), 0.02
     exact = stack.values(stack.seen(motion))
     least = float(exact.min())

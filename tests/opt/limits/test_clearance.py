@@ -124,7 +124,7 @@ def test_rows_and_residual_are_those_that_follow_from_room(case: str) -> None:
         np.testing.assert_allclose(rows.lower[near], expected.lower[near], rtol=0.0, atol=1e-9)
         problem = opt.Problem(sms, q0, np.ones(3), 1.0, 0.25, limits=[limit])
         rates = rng.uniform(-0.3, 0.3, (5, sms.n))
-        motion = rolled_out(sms, problem.stack, q0, rates, 0.25, problem.momentum, 0.9)
+        motion = rolled_out(sms, problem.stack, q0, rates, 0.25, problem.momentum)
         m = Features(motion)
         least = 0.1 + limit.margin * motion.stack.length
         for stack, room in zip(limit._stacks, limit.room(m), strict=True):

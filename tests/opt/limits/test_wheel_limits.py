@@ -46,7 +46,7 @@ def test_slopes_of_the_limit(
     (limit,) = [one for one in problem.limits if isinstance(one, opt.WheelLimits)]  # came by itself
     p = rng.uniform(-0.3, 0.3, (1, spline.size, 3))
     found = residuals_of(limit, motions(problem, spline, p))
-    assert sum(one.value.size for one in found if isinstance(one, opt.Residual)) > 10
+    assert sum(one.value.size for one in found) > 10
     slopes = by_slopes(problem, spline, p, found)
     expected = by_differences(problem, spline, p, partial(residuals_of, limit))
     np.testing.assert_allclose(slopes, expected, atol=1e-5 * np.abs(expected).max())

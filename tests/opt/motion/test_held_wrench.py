@@ -12,8 +12,8 @@ from motions import random_pose
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.actuated import force_slopes, forces
 from ffsms_pin.opt.motion.feature import Feature, root_of_size
+from ffsms_pin.opt.motion.slopes import force_slopes, forces
 from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmStack
 
@@ -74,7 +74,7 @@ def test_slopes(mode: str) -> None:
     at = [sms.joint_positions(q), rates, a]
     slopes = force_slopes(stack, *(x[:, None] for x in at))
     rng = np.random.default_rng(0)
-    for kind, slope in enumerate(slopes):
+    for kind, slope in enumerate(slopes.values()):
         way = rng.normal(size=7)
         sides = []
         for h in (1e-4, -1e-4):

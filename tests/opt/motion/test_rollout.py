@@ -37,7 +37,7 @@ def rolled(
     q0 = sms.configuration(rng.uniform(-0.5, 0.5, sms.n), base)
     t = np.linspace(0.0, 3.0, STEPS + 1)[:, None]
     rates = 0.3 * np.sin(rng.uniform(1.0, 3.0, sms.n) * t + rng.uniform(0.0, 6.0, sms.n))
-    return q0, rates, rolled_out(sms, ArmStack(sms), q0, rates, DT, momentum, 0.9)
+    return q0, rates, rolled_out(sms, ArmStack(sms), q0, rates, DT, momentum)
 
 
 @pytest.mark.parametrize("momentum", [None, MOMENTUM], ids=["at rest", "tumbling"])
@@ -89,7 +89,7 @@ def test_the_middles_lie_on_the_motion(sms: ffsms.SpaceManipulator, rng: np.rand
     q0, rates, motion = rolled(sms, rng, None)
     fine = np.empty((2 * STEPS + 1, sms.n))
     fine[::2], fine[1::2] = rates, 0.5 * (rates[:-1] + rates[1:])
-    nodes = rolled_out(sms, ArmStack(sms), q0, fine, 0.5 * DT, None, 0.9)
+    nodes = rolled_out(sms, ArmStack(sms), q0, fine, 0.5 * DT)
     at = slice(None, None, 2)
     np.testing.assert_allclose(motion.joints[:, 0], nodes.joints[:, 0, at], atol=1e-13)
     np.testing.assert_allclose(motion.end_effector[:, 0], nodes.end_effector[:, 0, at], atol=1e-7)

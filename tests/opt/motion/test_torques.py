@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.motion.actuated import force_slopes, forces
+from ffsms_pin.opt.motion.slopes import force_slopes, forces
 from ffsms_pin.system.base_reaction import MODES, mode_reaction
 from ffsms_pin.system.batch.arm import ArmStack
 
@@ -100,7 +100,7 @@ def test_slopes_against_differences(robot: str, mode: str, rng: np.random.Genera
         return forces(stack, joints, rates, accelerations, own)
 
     slopes = force_slopes(stack, values[0], values[1], values[2], own)
-    for kind, slope in enumerate(slopes):
+    for kind, slope in enumerate(slopes.values()):
         for k in range(sms.n):
             step = np.zeros((sms.n, 1))
             step[k] = 1e-5

@@ -11,7 +11,7 @@ from step_parts import StepClearance, StepJoints
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.limits.alpha_box import AlphaBox
+from ffsms_pin.opt.limits.joints import AlphaBox
 from ffsms_pin.opt.paper.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.step.march import march
 from ffsms_pin.opt.step.state import StepState

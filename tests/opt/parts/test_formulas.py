@@ -162,11 +162,11 @@ def test_a_formula_without_slopes_is_differenced_and_says_so(planar: ffsms.Space
         ):
             found = residuals_of(part, motion)
         for one, other in zip(found, exact, strict=True):
-            assert isinstance(one, opt.Residual)
-            assert isinstance(other, opt.Residual)
+            assert isinstance(one, opt.Feature)
+            assert isinstance(other, opt.Feature)
             np.testing.assert_allclose(one.value, other.value, atol=1e-8)
-            for name, slope in other.slopes().items():
-                np.testing.assert_allclose(one.slopes()[name], slope, atol=1e-6)
+            for name, slope in other.slopes.items():
+                np.testing.assert_allclose(one.slopes[name], slope, atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -265,10 +265,10 @@ def test_a_room_without_slopes_is_kept_in_steps_and_plans(planar: ffsms.SpaceMan
     problem = problem_of(planar)
     motion = finished(problem, 0.3 * np.ones((problem.steps + 1, 3)))
     (one,), (other,) = residuals_of(Plain(), motion), residuals_of(AboveFormula(), motion)
-    assert isinstance(one, opt.Residual)
-    assert isinstance(other, opt.Residual)
+    assert isinstance(one, opt.Feature)
+    assert isinstance(other, opt.Feature)
     np.testing.assert_allclose(one.value, other.value, atol=1e-12)
-    np.testing.assert_allclose(one.slopes()["by_tip"], other.slopes()["by_tip"], atol=1e-8)
+    np.testing.assert_allclose(one.slopes["by_tip"], other.slopes["by_tip"], atol=1e-8)
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.step.reference import (
-    ARRIVAL_POWER,
-    REFERENCES,
-    reference_speed,
-    wanted_motion,
-    wanted_spin,
-)
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.step.reference import REFERENCES, reference_speed, wanted_motion
 from ffsms_pin.opt.step.state import StepState
 
 
@@ -44,7 +40,7 @@ def test_a_side_exists_where_the_hint_gives_none(planar: ffsms.SpaceManipulator)
 
 def test_the_schedule_brings_the_path_to_an_end_at_the_deadline() -> None:
     """Integrated, it leaves what (time left)^2.5 leaves."""
-    dt, left, speed = 0.01, 1.0, ARRIVAL_POWER / 12.0
+    dt, left, speed = 0.01, 1.0, kernel.ARRIVAL_POWER / 12.0
     for k in range(1200):
         then = reference_speed(left, speed, 12.0 - k * dt, dt)
         left, speed = left - 0.5 * dt * (speed + then), then
@@ -87,9 +83,15 @@ def test_the_spin_turns_towards_the_attitude() -> None:
     q = sms.configuration([0.2, -0.5, 0.3, 1.2, 0.2, 0.9, 0.1])
     step = StepState(sms, q, np.zeros(7), 0.01, 5.0)
     turn = np.array([0.1, -0.2, 0.3])
-    spin = wanted_spin(step, pin.exp3(turn) @ step.pose.rotation)
+
+    def wanted_spin(rotation: FloatArray) -> FloatArray:
+        spin = wanted_motion(step, step.tip, 1.0, np.zeros(3), rotation).spin
+        assert spin is not None
+        return spin
+
+    spin = wanted_spin(pin.exp3(turn) @ step.pose.rotation)
     np.testing.assert_allclose(spin / np.linalg.norm(spin), turn / np.linalg.norm(turn), atol=1e-9)
-    np.testing.assert_array_equal(wanted_spin(step, step.pose.rotation.copy()), np.zeros(3))
+    np.testing.assert_array_equal(wanted_spin(step.pose.rotation.copy()), np.zeros(3))
 
 
 def test_prices_of_the_references() -> None:
@@ -99,7 +101,7 @@ def test_prices_of_the_references() -> None:
     step, state = StepState(sms, q, np.zeros(7), 0.01, 5.0), sms.at(q)
     prices = {"least-disturbance": state.C_bm[3:].T @ state.C_bm[3:], "minimum-effort": state.H_q}
     for name, price in prices.items():
-        effort = REFERENCES[name].effort
-        assert effort is not None
-        np.testing.assert_allclose(effort(step), 7.0 * price / np.trace(price), atol=1e-10)
+        found = REFERENCES[name].price(step)
+        assert found is not None
+        np.testing.assert_allclose(found, 7.0 * price / np.trace(price), atol=1e-10)
     assert [name for name, reference in REFERENCES.items() if reference.on_cone] == ["step"]

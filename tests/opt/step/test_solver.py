@@ -6,15 +6,14 @@ import time
 
 import numpy as np
 import pytest
-from plain_steps import by_daqp
+from plain_steps import as_solved, by_daqp
 from scipy.optimize import nnls
 from step_parts import make_stepper
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED
-from ffsms_pin.opt.step.programme import Programme, StepProblem
-from ffsms_pin.opt.step.solver import StepSolver
+from ffsms_pin.opt.step.programme import StepProblem, StepSolver
 
 TARGET = np.array([0.45, 0.75, 0.0])
 
@@ -47,7 +46,7 @@ def test_random_programmes_one_after_the_other_are_solved_to_the_last_digits() -
     rng, solver, start, agree = np.random.default_rng(5), StepSolver(), None, 0
     for _ in range(200):
         problem = random_programme(rng, 5, 8)
-        found, cold = solver.solve(Programme.of(problem), start), StepSolver().solve(Programme.of(problem))
+        found, cold = solver.solve(as_solved(problem), start), StepSolver().solve(as_solved(problem))
         assert found.solved
         assert problem.violation(found.x) < 1e-12
         assert optimality_gap(problem, found.x) < 1e-10
@@ -67,7 +66,7 @@ def test_programmes_of_steps_are_solved_to_their_optimality_conditions(name: str
         rates = (0.2, 0.8)[k % 2] * sms.limits.velocity * rng.uniform(-1.0, 1.0, sms.n)
         stepper.reset()
         problem = stepper.build(q, rates, TARGET, (6.0, 0.5)[k % 3 == 0])
-        found = StepSolver().solve(Programme.of(problem))
+        found = StepSolver().solve(as_solved(problem))
         assert found.solved
         assert problem.violation(found.x) < 1e-9
         assert optimality_gap(problem, found.x, 1e-7) < 1e-7
@@ -86,7 +85,7 @@ def test_a_programme_without_rows_is_solved() -> None:
     problem = StepProblem(
         np.eye(4), np.array([1.0, -2.0, 0.5, 0.0]), np.zeros((0, 4)), np.zeros(0), np.zeros(0), -none, none
     )
-    found = StepSolver().solve(Programme.of(problem))
+    found = StepSolver().solve(as_solved(problem))
     assert found.solved
     np.testing.assert_allclose(found.x, [-1.0, 2.0, -0.5, 0.0], atol=1e-12)
 
@@ -95,7 +94,7 @@ def test_a_programme_without_rows_is_solved() -> None:
 def test_failure_is_said_within_milliseconds_and_forgotten(kind: str) -> None:
     rng, solver = np.random.default_rng(1), StepSolver()
     good = random_programme(rng, 9, 30)
-    first = solver.solve(Programme.of(good))
+    first = solver.solve(as_solved(good))
     if kind == "contradiction":
         C = good.C.copy()
         C[1] = C[0]
@@ -105,22 +104,20 @@ def test_failure_is_said_within_milliseconds_and_forgotten(kind: str) -> None:
     spent = []
     for start in (None, (first.x, first.z), (first.x, first.z)):
         begin = time.process_time()
-        assert not solver.solve(Programme.of(bad), start).solved
+        assert not solver.solve(as_solved(bad), start).solved
         spent.append(time.process_time() - begin)
     assert min(spent) < 0.05
-    np.testing.assert_array_equal(solver.solve(Programme.of(good)).x, first.x)
+    np.testing.assert_array_equal(solver.solve(as_solved(good)).x, first.x)
     np.testing.assert_allclose(
-        solver.solve(Programme.of(good), (first.x, first.z)).x, first.x, rtol=0.0, atol=1e-12
+        solver.solve(as_solved(good), (first.x, first.z)).x, first.x, rtol=0.0, atol=1e-12
     )
 
 
 def test_a_start_that_leads_nowhere_gives_way_to_nothing() -> None:
     rng, solver = np.random.default_rng(2), StepSolver()
     problem = random_programme(rng, 5, 8)
-    expected = StepSolver().solve(Programme.of(problem)).x
+    expected = StepSolver().solve(as_solved(problem)).x
     wild = (1e9 * rng.normal(size=5), 1e12 * rng.normal(size=13))
-    np.testing.assert_allclose(solver.solve(Programme.of(problem), wild).x, expected, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(solver.solve(as_solved(problem), wild).x, expected, rtol=0.0, atol=1e-9)
     other_size = (np.zeros(4), np.zeros(3))
-    np.testing.assert_allclose(
-        solver.solve(Programme.of(problem), other_size).x, expected, rtol=0.0, atol=1e-12
-    )
+    np.testing.assert_allclose(solver.solve(as_solved(problem), other_size).x, expected, rtol=0.0, atol=1e-12)

@@ -141,7 +141,8 @@ def test_wheels_that_feel_the_same_share_a_row() -> None:
     rows = wheel_rows(step, 0.0)
     assert rows is not None
     assert rows.G.shape == (1, 3)
-    D = step.M[5, 6:] + step.M[5, :6] @ step.reaction
+    M = pin.crba(sms.model, sms.model.createData(), step.q)
+    D = M[5, 6:] + M[5, :6] @ step.reaction
     share = np.linalg.pinv(sms.wheels.axes.T)[0, 2]  # type: ignore[union-attr]
     assert rows.upper[0] == pytest.approx(0.3 / np.linalg.norm(share * D), rel=1e-9)
     assert rows.lower[0] == pytest.approx(-rows.upper[0], rel=1e-9)

@@ -8,10 +8,12 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.actuated import force_slopes, forces, held_momentum
+from ffsms_pin.opt.motion.actuated import held_momentum
 from ffsms_pin.opt.motion.slopes import (
     coupling_slopes,
     entropy_and_gradient,
+    force_slopes,
+    forces,
     momentum_slopes,
     velocity_slopes,
 )
@@ -82,7 +84,7 @@ def test_momentum_and_torque_of_a_held_base(sms: ffsms.SpaceManipulator, rng: np
     np.testing.assert_allclose(torque, data.dhg.angular, atol=1e-12)
     np.testing.assert_allclose(forces(stack, joints, rates, accelerations)[-3:, 0], torque, atol=1e-12)
     # Slopes of the torque, by differences of the torque.
-    for kind, slope in enumerate(force_slopes(stack, joints, rates, accelerations)):
+    for kind, slope in enumerate(force_slopes(stack, joints, rates, accelerations).values()):
         for k in range(sms.n):
             sides = []
             for sign in (1.0, -1.0):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ffsms_pin.opt.terms.cost import ideal_cosine, soft_assistance, step_cost
+from ffsms_pin.opt.terms.paper import ideal_cosine, soft_assistance, step_cost
 
 entropies = st.floats(0.0, 1.0)
 kappas = st.floats(0.5, 50.0)
