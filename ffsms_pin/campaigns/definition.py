@@ -19,8 +19,8 @@ from ffsms_pin.checks import whole
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios import Scenario, scenario
 from ffsms_pin.scenarios.definition import scenario_of
+from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.scenarios.reading import read
-from ffsms_pin.scenarios.tables import DEGREES
 from ffsms_pin.version import __version__
 
 __all__ = ["Campaign"]
@@ -87,17 +87,18 @@ class Campaign:
         return found
 
     @classmethod
-    def from_specification(cls, specification: Mapping[str, Any], allow_import: bool = False) -> Campaign:
-        """The campaign whose `specification` this is."""
+    def from_specification(
+        cls, specification: Mapping[str, Any], where: Mapping[str, str], allow_import: bool = False
+    ) -> Campaign:
+        """The campaign whose `specification` this is, its file being `where`."""
         draws = tuple(Draw(key, kind, tuple(values)) for key, kind, values in specification["draws"])
-        source, content = Path(specification["source"]), specification["scenario"]
+        source, content = Path(where["source"]), specification["scenario"]
         return cls(source, content, draws, specification["runs"], specification["seed"], allow_import)
 
     def specification(self) -> dict[str, Any]:
         """Everything that the table depends on, as JSON can hold it."""
         return {
             "campaign": self.source.stem,
-            "source": str(self.source),
             "runs": self.runs,
             "seed": self.seed,
             "scenario": dict(self.content),
@@ -105,6 +106,11 @@ class Campaign:
             "models": self._model_hashes(),
             "versions": {"ffsms_pin": __version__, **{name: version(name) for name in _PACKAGES}},
         }
+
+    @property
+    def where(self) -> dict[str, str]:
+        """The scenario file: its content counts, its place does not."""
+        return {"source": str(self.source)}
 
     def drawn(self, seed: int) -> dict[str, Any]:
         """What a seed draws, by key."""
@@ -144,13 +150,14 @@ class Campaign:
         return chosen
 
     def _model_hashes(self) -> dict[str, str]:
-        """SHA-256 of the robots that are files, by their name in the scenario."""
+        """SHA-256 of robots and obstacles that are files, by their name in the scenario."""
         found = {}
-        for table in ("robot", "plant"):
-            model = self.content.get(table, {}).get("model")
-            path = self.source.parent / str(model)
-            if model is not None and path.is_file():
-                found[str(model)] = hashlib.sha256(path.read_bytes()).hexdigest()
+        named = [self.content.get(table, {}).get("model") for table in ("robot", "plant")]
+        named += [row.get("file") for row in self.content.get("obstacle", [])]
+        for name in named:
+            path = self.source.parent / str(name)
+            if name is not None and path.is_file():
+                found[str(name)] = hashlib.sha256(path.read_bytes()).hexdigest()
         return found
 
 

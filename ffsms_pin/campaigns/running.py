@@ -11,6 +11,7 @@ from ffsms_pin.checks import instance, whole
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, run
 from ffsms_pin.engine.cluster import ALLOWED_FAILURES
 from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.extras import require
 from ffsms_pin.scenarios import Scenario
 
 __all__ = ["campaign", "campaign_of", "replayed_scenario"]
@@ -48,12 +49,14 @@ def campaign(
         As for `ffsms_pin.engine.run`. A run that fails is no error: it is a row with its error.
     """
     instance("campaign", of, Campaign)
+    require("cluster", "a campaign")
     work = CampaignRuns(of)
     return run(
         work,
         Chunks.fitting(of.runs),
         folder,
         specification=of.specification(),
+        where=of.where,
         jobs=jobs,
         scheduler=scheduler,
         shard=shard,
@@ -73,7 +76,7 @@ def campaign_of(folder: str | os.PathLike[str], allow_import: bool = False) -> C
     """
     place = ChunkFolder(folder)
     try:
-        return Campaign.from_specification(place.specification, allow_import)
+        return Campaign.from_specification(place.specification, place.where, allow_import)
     except (KeyError, TypeError, ValueError):
         raise ResultError(place.path, "holds results, but not of a campaign") from None
 

@@ -17,9 +17,9 @@ from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios import Scenario
 from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, named, prepared
 from ffsms_pin.scenarios.conditions import controller
-from ffsms_pin.scenarios.extremes import base_numbers
 from ffsms_pin.scenarios.references import planned
 from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers
+from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["KILLED", "CampaignRuns"]

@@ -10,7 +10,9 @@ from typing import Any
 
 from ffsms_pin.cli.work_arguments import add_work_arguments, work_arguments
 
-__all__ = ["add_parser", "run"]
+__all__ = ["RESUMES", "add_parser", "run"]
+
+RESUMES = True  # the same command goes on where it was stopped
 
 _DESCRIPTION = """\
 Sample a robot's configurations and measure at each: singular values and entropy of the coupling,
@@ -75,8 +77,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.atlas import atlas, open_atlas
     from ffsms_pin.cli.output import output_console
     from ffsms_pin.cli.progress import shown_progress
+    from ffsms_pin.extras import require
     from ffsms_pin.models import load
 
+    if arguments.figures:
+        require("plot", "figures of an atlas")
     sms = load(arguments.model, end_effector=arguments.end_effector)
     out = arguments.out or f"{Path(arguments.model).stem}-{arguments.over}.zarr"
     with shown_progress(Console(stderr=True)) as progress:

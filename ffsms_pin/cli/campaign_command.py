@@ -8,7 +8,9 @@ from typing import Any
 
 from ffsms_pin.cli.allow_import import add_allow_import
 
-__all__ = ["add_parser", "run"]
+__all__ = ["RESUMES", "add_parser", "run"]
+
+RESUMES = True  # the same command goes on where it was stopped
 
 _DESCRIPTION = """\
 Run a scenario many times in closed loop, with plants, targets, noise and faults drawn from the distributions

@@ -21,17 +21,21 @@ def told(folder: Path, partial: bool = False) -> None:
     from ffsms_pin.campaigns import merge, report
     from ffsms_pin.campaigns.report import report_numbers
     from ffsms_pin.cli.output import output_console
-    from ffsms_pin.plotting import save_formats
-    from ffsms_pin.plotting.campaigns import plot_campaign
+    from ffsms_pin.extras import installed
     from ffsms_pin.storage import write_content
 
     merge(folder, partial=partial)
     found = report(folder)
     numbers = json.dumps(report_numbers(found), indent=2, allow_nan=False)
     write_content(folder / "report.json", numbers + "\n")
-    figure = plot_campaign(found)
-    save_formats(figure, folder / "report")
     output = output_console()
+    if installed("plot"):
+        from ffsms_pin.plotting import save_formats
+        from ffsms_pin.plotting.campaigns import plot_campaign
+
+        save_formats(plot_campaign(found), folder / "report")
+    else:
+        output.print("no figures: they need matplotlib (pip install 'ffsms-pin[plot]')", markup=False)
     output.print(_table(found, folder.name))
     for row in found.worst[:_SHOWN]:
         error = row["final_error_m"]

@@ -25,6 +25,7 @@ from ffsms_pin.cli import (
     quickstart_command,
     robustness_command,
     run_command,
+    scenario_command,
     sweep_command,
     view_command,
 )
@@ -39,6 +40,7 @@ BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
 _COMMANDS: dict[str, Any] = {
     "quickstart": quickstart_command,
     "run": run_command,
+    "scenario": scenario_command,
     "compare": compare_command,
     "compare-modes": compare_modes_command,
     "laws": laws_command,
@@ -59,6 +61,7 @@ Plan and track motions of free-floating space manipulators, informed by dynamic 
 examples:
   ffsms-pin quickstart                     a notebook to begin with, into the current folder
   ffsms-pin run case-2                     the paper's Case 2, into results/case-2
+  ffsms-pin scenario --print case-2        a packaged scenario file, to begin with
   ffsms-pin run mine.toml --out somewhere  a scenario of your own, into a folder of your choice
   ffsms-pin compare case-2                 the planning methods side by side
   ffsms-pin compare-modes mine.toml        the base held by wheels, and floating
@@ -121,9 +124,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except FfsmsError as error:
         return _failed(f"error: {error}", BAD_INPUT)
     except _Terminated:
-        return _failed("terminated", TERMINATED)
+        return _failed("terminated" + _goes_on(arguments), TERMINATED)
     except KeyboardInterrupt:
-        return _failed("interrupted", INTERRUPTED)
+        return _failed("interrupted" + _goes_on(arguments), INTERRUPTED)
     except MemoryError:
         return _failed("error: out of memory; ask for shorter motions or fewer of them", BAD_INPUT)
     except Exception as error:  # whatever is left is our fault
@@ -131,6 +134,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         what = " ".join(f"{type(error).__name__}: {error}".split())
         return _failed(f"a defect of ffsms-pin, please report it: {what}", DEFECT)
+
+
+def _goes_on(arguments: argparse.Namespace) -> str:
+    """How a long command that was stopped goes on."""
+    resumes = getattr(_COMMANDS[arguments.command], "RESUMES", False)
+    return "; what is done is kept: the same command goes on from there" if resumes else ""
 
 
 def _no_command(given: Sequence[str]) -> str:

@@ -19,6 +19,8 @@ from rich.progress import (
 
 __all__ = ["counted_progress", "shown_progress"]
 
+_BETWEEN_LINES = 5.0  # [s] off a terminal: a log that is watched shows life, and stays short
+
 
 @contextmanager
 def shown_progress(console: Console) -> Iterator[Callable[[str, float], None]]:
@@ -49,7 +51,7 @@ def counted_progress(console: Console, what: str) -> Iterator[Callable[[int, int
     """Gives a function to call with the number of things done and of all; it tells the time left.
 
     The estimate counts what this call does: what was there before it took no time. Off a terminal there is a
-    line for every tenth.
+    line for every tenth, and one every few seconds.
 
     Parameters
     ----------
@@ -61,11 +63,13 @@ def counted_progress(console: Console, what: str) -> Iterator[Callable[[int, int
     left = _TimeLeft()
     if not console.is_terminal:
         tenths: set[int] = set()
+        told = [time.perf_counter()]
 
         def tell(done: int, total: int) -> None:
-            words, tenth = left.after(done, total), 10 * done // total
-            if tenth not in tenths and done:
+            words, tenth, now = left.after(done, total), 10 * done // total, time.perf_counter()
+            if done and (tenth not in tenths or now - told[0] >= _BETWEEN_LINES):
                 tenths.add(tenth)
+                told[0] = now
                 console.print(f"{what}: {done} of {total}, {words}", highlight=False, soft_wrap=True)
 
         yield tell
@@ -111,14 +115,22 @@ def _clock(seconds: float) -> str:
 
 
 def _lines(console: Console) -> Callable[[str, float], None]:
-    """A line when a stage ends: bad input is found at a stage's start, and then leaves its error alone."""
+    """A line when a stage ends, and one every few seconds of a long stage.
+
+    Bad input is found at a stage's start, and then leaves its error alone.
+    """
     started: dict[str, float] = {}
+    told: dict[str, float] = {}
     ended: set[str] = set()
 
     def show(stage: str, share: float) -> None:
-        started.setdefault(stage, time.perf_counter())
+        now = time.perf_counter()
+        began = started.setdefault(stage, now)
         if share >= 1.0 and stage not in ended:
             ended.add(stage)
-            console.print(f"{stage}: done in {time.perf_counter() - started[stage]:.1f} s", highlight=False)
+            console.print(f"{stage}: done in {now - began:.1f} s", highlight=False)
+        elif share < 1.0 and now - told.setdefault(stage, began) >= _BETWEEN_LINES:
+            told[stage] = now
+            console.print(f"{stage}: {100.0 * share:.0f} % after {now - began:.0f} s", highlight=False)
 
     return show

@@ -11,7 +11,9 @@ if TYPE_CHECKING:
 
 from ffsms_pin.cli.allow_import import add_allow_import
 
-__all__ = ["add_parser", "run"]
+__all__ = ["RESUMES", "add_parser", "run"]
+
+RESUMES = True  # the same command goes on where it was stopped
 
 _DESCRIPTION = """\
 Follow a scenario's motion on random plants, with all else as the scenario says: once planned again in the

@@ -6,6 +6,7 @@ import json
 import webbrowser
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -16,9 +17,10 @@ from ffsms_pin.cli.summary_table import summary_table
 from ffsms_pin.cli.view_command import desktop
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import installed
-from ffsms_pin.scenarios import Scenario, run, scenario, summary
+from ffsms_pin.scenarios import Outcome, Scenario, run, scenario, summary
 from ffsms_pin.scenarios.client_motion import client_motion
 from ffsms_pin.scenarios.own_files import writes_files
+from ffsms_pin.scenarios.run import StageProgress
 from ffsms_pin.scenarios.saved import save_scenario
 from ffsms_pin.storage import write_content
 
@@ -59,25 +61,17 @@ def run_scenario(
     folder = chosen_folder(out, chosen.name)
     errors, output = Console(stderr=True), output_console()
     at_once = writes_files(chosen)
+    failure: BaseException | None = None
     with results_folder(folder, at_once) as staging, shown_progress(errors) as progress:
         outcome = run(chosen, progress, folder=folder, allow_outside=allow_outside)
-        outcome.trajectory.save(staging / "trajectory.npz")
-        outcome.tracking.save(staging / "tracking.npz")
-        if outcome.capture is not None:
-            outcome.capture.tracking.save(staging / "capture.npz")
-            client_motion(outcome.plant, outcome.tracking, outcome.capture).save(staging / "client.npz")
-            if figures and installed("view"):
-                from ffsms_pin.viewer import view_capture
-
-                view_capture(outcome, title=chosen.name).to_html(staging / "capture.html")
-        save_scenario(chosen, staging / "scenario.json")
-        numbers = summary(outcome)
-        text = json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-        write_content(staging / "summary.json", text)
-        if figures and installed("plot"):
-            from ffsms_pin.plotting import save_figures
-
-            save_figures(outcome, staging, progress=lambda share: progress("figures", share))
+        _save(outcome, staging)
+        try:
+            numbers = _derive(outcome, staging, figures, progress)
+        except BaseException as error:  # also Ctrl-C: what was computed is kept
+            failure = error
+    if failure is not None:
+        errors.print(f"plan and recording are kept in {folder}", markup=False, highlight=False)
+        raise failure
     output.print(summary_table(numbers))
     output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
     if figures and not installed("plot"):
@@ -85,6 +79,32 @@ def run_scenario(
     if show:
         _show(folder, figures and installed("plot"), output)
     return outcome.trajectory.reached and bool(numbers["tracking"]["arrived"])
+
+
+def _save(outcome: Outcome, staging: Path) -> None:
+    """Write what was computed."""
+    outcome.trajectory.save(staging / "trajectory.npz")
+    outcome.tracking.save(staging / "tracking.npz")
+    if outcome.capture is not None:
+        outcome.capture.tracking.save(staging / "capture.npz")
+        client_motion(outcome.plant, outcome.tracking, outcome.capture).save(staging / "client.npz")
+    save_scenario(outcome.scenario, staging / "scenario.json")
+
+
+def _derive(outcome: Outcome, staging: Path, figures: bool, progress: StageProgress) -> dict[str, Any]:
+    """Write what follows from it, numbers first; returns these."""
+    numbers = summary(outcome)
+    text = json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    write_content(staging / "summary.json", text)
+    if figures and outcome.capture is not None and installed("view"):
+        from ffsms_pin.viewer import view_capture
+
+        view_capture(outcome, title=outcome.scenario.name).to_html(staging / "capture.html")
+    if figures and installed("plot"):
+        from ffsms_pin.plotting import save_figures
+
+        save_figures(outcome, staging, progress=lambda share: progress("figures", share))
+    return numbers
 
 
 def replayed(folder: str, seed: str, allow_import: bool = False) -> Scenario:

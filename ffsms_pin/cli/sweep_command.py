@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
     from ffsms_pin.atlas import Sweep
 
-__all__ = ["add_parser", "run"]
+__all__ = ["RESUMES", "add_parser", "run"]
+
+RESUMES = True  # the same command goes on where it was stopped
 
 _DESCRIPTION = """\
 Change a robot's design, and measure each combination: reach, base motion for a metre of the end effector,
@@ -71,8 +73,10 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.cli.output import output_console
     from ffsms_pin.cli.progress import shown_progress
     from ffsms_pin.cli.results_folder import chosen_folder
+    from ffsms_pin.extras import require
     from ffsms_pin.models import load
 
+    require("plot", "the figure of a sweep")
     sms = load(arguments.model, end_effector=arguments.end_effector, wheels=arguments.wheel)
     parameters = dict(_parameter(text) for text in arguments.vary)
     folder = chosen_folder(arguments.out, f"{Path(arguments.model).stem}-sweep")

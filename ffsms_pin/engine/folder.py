@@ -20,7 +20,7 @@ __all__ = ["ChunkFolder", "parts_folder"]
 SPECIFICATION = "specification.json"
 _CHUNKS = "chunks"
 _NAME = re.compile(r"(\d{8})\.npz")
-_FORMAT = "ffsms-pin chunks 1"
+_FORMAT = "ffsms-pin chunks 2"
 
 
 class ChunkFolder:
@@ -34,7 +34,9 @@ class ChunkFolder:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = path_like("folder", path)
 
-    def open(self, chunks: Chunks, specification: Mapping[str, Any]) -> None:
+    def open(
+        self, chunks: Chunks, specification: Mapping[str, Any], where: Mapping[str, str] | None = None
+    ) -> None:
         """Make the folder, or go on in one with the same specification.
 
         Parameters
@@ -42,6 +44,8 @@ class ChunkFolder:
         chunks : Chunks
         specification : mapping
             Everything that the result depends on, as JSON can hold it.
+        where : mapping of str to str, optional
+            Where things are that it does not depend on, as the path of a file whose content counts.
 
         Raises
         ------
@@ -55,8 +59,9 @@ class ChunkFolder:
             raise ResultError(self.path, f"cannot be written ({error.strerror})") from None
         check_writable(self.path / _CHUNKS / "writable")
         remove_leftovers(self.path / _CHUNKS)
+        content["where"] = dict(where or {})
         if not (self.path / SPECIFICATION).exists():
-            write_content(self.path / SPECIFICATION, json.dumps(content, indent=2) + "\n")
+            self._write(content)
         there = self._read()
         if there["hash"] != content["hash"]:
             raise ResultError(
@@ -64,6 +69,16 @@ class ChunkFolder:
                 f"holds results of another specification ({_difference(there, content)}); choose another "
                 "folder, or remove this one",
             )
+        if there["where"] != content["where"]:  # a file was moved
+            self._write(content)
+
+    def _write(self, content: Mapping[str, Any]) -> None:
+        write_content(self.path / SPECIFICATION, json.dumps(content, indent=2) + "\n")
+
+    @property
+    def where(self) -> dict[str, str]:
+        """Where things are that the results do not depend on."""
+        return dict(self._read()["where"])
 
     @property
     def chunks(self) -> Chunks:
@@ -88,6 +103,23 @@ class ChunkFolder:
                 return {int(found[1]) for entry in entries if (found := _NAME.fullmatch(entry.name))}
         except OSError as error:
             raise ResultError(self.path, f"cannot be read ({error.strerror})") from None
+
+    def sound(self, index: int) -> bool:
+        """Whether a chunk's file is whole, and holds the rows that it should."""
+        try:
+            self._load(index, self._read())
+        except ResultError:
+            return False
+        return True
+
+    def _load(self, index: int, there: Mapping[str, Any]) -> dict[str, Any]:
+        rows = Chunks(there["rows"], there["size"]).rows_of(index)
+        return load_table(self.file(index), rows, there["hash"])
+
+    @property
+    def hash(self) -> str:
+        """Of all that the results depend on."""
+        return str(self._read()["hash"])
 
     def missing(self) -> list[int]:
         """Indices of the chunks that are not written yet, rising."""
@@ -114,14 +146,14 @@ class ChunkFolder:
                 f"lacks {len(missing)} of {count} chunks, the first is {missing[0]}; "
                 "run the same command again",
             )
-        left_out = set(missing)
-        return (load_table(self.file(index)) for index in range(count) if index not in left_out)
+        left_out, there = set(missing), self._read()
+        return (self._load(index, there) for index in range(count) if index not in left_out)
 
     def _read(self) -> dict[str, Any]:
         path = self.path / SPECIFICATION
         try:
             there = json.loads(path.read_text())
-            if there["format"] == _FORMAT and there["hash"] == _hash(there):
+            if there["format"] == _FORMAT and there["hash"] == _hash(there) and there["where"] is not None:
                 return dict(there)
         except FileNotFoundError:
             raise ResultError(self.path, f"holds no results: there is no {SPECIFICATION} in it") from None
@@ -147,15 +179,16 @@ def _content(chunks: Chunks, specification: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _hash(content: Mapping[str, Any]) -> str:
-    """SHA-256 of all but the hash itself."""
-    text = json.dumps({key: content[key] for key in content if key != "hash"}, sort_keys=True)
+    """SHA-256 of all but the hash itself, and where things are."""
+    counted = {key: content[key] for key in content if key not in ("hash", "where")}
+    text = json.dumps(counted, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _difference(there: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
     """The keys in which two contents differ, in words."""
     flat = [{**content, **content["specification"]} for content in (there, wanted)]
-    skipped = {"hash", "specification", "format"}
+    skipped = {"hash", "specification", "format", "where"}
     keys = [key for key in sorted(flat[0].keys() | flat[1].keys()) if key not in skipped]
     changed = [key for key in keys if flat[0].get(key) != flat[1].get(key)]
     return "; ".join(_change(key, flat[0].get(key), flat[1].get(key)) for key in changed)

@@ -27,6 +27,7 @@ def run(
     folder: str | os.PathLike[str],
     *,
     specification: Mapping[str, Any],
+    where: Mapping[str, str] | None = None,
     jobs: int | None = None,
     scheduler: str | None = None,
     shard: Shard | None = None,
@@ -37,8 +38,9 @@ def run(
 ) -> ChunkFolder:
     """Compute rows in chunks, and write one file a chunk; what is there already is not computed again.
 
-    The same call goes on where a run was killed. The files depend on `work` alone, as long as it gives a row
-    the same values whatever the other rows of its chunk.
+    A file counts where it names the run and its rows and its checksum is right; another one is computed
+    again. The same call goes on where a run was killed. The files depend on `work` alone, as long as it gives
+    a row the same values whatever the other rows of its chunk.
 
     Parameters
     ----------
@@ -51,6 +53,8 @@ def run(
         Is made as needed. Workers on other machines must see it under the same path.
     specification : mapping
         Everything that the result depends on, for JSON: a run with another one is refused.
+    where : mapping of str to str, optional
+        Where things are that it does not depend on: a file that was moved is the same file.
     jobs : int, optional
         Workers on this machine; 1 works in this process, without Dask. Default: one a core.
     scheduler : str, optional
@@ -94,16 +98,16 @@ def run(
     if shard is not None and scheduler is not None:
         raise InvalidValue("shard", f"{shard.number}/{shard.count}", "needs no scheduler; choose one of both")
     place = ChunkFolder(folder)
-    place.open(chunks, specification)
+    place.open(chunks, specification, where)
     mine = [index for index in range(len(chunks)) if shard is None or shard.has(index)]
-    done = place.done()
+    done = {index for index in place.done().intersection(mine) if place.sound(index)}
     rest = [index for index in mine if index not in done]
     total = sum(len(chunks.rows_of(index)) for index in mine)
     finished = total - sum(len(chunks.rows_of(index)) for index in rest)
     if progress is not None:
         progress(finished, total)
     # The workers may have another working directory.
-    job = _Job(work, chunks, ChunkFolder(place.path.absolute()), lost)
+    job = _Job(work, chunks, ChunkFolder(place.path.absolute()), place.hash, lost)
     for index in _computed_chunks(job, rest, jobs, scheduler, shard, allowed_failures, prepare):
         finished += len(chunks.rows_of(index))
         if progress is not None:
@@ -126,6 +130,7 @@ class _Job:
     work: Work
     chunks: Chunks
     folder: ChunkFolder
+    run: str
     lost: Lost | None
 
 
@@ -145,7 +150,7 @@ def _computed_chunks(
     if scheduler is None and (shard is not None or jobs == 1):
         prepare()
         for index in rest:
-            stored(job.work, job.chunks.rows_of(index), job.folder.file(index))
+            stored(job.work, job.chunks.rows_of(index), job.folder.file(index), job.run)
             yield index
         return
     cluster: AbstractContextManager[Cluster] = (
@@ -166,7 +171,7 @@ def _over(cluster: Cluster, job: _Job, rest: list[int]) -> Iterator[int]:
     suspects: list[int] = []
 
     def chunk(index: int) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return sent, (stored, packed, job.chunks.rows_of(index), job.folder.file(index))
+        return sent, (stored, packed, job.chunks.rows_of(index), job.folder.file(index), job.run)
 
     for index, result in spread(cluster, rest, chunk):
         if isinstance(result, Killed):
@@ -175,7 +180,8 @@ def _over(cluster: Cluster, job: _Job, rest: list[int]) -> Iterator[int]:
         _check_there(job.folder.file(index))
         yield index
     for index in suspects:
-        save_table(job.folder.file(index), halved(cluster, packed, job.chunks.rows_of(index), job.lost))
+        rows = job.chunks.rows_of(index)
+        save_table(job.folder.file(index), halved(cluster, packed, rows, job.lost), rows, job.run)
         yield index
 
 

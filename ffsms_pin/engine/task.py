@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import pickle
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
@@ -10,12 +11,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ffsms_pin.errors import FfsmsError, TaskError
+from ffsms_pin.errors import FfsmsError, ResultError, TaskError
 from ffsms_pin.storage import load_arrays, save_arrays
 
 __all__ = ["KIND", "Table", "Work", "computed", "joined", "load_table", "save_table", "sent", "stored"]
 
 KIND = "chunk"  # of result file
+_EVIDENCE = "evidence of the chunk"  # no name of a column
 Table: TypeAlias = Mapping[str, Any]  # columns by name: arrays with one row for each row of work
 Work: TypeAlias = Callable[[range], Table]
 
@@ -38,26 +40,43 @@ def computed(work: Work, rows: range) -> dict[str, Any]:
     return table
 
 
-def stored(work: Work, rows: range, path: Path) -> None:
+def stored(work: Work, rows: range, path: Path, run: str) -> None:
     """Compute some rows and write them to a file, whole or not at all."""
-    save_table(path, computed(work, rows))
+    save_table(path, computed(work, rows), rows, run)
 
 
-def save_table(path: Path, table: Table) -> None:
-    """Write a table as a chunk file."""
-    save_arrays(path, KIND, {"columns": np.array(list(table)), **table})
+def save_table(path: Path, table: Table, rows: range, run: str) -> None:
+    """Write a table as a chunk file, with its evidence: the run's hash, its rows, and a checksum."""
+    evidence = _evidence(table, rows, run)
+    save_arrays(path, KIND, {"columns": np.array(list(table)), _EVIDENCE: evidence, **table}, durable=True)
 
 
-def load_table(path: Path) -> dict[str, Any]:
-    """Read a chunk file.
+def load_table(path: Path, rows: range, run: str) -> dict[str, Any]:
+    """Read the chunk file that some rows of a run should be in.
 
     Raises
     ------
     ResultError
-        It is missing, or no chunk file.
+        It is missing, no chunk file, damaged, or holds other rows or those of another run.
     """
     names = [str(name) for name in load_arrays(path, KIND, ["columns"])["columns"]]
-    return load_arrays(path, KIND, names)
+    found = load_arrays(path, KIND, [*names, _EVIDENCE])
+    evidence = str(found.pop(_EVIDENCE))
+    if evidence != _evidence(found, rows, run):
+        raise ResultError(
+            path, f"is damaged, or does not hold rows {rows.start} to {rows.stop - 1} of this run"
+        )
+    return found
+
+
+def _evidence(table: Table, rows: range, run: str) -> str:
+    """The run's hash, the range of rows, and the SHA-256 of the columns: names, types and bytes."""
+    content = hashlib.sha256()
+    for name in sorted(table):
+        column = np.ascontiguousarray(table[name])
+        content.update(f"{name} {column.dtype.str} {column.shape} ".encode())
+        content.update(column.tobytes())
+    return f"{run} {rows.start} {rows.stop} {content.hexdigest()}"
 
 
 def joined(tables: Sequence[Table]) -> dict[str, Any]:

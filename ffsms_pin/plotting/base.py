@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.series import Series, plot_flown
-from ffsms_pin.scenarios.extremes import base_motion
 from ffsms_pin.simulation import Tracking
+from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["plot_base_angular_velocity", "plot_base_position", "plot_base_rotation", "plot_base_velocity"]

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from ffsms_pin.plotting.style import applied, line, stack
 from ffsms_pin.scenarios.compare import Comparison
-from ffsms_pin.scenarios.extremes import base_motion
+from ffsms_pin.studies.extremes import base_motion
 
 __all__ = ["plot_comparison"]
 

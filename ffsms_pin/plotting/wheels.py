@@ -12,9 +12,9 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.series import plot_series
 from ffsms_pin.plotting.style import applied, legend_above, line, stack
-from ffsms_pin.scenarios.extremes import base_motion
 from ffsms_pin.scenarios.modes import ModeComparison, Strategy
 from ffsms_pin.simulation import Tracking
+from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [

@@ -17,12 +17,12 @@ from ffsms_pin.control import (
     QuaternionFeedback,
     StationKeeping,
 )
-from ffsms_pin.scenarios.base_tables import STATION_KEEPING
-from ffsms_pin.scenarios.table import radians
+from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["COORDINATED_WITH", "base_law", "coordinated", "with_actuators"]
 
+STATION_KEEPING = "station-keeping"  # the law that holds the base's place
 COORDINATED_WITH = "computed-torque"  # the joints' law, whose gains "coordinated" takes
 
 

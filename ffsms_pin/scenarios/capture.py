@@ -12,11 +12,13 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client, after_capture, brake
 from ffsms_pin.opt import Trajectory
+from ffsms_pin.scenarios.actuated import base_law
 from ffsms_pin.scenarios.clients import made_client, meeting
 from ffsms_pin.scenarios.conditions import controller
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.simulation import Tracking, simulate
 from ffsms_pin.simulation.compliant import CompliantContact, compliant_contact
+from ffsms_pin.simulation.disturbances import later
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import centroidal
 
@@ -55,6 +57,8 @@ class Captured:
         a share of the larger of theirs before.
     tracking : Tracking
         From where it was rigid to the end, the joined robot under the joined model's control.
+    held : bool
+        Whether a law holds the base's attitude: then it comes to rest, and wheels or thrusters take the rest.
     """
 
     client: Client
@@ -68,6 +72,7 @@ class Captured:
     braking: Braking
     momentum_lost: float
     tracking: Tracking
+    held: bool = False
 
     @property
     def found_rate(self) -> FloatArray:
@@ -77,7 +82,9 @@ class Captured:
 
     @property
     def predicted_rate(self) -> FloatArray:
-        """The same, as it was said from the plan before it was flown."""
+        """The same, as it was said from the plan before it was flown; zero where the attitude is held."""
+        if self.held:
+            return np.zeros(3)
         contact = 0.0 if self.contact is None else float(self.contact.t[-1])
         rested = float(self.tracking.t[-1]) + contact - self.planned_braking
         return np.asarray(self.planned_rest.twist(rested)[3:])
@@ -159,8 +166,11 @@ def captured(
         ]
     )
     relative = np.concatenate([twist[:3] - place.velocity, twist[3:] - place.spin])
-    before = _about_origin(plant, q, v) + _client_about_origin(client, t)
-    size = max(np.linalg.norm(_about_origin(plant, q, v)), np.linalg.norm(_client_about_origin(client, t)))
+    spinning = tracking.wheel_momentum[row] if tracking.wheel_momentum.shape[1] else None
+    before = _about_origin(plant, q, v, spinning) + _client_about_origin(client, t)
+    size = max(
+        np.linalg.norm(_about_origin(plant, q, v, spinning)), np.linalg.norm(_client_about_origin(client, t))
+    )
     model = after_capture(sms, q, v, client, t)
     dt = float(tracking.t[1] - tracking.t[0])
     contact = None
@@ -171,17 +181,31 @@ def captured(
         reference = brake(replace(model, v=v), torque, share, coast=coast)
         given = {key: value for key, value in scenario.contact.items() if key in _COMPLIANCE}
         contact = compliant_contact(
-            plant, q, v, client, t, goal=grasp, law=law, reference=reference, dt=dt, **given
+            plant,
+            q,
+            v,
+            client,
+            t,
+            goal=grasp,
+            law=law,
+            reference=reference,
+            dt=dt,
+            wheel_momentum=spinning,
+            **given,
         )
         q, v, client_then = contact.q[-1], contact.v[-1], contact.client
+        spinning = None if spinning is None else contact.wheel_momentum
+        t += float(contact.t[-1])
         after = after_capture(plant, q, v, client_then, 0.0)
         model = after_capture(sms, q, v, client_then, 0.0)
     else:
         after = after_capture(plant, q, v, client, t)
-    now = _about_origin(after.robot, after.q, after.v)
+    now = _about_origin(after.robot, after.q, after.v, spinning)
     braking = brake(model, torque, share)
     braking = replace(braking, duration=max(hold, float(braking.t[-1])))
-    kept = {key: options[key] for key in ("integrator", "friction", "actuator") if key in options}
+    kept = {key: options[key] for key in _CONDITIONS if key in options}
+    kept["events"] = [replace(one, time=max(0.0, one.time - t)) for one in options.get("events", ())]
+    kept["disturbances"] = [later(one, t) for one in options.get("disturbances", ())]
     flown = simulate(
         model.robot,
         braking,
@@ -191,6 +215,8 @@ def captured(
         v0=after.v,
         plant=after.robot,
         progress=progress,
+        base_controller=base_law(scenario.attitude, model.robot),
+        wheel_momentum=spinning,
         **kept,
     )
     return Captured(
@@ -205,16 +231,24 @@ def captured(
         braking,
         float(np.linalg.norm(now - before) / size),
         flown,
+        scenario.attitude is not None,
     )
 
 
+# What goes on after the capture as before it; events are over, and the joined robot has laws of its own.
+_CONDITIONS = ("integrator", "friction", "actuator", "sensors", "estimator")
 _COMPLIANCE = ("stiffness", "damping", "turn_stiffness", "turn_damping", "time")
 
 
-def _about_origin(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
-    """Total momentum (6,) about the inertial origin."""
+def _about_origin(
+    sms: SpaceManipulator, q: FloatArray, v: FloatArray, spinning: FloatArray | None
+) -> FloatArray:
+    """Total momentum (6,) about the inertial origin, that of wheels which spin against the base with it."""
     whole = centroidal(sms, q, v)
-    return np.concatenate([whole.momentum[:3], whole.momentum[3:] + np.cross(whole.com, whole.momentum[:3])])
+    angular = whole.momentum[3:] + np.cross(whole.com, whole.momentum[:3])
+    if spinning is not None and sms.wheels is not None:
+        angular = angular + pin.XYZQUATToSE3(q[:7]).rotation @ sms.wheels.total(spinning)
+    return np.concatenate([whole.momentum[:3], angular])
 
 
 def _client_about_origin(client: Client, t: float) -> FloatArray:

@@ -13,7 +13,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor
 from ffsms_pin.opt import Meet
 from ffsms_pin.scenarios.contents import Contents
-from ffsms_pin.scenarios.table import radians
+from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import roll_out
 

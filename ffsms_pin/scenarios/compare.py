@@ -14,9 +14,9 @@ from ffsms_pin.opt import METHODS, Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.closed_loop import named
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.extremes import base_numbers
 from ffsms_pin.scenarios.references import planned
 from ffsms_pin.scenarios.run import stage
+from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Comparison", "compare", "comparison_numbers", "why_not_reached"]

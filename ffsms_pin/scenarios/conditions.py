@@ -11,7 +11,7 @@ from ffsms_pin.control import LAWS, JointLaw
 from ffsms_pin.models import load
 from ffsms_pin.scenarios.actuated import COORDINATED_WITH, base_law, coordinated
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.tables import DEGREES, radians
+from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.simulation import (
     Actuator,
     Capture,

@@ -7,12 +7,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pinocchio as pin
+
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidScenario, InvalidValue
-from ffsms_pin.models import load, satellite_names
+from ffsms_pin.models import SatelliteBase, load, mount, satellite_names
+from ffsms_pin.models.mounting import face_placement
 from ffsms_pin.scenarios.actuated import with_actuators
+from ffsms_pin.scenarios.fits import DEFAULT_LAW
 from ffsms_pin.scenarios.joint_values import joint_values, within_limits
-from ffsms_pin.scenarios.tables import DEFAULT_LAW, radians
+from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
@@ -130,10 +135,8 @@ class Contents:
         FfsmsError
             What `ffsms_pin.load` raises; `InvalidScenario` where limits do not fit the robot.
         """
-        options = radians(self.robot)
-        model = self.robot_path(options.pop("model"))
         try:
-            sms = load(model, **options)
+            sms = self._robot()
         except InvalidValue as error:
             raise InvalidScenario(self.source, f"[robot] {error}") from None
         try:
@@ -149,6 +152,20 @@ class Contents:
             raise InvalidScenario(self.source, str(error)) from None
         return sms
 
+    def _robot(self) -> SpaceManipulator:
+        """The robot of [robot]: a whole one, or an arm on the satellite of [robot.mount]."""
+        options = radians({key: value for key, value in self.robot.items() if key != "mount"})
+        model = options.pop("model")
+        if "package_dirs" in options:
+            options["package_dirs"] = [self.source.parent / folder for folder in options["package_dirs"]]
+        if "mount" not in self.robot:
+            return load(self.robot_path(model), **options)
+        satellite = radians(self.robot["mount"])
+        place: dict[str, Any] = {key: satellite.pop(key) for key in ("position", "rpy") if key in satellite}
+        base = SatelliteBase(**satellite)
+        arm = self.source.parent / model
+        return mount(arm if arm.is_file() else model, base, _placement(base, place), **options)
+
     def robot_path(self, model: str) -> str | Path:
         """What `load` takes for a robot of the file: a known name, or a path from the file's folder."""
         return model if model in (*model_names(), *satellite_names()) else self.source.parent / model
@@ -162,3 +179,10 @@ class Contents:
     def per_joint(self, sms: SpaceManipulator, table: str, key: str) -> FloatArray | None:
         """Values (n,) of a key that has one a joint, in radians and metres; None where it is not given."""
         return joint_values(self.source, sms, table, getattr(self, table), key)
+
+
+def _placement(base: SatelliteBase, given: Mapping[str, Any]) -> Any:
+    """Pose (pinocchio.SE3) of the arm's root link in the base frame: what is not given is the default's."""
+    default = face_placement(base)
+    turn = pin.rpy.rpyToMatrix(np.array(given["rpy"])) if "rpy" in given else default.rotation
+    return pin.SE3(turn, np.array(given.get("position", default.translation)))

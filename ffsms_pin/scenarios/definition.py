@@ -13,11 +13,11 @@ from ffsms_pin.errors import InvalidScenario, InvalidValue
 from ffsms_pin.opt import Obstacle, Problem
 from ffsms_pin.scenarios.clients import made_client
 from ffsms_pin.scenarios.contents import Contents
+from ffsms_pin.scenarios.file import checked_tables
 from ffsms_pin.scenarios.joint_values import within_limits
 from ffsms_pin.scenarios.obstacles import made_obstacles
 from ffsms_pin.scenarios.problems import planning_problem
 from ffsms_pin.scenarios.reading import packaged_path, read, scenario_names
-from ffsms_pin.scenarios.schema import checked_tables
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Scenario", "scenario", "scenario_names", "scenario_of"]

@@ -11,7 +11,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios.joint_units import joint_units, slides
-from ffsms_pin.scenarios.tables import DEGREES
+from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["joint_values", "within_limits"]

@@ -15,7 +15,7 @@ from ffsms_pin.scenarios.closed_loop import named
 from ffsms_pin.scenarios.compare import why_not_reached
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import stage
-from ffsms_pin.scenarios.turn_back import Spent, spent, turn_back
+from ffsms_pin.studies.turn_back import Spent, spent, turn_back
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.opt import Obstacle
-from ffsms_pin.scenarios.tables import DEGREES
+from ffsms_pin.scenarios.keys import DEGREES
 
 __all__ = ["SHAPE_KEYS", "made_obstacles"]
 

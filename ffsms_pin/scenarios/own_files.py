@@ -9,7 +9,7 @@ from typing import Any
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios.conditions import control_steps
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.tables import radians
+from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.simulation import Watchdog
 from ffsms_pin.simulation.unfinished import check_stream
 from ffsms_pin.storage import check_writable

@@ -30,7 +30,7 @@ from ffsms_pin.opt import (
     WheelLimits,
     WheelMomentum,
 )
-from ffsms_pin.scenarios.tables import radians
+from ffsms_pin.scenarios.keys import radians
 
 __all__ = ["PACKAGED", "is_import_path", "made_part", "with_parts"]
 

@@ -21,9 +21,9 @@ from ffsms_pin.opt import (
 )
 from ffsms_pin.scenarios.clients import meeting
 from ffsms_pin.scenarios.contents import Contents
+from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.obstacles import made_obstacles
 from ffsms_pin.scenarios.parts import made_part, with_parts
-from ffsms_pin.scenarios.table import radians
 from ffsms_pin.scenarios.targets import goal_of, other_goals, waypoints
 from ffsms_pin.system import SpaceManipulator
 

@@ -13,10 +13,10 @@ from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.described import described
-from ffsms_pin.scenarios.extremes import base_numbers, least_clearances, least_of_samples, position_range
 from ffsms_pin.scenarios.joint_units import joint_units
 from ffsms_pin.scenarios.run import Outcome
 from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers, planned_actuators, tracked_numbers
+from ffsms_pin.studies.extremes import base_numbers, least_clearances, least_of_samples, position_range
 from ffsms_pin.version import __version__
 
 __all__ = ["summary"]

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Also, Goal, Moving, Pose, Position, Via
-from ffsms_pin.scenarios.table import radians
+from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.mechanism import frame_index
 

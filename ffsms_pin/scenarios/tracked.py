@@ -11,9 +11,9 @@ from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
-from ffsms_pin.scenarios.extremes import base_numbers
 from ffsms_pin.scenarios.joint_units import slides
 from ffsms_pin.simulation import Tracking
+from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance
 

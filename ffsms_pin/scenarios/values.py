@@ -1,181 +1,157 @@
-"""What a value in a scenario file may be: each parser returns it clean, or says what is wrong with it."""
+"""What a value in a scenario file may be: numbers in sane ranges, lists of them, and texts.
+
+Values are as TOML writes them, without conversion: `true` is no number, and "3" is none either.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, TypeAlias
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeAlias
+
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, GetCoreSchemaHandler, Tag
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ffsms_pin.checks import LARGEST, SMALLEST_POSITIVE
 
 __all__ = [
-    "Parser",
-    "Unusable",
-    "either",
-    "flag",
-    "frozen",
-    "gain",
-    "matrix",
-    "named_numbers",
-    "not_negative",
-    "number",
-    "numbers",
-    "one_of",
-    "or_infinite",
-    "per_joint",
-    "positive",
-    "table",
-    "text",
-    "texts",
-    "whole",
+    "AnyTime",
+    "ByJoint",
+    "Gain",
+    "Inertia",
+    "Limit",
+    "Margin",
+    "NameOrIndex",
+    "NotNegative",
+    "Number",
+    "Numbers",
+    "OneOf",
+    "PerJoint",
+    "PerJointLimit",
+    "PerJointNotNegative",
+    "PerJointPositive",
+    "Positive",
+    "Rows",
+    "Shifts",
+    "Sizes2",
+    "Sizes3",
+    "Text",
+    "Texts",
+    "Vector3",
+    "Vector6",
+    "Whole",
+    "unusable",
 ]
 
-Parser: TypeAlias = Callable[[Any], Any]
+
+def unusable(words: str) -> PydanticCustomError:
+    """What a validator raises: `words` say what a value must be, as "must be above zero"."""
+    return PydanticCustomError("unusable", "{words}", {"words": words})
 
 
-class Unusable(Exception):
-    """A value is not what its key asks for."""
+@dataclass(frozen=True)
+class OneOf:
+    """One of a few texts that the library lists: `Literal` for a tuple that is known when it runs."""
+
+    choices: tuple[str, ...]
+
+    def __get_pydantic_core_schema__(self, kind: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """The schema of the literals."""
+        return core_schema.literal_schema(list(self.choices))
 
 
-def number(value: Any) -> float:
-    """A finite number, no larger than 1e9."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise Unusable("must be a number")
-    try:
-        result = float(value)
-    except OverflowError:
-        raise Unusable("is too large") from None
-    if not math.isfinite(result):
-        raise Unusable("must be finite")
-    if abs(result) > LARGEST:
-        raise Unusable(f"must lie within {-LARGEST:g} and {LARGEST:g}")
-    return result
-
-
-def positive(value: Any) -> float:
-    """A finite number above zero, from 1e-12 to 1e9."""
-    result = number(value)
-    if result <= 0.0:
-        raise Unusable("must be above zero")
-    if result < SMALLEST_POSITIVE:
-        raise Unusable(f"must be at least {SMALLEST_POSITIVE:g}")
-    return result
-
-
-def not_negative(value: Any) -> float:
-    """A finite number of at least zero."""
-    result = number(value)
-    if result < 0.0:
-        raise Unusable("must not be negative")
-    return result
-
-
-def or_infinite(entry: Parser) -> Parser:
-    """What `entry` takes, or `inf`."""
-    return lambda value: math.inf if isinstance(value, float) and value == math.inf else entry(value)
-
-
-def whole(least: int) -> Parser:
-    """A whole number of at least `least`."""
-
-    def parse(value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise Unusable(f"must be a whole number of at least {least}")
-        return value
-
-    return parse
-
-
-def flag(value: Any) -> bool:
-    """True or false."""
-    if not isinstance(value, bool):
-        raise Unusable("must be true or false")
+def _finite_or_infinite(value: float) -> float:
+    if math.isnan(value) or LARGEST < value < math.inf:
+        raise unusable(f"must be finite and at most {LARGEST:g}, or inf")
     return value
 
 
-def text(value: Any) -> str:
-    """A text that is not empty."""
-    if not isinstance(value, str) or not value.strip() or "\0" in value:
-        raise Unusable("must be a text that is not empty")
+def _some_text(value: str) -> str:
+    if not value.strip() or "\0" in value:
+        raise unusable("must be a text that is not empty")
     return value
 
 
-def texts(value: Any) -> tuple[str, ...]:
-    """A list of texts, each of them not empty."""
-    if not isinstance(value, list):
-        raise Unusable("must be a list of texts")
-    return tuple(text(item) for item in value)
+def _listed(size: int | None = None, of: str = "numbers") -> BeforeValidator:
+    """A list of `size` entries, or of one or more of them."""
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, list | tuple) or not value or size not in (None, len(value)):
+            raise unusable(f"must be a list of {size or 'one or more'} {of}")
+        return list(value)
+
+    return BeforeValidator(check)
 
 
-def named_numbers(value: Any) -> dict[str, float]:
-    """A table of numbers by name."""
+def _by_name(value: Any) -> Any:
     if not isinstance(value, dict) or not value:
-        raise Unusable("must be a table of numbers by joint, as {joint_2 = 0.5}")
-    return {key: number(item) for key, item in value.items()}
+        raise unusable("must be a table of numbers by joint, as {joint_2 = 0.5}")
+    return value
 
 
-def table(value: Any) -> dict[str, Any]:
-    """Any table."""
-    if not isinstance(value, dict):
-        raise Unusable("must be a table")
-    return {key: frozen(item) for key, item in value.items()}
+def _square(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    if any(len(row) != len(rows) for row in rows):
+        raise unusable(f"must be a list of {len(rows)} rows of {len(rows)} numbers each")
+    return rows
 
 
-def frozen(value: Any) -> Any:
-    """Any value, its lists as tuples."""
-    if isinstance(value, list):
-        return tuple(frozen(item) for item in value)
-    return {key: frozen(item) for key, item in value.items()} if isinstance(value, dict) else value
+def _is_list(value: Any) -> str:
+    return "list" if isinstance(value, list | tuple) else "one"
 
 
-def one_of(*choices: str) -> Parser:
-    """One of a few texts."""
-
-    def parse(value: Any) -> str:
-        if value not in choices:
-            raise Unusable("must be one of " + ", ".join(f'"{choice}"' for choice in choices))
-        return str(value)
-
-    return parse
+def _is_text(value: Any) -> str:
+    return "name" if isinstance(value, str) else "index"
 
 
-def numbers(size: int | None = None, entry: Parser = number) -> Parser:
-    """A list of `size` numbers, or of any number of them."""
-
-    def parse(value: Any) -> tuple[float, ...]:
-        if not isinstance(value, list) or not value or (size is not None and len(value) != size):
-            raise Unusable(f"must be a list of {size or 'one or more'} numbers")
-        return tuple(entry(item) for item in value)
-
-    return parse
+def _has_rows(value: Any) -> str:
+    several = isinstance(value, list | tuple) and value
+    return "rows" if several and all(isinstance(row, list | tuple) for row in value) else "flat"
 
 
-def matrix(rows: int | None, columns: int) -> Parser:
-    """A list of `rows` (or any number of) lists of `columns` numbers."""
+Number: TypeAlias = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Positive: TypeAlias = Annotated[float, Field(ge=SMALLEST_POSITIVE, le=LARGEST, allow_inf_nan=False)]
+NotNegative: TypeAlias = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False)]
+# Above zero, and at least zero, where inf stands for none.
+Limit: TypeAlias = Annotated[float, Field(ge=SMALLEST_POSITIVE), AfterValidator(_finite_or_infinite)]
+Margin: TypeAlias = Annotated[float, Field(ge=0.0), AfterValidator(_finite_or_infinite)]
+AnyTime: TypeAlias = Annotated[float, Field(ge=-LARGEST), AfterValidator(_finite_or_infinite)]
+Whole: TypeAlias = Annotated[int, Field(ge=0)]
+Text: TypeAlias = Annotated[str, AfterValidator(_some_text)]
 
-    def parse(value: Any) -> tuple[tuple[float, ...], ...]:
-        if not isinstance(value, list) or not value or (rows is not None and len(value) != rows):
-            raise Unusable(f"must be a list of {rows or 'one or more'} lists of {columns} numbers")
-        return tuple(numbers(columns)(row) for row in value)
+_TUPLE, _SOME = AfterValidator(tuple), _listed()
+_TWO = Field(min_length=2, max_length=2)
+_THREE = Field(min_length=3, max_length=3)
+_SIX = Field(min_length=6, max_length=6)
+Texts: TypeAlias = Annotated[list[Text], _TUPLE]
+Numbers: TypeAlias = Annotated[list[Number], _TUPLE, _SOME]
+ByJoint: TypeAlias = Annotated[dict[str, Number], BeforeValidator(_by_name)]
+Vector3: TypeAlias = Annotated[list[Number], _THREE, _TUPLE, _listed(3)]
+Sizes2: TypeAlias = Annotated[list[Positive], _TWO, _TUPLE, _listed(2)]
+Sizes3: TypeAlias = Annotated[list[Positive], _THREE, _TUPLE, _listed(3)]
+Vector6: TypeAlias = Annotated[list[Number], _SIX, _TUPLE, _listed(6)]
+Rows: TypeAlias = Annotated[list[Vector3], _TUPLE, _listed(of="rows of 3 numbers")]
+_Square: TypeAlias = Annotated[list[Numbers], _TUPLE, AfterValidator(_square)]
 
-    return parse
-
-
-def either(flat: Parser, nested: Parser) -> Parser:
-    """A list of numbers, or a list of lists."""
-
-    def parse(value: Any) -> Any:
-        rows = isinstance(value, list) and bool(value) and all(isinstance(row, list) for row in value)
-        return nested(value) if rows else flat(value)
-
-    return parse
-
-
-def per_joint(entry: Parser = number) -> Parser:
-    """One number for all joints, or a list with one each; how many those are, only the robot knows."""
-    return lambda value: numbers(None, entry)(value) if isinstance(value, list) else entry(value)
-
-
-def gain(value: Any) -> Any:
-    """One number, one a joint, or a square matrix."""
-    return either(per_joint(), lambda rows: matrix(len(rows), len(rows))(rows))(value)
+_ONE, _LIST, _FLAT, _ROWS = Tag("one"), Tag("list"), Tag("flat"), Tag("rows")
+_NAME, _INDEX = Tag("name"), Tag("index")
+_PER_JOINT, _BY_ROWS = Discriminator(_is_list), Discriminator(_has_rows)
+# One number for all joints, or a list with one each; how many those are, only the robot knows.
+PerJoint: TypeAlias = Annotated[Annotated[Number, _ONE] | Annotated[Numbers, _LIST], _PER_JOINT]
+PerJointPositive: TypeAlias = Annotated[
+    Annotated[Positive, _ONE] | Annotated[list[Positive], _TUPLE, _SOME, _LIST], _PER_JOINT
+]
+PerJointNotNegative: TypeAlias = Annotated[
+    Annotated[NotNegative, _ONE] | Annotated[list[NotNegative], _TUPLE, _SOME, _LIST], _PER_JOINT
+]
+PerJointLimit: TypeAlias = Annotated[
+    Annotated[Limit, _ONE] | Annotated[list[Limit], _TUPLE, _SOME, _LIST], _PER_JOINT
+]
+# One number, one a joint, or a square matrix.
+Gain: TypeAlias = Annotated[Annotated[PerJoint, _FLAT] | Annotated[_Square, _ROWS], _BY_ROWS]
+# Principal moments, or a matrix.
+Inertia: TypeAlias = Annotated[
+    Annotated[Sizes3, _FLAT] | Annotated[list[Vector3], _THREE, _TUPLE, _listed(3), _ROWS], _BY_ROWS
+]
+# One vector, or one a joint.
+Shifts: TypeAlias = Annotated[Annotated[Vector3, _FLAT] | Annotated[Rows, _ROWS], _BY_ROWS]
+NameOrIndex: TypeAlias = Annotated[Annotated[Text, _NAME] | Annotated[Whole, _INDEX], Discriminator(_is_text)]

@@ -15,8 +15,10 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from ffsms_pin import checks
+from ffsms_pin.actuation import ReactionWheels, gyrostat
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client import Client
 from ffsms_pin.opt import Meet
@@ -43,6 +45,8 @@ class CompliantContact:
         After it; its time zero is then.
     wrench : ndarray, shape (N + 1, 6)
         On the end effector at the grasp [N; N m], inertial axes.
+    wheel_momentum : ndarray, shape (w,)
+        Of the servicer's wheels at the end [N m s]; w = 0 where there are none.
     """
 
     t: FloatArray
@@ -50,6 +54,7 @@ class CompliantContact:
     v: FloatArray
     client: Client
     wrench: FloatArray
+    wheel_momentum: FloatArray
 
     @property
     def largest_force(self) -> float:
@@ -78,12 +83,13 @@ def compliant_contact(
     turn_stiffness: float = 20.0,
     turn_damping: float = 2.0,
     time: float = 0.5,
+    wheel_momentum: ArrayLike | None = None,
 ) -> CompliantContact:
     """Servicer and client with a spring and a damper between end effector and grasp, for a short time.
 
-    Two free bodies in one model of Pinocchio's, integrated by Runge-Kutta steps of order 4. What these lose
-    of the total momentum the client is given back after each control step, so that it is kept to rounding.
-    Whoever calls this makes the grasp rigid afterwards (`after_capture`), where both are then.
+    Two free bodies in one model of Pinocchio's, integrated by Runge-Kutta steps of order 4. Wheels of the
+    servicer coast: nothing controls its attitude meanwhile. Whoever calls this makes the grasp rigid
+    afterwards (`after_capture`), where both are then.
 
     Parameters
     ----------
@@ -106,6 +112,8 @@ def compliant_contact(
         k_r [N m/rad], c_r [N m s/rad].
     time : float
         How long it lasts [s].
+    wheel_momentum : array_like, shape (w,), optional
+        Spin momenta of the servicer's wheels at the first touch [N m s]. Default: they stand still.
 
     Raises
     ------
@@ -115,13 +123,17 @@ def compliant_contact(
     k_r = checks.positive("turn_stiffness", turn_stiffness)
     c_r = checks.at_least_zero("turn_damping", turn_damping, "N m s/rad")
     steps = max(1, round(checks.positive("time", time, "s") / checks.positive("dt", dt, "s")))
-    model, body = _both(plant, client)
-    frame, nq, nv = plant.frame_id, plant.nq, plant.nv
+    wheels, speed = None, np.zeros(0)
+    if plant.wheels is not None and wheel_momentum is not None:
+        wheels = plant.wheels
+        speed = checks.vector("wheel_momentum", wheel_momentum, len(wheels), "N m s") / wheels.inertia
+    model, body = _both(plant, wheels, client)
+    frame, nq, nv, last = plant.frame_id, plant.nq, plant.nv, plant.nv + len(speed)
     data, own = model.createData(), model.createData()
     pose, twist = client.pose(t), client.twist(t)
     turned = pose.rotation.T
-    q_all = np.concatenate([q, pin.SE3ToXYZQUAT(pose)])
-    v_all = np.concatenate([v, turned @ twist[:3], turned @ twist[3:]])
+    q_all = np.concatenate([q, np.zeros(len(speed)), pin.SE3ToXYZQUAT(pose)])
+    v_all = np.concatenate([v, speed, turned @ twist[:3], turned @ twist[3:]])
     tau = np.zeros(plant.n)
 
     def wrench(q: FloatArray, v: FloatArray) -> tuple[FloatArray, Any, FloatArray]:
@@ -140,10 +152,11 @@ def compliant_contact(
 
     def generalised(_: float, q: FloatArray, v: FloatArray) -> FloatArray:
         acting, tip, point = wrench(q, v)
+        rubbing = np.zeros(0) if wheels is None else wheels.friction_torque(v[nv:last])
         pin.computeJointJacobians(model, own, q)
         pin.updateFramePlacement(model, own, frame)
         aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        force = np.concatenate([np.zeros(6), tau, np.zeros(6)])
+        force = np.concatenate([np.zeros(6), tau, rubbing, np.zeros(6)])
         for sign, J, place in (
             (1.0, pin.getFrameJacobian(model, own, frame, aligned), tip.translation),
             (-1.0, pin.getJointJacobian(model, own, body, aligned), own.oMi[body].translation),
@@ -152,21 +165,6 @@ def compliant_contact(
             force += sign * (J.T @ np.concatenate([acting[:3], moment]))
         return force
 
-    def momentum(q: FloatArray, v: FloatArray) -> FloatArray:
-        """Total, about the inertial origin."""
-        pin.computeCentroidalMomentum(model, own, q, v)
-        return np.array(pin.SE3(np.eye(3), own.com[0]).act(own.hg).vector)
-
-    def kept(q: FloatArray, v: FloatArray) -> FloatArray:
-        """The velocity with what lacks of the total momentum given to the client."""
-        lack, place = total - momentum(q, v), pin.XYZQUATToSE3(q[nq:])
-        about = lack[3:] - np.cross(place.translation, lack[:3])
-        given = v.copy()
-        given[nv : nv + 3] += place.rotation.T @ lack[:3] / client.mass
-        given[nv + 3 :] += np.linalg.solve(client.inertia, place.rotation.T @ about)
-        return given
-
-    total = momentum(q_all, v_all)
     times = np.linspace(0.0, steps * dt, steps + 1)
     rows_q, rows_v, rows_w = [q_all], [v_all], [wrench(q_all, v_all)[0]]
     for now in times[:-1].tolist():
@@ -174,22 +172,21 @@ def compliant_contact(
             tau = law.torque(q_all[:nq], v_all[:nv], *reference.sample(now))
         for _ in range(_SUBSTEPS):
             q_all, v_all, _ = rk4_step(model, data, q_all, v_all, generalised, dt / _SUBSTEPS)
-        v_all = kept(q_all, v_all)
         rows_q.append(q_all)
         rows_v.append(v_all)
         rows_w.append(wrench(q_all, v_all)[0])
-    end = pin.XYZQUATToSE3(q_all[nq:])
-    moved = np.concatenate([end.rotation @ v_all[nv : nv + 3], end.rotation @ v_all[nv + 3 :]])
+    end = pin.XYZQUATToSE3(q_all[-7:])
+    moved = np.concatenate([end.rotation @ v_all[-6:-3], end.rotation @ v_all[-3:]])
     after = Client(client.mass, client.inertia, end, moved, client.shapes, client.link_placement)
     q_rows, v_rows = np.array(rows_q), np.array(rows_v)
-    return CompliantContact(
-        frozen(times), frozen(q_rows[:, :nq]), frozen(v_rows[:, :nv]), after, frozen(np.array(rows_w))
-    )
+    turning = speed if wheels is None else wheels.inertia * v_all[nv:last]
+    rows = frozen(q_rows[:, :nq]), frozen(v_rows[:, :nv])
+    return CompliantContact(frozen(times), *rows, after, frozen(np.array(rows_w)), frozen(turning))
 
 
-def _both(plant: SpaceManipulator, client: Client) -> tuple[Any, int]:
-    """Servicer and client in one model, the client last; and the client's joint."""
-    model = plant.model.copy()
+def _both(plant: SpaceManipulator, wheels: ReactionWheels | None, client: Client) -> tuple[Any, int]:
+    """Servicer and client in one model, wheels after the joints, the client last; and the client's joint."""
+    model = plant.model.copy() if wheels is None else gyrostat(plant.model, wheels)
     body = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "client")
     inertia = pin.Inertia(client.mass, np.zeros(3), client.inertia)
     model.appendBodyToJoint(body, inertia, pin.SE3.Identity())

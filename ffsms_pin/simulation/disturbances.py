@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -80,3 +80,12 @@ def checked(disturbances: Any) -> tuple[Wrench, ...]:
         if not isinstance(one, Wrench):
             raise InvalidValue("disturbances", one, "must hold Wrench objects")
     return several
+
+
+def later(given: Wrench, by: float) -> Wrench:
+    """The same wrench in a run that begins `by` seconds after."""
+    if callable(given.wrench):
+        return replace(
+            given, wrench=lambda t: given.wrench(t + by), start=given.start - by, end=given.end - by
+        )
+    return replace(given, start=given.start - by, end=given.end - by)

@@ -39,10 +39,12 @@ class Header(NamedTuple):
         return size
 
 
-def save_arrays(path: str | os.PathLike[str], kind: str, values: Mapping[str, Any]) -> None:
+def save_arrays(
+    path: str | os.PathLike[str], kind: str, values: Mapping[str, Any], durable: bool = False
+) -> None:
     """Write arrays, numbers and texts to a compressed npz file that says what `kind` of result it is."""
     arrays: dict[str, Any] = {_FORMAT_KEY: kind, **values}
-    write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
+    write_atomically(path, lambda file: np.savez_compressed(file, **arrays), durable)
 
 
 def load_arrays(

@@ -58,7 +58,9 @@ def regular_target(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], None]) -> None:
+def write_atomically(
+    path: str | os.PathLike[str], write: Callable[[IO[bytes]], None], durable: bool = False
+) -> None:
     """Write a file so that it is there whole or not at all.
 
     A link is followed and stays. A file that is replaced keeps its mode; a new one gets the umask's.
@@ -69,6 +71,8 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], 
         Its folder must exist.
     write : callable
         Is given an open binary file, in the same folder, that takes the name at the end.
+    durable : bool
+        Whether to wait until the disk has the file, and then its name: it is whole after a power cut, too.
 
     Raises
     ------
@@ -87,12 +91,24 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], 
             _keep_mode(target, temporary)
             write(file)
             file.flush()
+            if durable:
+                os.fsync(file.fileno())
             os.replace(temporary, target)  # while the lock is held
+        if durable and os.name == "posix":
+            _sync_folder(target.parent)
     except BaseException as error:
         temporary.unlink(missing_ok=True)
         if isinstance(error, OSError) and not isinstance(error, ResultError):  # one of another file stays
             raise ResultError(path, f"cannot be written ({error.strerror})") from None
         raise
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def write_content(path: str | os.PathLike[str], content: str | bytes) -> None:

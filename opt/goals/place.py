@@ -136,7 +136,7 @@ class Place:
 
     def moved(self, shift: FloatArray, turn: FloatArray) -> Place:
         """Put aside by `shift` and turned by `turn`, where an attitude counts: (3,), (3, 3), or K of them."""
-        rotation = None if self.rotation is None else np.einsum("xy,yz...->xz...", turn, self.rotation)
+        rotation = None if self.rotation is None else np.einsum("xy...,yz...->xz...", turn, self.rotation)
         return replace(self, position=(self.position.T + shift.T).T, rotation=rotation)
 
     def aim(self, sms: SpaceManipulator, q: FloatArray) -> Place:

@@ -75,6 +75,47 @@ def test_only_what_is_missing_is_computed_again(plain: ChunkFolder, tmp_path: Pa
     assert contents(found) == contents(plain)
 
 
+def _damaged(found: ChunkFolder) -> None:
+    file = found.file(2)
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+
+
+def _swapped(found: ChunkFolder) -> None:
+    first, second = found.file(1).read_bytes(), found.file(2).read_bytes()
+    found.file(1).write_bytes(second)
+    found.file(2).write_bytes(first)
+
+
+def _of_another_run(found: ChunkFolder) -> None:
+    other = run(
+        Draws(), CHUNKS, found.path.parent / "other", specification={**SPECIFICATION, "seed": 2}, jobs=1
+    )
+    found.file(2).write_bytes(other.file(2).read_bytes())
+
+
+@pytest.mark.parametrize("spoil", [_damaged, _swapped, _of_another_run])
+def test_a_chunk_that_is_no_evidence_is_computed_again(
+    plain: ChunkFolder, tmp_path: Path, spoil: Callable[[ChunkFolder], None]
+) -> None:
+    found = made(tmp_path / "run", jobs=1)
+    spoil(found)
+    with pytest.raises(ResultError, match=r"chunks/0000000[12]\.npz"):
+        list(found.tables())
+    made(tmp_path / "run", jobs=1)
+    assert contents(found) == contents(plain)
+
+
+def test_a_folder_goes_on_where_a_file_was_moved(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"specification": SPECIFICATION, "jobs": 1}
+    found = run(Draws(), CHUNKS, tmp_path / "run", where={"source": "/here/a.toml"}, **options)
+    written = found.file(0).stat().st_mtime_ns
+    again = run(Draws(), CHUNKS, tmp_path / "run", where={"source": "/there/a.toml"}, **options)
+    assert found.file(0).stat().st_mtime_ns == written
+    assert again.where == {"source": "/there/a.toml"}
+
+
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_what_is_to_be_prepared_stands_before_the_first_chunk(tmp_path: Path, jobs: int) -> None:
     file = tmp_path / "prepared"

@@ -115,9 +115,9 @@ def test_robustness_ends_whole(tmp_path: Path, sent: str, status: int) -> None:
     left = {path.name for path in results.iterdir()}
     kept = "case-1-robustness.parts"  # runs that are done: the same command goes on from there
     if sent == "SIGTERM":
-        first, second = (tmp_path / "err").read_text().splitlines()
-        assert first.startswith("planning: done")
-        assert second == "ffsms-pin: terminated"
+        *lines, last = (tmp_path / "err").read_text().splitlines()
+        assert any(line.startswith("planning: done") for line in lines)
+        assert last.startswith("ffsms-pin: terminated; what is done is kept")
         assert left <= {kept}
     else:  # the next run into this folder removes it
         (hidden,) = left - {kept}

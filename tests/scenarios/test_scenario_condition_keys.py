@@ -17,7 +17,23 @@ from ffsms_pin import simulation as sim
 from ffsms_pin.control import MomentumDump, QuaternionFeedback, StationKeeping
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.scenarios import references, run, scenario
-from ffsms_pin.scenarios.tables import TABLES
+from ffsms_pin.scenarios.file import ScenarioFile, models_in
+from ffsms_pin.scenarios.keys import Keys
+from ffsms_pin.scenarios.page import with_key_tables
+
+
+def _model(*path: str) -> type[Keys]:
+    """The model of a table, or of a table inside it."""
+    model: type[Keys] = ScenarioFile
+    for name in path:
+        (model,) = models_in(model.model_fields[name].annotation)
+    return model
+
+
+def _keys(*path: str) -> set[str]:
+    """The keys of a table, tables inside it left out."""
+    fields = _model(*path).model_fields
+    return {name for name, field in fields.items() if not models_in(field.annotation)}
 
 
 def test_every_keyword_of_simulate_can_be_said() -> None:
@@ -36,25 +52,23 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         "plant": (sim.InertialError, {"model", "end_effector"}),
     }
     for table, (kind, more) in kinds.items():
-        assert set(TABLES[table].keys) == {field.name for field in fields(kind)} | more, table
-    base = TABLES["plan"].tables["base_limits"]
-    assert set(base.keys) == {field.name for field in fields(opt.BaseLimits)}
+        assert _keys(table) == {field.name for field in fields(kind)} | more, table
+    assert _keys("plan", "base_limits") == {field.name for field in fields(opt.BaseLimits)}
     random = set(signature(sim.random_plants).parameters) - {"sms", "rng", "count"}
-    assert set(TABLES["plant"].tables["random"].keys) == random | {"seed"}
+    assert _keys("plant", "random") == random | {"seed"}
     options = set(signature(opt.plan).parameters) - {"sms", "q0", "target", "progress"}
     options -= {"obstacles", "wheel_momentum"}  # said in tables of their own
     options -= {"also", "via"}  # for Python only
-    assert set(TABLES["plan"].keys) | {"base_limits", "joint_rates"} == options | {"reach"}
-    assert "joint_rates" in TABLES["start"].keys
+    assert _keys("plan") | {"base_limits", "joint_rates"} == options | {"reach"}
+    assert "joint_rates" in _keys("start")
     said = {"reference", "controller", "plant", "friction", "actuator", "sensors", "estimator"}
     said |= {"watchdog"}  # tables
     said |= {"disturbances", "events", "dt", "base_controller"}
     laws = (QuaternionFeedback, StationKeeping)
     law = {name for one in laws for name in signature(one).parameters} - {"sms"}
-    attitude = TABLES["attitude"]
-    assert {*attitude.keys, *attitude.tables} == law | {"law"}
-    assert set(attitude.tables["dump"].keys) == set(signature(MomentumDump).parameters)
-    said |= TABLES["simulation"].keys.keys()
+    assert set(_model("attitude").model_fields) == law | {"law"}
+    assert _keys("attitude", "dump") == set(signature(MomentumDump).parameters)
+    said |= _keys("simulation")
     assert set(signature(sim.simulate).parameters) - {"sms", "progress"} == said
 
 
@@ -146,17 +160,13 @@ def test_a_condition_that_cannot_be_used_is_named_before_anything_is_planned(
         assert word in message
 
 
-def test_every_key_is_documented() -> None:
-    """docs/scenarios.md has a line for every key, under its table."""
-    document = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text(encoding="utf-8")
-    sections = dict(re.findall(r"^## \[+([\w.]+)\]+[^\n]*\n(.*?)(?=^## |\Z)", document, re.S | re.M))
-    for name, table in TABLES.items():
-        if name == "laws":
-            assert "laws" in sections
-            continue
-        for title, inner in ((name, table), *((f"{name}.{key}", one) for key, one in table.tables.items())):
-            keys = set(re.findall(r"^\| `(\w+)`", sections[title], re.M))
-            among = {"use"}.union(*(one.keys for one in inner.by_use.values())) if inner.by_use else set()
-            assert keys == set(inner.keys) | among, title
-            for use in inner.by_use or ():
-                assert f'"{use}"' in sections[title]
+def test_the_page_has_the_models_keys() -> None:
+    """docs/scenarios.md has the tables that `python -m ffsms_pin.scenarios.page docs/scenarios.md` writes."""
+    page = (Path(__file__).parents[2] / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    assert with_key_tables(page) == page
+    titles = set(re.findall(r"^## \[+([\w.]+)\]+$", page, re.M))
+    for name, field in ScenarioFile.model_fields.items():
+        assert name in titles
+        for inner, one in models_in(field.annotation)[0].model_fields.items():
+            if name != "laws" and models_in(one.annotation):
+                assert f"{name}.{inner}" in titles

@@ -15,7 +15,7 @@ from ffsms_pin import control, opt
 from ffsms_pin import simulation as sim
 from ffsms_pin.errors import FfsmsError, SimulationStopped
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
-from ffsms_pin.scenarios.tables import gains_of
+from ffsms_pin.scenarios.fits import gains_of
 
 
 @pytest.fixture(scope="module")

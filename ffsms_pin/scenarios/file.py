@@ -1,0 +1,261 @@
+"""A scenario file as one model: its tables, its JSON Schema, and what is wrong with a file in one line."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, get_args, get_origin, get_type_hints
+
+from pydantic import Field, ValidationError, create_model
+from pydantic_core import ErrorDetails
+
+from ffsms_pin.checks import SMALLEST_POSITIVE
+from ffsms_pin.control import LAWS
+from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.scenarios.fits import check_fits, gains_of
+from ffsms_pin.scenarios.keys import DEGREES, Keys, about, table
+from ffsms_pin.scenarios.loop_tables import (
+    ActuatorErrors,
+    CampaignTable,
+    CaptureEvent,
+    Control,
+    Disturbance,
+    EstimatorTable,
+    Fault,
+    Friction,
+    Plant,
+    Reference,
+    SensorErrors,
+    Simulation,
+    WatchdogTable,
+)
+from ffsms_pin.scenarios.part_tables import OWN, PARTS, LimitTable, TermTable
+from ffsms_pin.scenarios.plan_tables import Plan
+from ffsms_pin.scenarios.robot_tables import Attitude, Limits, Robot, Start, Thrusters, Wheels
+from ffsms_pin.scenarios.task_tables import (
+    AlsoGoal,
+    ClientBody,
+    Contact,
+    Meeting,
+    ObstacleBody,
+    Target,
+    Waypoint,
+)
+
+__all__ = ["ScenarioFile", "checked_tables", "models_in", "schema"]
+
+
+def _gains(law: str) -> type[Keys]:
+    """The table [laws.LAW]: the gains of that law, as under [control]."""
+    hints = get_type_hints(Control, include_extras=True)
+    fields: dict[str, Any] = {
+        name: (
+            hints[name],
+            Field(None, description=said.description, json_schema_extra=said.json_schema_extra),
+        )
+        for name, said in Control.model_fields.items()
+        if name in gains_of(law)
+    }
+    return create_model(f"Gains of {law}", __base__=Keys, **fields)
+
+
+_BY_LAW: dict[str, Any] = {law.replace("-", "_"): (_gains(law), Field(None, alias=law)) for law in LAWS}
+_Laws: Any = create_model("Laws", __base__=Keys, **_BY_LAW)
+
+
+class ScenarioFile(Keys):
+    """A scenario of ffsms-pin: robot, task, plan, control, and what the real satellite does differently."""
+
+    robot: Robot = Field({}, validate_default=True)
+    start: Start = Field({}, validate_default=True)
+    target: Target = table()
+    also: list[AlsoGoal] = table()
+    via: list[Waypoint] = table()
+    client: ClientBody = table()
+    meet: Meeting = table()
+    contact: Contact = table()
+    plan: Plan = table()
+    term: list[TermTable] = table()
+    limit: list[LimitTable] = table()
+    obstacle: list[ObstacleBody] = table()
+    limits: Limits = table()
+    control: Control = table()
+    laws: _Laws = table()
+    reference: Reference = table()
+    simulation: Simulation = table()
+    plant: Plant = table()
+    wheels: Wheels = table()
+    thrusters: Thrusters = table()
+    attitude: Attitude = table()
+    friction: Friction = table()
+    actuator: ActuatorErrors = table()
+    sensors: SensorErrors = table()
+    estimator: EstimatorTable = table()
+    disturbance: list[Disturbance] = table()
+    capture: list[CaptureEvent] = table()
+    fault: list[Fault] = table()
+    watchdog: WatchdogTable = table()
+    campaign: CampaignTable = table()
+
+
+# Tables whose absence is another thing than a table without keys.
+_NONE_IF_ABSENT = ("client", "meet", "wheels", "thrusters", "attitude", "watchdog")
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema of a scenario file: with it editors complete keys and show their units."""
+    found = ScenarioFile.model_json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **found}
+
+
+def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Every table of a scenario, its keys known and its values usable.
+
+    Parameters
+    ----------
+    source : Path
+        The file, for messages.
+    content : mapping
+        What the TOML file holds.
+
+    Returns
+    -------
+    dict
+        By table: a dict of values, a tuple of those where there may be several, and where a table is left
+        out, an empty one (None, if its presence means something).
+
+    Raises
+    ------
+    InvalidScenario
+        Names the table, the key and the value.
+    """
+    try:
+        said = ScenarioFile.model_validate(content).said()
+    except ValidationError as error:
+        first = min(error.errors(include_url=False), key=_order)
+        raise InvalidScenario(source, _in_words(first, content)) from None
+    tables: dict[str, Any] = {}
+    for name, field in ScenarioFile.model_fields.items():
+        absent: Any = () if get_origin(field.annotation) is list else None if name in _NONE_IF_ABSENT else {}
+        tables[name] = said.get(name, absent)
+    check_fits(source, tables)
+    return tables
+
+
+def _order(error: ErrorDetails) -> int:
+    """A misspelt key comes first, what is missing for that very reason last."""
+    return {"extra_forbidden": 0, "missing": 2}.get(error["type"], 1)
+
+
+def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
+    """One error of a file in one line: table, key, what is wrong, and the value."""
+    kind, value = error["type"], error["input"]
+    title, name, model, given = _place(error["loc"], content)
+    if kind == "extra_forbidden":
+        fields = model.model_fields
+        known = [field.alias or word for word, field in fields.items()]
+        if model is ScenarioFile:
+            return f"unknown table [{name}]; {_suggestion(name, known)}"
+        known += [word + DEGREES for word, field in fields.items() if about(field).get("degrees")]
+        return f"unknown key '{name}' in {title}; {_suggestion(name, known)}"
+    if kind == "missing":
+        return f"{title} {name} is missing; it has no default"
+    if kind == "union_tag_invalid":
+        table = str(error["loc"][0])
+        use, known = str(given.get("use")), [one for one in PARTS[table] if one != "own"]
+        return (
+            f"{title} use = '{use}' is no {table} of ours; {_suggestion(use, known)}; yours is written {OWN}"
+        )
+    if not name and kind in ("model_type", "model_attributes_type", "list_type"):
+        words = ".".join(str(step) for step in error["loc"] if isinstance(step, str))
+        if title.startswith("[["):
+            return f"'{words}' may be there several times: write [[{words}]] and its keys below"
+        return f"'{words}' must be a table: write [{words}] and its keys below it"
+    if not name:
+        return f"{title} {_wrong(error)}"
+    said = name + DEGREES if name + DEGREES in given else name
+    return f"{title} {said} {_wrong(error)}, got {_short(value)}"
+
+
+def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[Keys], Any]:
+    """Title of an error's table, its key (empty: the table itself), its model, and what is given there."""
+    model: type[Keys] = ScenarioFile
+    title, path, given = "", "", content
+    steps = list(where)
+    while steps:
+        name = str(steps.pop(0))
+        by_alias = {field.alias or word: field for word, field in model.model_fields.items()}
+        kinds = models_in(by_alias[name].annotation) if name in by_alias else []
+        if not kinds:
+            return title, name, model, given
+        path = f"{path}.{name}" if path else name
+        title, model = f"[{path}]", kinds[0]
+        given = given.get(name, {}) if isinstance(given, Mapping) else {}
+        if get_origin(by_alias[name].annotation) is list:
+            title = f"[[{path}]]"
+            if steps:
+                i = int(steps.pop(0))
+                title, given = f"[[{path}]] {i + 1}", given[i]
+            if steps and name in PARTS:
+                use = str(steps.pop(0))
+                model = PARTS[name].get(use, kinds[0])
+    return title, "", model, given
+
+
+def models_in(annotation: Any) -> list[type[Keys]]:
+    """The tables that an annotation speaks of."""
+    if isinstance(annotation, type) and issubclass(annotation, Keys):
+        return [annotation]
+    return [model for inner in get_args(annotation) for model in models_in(inner)]
+
+
+def _wrong(error: ErrorDetails) -> str:
+    """What is wrong with a value, in the words of this library."""
+    kind, limits = error["type"], error.get("ctx", {})
+    if kind in ("greater_than_equal", "less_than_equal"):
+        return _out_of_range(error["input"], limits)
+    if kind == "literal_error":
+        choices = str(limits["expected"]).replace(" or ", ", ").replace("'", '"')
+        return f"must be one of {choices}"
+    words = {
+        "float_type": "must be a number",
+        "finite_number": "must be finite",
+        "int_type": "must be a whole number",
+        "bool_type": "must be true or false",
+        "string_type": "must be a text that is not empty",
+        "list_type": "must be a list",
+        "dict_type": "must be a table",
+    }
+    if kind == "float_type" and isinstance(error["input"], int) and not isinstance(error["input"], bool):
+        return "is too large"
+    return words.get(kind, str(error["msg"]))
+
+
+def _out_of_range(value: Any, limits: Mapping[str, Any]) -> str:
+    """Which range a number leaves."""
+    least = limits.get("ge")
+    if isinstance(value, float) and math.isnan(value):
+        return "must be finite"
+    if least is None:
+        return f"must be at most {limits['le']:g}"
+    if isinstance(least, int):
+        return f"must be a whole number of at least {least}"
+    if least == SMALLEST_POSITIVE:
+        return "must be above zero" if value <= 0.0 else f"must be at least {least:g}"
+    return "must not be negative" if least == 0.0 else f"must be at least {least:g}"
+
+
+def _suggestion(word: str, allowed: Collection[str]) -> str:
+    near = difflib.get_close_matches(word, allowed, n=1, cutoff=0.5)
+    meant = f"did you mean '{near[0]}'? " if near else ""
+    return f"{meant}(allowed: {', '.join(sorted(allowed))})"
+
+
+def _short(value: Any) -> str:
+    try:
+        words = " ".join(repr(value).split())
+    except ValueError:  # a whole number of more digits than Python writes
+        words = "a very long number"
+    return words if len(words) <= 80 else words[:77] + "..."

@@ -1,0 +1,1 @@
+"""What a motion comes to, and what it takes: science about plans, without scenario files."""

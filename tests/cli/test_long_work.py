@@ -1,0 +1,103 @@
+"""Long commands speak, keep what they computed, and say beforehand what they lack."""
+
+from __future__ import annotations
+
+import io
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+from scenario_files import QUICK, write
+
+from ffsms_pin import plotting
+from ffsms_pin.cli import main, progress
+from ffsms_pin.scenarios.saved import load_scenario
+
+
+def test_off_a_terminal_a_long_stage_has_a_line_every_few_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, out = [0.0], io.StringIO()
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
+    with progress.shown_progress(Console(file=out)) as show:
+        for i in range(121):
+            now[0] = 0.25 * i
+            show("plants", i / 120)
+    lines = out.getvalue().splitlines()
+    assert len(lines) == 6
+    assert lines[0] == "plants: 17 % after 5 s"
+    assert lines[-1] == "plants: done in 30.0 s"
+
+
+def test_off_a_terminal_counted_work_has_a_line_every_few_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, out = [0.0], io.StringIO()
+    monkeypatch.setattr("time.perf_counter", lambda: now[0])
+    with progress.counted_progress(Console(file=out, width=200), "runs") as show:
+        show(0, 1000)
+        for i in range(1, 31):
+            now[0] = float(i)
+            show(i, 1000)
+    assert len(out.getvalue().splitlines()) == 6
+    assert "runs: 6 of 1000" in out.getvalue()
+
+
+def test_a_figure_that_fails_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("no ink")
+
+    monkeypatch.setattr(plotting, "save_figures", fail)
+    out = tmp_path / "results"
+    assert main(["run", str(write(tmp_path, QUICK)), "--out", str(out)]) == 70
+    assert {path.name for path in out.iterdir()} == {
+        "trajectory.npz",
+        "tracking.npz",
+        "scenario.json",
+        "summary.json",
+    }
+    assert load_scenario(out / "scenario.json").plan["duration"] == 3.0
+    error = capsys.readouterr().err
+    assert "no ink" in error
+    assert str(out) in error.replace("\n", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "package", "extra"),
+    [
+        (("campaign", "case-2", "--runs", "2"), "pyarrow", "cluster"),
+        (("sweep", "planar_3r", "--vary", "base_mass=1,2"), "matplotlib", "plot"),
+        (("atlas", "planar_3r", "--figures", "x"), "matplotlib", "plot"),
+    ],
+)
+def test_a_missing_package_is_told_before_any_work(
+    arguments: tuple[str, ...],
+    package: str,
+    extra: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    real = find_spec
+    monkeypatch.setattr("ffsms_pin.extras.find_spec", lambda name: None if name == package else real(name))
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert f"ffsms-pin[{extra}]" in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_interrupted_says_how_to_go_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    from ffsms_pin import campaigns, scenarios
+
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(campaigns, "campaign", stop)
+    assert main(["campaign", "case-2", "--runs", "2"]) == 130
+    assert "the same command goes on" in capsys.readouterr().err
+    monkeypatch.setattr(scenarios.Scenario, "load", stop)
+    assert main(["run", "case-2"]) == 130
+    assert capsys.readouterr().err == "ffsms-pin: interrupted\n"

@@ -1,0 +1,164 @@
+"""Tables of scenario files meet: pairs and many triples end in a result, or in one line before any work."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.opt import Trajectory
+from ffsms_pin.scenarios import closed_loop, run, scenario, summary
+from ffsms_pin.simulation import Reference
+
+BASE = """
+robot = {model = "planar_3r"}
+start = {joints = [0.4, 0.7, -0.5]}
+[plan]
+duration = 1.0
+dt = 0.1
+{plan}
+[control]
+law = "computed-torque"
+dt = 0.02
+"""
+TARGET = '[target]\nposition = [0.01, 0.005, 0.0]\nrelative_to = "start"\n'
+CLIENT = """
+[client]
+mass = 20.0
+inertia = [1.0, 1.0, 1.0]
+joints = [0.42, 0.72, -0.48]
+{sensor}
+[meet]
+standoff = 0.0
+"""
+TABLES = {
+    "also": (
+        '[[also]]\nframe = "link_2"\nposition = [0.0, 0.0, 0.0]\nrelative_to = "start"\ntolerance = 0.1\n'
+    ),
+    "via": '[[via]]\nposition = [0.005, 0.0, 0.0]\nrelative_to = "start"\nreach = 0.03\ntime = 0.5\n',
+    "client": CLIENT,
+    "contact": '[contact]\nkind = "compliant"\ntime = 0.1\nafter = 0.5\n',
+    "term": '[[term]]\nuse = "base-turn"\nweight = 0.1\n',
+    "limit": '[[limit]]\nuse = "alpha-box"\n',
+    "obstacle": '[[obstacle]]\nshape = "sphere"\nradius = 0.1\nposition = [-2.0, 0.0, 0.0]\n',
+    "limits": "[limits]\nacceleration = 1.0\n",
+    "replanning": '[reference]\nkind = "re-planning"\ndt = 0.1\n',
+    "hold": "[reference]\nhold = 0.5\n",
+    "simulation": '[simulation]\nintegrator = "variational"\n',
+    "plant": "[plant]\narm_mass = 1.1\n",
+    "random": "[plant.random]\nseed = 1\narm_mass = 0.02\n",
+    "wheels": (
+        "[wheels]\naxes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\ninertia = 0.001\ntorque = 1.0\nmomentum = 5.0\n"
+    ),
+    "thrusters": (
+        "[thrusters]\nplaces = [[0.2, 0.2, 0.0], [0.2, -0.2, 0.0], [-0.2, 0.2, 0.0], [-0.2, -0.2, 0.0]]\n"
+        "directions = [[0, -1, 0], [0, 1, 0], [0, -1, 0], [0, 1, 0]]\nforce = 1.0\nproportional = true\n"
+    ),
+    "attitude": "[attitude]\n",
+    "dump": "[attitude.dump]\n",
+    "mode": 'mode = "rotation-floating"\n',
+    "base limits": "base_limits = {attitude_deg = 20.0}\n",
+    "momentum": "momentum = [0.001, 0.0, 0.0, 0.0, 0.0, 0.0]\n",
+    "friction": "[friction]\nviscous = 0.01\ncoulomb = 0.001\n",
+    "actuator": "[actuator]\ndelay = 0.02\nrate_limit = 50.0\n",
+    "sensors": "[sensors]\njoint_noise = 1e-5\nbase_latency = 0.02\n",
+    "estimator": "[estimator]\n",
+    "disturbance": "[[disturbance]]\nwrench = [0.01, 0, 0, 0, 0, 0]\nend = 0.5\n",
+    "capture": "[[capture]]\ntime = 0.5\nmass = 0.2\ninertia = [0.01, 0.01, 0.01]\n",
+    "fault": "[[fault]]\ntime = 0.5\njoint = 2\n",
+    "watchdog": "[watchdog]\n",
+}
+IN_PLAN = ("mode", "base limits", "momentum")
+# One needs the other: a pair alone would only ask for what is missing.
+NEEDED = {
+    "contact": ["client"],
+    "attitude": ["wheels"],
+    "dump": ["wheels", "thrusters"],
+    "mode": ["wheels", "attitude"],
+}
+
+
+# What cannot be together, and the word of the line that says so.
+REFUSED = {frozenset({"capture", "client"}): "[[capture]]"}
+
+
+def _text(names: set[str]) -> str:
+    """A scenario with some tables, and with what they need."""
+    names = names.union(*(NEEDED.get(name, ()) for name in names))
+    plan = "".join(TABLES[name] for name in TABLES if name in names and name in IN_PLAN)
+    rest = "".join(TABLES[name] for name in TABLES if name in names and name not in IN_PLAN)
+    if {"replanning", "hold"} <= names:
+        rest = rest.replace("[reference]\nhold = 0.5\n", "").replace(
+            "[reference]\n", "[reference]\nhold = 0.5\n"
+        )
+    if {"attitude", "dump"} <= names:
+        rest = rest.replace("[attitude]\n[attitude.dump]", "[attitude.dump]")
+    if "client" in names:
+        sensor = "[client.sensor]\nseed = 1\n" if "replanning" in names else ""
+        rest = rest.replace("{sensor}", sensor)
+    else:
+        rest = TARGET + rest
+    return BASE.replace("{plan}", plan) + rest
+
+
+def _refusal(names: set[str]) -> str:
+    """A word of what a scenario with these tables is refused for; empty where it runs."""
+    names = names.union(*(NEEDED.get(name, ()) for name in names))
+    return next((word for two, word in REFUSED.items() if two <= names), "")
+
+
+def _ends_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: set[str]) -> str:
+    """Run a scenario; what it was refused for before any work, or empty."""
+    path = tmp_path / "short.toml"
+    path.write_text(_text(names), encoding="utf-8")
+    planned: list[bool] = []
+    real = closed_loop.ClosedLoop.reference
+
+    def counted(self: closed_loop.ClosedLoop, plan: Trajectory) -> Reference:
+        planned.append(True)
+        return real(self, plan)
+
+    monkeypatch.setattr(closed_loop.ClosedLoop, "reference", counted)
+    try:
+        outcome = run(scenario(path))
+    except InvalidScenario as error:
+        words = str(error)
+    else:
+        words = ""
+    if words:
+        assert not planned, f"{sorted(names)}: told after the planning: {words}"
+        assert "\n" not in words
+        return words
+    numbers = summary(outcome)
+    assert np.isfinite(outcome.tracking.q).all()
+    assert (numbers.get("capture") is not None) == ("client" in names or "contact" in names)
+    return ""
+
+
+@pytest.mark.parametrize("one", sorted(TABLES))
+def test_each_table_with_each_other(one: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    refused = {}
+    for other in sorted(TABLES):
+        if other >= one:
+            refused[other] = _ends_well(tmp_path, monkeypatch, {one, other})
+    for other, words in refused.items():
+        expected = _refusal({one, other})
+        assert expected in words if expected else words == "", other
+
+
+def _triples() -> list[tuple[str, ...]]:
+    """Some forty of them, drawn once; the client is in every second."""
+    every = list(itertools.combinations(sorted(TABLES), 3))
+    drawn = np.random.default_rng(24).permutation(len(every))
+    with_client = [every[i] for i in drawn if "client" in every[i] or "contact" in every[i]]
+    others = [every[i] for i in drawn if every[i] not in with_client]
+    return with_client[:20] + others[:20]
+
+
+@pytest.mark.parametrize("three", _triples(), ids=" + ".join)
+def test_triples_of_tables(three: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    words, expected = _ends_well(tmp_path, monkeypatch, set(three)), _refusal(set(three))
+    assert expected in words if expected else words == ""
