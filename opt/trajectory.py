@@ -10,11 +10,12 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, frozen, number
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
 from ffsms_pin.opt.goals.near import verdict
-from ffsms_pin.opt.motion.actuated import nodal_momentum, propellant, wheel_energy
+from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.motion.rollout import angles_from_start, configurations, velocities
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.terms.base import propellant, wheel_energy
 
 __all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
 
@@ -231,6 +232,9 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     found = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
     most = sms.limits.torque
     torques = (motion.torque_sizes[:, 0, ::2].T / most) if np.isfinite(most).any() else np.zeros((0, 0))
+    momenta = np.zeros((len(sms.wheels or ()), len(motion.times)))  # wheels that hold nothing stand still
+    if motion.wheels is not None:
+        momenta = Features(motion).wheels.value[:, 0]
     notes = [note, at_goal.misses or at_goal.late, *(violation.note for _, violation in found)]
     return Trajectory(
         t=motion.times[nodes],
@@ -259,7 +263,7 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         met=not (goal.exact and at_goal.misses),
         within_tolerance=not at_goal.misses,
         broken={name: violation.amount for name, violation in found if violation.amount > 0.0},
-        wheel_momentum=nodal_momentum(motion, sms),
+        wheel_momentum=momenta[:, nodes].T,
         wheel_energy=wheel_energy(motion),
         propellant=propellant(motion),
         mode=problem.mode,

@@ -17,7 +17,6 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.base import BaseLimits
-from ffsms_pin.opt.motion.actuated import wheel_torque
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import rolled_out
@@ -264,7 +263,10 @@ def use_of(problem: opt.Problem, rates: FloatArray) -> Use:
         [pin.XYZQUATToSE3(q[:7]) for q in plan.q],
         plan.q[-1],
         largest_torques(sms, plan),
-        (np.abs(plan.wheel_momentum).max(initial=0.0), np.abs(wheel_torque(motion)).max(initial=0.0)),
+        (
+            np.abs(plan.wheel_momentum).max(initial=0.0),
+            np.abs(opt.Features(motion).wheel_torques.value).max(initial=0.0),
+        ),
     )
 
 

@@ -14,10 +14,9 @@ from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, as_goal, resting_p
 from ffsms_pin.opt.goals.near import BINDING, Near, arrivals
 from ffsms_pin.opt.goals.place import Place
 from ffsms_pin.opt.limits.limit import End
-from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.frame import RobotFrame
-from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator

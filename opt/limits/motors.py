@@ -12,13 +12,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.base import SCALE, SHARE
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.motion import Feature, Features
-from ffsms_pin.opt.motion.actuated import (
-    arm_momentum,
-    held_momentum,
-    wheel_momentum,
-    wheel_shares,
-    wheel_torque,
-)
+from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.slopes import forces
 from ffsms_pin.opt.parts.inequality import Inequality
@@ -120,8 +114,9 @@ class WheelLimits(_Motors):
         wheels = motion.wheels
         if wheels is None:
             return Violation()
-        momentum = np.abs(wheel_momentum(motion)[:, 0])
-        torque = np.max([np.abs(wheel_torque(one)[:, 0]) for one in (motion, motion.before)], axis=0)
+        m, before = Features(motion), Features(motion.before)
+        momentum = np.abs(m.wheels.value[:, 0])
+        torque = np.max([np.abs(one.wheel_torques.value[:, 0]) for one in (m, before)], axis=0)
         worst, notes, binding = 0.0, [], []
         for values, most, unit in ((momentum, wheels.momentum, "N m s"), (torque, wheels.torque, "N m")):
             lack, binds, i, k = _lack(values, most)
@@ -132,7 +127,7 @@ class WheelLimits(_Motors):
                     f"{wheels.names[i]} would need {values[i, k]:.3g} {unit} at {motion.times[k]:.3g} s and "
                     f"has {most[i]:.3g} {unit}; wheels of {values.max():.3g} {unit} would do"
                 )
-        taken = arm_momentum(motion)[:, 0]
+        taken = m.arm_momentum.value[:, 0]
         rest = np.abs(taken - wheels.axes.T @ (wheel_shares(wheels) @ taken)).max()
         if rest > 1e-6 * max(float(np.abs(taken).max()), 1e-9):  # more than rounding
             worst = max(worst, 1.0)
@@ -166,9 +161,9 @@ def wheel_rows(step: StepState, in_hand: float) -> Rows | None:
     wheels = step.wheels
     if wheels is None:
         return None
-    m, dt, left = step.features.motions, step.dt, 1.0 - in_hand
+    m, dt, left = step.features, step.dt, 1.0 - in_hand
     G = wheel_shares(wheels) @ held_momentum(m.arm)[..., 0, 0]
-    now, torque = wheel_momentum(m)[:, 0, 0], wheel_torque(m)[:, 0, 0]
+    now, torque = m.wheels.value[:, 0, 0], m.wheel_torques.value[:, 0, 0]
     rubbing = -wheels.friction_torque(now / wheels.inertia) if wheels.rubs else np.zeros(len(wheels))
     middle, room = G @ step.rates + dt * torque, dt * np.minimum(left * wheels.torque, UNBOUNDED)
     lower, upper = middle - room, middle + room

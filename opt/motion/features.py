@@ -9,20 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.actuated import (
-    friction_slope,
-    held_momentum,
-    wheel_momentum,
-    wheel_shares,
-    wheel_torque,
-)
-from ffsms_pin.opt.motion.feature import Feature, Slopes, Where
+from ffsms_pin.kernel import kernel
+from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
+from ffsms_pin.opt.motion.feature import Feature, Indices, Slopes, Where
 from ffsms_pin.opt.motion.frame import BASE, EYE, INERTIAL, Frame, RobotFrame
-from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import Indices
-from ffsms_pin.opt.motion.slopes import force_slopes, momentum_slopes
+from ffsms_pin.opt.motion.motions import Motions, apply_rates
+from ffsms_pin.opt.motion.slopes import force_slopes
 from ffsms_pin.system.batch.stacks import apply, skew
 
 if TYPE_CHECKING:
@@ -44,12 +37,7 @@ class Features:
 
     step: StepState | None = None
 
-    def __init__(
-        self,
-        motions: Motions,
-        duration: float | None = None,
-        where: Where | None = None,
-    ) -> None:
+    def __init__(self, motions: Motions, duration: float | None = None, where: Where | None = None) -> None:
         self.motions, self.where = motions, where
         self.duration = motions.duration if duration is None else duration
 
@@ -139,9 +127,23 @@ class Features:
         return self.feature(self.motions.accelerations, {"own_acceleration": _ONE[None]})
 
     @cached_property
+    def _forces(self) -> Feature:
+        """Torques of the joints, and below them what holds the base (n + 6, S, K)."""
+        m = self.motions
+        by = (m.stack, m.joints, m.rates, m.accelerations, m.own_spin)
+        return self.feature(m.forces, lambda: force_slopes(*by))
+
+    @property
     def torques(self) -> Feature:
         """Joint torques H_q qdd + C_q (n, S, K), the base reacting; in a step with qdd = 0 [N m, or N]."""
-        return self.feature(self.motions.torques, lambda: self._force_slopes(slice(0, -6)))
+        torques: Feature = self._forces[:-6]
+        return torques
+
+    @property
+    def wrench(self) -> Feature:
+        """Force and moment about its centre of mass that hold the base (6, S, K), base axes [N, N m]."""
+        wrench: Feature = self._forces[-6:]
+        return wrench
 
     @cached_property
     def entropy(self) -> Feature:
@@ -149,44 +151,31 @@ class Features:
         return self.feature(self.motions.entropy, {"by_entropy": _ONE})
 
     @cached_property
-    def wheels(self) -> Feature:
-        """Momenta of the wheels that hold the attitude (w, S, K), none where no wheels do [N m s]."""
-        m, wheels = self.motions, self.motions.wheels
+    def arm_momentum(self) -> Feature:
+        """Angular momentum of arm and base while the attitude is held (3, S, K), base axes [N m s]."""
+        m, D = self.motions, held_momentum(self.motions.arm)
 
         def slopes() -> dict[str, FloatArray]:
-            if wheels is None:
-                return {}
-            by_joints = momentum_slopes(m.stack, m.arm, m.rates)
-            return _shared(wheels, {"by_joints": by_joints, "by_rates": held_momentum(m.arm)})
+            by_joints = kernel.momentum_slopes(m.stack.tree, m.joints, m.rates)
+            return {"by_joints": by_joints.reshape(3, *m.rates.shape), "by_rates": D}
 
-        return self.feature(wheel_momentum(m), slopes)
+        return self.feature(apply_rates(D, m.rates), slopes)
+
+    @cached_property
+    def wheels(self) -> Feature:
+        """Momenta of the wheels that hold the attitude (w, S, K), none where no wheels do [N m s]."""
+        momenta: Feature = self.wheel_total - wheel_shares(self.motions.wheels) @ self.arm_momentum
+        return momenta
 
     @cached_property
     def wheel_torques(self) -> Feature:
         """Torques of their motors (w, S, K), friction made good [N m]."""
-        wheels, momenta = self.motions.wheels, self.wheels
-
-        def slopes() -> dict[str, FloatArray]:
-            if wheels is None:
-                return {}
-            found = _shared(wheels, self._force_slopes(slice(-3, None)))
-            if wheels.rubs:
-                rubbing = friction_slope(wheels, momenta.value)
-                for name, slope in momenta.slopes.items():
-                    found[name] = found[name] + rubbing[:, None] * slope
-            return found
-
-        return self.feature(wheel_torque(self.motions), slopes)
-
-    @cached_property
-    def wrench(self) -> Feature:
-        """Force and moment about its centre of mass that hold the base (6, S, K), base axes [N, N m]."""
-        return self.feature(self.motions.forces[-6:], lambda: self._force_slopes(slice(-6, None)))
-
-    def _force_slopes(self, rows: slice) -> dict[str, FloatArray]:
-        m = self.motions
-        found = force_slopes(m.stack, m.joints, m.rates, m.accelerations, m.own_spin)
-        return {name: slope[rows] for name, slope in found.items()}
+        wheels = self.motions.wheels
+        torques: Feature = -(wheel_shares(wheels) @ self.wrench[3:])
+        if wheels is not None and wheels.rubs:
+            speeds: Any = self.wheels / wheels.inertia
+            torques = torques - wheels.friction_torque(speeds)
+        return torques
 
     @property
     def time(self) -> Feature:
@@ -198,12 +187,10 @@ class Features:
     def goal(self) -> Feature:
         """Where the goal's position is (3, S, K) [m]; not a number in a step, which knows no goal."""
         m = self.motions
-        target, still = m.target_points, m.target_on == INERTIAL
-        value = np.broadcast_to(target, (3, *m.rates.shape[1:]))
-        if still:
+        value = np.broadcast_to(m.target_points, (3, *m.rates.shape[1:]))
+        if m.target_on == INERTIAL:
             return Feature(value, None, self.where)
-        lever = target - m.base_position
-        return self.feature(value, lambda: {"by_base": EYE, "by_base_turn": -skew(lever)})
+        return self.feature(value, lambda: {"by_base": EYE, "by_base_turn": -skew(value - m.base_position)})
 
     def weighted(self) -> Features:
         """The same at the instants that have a weight in an integral over the motion."""
@@ -232,9 +219,3 @@ class Features:
         values: dict[str, Any] = {name: pick(getattr(whole, name)) for name in _OF_MOTIONS}
         values.update({name: getattr(whole, name)[..., instants] for name in _OF_INSTANTS})
         return Features(replace(whole, evaluated=None, **values), self.duration, where)
-
-
-def _shared(wheels: ReactionWheels, slopes: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """Slopes of what each wheel gets of a vector that the base loses, with these slopes (3, n, S, K)."""
-    shares = -wheel_shares(wheels)
-    return {name: np.einsum("wx,xj...->wj...", shares, slope) for name, slope in slopes.items()}

@@ -19,7 +19,7 @@ from ffsms_pin.system.batch.stacks import apply, exp3, skew
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["Change", "StepFeatures", "by_differences", "difference", "movers"]
+__all__ = ["MOVED_VECTORS", "Change", "StepFeatures", "by_differences", "difference", "movers"]
 
 # Velocities, by what they move.
 _VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
@@ -32,6 +32,7 @@ _VECTORS = {
     "by_base_spin": "base_spin",
 }
 _TURNS = {"by_turn": "attitude", "by_base_turn": "base_attitude"}
+MOVED_VECTORS = (*_VECTORS, *_TURNS)
 _JOINTS = {"by_joints": "joints", "by_rates": "rates", "by_accelerations": "accelerations"}
 
 
@@ -136,7 +137,7 @@ class _Nudged(HeldMotions):
 
 def movers(motions: Motions) -> Iterator[tuple[str, int]]:
     """Everything that may move, by the names of slopes, and its components."""
-    for name in (*_VECTORS, *_TURNS):
+    for name in MOVED_VECTORS:
         yield from ((name, i) for i in range(3))
     yield "by_entropy", 0
     for name in _JOINTS:

@@ -1,24 +1,22 @@
-"""Slopes by hand: what a part may answer in place of features."""
+"""Slopes by hand: what a part may answer in place of a formula."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
 from typing import Any, TypeAlias
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.motion.feature import OWN, Feature, Indices
 
-__all__ = ["Indices", "JointResidual", "Residual", "Residuals"]
+__all__ = ["JointResidual", "Residual", "Residuals"]
 
 
-@dataclass(frozen=True, eq=False)
-class Residual:
+class Residual(Feature):
     """A number at instants of motions, and its slopes, in inertial axes; what is left out does not matter.
 
     Dense, with values at K instants of each of S motions; or, where most are zero, only V entries of them:
     then `motion` says of which motions they are, `instants` at which instants, and (S, K) below reads (V,).
 
-    Attributes
+    Parameters
     ----------
     value : ndarray, shape (S, K)
     instants : ndarray of int, shape (K,), or slice
@@ -40,57 +38,36 @@ class Residual:
         By the entries of C_bm in base axes (`ArmValues.coupling`).
     """
 
-    value: FloatArray
-    instants: Indices | slice = field(default_factory=lambda: slice(None))
-    motion: Indices | None = None
-    over_time: bool = True
-    by_joints: FloatArray | None = None
-    by_rates: FloatArray | None = None
-    by_accelerations: FloatArray | None = None
-    by_tip: FloatArray | None = None
-    by_turn: FloatArray | None = None
-    by_velocity: FloatArray | None = None
-    by_spin: FloatArray | None = None
-    by_base: FloatArray | None = None
-    by_base_turn: FloatArray | None = None
-    by_base_spin: FloatArray | None = None
-    by_entropy: FloatArray | None = None
-    by_coupling: FloatArray | None = None
-
-    def slopes(self) -> dict[str, FloatArray]:
-        """The slopes that there are, by name."""
-        named = ((one.name, getattr(self, one.name)) for one in fields(self) if one.name.startswith("by_"))
-        return {name: _plain(slope) for name, slope in named if slope is not None}
-
-    def feature(self) -> Feature:
-        """The same as a feature."""
-        value, slopes = _plain(self.value), self.slopes()
-        if self.motion is not None:
+    def __init__(
+        self,
+        value: Any,
+        instants: Indices | slice = slice(None),
+        motion: Indices | None = None,
+        over_time: bool = True,
+        **slopes: Any,
+    ) -> None:
+        value, slopes = _plain(value), {name: _plain(slope) for name, slope in slopes.items()}
+        if motion is not None:
             value, slopes = value[None], {name: slope[..., None, :] for name, slope in slopes.items()}
-        return Feature(value, slopes, (self.motion, self.instants), self.over_time)
+        super().__init__(value, slopes, (motion, instants), over_time)
 
 
-@dataclass(frozen=True, eq=False)
-class JointResidual:
+class JointResidual(Feature):
     """A number a joint at every instant that depends on that joint alone; integrated over time.
 
-    Attributes
+    Parameters
     ----------
     value : ndarray, shape (n, S, K)
     by_position, by_rate, by_acceleration : ndarray, shape (n, S, K) or broadcastable
         By the joint's own position, rate and acceleration.
     """
 
-    value: FloatArray
-    by_position: FloatArray | None = None
-    by_rate: FloatArray | None = None
-    by_acceleration: FloatArray | None = None
-
-    def feature(self) -> Feature:
-        """The same as a feature."""
-        by = zip(OWN, (self.by_position, self.by_rate, self.by_acceleration), strict=True)
+    def __init__(
+        self, value: Any, by_position: Any = None, by_rate: Any = None, by_acceleration: Any = None
+    ) -> None:
+        by = zip(OWN, (by_position, by_rate, by_acceleration), strict=True)
         slopes = {name: _plain(slope) for name, slope in by if slope is not None}
-        return Feature(_plain(self.value), slopes, (None, slice(None)))
+        super().__init__(_plain(value), slopes, (None, slice(None)))
 
 
 def _plain(x: Any) -> FloatArray:
@@ -98,4 +75,4 @@ def _plain(x: Any) -> FloatArray:
     return x.value if isinstance(x, Feature) else x
 
 
-Residuals: TypeAlias = list["Feature | Residual | JointResidual"]
+Residuals: TypeAlias = list[Feature]

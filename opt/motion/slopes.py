@@ -21,7 +21,6 @@ __all__ = [
     "entropy_and_gradient",
     "force_slopes",
     "forces",
-    "momentum_slopes",
     "singular",
     "velocity_slopes",
 ]
@@ -88,22 +87,10 @@ def entropy_and_gradient(
 
 
 def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Slopes (3, n, ...) by the joint positions of the base's and the end effector's velocity.
-
-    Angular and linear: of spin @ rates and jstar @ rates at joint rates (n, ...), base axes.
-    """
+    """Slopes (3, n, ...) of spin @ rates and of jstar @ rates (n, ...) by the joint positions, base axes."""
     positions, rates = np.broadcast_arrays(arm.positions, rates)
     spin, tip = kernel.velocity_slopes(stack.tree, positions, rates).reshape(2, 3, *positions.shape)
     return spin, tip
-
-
-def momentum_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> FloatArray:
-    """Slopes (3, n, ...) by the joint positions of the angular momentum about the system's centre of mass.
-
-    At joint rates (n, ...), base axes, the base's attitude held and its place free. Without linear momentum
-    the point does not matter, so moving on with the centre of mass changes nothing.
-    """
-    return kernel.momentum_slopes(stack.tree, arm.positions, rates).reshape(3, *rates.shape)
 
 
 def coupling_slopes(stack: ArmStack, arm: ArmValues, by_coupling: FloatArray) -> FloatArray:

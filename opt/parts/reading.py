@@ -13,7 +13,7 @@ from ffsms_pin.errors import FfsmsError, FfsmsWarning, PartError
 from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.motion.feature import OWN, Feature, lost_slopes
 from ffsms_pin.opt.motion.features import Features
-from ffsms_pin.opt.motion.held import by_differences
+from ffsms_pin.opt.motion.held import MOVED_VECTORS, by_differences
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.residual import JointResidual, Residual
 from ffsms_pin.opt.step.state import StepState
@@ -21,9 +21,9 @@ from ffsms_pin.opt.step.state import StepState
 __all__ = ["Formula", "asked", "formulas", "residuals_of", "rows_of", "violation_of"]
 
 # What a part's formula may be.
-Formula: TypeAlias = "Feature | Residual | JointResidual | FloatArray | Sequence[Formula]"
+Formula: TypeAlias = "Feature | FloatArray | Sequence[Formula]"
 
-_JOINTS = ("by_joints", "by_rates", "by_accelerations")
+_BY_HAND = (Residual, JointResidual)
 
 
 def residuals_of(part: Any, motions: Motions | Features) -> list[Feature]:
@@ -73,7 +73,8 @@ def _answers(part: Any, method: str, features: Features) -> list[Any]:
     before = lost_slopes()
     found = _flat(asked(part, method, features))
     if lost_slopes() > before:  # a feature was made a plain array on the way: its slopes are not all there
-        return [one.value if isinstance(one, Feature) else one for one in found]
+        plain = (isinstance(one, Feature) and not isinstance(one, _BY_HAND) for one in found)
+        return [one.value if lost else one for one, lost in zip(found, plain, strict=True)]
     return found
 
 
@@ -82,8 +83,8 @@ def _flat(found: Any) -> list[Any]:
 
 
 def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Feature:
-    if isinstance(found, (Residual, JointResidual)):
-        return _by_hand(part, method, found.feature(), features)
+    if isinstance(found, _BY_HAND):
+        return _by_hand(part, method, found, features)
     if not isinstance(found, (Feature, np.ndarray, float, int)):
         wanted = "a Feature, a Residual, an array (S, K), or a list of these"
         raise PartError(part, method, f"must return {wanted}; got {type(found).__name__}")
@@ -103,9 +104,16 @@ def _by_hand(part: Any, method: str, found: Feature, features: Features) -> Feat
     wanted = (n, *wanted) if found.ndim == 3 else wanted
     if found.shape != wanted:
         raise PartError(part, method, f"must give a value of shape {wanted}; got {found.shape}")
-    moved = {**dict.fromkeys(_JOINTS, (n,)), **dict.fromkeys((*OWN, "by_entropy"), ()), "by_coupling": (6, n)}
+    moved: dict[str, tuple[int, ...]] = {
+        **dict.fromkeys(OWN.values(), (n,)),
+        **dict.fromkeys((*OWN, "by_entropy"), ()),
+        **dict.fromkeys(MOVED_VECTORS, (3,)),
+        "by_coupling": (6, n),
+    }
     for name, slope in found.slopes.items():
-        full = (*moved.get(name, (3,)), *wanted)
+        if name not in moved:
+            raise PartError(part, method, f"must give slopes by {', '.join(moved)}; got {name}")
+        full = (*moved[name], *wanted)
         fits = (have in (1, want) for have, want in zip(slope.shape, full, strict=False))
         if slope.ndim != len(full) or not all(fits):
             raise PartError(part, method, f"must give {name} of shape {full}; got {slope.shape}")

@@ -9,11 +9,11 @@ import numpy as np
 
 from ffsms_pin.actuation.allocation import ThrusterAllocation
 from ffsms_pin.checks import positive
-from ffsms_pin.opt.motion import Features
+from ffsms_pin.opt.motion import Features, Motions
 from ffsms_pin.opt.motion.feature import root_of_size
 from ffsms_pin.opt.terms.term import WeightedTerm, time_scale
 
-__all__ = ["BaseTurn", "Propellant", "WheelEnergy", "WheelMomentum"]
+__all__ = ["BaseTurn", "Propellant", "WheelEnergy", "WheelMomentum", "propellant", "wheel_energy"]
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class WheelEnergy(WeightedTerm):
 class Propellant(WeightedTerm):
     """Little propellant of the thrusters that hold attitude or place; nothing where no thrusters do.
 
-    The force and the moment that hold the base (`opt.motion.actuated`) are shared by the pseudo-inverse; each
+    The force and the moment that hold the base (`Features.wrench`) are shared by the pseudo-inverse; each
     force that a thruster would have to pull counts as if an opposed one pushed it. For thrusters in opposed
     pairs that is what `Trajectory.propellant` says; for others it is a smooth stand-in.
 
@@ -114,3 +114,26 @@ class Propellant(WeightedTerm):
         forces: Any = ThrusterAllocation(thrusters, m.stack.base_com).shares @ m.weighted().wrench
         flow = 1e3 * thrusters.flow(np.ones(1))  # [g/s] a newton
         return np.sqrt(self.weight * flow) * time_scale(m) * root_of_size(forces, self.rounding)
+
+
+def wheel_energy(motion: Motions) -> float:
+    """Integral over one motion of the sum of |motor torque x wheel speed| [J], by its steps' middles."""
+    if motion.wheels is None:
+        return 0.0
+    m = Features(motion)
+    power = np.abs(m.wheel_torques.value * m.wheels.value / motion.wheels.inertia[:, None, None])
+    return float(power[:, 0, 1::2].sum()) * float(motion.times[2] - motion.times[0])
+
+
+def propellant(motion: Motions) -> float:
+    """What thrusters that hold the base use over one motion [kg], by the law's own sharing of forces.
+
+    As proportional thrusters would give them; pulses of the same mean use the same.
+    """
+    thrusters = motion.thrusters
+    if thrusters is None:
+        return 0.0
+    allocation = ThrusterAllocation(thrusters, motion.stack.base_com)
+    wrenches = motion.forces[-6:, 0, 1::2].T
+    flow = [thrusters.flow(allocation.forces(row[:3], row[3:])) for row in wrenches]
+    return float(np.sum(flow)) * float(motion.times[2] - motion.times[0])

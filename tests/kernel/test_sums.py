@@ -98,12 +98,13 @@ def plain_rows(spline: RateSpline, at: Motions, residual: Residual, s: int) -> t
         "by_entropy": part(entropy_q)[:, None] @ dq,
     }
     rows = []
-    instants = np.arange(len(at.times))[residual.instants]
-    mine = np.arange(len(instants)) if residual.motion is None else np.flatnonzero(residual.motion == s)
+    motion, chosen = residual.where or (None, slice(None))
+    instants = np.arange(len(at.times))[chosen]
+    mine = np.arange(len(instants)) if motion is None else np.flatnonzero(motion == s)
     for i in mine:
         k, row = instants[i], np.zeros(M * n)
-        for name, slope in residual.slopes().items():
-            here = slope[..., i] if residual.motion is not None else slope[..., s, i]
+        for name, slope in residual.slopes.items():
+            here = slope[..., 0 if motion is not None else s, i]
             if name == "by_coupling":
                 full = np.zeros((*arm.coupling.shape[:-2], MOTIONS, len(at.times)))
                 full[..., s, k] = here
@@ -126,8 +127,8 @@ def plain_sums(
                 rows, values, weights = plain_joints(spline, at, residual, weight, s)
             else:
                 rows, mine = plain_rows(spline, at, residual, s)
-                of_motion = residual.value[s] if residual.motion is None else residual.value[mine]
-                values, weights = of_motion, weight[mine]
+                entries = residual.where is not None and residual.where[0] is not None
+                values, weights = residual.value[0 if entries else s, mine], weight[mine]
             gradient[t] += rows.T @ (weights * values)
             hessian[t] += rows.T @ (weights[:, None] * rows)
     return gradient, hessian
@@ -140,9 +141,9 @@ def plain_joints(
     n, instants = at.stack.n, len(at.times)
     rows = np.zeros((n, instants, spline.size, n))
     parts = (
-        (residual.by_position, spline.travel.free),
-        (residual.by_rate, spline.rates.free),
-        (residual.by_acceleration, spline.accelerations.free),
+        (residual.slopes.get("own_joint"), spline.travel.free),
+        (residual.slopes.get("own_rate"), spline.rates.free),
+        (residual.slopes.get("own_acceleration"), spline.accelerations.free),
     )
     for slope, free in parts:
         if slope is not None:
@@ -172,7 +173,7 @@ def drawn(names: list[str], at: Motions, kind: str, rng: np.random.Generator) ->
 
 def features(residuals: list[ByHand]) -> list[Weighted]:
     """As the merit has them."""
-    return [Weighted(residual.feature(), weight) for residual, weight in residuals]
+    return [Weighted(residual, weight) for residual, weight in residuals]
 
 
 def agree(spline: RateSpline, at: Motions, chosen: Any, residuals: list[ByHand]) -> None:

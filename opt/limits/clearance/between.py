@@ -13,8 +13,8 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Poses
+from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import Indices
 
 __all__ = ["Least", "least_of"]
 

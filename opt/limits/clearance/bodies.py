@@ -16,7 +16,7 @@ from ffsms_pin.errors import FfsmsWarning, GeometryError, InvalidValue
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Entries, Nearest, PartPairs, Poses
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
-from ffsms_pin.opt.motion.residual import Indices
+from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import Part, part_of, whole_shapes
 

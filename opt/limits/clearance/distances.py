@@ -18,8 +18,8 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
+from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import Indices
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import apply, exp3, log3

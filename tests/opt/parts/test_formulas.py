@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -122,7 +122,8 @@ def test_check_says_which_slope_is_wrong(planar: ffsms.SpaceManipulator) -> None
     class Wrong(Gaze):
         def residual(self, motions: Any) -> list[opt.Residual]:
             first, *others = super().residual(motions)
-            return [replace(first, by_turn=1.1 * first.slopes()["by_turn"]), *others]
+            slopes: dict[str, Any] = {**first.slopes, "by_turn": 1.1 * first.slopes["by_turn"]}
+            return [opt.Residual(first.value, **slopes), *others]
 
     with pytest.raises(PartError, match=r"Wrong\.residual gives a wrong slope: by_turn\[\d\] of answer 0"):
         opt.check(Wrong(AT), problem_of(planar))
