@@ -76,13 +76,13 @@ class JointLayout:
         return np.asarray(np.where(self.continuous, np.arctan2(second, first), first))
 
     def set_positions(self, q: FloatArray, positions: FloatArray) -> None:
-        """Write joint positions (n,) into a configuration (nq,), in place."""
+        """Write joint positions (..., n) into configurations (..., nq), in place."""
         if self.plain:
-            q[7:] = positions
+            q[..., 7:] = positions
             return
         circles = self.continuous
-        q[self._index] = np.where(circles, np.cos(positions), positions)
-        q[self._index[circles] + 1] = np.sin(positions[circles])
+        q[..., self._index] = np.where(circles, np.cos(positions), positions)
+        q[..., self._index[circles] + 1] = np.sin(positions[..., circles])
 
     def difference(self, q: FloatArray, positions: FloatArray) -> FloatArray:
         """Joint positions of q (nq,) less `positions` (n,); of a continuous joint the shorter way round.

@@ -3,7 +3,6 @@
 from ffsms_pin.opt.goals.goal import (
     ORIENTATION_REACH,
     REACH,
-    TOLERANCE,
     Changed,
     Goal,
     Moving,
@@ -18,7 +17,6 @@ from ffsms_pin.opt.goals.place import Place
 __all__ = [
     "ORIENTATION_REACH",
     "REACH",
-    "TOLERANCE",
     "Also",
     "Changed",
     "Corridor",

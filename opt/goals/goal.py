@@ -39,34 +39,20 @@ TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] ours, at the deadline: a twentieth of r
 
 
 class Goal(ABC):
-    """Where the end effector should be: at the deadline within `tolerance`, near it in the last tenth.
+    """Where the end effector should be: at the deadline within `tolerance`, near it in the last tenth."""
 
-    Attributes
-    ----------
-    tolerance : float
-        At the deadline: of the position [m], and of the attitude and the velocities where they are asked for
-        [rad, m/s, rad/s].
-    reach, orientation_reach : float
-        How far the end effector may be from its place in the last tenth of the time, the paper's r_th [m],
-        and how far its attitude from the wanted one [rad].
-    moves : bool
-        Whether the place depends on the time.
-    exact : bool
-        Whether a plan has reached the goal only with an end within the tolerance, velocities included.
-    coupled : bool
-        Whether the paper's cost is a term by default. It asks for ways across the one to the goal, so not of
-        a goal that is approached along a line.
-    at_rest_with : Client, ClientEstimate or None
-        A body with which the robot should be at rest after it has taken hold of it: a problem that is given
-        no momentum takes the one for that, and a plan for another one says so in its note.
-    """
-
+    # At the deadline: of the position, and of the attitude and the velocities where they are asked for.
     tolerance: float = TOLERANCE
+    # In the last tenth of the time: of the position, the paper's r_th, and of the attitude.
     reach: float = REACH
     orientation_reach: float = ORIENTATION_REACH
-    moves: ClassVar[bool] = False
-    exact: ClassVar[bool] = False
+    moves: ClassVar[bool] = False  # the place depends on the time
+    exact: ClassVar[bool] = False  # reached only with an end within the tolerance, velocities included
+    # Whether the paper's cost is a term by default. It asks for ways across the one to the goal, so not of a
+    # goal that is approached along a line.
     coupled: ClassVar[bool] = True
+    # A body with which the robot should be at rest after it has taken hold of it: a problem that is given no
+    # momentum takes the one for that, and a plan for another one says so in its note.
     at_rest_with: ClassVar[Client | ClientEstimate | None] = None
 
     @abstractmethod
@@ -94,7 +80,6 @@ class Fixed(Goal):
     _stack: ClassVar[Place]
 
     def _stay(self, place: Place) -> None:
-        """Take a place; every reach must be above zero."""
         check_reaches(self)
         object.__setattr__(self, "_place", place)
         object.__setattr__(self, "_stack", stacked_places([place]))
@@ -111,18 +96,16 @@ class Fixed(Goal):
 
 @dataclass(frozen=True, eq=False)
 class Position(Fixed):
-    """The end effector at a place, in any attitude.
+    """The end effector at a place, in any attitude; for `tolerance` and `reach` see `Goal`.
 
     Attributes
     ----------
     position : array_like, shape (3,)
         [m]
     velocity : array_like, shape (3,), optional
-        Velocity of the end effector at the deadline, inertial axes [m/s]; default: the arm comes to rest.
-    tolerance, reach : float
-        See `Goal`.
+        At the deadline, inertial axes [m/s]; default: the arm comes to rest.
     on : {"inertial", "base"}
-        The axes of the position: inertial ones, or those of the base link's frame, with which the goal then
+        The axes of the place: inertial ones, or those of the base link's frame, with which the goal then
         moves and turns.
     """
 
@@ -142,7 +125,7 @@ class Position(Fixed):
 
 @dataclass(frozen=True, eq=False)
 class Pose(Fixed):
-    """The end-effector frame at a pose.
+    """The end-effector frame at a pose; for tolerance and reaches see `Goal`, for `on` see `Position`.
 
     Attributes
     ----------
@@ -150,14 +133,9 @@ class Pose(Fixed):
     twist : array_like, shape (6,), optional
         Velocity and angular velocity at the deadline, inertial axes [m/s; rad/s]; default: the arm comes to
         rest.
-    tolerance, reach, orientation_reach : float
-        See `Goal`.
     free_axis : array_like, shape (3,), optional
         Axis of the end-effector frame, in its own axes, about which it may be turned by any angle: a tool
         that is round about it. Its length does not matter. Default: none.
-    on : {"inertial", "base"}
-        The axes of the pose: inertial ones, or those of the base link's frame, with which the goal then moves
-        and turns.
     """
 
     pose: Any
@@ -183,14 +161,12 @@ class Pose(Fixed):
 
 @dataclass(frozen=True, eq=False)
 class Moving(Goal):
-    """A place that moves: the end effector meets it at the deadline, with its velocity.
+    """A place that moves: the end effector meets it at the deadline, with its velocity; see `Goal`.
 
     Attributes
     ----------
     path : callable
         From a time [s] to a position (3,) [m] or a pinocchio.SE3, inertial axes; smooth.
-    tolerance, reach, orientation_reach : float
-        See `Goal`.
     """
 
     path: Callable[[float], Any]

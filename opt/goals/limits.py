@@ -41,8 +41,6 @@ class Also(AllOf):
         Name of a frame of the robot: a link or a joint.
     goal : array_like, shape (3,), pinocchio.SE3, opt.Position or opt.Pose
         Where it should be; it stands still, or rides on the base (`on="base"`).
-    reserve, margin, ends
-        See `Limit`; set for each robot.
     name : str
         Key of `Trajectory.binding`; by default "also FRAME".
 
@@ -104,8 +102,6 @@ class Via(Near):
         How near to the attitude, where the place is a pose [rad].
     name : str
         Key of `Trajectory.binding`.
-    reserve, began, margin : float
-        See `Limit`; the margin is set for each robot.
 
     Raises
     ------
@@ -185,16 +181,10 @@ class Via(Near):
         ways = [(x.value / most, v / most) for (x, most), v in zip(self.asked(m), speeds, strict=False)]
         along = sum(dot(x, v) for x, v in ways)
         square = sum(dot(v, v) for _, v in ways)
-        later = np.clip(along / np.maximum(square, 1e-300), *_between(m.times))
+        order = np.argsort(m.times, kind="stable")
+        gaps, back, on = 0.5 * np.diff(m.times[order]), np.zeros_like(m.times), np.zeros_like(m.times)
+        back[order[1:]], on[order[:-1]] = -gaps, gaps  # no further than half of the way to its neighbours
+        later = np.clip(along / np.maximum(square, 1e-300), back, on)
         left = sum(dot(x - later * v, x - later * v) for x, v in ways)
         k = np.argmin(left, axis=1)
         return k, later[np.arange(m.count), k]
-
-
-def _between(times: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Half of the way to the neighbours of each instant, back and on [s]."""
-    order = np.argsort(times, kind="stable")
-    gaps = 0.5 * np.diff(times[order])
-    back, on = np.zeros_like(times), np.zeros_like(times)
-    back[order[1:]], on[order[:-1]] = -gaps, gaps
-    return back, on

@@ -31,37 +31,16 @@ class Corridor(Inequality):
 
     What is forbidden is a ball round the grasp without a cone in it. Room is the greater of the ways into the
     cone and out of the ball.
-
-    Attributes
-    ----------
-    goal : Goal
-        The grasp: a goal whose places are poses.
-    deadline : float
-        Time of the goal at the motion's deadline [s].
-    length : float
-        The corridor counts within this distance of the grasp [m].
-    half_angle : float
-        [rad]
-    axis : ndarray, shape (3,)
-        Unit vector of the direction of approach, in grasp axes.
-    slack : float
-        By how much the cone is wider than its tip at the grasp [m]: at the grasp the end effector may miss by
-        so much.
-    inside: float
-        Whole motions are looked for that are in the corridor for so long before the deadline [s]: which
-        instants belong into it is then settled, and none is pushed out of the ball on the wrong side.
-    reserve : float
-        What they keep in hand beyond the margin, at the cone and round the ball [m].
-    began : float
-        See `Limit`; the goal's time is counted from the start of the whole motion [s].
     """
 
-    goal: Goal
-    deadline: float
-    length: float
-    half_angle: float
-    axis: FloatArray
-    slack: float
+    goal: Goal  # the grasp: its places are poses
+    deadline: float  # [s] the goal's time at the motion's deadline
+    length: float  # [m] the corridor counts within this distance of the grasp
+    half_angle: float  # [rad]
+    axis: FloatArray  # (3,) unit vector of the direction of approach, in grasp axes
+    slack: float  # [m] the cone is so much wider than its tip: the end effector may miss the grasp by that
+    # [s] Whole motions are in it for so long before the deadline: which instants belong into it is then
+    # settled, and none is pushed out of the ball on the wrong side.
     inside: float
     reserve: float = 0.0
     began: float = 0.0
@@ -213,13 +192,5 @@ class Meet(Goal):
         """The corridor, where there is one."""
         if self.standoff == 0.0:
             return ()
-        corridor = Corridor(
-            goal=self,
-            deadline=duration,
-            length=self.standoff,
-            half_angle=self.half_angle,
-            axis=self.axis,
-            slack=self.tolerance,
-            inside=(1.0 - _MOUTH) * duration,
-        )
-        return (corridor,)
+        cone = (self.standoff, self.half_angle, self.axis, self.tolerance)
+        return (Corridor(self, duration, *cone, inside=(1.0 - _MOUTH) * duration),)

@@ -53,70 +53,33 @@ class Paired(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """S motions at K instants, inertial axes; components and joints come first.
+    """S motions at K instants, inertial axes [m, rad, s]; components and joints come first."""
 
-    Attributes
-    ----------
-    stack : ArmStack
-        The robot.
-    times, weights : ndarray, shape (K,)
-        Instants [s], the deadline last, and their weights in an integral over time [s].
-    limit_weights : ndarray, shape (K,)
-        The same for limits: instants that only they look at have a weight too.
-    last_tenth : ndarray of int
-        Indices of the instants in the last tenth.
-    joints, rates, accelerations : ndarray, shape (n, S, K)
-    base_attitude : ndarray, shape (3, 3, S, K)
-    com : ndarray, shape (3, K)
-        The system's centre of mass [m].
-    drift : ndarray, shape (3,)
-        Its velocity [m/s].
-    own_spin : ndarray, shape (3, S, K)
-        The part of the base's angular velocity that the total momentum gives, base axes [rad/s].
-    base_start, rotation_start : ndarray, shape (3,), (3, 3)
-        Place of the base's centre of mass and attitude of the base at the start.
-    target : ndarray, shape (3, K)
-        Where the goal's position is, in the axes `target_on` [m].
-    mean_speed : float
-        Scale of speeds: the mean speed of a straight way to the target [m/s].
-    smoothing : Smoothing
-    lag : float
-        The paper pairs a step's rates, those of its end, with the place at its start: so much earlier [s].
-    wheels : ReactionWheels, optional
-        Those that hold the attitude, where wheels do.
-    wheel_total : ndarray, shape (w,)
-        Their momenta, were the joints at rest [N m s].
-    thrusters : Thrusters, optional
-        Those that hold attitude or place, where thrusters do.
-    target_on : {"inertial", "base"}
-        The axes of `target`: inertial ones, or those of the base link, with which it moves.
-    evaluated : ArmValues, optional
-        The arm at the joint positions, where it is known.
-    """
-
-    stack: ArmStack
-    times: FloatArray
-    weights: FloatArray
-    limit_weights: FloatArray
-    last_tenth: Indices
-    joints: FloatArray
+    stack: ArmStack  # the robot
+    times: FloatArray  # (K,) the deadline last
+    weights: FloatArray  # (K,) of the instants in an integral over time
+    limit_weights: FloatArray  # (K,) the same for limits: instants that only they look at have a weight too
+    last_tenth: Indices  # of the instants in the last tenth of the time
+    joints: FloatArray  # (n, S, K)
     rates: FloatArray
     accelerations: FloatArray
-    base_attitude: FloatArray
-    com: FloatArray
-    drift: FloatArray
-    own_spin: FloatArray
-    base_start: FloatArray
-    rotation_start: FloatArray
-    target: FloatArray
-    mean_speed: float
+    base_attitude: FloatArray  # (3, 3, S, K)
+    com: FloatArray  # (3, K) the system's centre of mass
+    drift: FloatArray  # (3,) its velocity
+    own_spin: FloatArray  # (3, S, K) what the total momentum adds to the base's angular velocity, base axes
+    base_start: FloatArray  # (3,) place of the base's centre of mass at the start
+    rotation_start: FloatArray  # (3, 3) attitude of the base there
+    target: FloatArray  # (3, K) the goal's position, in the axes `target_on`
+    mean_speed: float  # scale of speeds: the mean speed of a straight way to the target
     smoothing: Smoothing = EXACT
-    lag: float = 0.0
-    wheels: ReactionWheels | None = None
-    wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))
-    thrusters: Thrusters | None = None
-    target_on: str = "inertial"
-    evaluated: ArmValues | None = None
+    lag: float = 0.0  # the paper pairs a step's rates, those of its end, with the place so much earlier
+    wheels: ReactionWheels | None = None  # those that hold the attitude, where wheels do
+    wheel_total: FloatArray = field(
+        default_factory=lambda: np.zeros(0)
+    )  # (w,) [N m s] were the joints at rest
+    thrusters: Thrusters | None = None  # those that hold attitude or place, where thrusters do
+    target_on: str = "inertial"  # or "base": the axes of the base link, with which the target moves
+    evaluated: ArmValues | None = None  # the arm at the joint positions, where it is known
 
     @property
     def count(self) -> int:

@@ -84,12 +84,7 @@ def configurations(sms: SpaceManipulator, q0: FloatArray, motion: Motions) -> Fl
     q = np.empty((R.shape[-1], sms.nq))
     q[:, :3] = (motion.com[:, ::2] - apply(R, arm.com[:, 0, ::2])).T
     q[:, 3:7] = quaternions(R).T
-    positions = motion.joints[:, 0, ::2].T
-    if sms.layout.plain:
-        q[:, 7:] = positions
-    else:
-        for row, place in zip(q, positions, strict=True):
-            sms.layout.set_positions(row, place)
+    sms.layout.set_positions(q, motion.joints[:, 0, ::2].T)
     q[0] = q0
     return q
 

@@ -113,13 +113,10 @@ def forces(
     """Torques of the joints (n, ...) [N m, or N], below them force and moment (6, ...) that hold the base.
 
     The torques are H_q u' + C_q: the base reacts as far as the mode of the stack leaves it free. What holds
-    the base, where something does, is in base axes, the moment about its centre of mass [N, N m]. Joint
-    positions, rates and accelerations are (n, ...); `own_spin` (3, ...) is what the total momentum adds to
-    the base's angular velocity, base axes [rad/s], by default nothing.
+    the base is in base axes, the moment about its centre of mass [N, N m]; `own_spin` as in `Motions`.
     """
     own = np.zeros((3, *joints.shape[1:])) if own_spin is None else own_spin
-    found = kernel.dynamics(stack.tree, joints, rates, accelerations, own)
-    return found.reshape(-1, *joints.shape[1:])
+    return kernel.dynamics(stack.tree, joints, rates, accelerations, own).reshape(-1, *joints.shape[1:])
 
 
 def force_slopes(

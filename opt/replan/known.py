@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -111,14 +110,11 @@ class ReactionEstimate:
         """The robot with the estimated factors, which `factors` then holds."""
         self.factors = self.solve()
         model = self._sms.model.copy()
-        for i, factor in enumerate(self.factors[:-1].tolist()):
-            model.inertias[i + 2] = _scaled(model.inertias[i + 2], factor, factor)
-        model.inertias[1] = _scaled(model.inertias[1], 1.0, float(self.factors[-1]))
+        *arm, base = self.factors.tolist()
+        for i, (mass, inertia) in enumerate([(1.0, base), *zip(arm, arm, strict=True)], start=1):
+            body = model.inertias[i]
+            model.inertias[i] = pin.Inertia(mass * body.mass, body.lever, inertia * body.inertia)
         return self._sms.with_inertias(model)
-
-
-def _scaled(body: Any, mass: float, inertia: float) -> Any:
-    return pin.Inertia(mass * body.mass, body.lever, inertia * body.inertia)
 
 
 class Correctable:

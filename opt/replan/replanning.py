@@ -15,7 +15,6 @@ from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.starts import REFERENCE_WEIGHTS
 from ffsms_pin.opt.motion.actuated import wheel_total
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.replan.approach import aim
 from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
@@ -42,7 +41,7 @@ class Replanning:
     problem : Problem
         What the motion should do, from the first state that is measured on.
     hold : float
-        Time for which the goal is held after the deadline [s].
+        Time for which the goal is held after the deadline [s]; `duration` is that to arrive and to hold.
     plan : Trajectory, optional
         The first plan; default: that of `opt.solve`.
     options : ReplanOptions, optional
@@ -51,10 +50,6 @@ class Replanning:
 
     Attributes
     ----------
-    duration : float
-        Time to arrive and to hold [s].
-    momentum, base_mode
-        Those of the problem.
     failed_steps, failed_in_a_row : int
         Steps whose programme was not solved, so that the arm braked, and how many of them in a row by now.
     """
@@ -69,30 +64,28 @@ class Replanning:
     ) -> None:
         instance("problem", problem, Problem)
         instance("options", options, ReplanOptions, optional=True)
-        sms, n = problem.sms, problem.sms.n
+        n = problem.sms.n
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + at_least_zero("hold", hold, "s")
         self.momentum, self.base_mode = problem.momentum, problem.mode
         self._stepper = Stepper.of(problem, "resolved-rate", weights or REFERENCE_WEIGHTS)
         self._planner = RestPlanner(problem, self.options, plan)
-        self._robot = sms
+        self._robot = problem.sms
         if problem.locked:
             self._renew_stepper()
-        followed = (
-            "another thread has begun to follow this Replanning, and it remembers one motion only;"
-            " make one for each run: opt.Replanning(problem)"
-        )
-        self._thread = OneThread(followed, for_good=True)
-        self._step, self._seen = -1, problem.q0
+        followed = "another thread has begun to follow this Replanning, and it remembers one motion only; "
+        self._thread = OneThread(f"{followed}make one for each run: opt.Replanning(problem)", for_good=True)
+        self._step, self._seen, self._rests = -1, problem.q0, False
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = 0
         self._noise: float | None = None
         self._wheels: FloatArray | None = None
-        self._correctable, self._uncorrectable = Correctable(sms, problem.mode), 0.0
-        self._rests = False
+        self._correctable, self._uncorrectable = Correctable(problem.sms, problem.mode), 0.0
         goal = problem.goal
         self._passing = goal.exact or not goal.place(problem.duration).rests
+        handover = self.options.last_plan if goal.exact else self.options.handover
+        self._handover = max(handover, 10 * problem.dt)
         self._jerk = None if self.options.jerk is None else per_joint("jerk", self.options.jerk, n)
         at_least_zero("dead_band", self.options.band(None), "m")
 
@@ -113,10 +106,7 @@ class Replanning:
 
     @property
     def expected_miss(self) -> float:
-        """Distance to the goal at the deadline as last foreseen [m]; infinite before the first plan.
-
-        With the part of it that the arm cannot correct, such as a planar arm's across its plane.
-        """
+        """Distance to the goal at the deadline as last foreseen, what cannot be corrected included [m]."""
         plan = self._planner.current
         return np.inf if plan is None else math.hypot(plan.miss, self._uncorrectable)
 
@@ -152,10 +142,7 @@ class Replanning:
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """Plan the next step at t [s] from the measured state, and the whole rest, where they are due.
 
-        Raises
-        ------
-        InUse
-            Another thread has begun.
+        An `InUse` says that another thread has begun.
         """
         with self._thread:
             step = int(t / self.problem.dt + 1e-6)
@@ -163,7 +150,6 @@ class Replanning:
                 self._take(step, q, v)
 
     def _take(self, step: int, q: FloatArray, v: FloatArray) -> None:
-        """Begin a planning step."""
         dt, planner, wheels = self.problem.dt, self._planner, self.problem.wheels
         planner.observe(q, v)
         if wheels is not None and self._wheels is not None:
@@ -221,12 +207,6 @@ class Replanning:
     def _left(self) -> float:
         return self.problem.duration - max(self._step, 0) * self.problem.dt
 
-    @property
-    def _handover(self) -> float:
-        options = self.options
-        time = options.last_plan if self.problem.goal.exact else options.handover
-        return max(time, 10 * self.problem.dt)
-
     def _stepped(self, now: float, q: FloatArray, plan: JointPlan, goal: Goal) -> Step:
         """The next step: along the plan, or to the goal."""
         dt, left, options = self.problem.dt, self.problem.duration - now, self.options
@@ -236,7 +216,13 @@ class Replanning:
             there, wanted = plan.sample(now + dt)
             wanted = wanted + options.return_rate * (there - self._start - dt * wanted)
         else:
-            position, rotation = aim(self.problem, goal, now, q)
+            place = goal.place(now if goal.moves else self.problem.duration)
+            aimed = place.aim(self.problem.sms, q)
+            position, rotation = aimed.position, aimed.rotation
+            if goal.moves and place.velocity is not None:
+                # A step's speed is 2.5 times the way over the time left, at the deadline 3.25 steps, half a
+                # step later (`reference_speed`): aimed so far ahead, the end effector keeps up with the goal.
+                position = position + (3.25 / 2.5 + 0.5) * dt * place.velocity
             if self._jerk is not None and not goal.moves:
                 left = max(left, 5.0 * options.settle)
             if self.mode == "hold" and not goal.moves:
@@ -278,12 +264,11 @@ class Replanning:
 
 
 class Watching(Replanning):
-    """A reference that plans again to a client that a noisy and late sensor measures meanwhile.
+    """A `Replanning` to a client that a noisy and late sensor measures meanwhile; `client` is the true one.
 
     The problem's goal and obstacles hold the `estimate`, which `first_sight` gives: what is measured renews
-    them all. `client` is where it truly is. It is measured for the last time `last_look` seconds before the
-    deadline; from there its own motion is trusted: whatever is corrected later leaves a velocity, and a hand
-    that is near hides the markers. All else is as in `Replanning`.
+    them all. The client is measured for the last time `last_look` seconds before the deadline, for whatever
+    is corrected later leaves a velocity, and a hand that is near hides the markers.
     """
 
     def __init__(
