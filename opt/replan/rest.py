@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +19,15 @@ from ffsms_pin.opt.horizon.solve import refused
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.limits.limit import later
 from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
-from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.approach import Approach
 from ffsms_pin.opt.replan.known import ReactionEstimate
 from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["Approach", "JointPlan", "RestPlanner", "replanned", "rest_of"]
+__all__ = ["JointPlan", "RestPlanner", "replanned", "rest_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,25 +148,6 @@ def _first(model: Model, start: float, last: JointPlan) -> FloatArray:
     p[:, ~problem.free] = 0.0
     # The nearest control points that the limits allow.
     return p + model.qp.solve(np.eye(p.size), np.zeros(p.size), p)
-
-
-@dataclass(frozen=True)
-class Approach(Term):
-    """The distance to the goal does not grow, with noisy sensors.
-
-    Near a configuration in which the arm cannot correct one direction, a way there and back would turn the
-    base a little, and bring the plan's end nearer by micrometres that the model's errors exceed. With the
-    default weight [s/m^2] a retreat of 1 cm in half a second weighs as much as a miss of half a millimetre.
-    """
-
-    weight: float = 100.0
-    name = "approach"
-
-    def residual(self, m: Features) -> Any:
-        """The speed with which the distance grows [m/s], zero where it shrinks."""
-        way = m.goal - m.tip
-        growth = -way.dot(m.velocity) / way.norm(1e-3)  # [m] nearer than that its direction is noise
-        return np.sqrt(self.weight) * np.maximum(growth, 0.0)
 
 
 class RestPlanner:
