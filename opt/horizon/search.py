@@ -11,8 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.arrival import arrival_error, corrected_goal
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, take_down, tighten
+from ffsms_pin.opt.horizon.descent import (
+    LAST_WEIGHTS,
+    Candidates,
+    Model,
+    arrival_error,
+    corrected_goal,
+    take_down,
+    tighten,
+)
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
 from ffsms_pin.opt.horizon.spline import Grid
 from ffsms_pin.opt.limits.limit import tightened
