@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from ffsms_pin.system.base_reaction import MODES
 
 __all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
 
-_FORMAT = "ffsms-pin trajectory"
+_FORMAT, _JSON = "ffsms-pin trajectory", ("shares", "binding", "broken")
 _SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; what is not listed is a single value
     **dict.fromkeys(("t", "position_error", "orientation_error"), ("N+1",)),
     "q": ("N+1", "nq"),
@@ -37,16 +37,6 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; what is not listed i
     "target_rotation": (3, 3),
     **dict.fromkeys(("momentum", "contact_velocity"), (6,)),
     "wheel_momentum": ("N+1", "w"),
-}
-# Files from before there was momentum, or before there were terms, clients, wheels or modes, have none.
-_BEFORE = {
-    **dict.fromkeys(("momentum", "contact_velocity"), np.zeros(6)),
-    **dict.fromkeys(("wheel_momentum", "torque_share"), np.zeros((0, 0))),
-    **dict.fromkeys(("shares", "binding", "broken"), "{}"),  # JSON
-    **dict.fromkeys(("wheel_energy", "propellant"), 0.0),
-    "met": True,
-    "within_tolerance": np.nan,
-    "mode": "floating",
 }
 
 
@@ -236,7 +226,7 @@ class Trajectory:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
         values = {one.name: getattr(self, one.name) for one in fields(self)}
-        for name in ("shares", "binding", "broken"):
+        for name in _JSON:
             values[name] = json.dumps(values[name], default=np.ndarray.tolist)
         save_arrays(path, _FORMAT, values)
 
@@ -248,11 +238,17 @@ class Trajectory:
             name: {"bool": "b", "str": "U", "dict": "U"}.get(kind, "fiu") for name, kind in kinds.items()
         }
 
+        # Files from before there was momentum, or terms, clients, wheels or modes, have none of these.
+        later = fields(cls)[list(kinds).index("contact_velocity") :]
+        before = {one.name: one.default for one in later if one.default is not MISSING}
+        before |= {one.name: one.default_factory() for one in later if one.default_factory is not MISSING}
+        before |= {"within_tolerance": np.nan, **dict.fromkeys(_JSON, "{}")}
+
         def check(heads: Mapping[str, Any]) -> None:
-            there = [name for name in kinds if heads[name] is not _BEFORE.get(name)]
+            there = [name for name in kinds if heads[name] is not before.get(name)]
             check_shapes(path, heads, {name: _SHAPES.get(name, ()) for name in there}, letters)
 
-        values = load_arrays(path, _FORMAT, list(kinds), _BEFORE, check)
+        values = load_arrays(path, _FORMAT, list(kinds), before, check)
         check_times(path, values["t"], least=2)
         for name, kind in kinds.items():
             if kind == "dict":
