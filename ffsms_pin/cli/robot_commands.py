@@ -9,18 +9,6 @@ from ffsms_pin.cli.arguments import Command, add_robot, add_work
 __all__ = ["ROBOT_COMMANDS"]
 
 
-def _quickstart(parser: ArgumentParser) -> None:
-    parser.add_argument(
-        "--notebook", action="store_true", help="open it in Jupyter Lab, and stay until that ends"
-    )
-    parser.add_argument(
-        "--out",
-        metavar="FILE",
-        default="quickstart.ipynb",
-        help="the file to write (default: quickstart.ipynb); one that is there is not replaced",
-    )
-
-
 def _atlas(parser: ArgumentParser) -> None:
     add_robot(parser)
     parser.add_argument(
@@ -139,18 +127,6 @@ def _docs(parser: ArgumentParser) -> None:
 
 
 ROBOT_COMMANDS = {
-    "quickstart": Command(
-        "quickstart",
-        "write a notebook to begin with",
-        """\
-Write a notebook with a first robot, plan, simulation and film into the current folder.
-
-examples:
-  ffsms-pin quickstart             write quickstart.ipynb
-  ffsms-pin quickstart --notebook  write it, and open it in Jupyter Lab
-""",
-        _quickstart,
-    ),
     "atlas": Command(
         "atlas",
         "sample a robot's coupling over its joints or its workspace",

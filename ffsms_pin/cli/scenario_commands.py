@@ -1,4 +1,4 @@
-"""What the commands on scenarios are called, say and take."""
+"""What the command to begin with and those on scenarios are called, say and take."""
 
 from __future__ import annotations
 
@@ -7,6 +7,18 @@ from argparse import ArgumentParser
 from ffsms_pin.cli.arguments import PACKAGED_OR_FILE, Command, add_scenario, add_work
 
 __all__ = ["SCENARIO_COMMANDS"]
+
+
+def _quickstart(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--notebook", action="store_true", help="open it in Jupyter Lab, and stay until that ends"
+    )
+    parser.add_argument(
+        "--out",
+        metavar="FILE",
+        default="quickstart.ipynb",
+        help="the file to write (default: quickstart.ipynb); one that is there is not replaced",
+    )
 
 
 def _run(parser: ArgumentParser) -> None:
@@ -88,6 +100,18 @@ def _merge(parser: ArgumentParser) -> None:
 
 
 SCENARIO_COMMANDS = {
+    "quickstart": Command(
+        "quickstart",
+        "write a notebook to begin with",
+        """\
+Write a notebook with a first robot, plan, simulation and film into the current folder.
+
+examples:
+  ffsms-pin quickstart             write quickstart.ipynb
+  ffsms-pin quickstart --notebook  write it, and open it in Jupyter Lab
+""",
+        _quickstart,
+    ),
     "run": Command(
         "run",
         "plan and track a scenario, write results",

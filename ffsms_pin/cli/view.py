@@ -22,6 +22,7 @@ from ffsms_pin.scenarios.capture import joined
 from ffsms_pin.scenarios.client_motion import ClientMotion
 from ffsms_pin.scenarios.saved import load_scenario
 from ffsms_pin.simulation import Tracking
+from ffsms_pin.storage import read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer import View, view
 
@@ -110,10 +111,12 @@ def scene_of(
 def _summary(path: Path) -> dict[str, Any]:
     """What summary.json says; nothing where it is not there."""
     try:
-        found = json.loads(path.read_text("utf-8"))
+        found = json.loads(read_content(path))
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise ResultError(path, f"cannot be read ({error.strerror})") from None
+    except (ValueError, RecursionError) as error:
         raise ResultError(path, f"cannot be read ({error})") from None
     if not isinstance(found, dict):
         raise ResultError(path, "is not a summary of results")
