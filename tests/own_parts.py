@@ -9,7 +9,7 @@ import numpy as np
 from ffsms_pin import opt
 from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import Residual, Residuals
+from ffsms_pin.opt.parts.reading import Residual
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.batch.stacks import cross, dot
 
@@ -32,14 +32,14 @@ class LookAt(opt.Term):
     weight: float = 0.1
     name = "look at"
 
-    def residual(self, motions: Motions) -> Residuals:
+    def residual(self, motions: Motions) -> list[Residual]:
         """sqrt(weight) |axis - direction to the point| / sqrt(2): squared, the weight times 1 - cos."""
         way = np.reshape(self.point, (3, 1, 1)) - motions.end_effector
         distance = np.sqrt(dot(way, way))
         towards, axis = way / distance, motions.attitude[:, 0]
         miss = np.sqrt(0.5 * self.weight) * (axis - towards)
         eye = np.eye(3)
-        residuals: Residuals = []
+        residuals: list[Residual] = []
         for i in range(3):
             # A turn w moves the axis by w x axis; a shift d the direction by its part across.
             unit = np.broadcast_to(eye[i][:, None, None], axis.shape)
@@ -74,7 +74,7 @@ class AbovePlane(opt.Limit):
         least = 2.0 * (2e-3 - height) - drifting
         return opt.Rows((normal @ step.J_star[:3])[None], np.array([least]), np.array([UNBOUNDED]), give=1.0)
 
-    def residual(self, motions: Motions) -> Residuals:
+    def residual(self, motions: Motions) -> list[Residual]:
         """What the height lacks, in arm lengths."""
         length, normal = motions.stack.length, np.array(self.normal)
         height = np.einsum("x,xsk->sk", normal, motions.end_effector) - self.offset

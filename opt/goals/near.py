@@ -14,7 +14,6 @@ from ffsms_pin.opt.limits.limit import Violation
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.system.batch.stacks import diagonal, dot
 
@@ -56,10 +55,10 @@ class Near(Inequality):
         """What is left of the reaches."""
         return [self.reach - (self.reach / most) * x.norm() for x, most in self.asked(m)]
 
-    def residual(self, m: Features) -> Residuals:
+    def residual(self, m: Features) -> list[Feature]:
         """What is missed beyond what is near enough: as vectors, whose squares have the right bends."""
         scale = self._kept(m.motions)[0]
-        found: Residuals = []
+        found: list[Feature] = []
         for x, most in self.asked(self.counted(m)):
             part = self.reach / most
             lack = beyond(x, max(self.share * most - self.kept / part, 0.0)) * (part / scale)

@@ -12,7 +12,6 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.motion.slopes import singular
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
@@ -46,7 +45,7 @@ class JointLimits(Limit):
         """The identity (n, n), made once for all steps of a robot."""
         return np.eye(len(cast(Limits, self.joint_bounds).lower))
 
-    def residual(self, motions: Motions) -> Residuals:
+    def residual(self, motions: Motions) -> list[Feature]:
         """None: the control points keep the limits."""
         return []
 

@@ -3,6 +3,5 @@
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import JointResidual, Residual, Residuals
 
-__all__ = ["Feature", "Features", "JointResidual", "Motions", "Residual", "Residuals"]
+__all__ = ["Feature", "Features", "Motions"]

@@ -97,11 +97,6 @@ class Frame(Feature):
         super().__init__(position, slopes, where)
         self.rotation, self._turn = rotation, Feature(position, turns)
 
-    @property
-    def position(self) -> Frame:
-        """The position: the frame itself."""
-        return self
-
     def axis(self, axis: Any) -> Feature:
         """A direction (3,) that is given in the frame's axes, in inertial axes (3, S, K)."""
         a = apply(self.rotation, np.asarray(axis, dtype=np.float64)[:, None, None])

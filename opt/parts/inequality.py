@@ -12,7 +12,6 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacke
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE, Motions
-from ffsms_pin.opt.motion.residual import Residuals
 from ffsms_pin.opt.parts.reading import formulas, residuals_of
 from ffsms_pin.opt.step.state import StepState
 
@@ -102,7 +101,7 @@ class Inequality(Limit):
         lack: Feature = self._kept(m.motions)[1] + self.kept - self.rooms(m)
         return lack
 
-    def residual(self, m: Features) -> Residuals:
+    def residual(self, m: Features) -> list[Feature]:
         """What room lacks of what is kept in hand, over `scale`, where it lacks some."""
         scale, counted = self._kept(m.motions)[0], self.counted(m)
         if always := counted.where is None:

@@ -1,4 +1,4 @@
-"""What parts answer, read for the solvers: formulas become residuals, and errors name the part."""
+"""What parts answer, read for the solvers: formulas, or slopes by hand; errors name the part."""
 
 from __future__ import annotations
 
@@ -11,17 +11,87 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.limits.limit import Rows, Violation
-from ffsms_pin.opt.motion.feature import OWN, Feature, lost_slopes
+from ffsms_pin.opt.motion.feature import OWN, Feature, Indices, lost_slopes
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.held import MOVED_VECTORS, by_differences
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import JointResidual, Residual
 from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["Formula", "asked", "checked_parts", "formulas", "residuals_of", "rows_of", "violation_of"]
+__all__ = [
+    "Formula",
+    "JointResidual",
+    "Residual",
+    "asked",
+    "checked_parts",
+    "formulas",
+    "residuals_of",
+    "rows_of",
+    "violation_of",
+]
 
 # What a part's formula may be.
 Formula: TypeAlias = "Feature | FloatArray | Sequence[Formula]"
+
+
+class Residual(Feature):
+    """A number at instants of motions, and its slopes, in inertial axes; what is left out does not matter.
+
+    Dense, with values at K instants of each of S motions; or, where most are zero, only V entries of them:
+    then `motion` says of which motions they are, `instants` at which instants, and (S, K) below reads (V,).
+
+    Parameters
+    ----------
+    value : ndarray, shape (S, K)
+    instants : ndarray of int, shape (K,), or slice
+        Indices of the instants, as in `Motions.times`. Default: all.
+    motion : ndarray of int, shape (V,), or None
+    over_time : bool
+        Whether the square is integrated over time; otherwise it counts as it is.
+    by_joints, by_rates, by_accelerations : ndarray, shape (n, S, K)
+        By the joint positions, rates and accelerations, whatever moves with them held still.
+    by_tip, by_turn : ndarray, shape (3, S, K)
+        By the end effector's position, and by a turn of it (rotation vector).
+    by_velocity, by_spin : ndarray, shape (3, S, K)
+        By its velocity and angular velocity.
+    by_base, by_base_turn, by_base_spin : ndarray, shape (3, S, K)
+        By the position of the base's centre of mass, a turn of the base, and its angular velocity.
+    by_entropy : ndarray, shape (S, K)
+        By H_norm.
+    by_coupling : ndarray, shape (6, n, S, K)
+        By the entries of C_bm in base axes (`ArmValues.coupling`).
+    """
+
+    def __init__(
+        self,
+        value: Any,
+        instants: Indices | slice = slice(None),
+        motion: Indices | None = None,
+        over_time: bool = True,
+        **slopes: Any,
+    ) -> None:
+        value, slopes = _plain(value), {name: _plain(slope) for name, slope in slopes.items()}
+        if motion is not None:
+            value, slopes = value[None], {name: slope[..., None, :] for name, slope in slopes.items()}
+        super().__init__(value, slopes, (motion, instants), over_time)
+
+
+class JointResidual(Feature):
+    """A number a joint at every instant that depends on that joint alone; integrated over time.
+
+    Parameters
+    ----------
+    value : ndarray, shape (n, S, K)
+    by_position, by_rate, by_acceleration : ndarray, shape (n, S, K) or broadcastable
+        By the joint's own position, rate and acceleration.
+    """
+
+    def __init__(
+        self, value: Any, by_position: Any = None, by_rate: Any = None, by_acceleration: Any = None
+    ) -> None:
+        by = zip(OWN, (by_position, by_rate, by_acceleration), strict=True)
+        slopes = {name: _plain(slope) for name, slope in by if slope is not None}
+        super().__init__(_plain(value), slopes, (None, slice(None)))
+
 
 _BY_HAND = (Residual, JointResidual)
 
@@ -148,3 +218,8 @@ def _differences(part: Any, method: str, i: int, features: Features) -> Callable
         return np.asarray(one.value if isinstance(one, Feature) else one, dtype=np.float64)
 
     return lambda: by_differences(values, features.motions)
+
+
+def _plain(x: Any) -> FloatArray:
+    """Features may stand where arrays are asked for: their values count."""
+    return x.value if isinstance(x, Feature) else x

@@ -24,7 +24,7 @@ MODULE = """
 from dataclasses import dataclass
 import numpy as np
 from ffsms_pin import opt
-from ffsms_pin.opt.motion import JointResidual
+from ffsms_pin.opt import JointResidual
 
 @dataclass(frozen=True)
 class Quiet(opt.Term):

@@ -17,7 +17,6 @@ from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, checked_obstacles
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacked
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.residual import Residual, Residuals
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
@@ -161,11 +160,11 @@ class Clearance(Limit):
             least -= by[:, -1]
         return Rows(G, least, np.full(len(least), UNBOUNDED), self.give)
 
-    def residual(self, m: Features) -> Residuals:
+    def residual(self, m: Features) -> list[Feature]:
         """What clearances lack of the asked one and the margin, in arm lengths."""
         return [one for stack in self._stacks for one in self._lack(stack, m.motions)]
 
-    def _lack(self, stack: ClearanceStack, motions: Motions) -> Residuals:
+    def _lack(self, stack: ClearanceStack, motions: Motions) -> list[Feature]:
         length, asked = motions.stack.length, self.clearance + self.reserve
         # Bodies that are near each other in every posture cannot be asked for the whole margin.
         kept = np.minimum(asked + self.margin * length, 0.5 * (asked + stack.largest))
@@ -175,9 +174,9 @@ class Clearance(Limit):
             return []
         slopes: dict[str, Any] = _slopes(stack, motions, poses, entries, found)[0]
         motion, instants = np.unravel_index(entries[1], motions.joints.shape[1:])
-        value = (kept[entries[0]] - found.distance) / length
-        slopes = {name: -slope / length for name, slope in slopes.items()}
-        return [Residual(value, motion=motion, instants=instants, **slopes)]
+        value = (kept[entries[0]] - found.distance)[None] / length
+        slopes = {name: -slope[..., None, :] / length for name, slope in slopes.items()}
+        return [Feature(value, slopes, (motion, instants))]
 
     def violation(self, motion: Motions) -> Violation:
         """The largest lack of clearance at the nodes, in the middles, and between shapes everywhere."""

@@ -131,7 +131,7 @@ def test_rows_and_residual_are_those_that_follow_from_room(case: str) -> None:
             kept = np.minimum(least, 0.5 * (0.1 + stack.largest)) - 0.1
             lack: Any = (kept[:, None, None] - room) / motion.stack.length
             for one in limit._lack(stack, motion):
-                assert isinstance(one, opt.Residual)
+                assert isinstance(one, opt.Feature)
                 pairs, at = np.nonzero(lack.value[:, 0] > 0.0)
                 order = np.lexsort((pairs, at))
                 where = pairs[order], at[order]
