@@ -43,13 +43,6 @@ class Also(AllOf):
         Where it should be; it stands still, or rides on the base (`on="base"`).
     name : str
         Key of `Trajectory.binding`; by default "also FRAME".
-
-    Raises
-    ------
-    InvalidValue
-        A goal that moves or asks for a velocity.
-    FrameNotFound
-        Once it is made ready for a robot that has no such frame.
     """
 
     frame: str
@@ -92,7 +85,7 @@ class Via(Near):
     Attributes
     ----------
     place : array_like, shape (3,), pinocchio.SE3, opt.Position or opt.Pose
-        Inertial axes [m].
+        Inertial axes [m]; it stands still.
     time : float, optional
         From the start of the motion [s]. Default: any; single steps then ask for nothing, since they do not
         know whether the place was passed already.
@@ -102,11 +95,6 @@ class Via(Near):
         How near to the attitude, where the place is a pose [rad].
     name : str
         Key of `Trajectory.binding`.
-
-    Raises
-    ------
-    InvalidValue
-        A place that moves or asks for a velocity, a time below zero, a reach that is not above zero.
     """
 
     place: Any

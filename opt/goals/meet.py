@@ -125,10 +125,6 @@ class Meet(Goal):
     rest_after : bool
         Whether the servicer should have the momentum before the capture that leaves both at rest after it
         (`ffsms_pin.client.rest_momentum`). A problem that is given no `momentum` then has this one.
-
-    Raises
-    ------
-    InvalidValue
     """
 
     client: Client | ClientEstimate

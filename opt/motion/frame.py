@@ -21,31 +21,23 @@ EYE = np.eye(3)[..., None, None]  # slopes of a vector by itself
 
 
 class FrameValues(NamedTuple):
-    """A frame at a stack of configurations: place (3, ...) [m] and attitude from the root, base axes.
+    """A frame at a stack of configurations, base axes; the last two a unit rate of each joint, base fixed."""
 
-    `linear` and `angular` (3, n, ...) are its velocities a unit rate of each joint, on a fixed base.
-    """
-
-    position: FloatArray
-    rotation: FloatArray
-    linear: FloatArray
+    position: FloatArray  # (3, ...) from the root [m]
+    rotation: FloatArray  # (3, 3, ...)
+    linear: FloatArray  # (3, n, ...)
     angular: FloatArray
 
 
 class RobotFrame(NamedTuple):
-    """A frame that is fixed to a body of the robot.
-
-    `body` is the index of the joint that carries it, -1 the base; `offset` (3,) [m] and `turn` (3, 3) are its
-    place and attitude in the body's axes; `moves` (n,) is 1 for joints that move it, else 0; `is_tip` marks
-    the end effector's, which motions have at hand.
-    """
+    """A frame that is fixed to a body of the robot."""
 
     name: str
-    body: int
-    offset: FloatArray
-    turn: FloatArray
-    moves: FloatArray
-    is_tip: bool = False
+    body: int  # index of the joint that carries it, -1 the base
+    offset: FloatArray  # (3,) its place in the body's axes [m]
+    turn: FloatArray  # (3, 3) and its attitude there
+    moves: FloatArray  # (n,) 1 for joints that move it, else 0
+    is_tip: bool = False  # the end effector's, which motions have at hand
 
     @classmethod
     def tip(cls, stack: ArmStack) -> RobotFrame:
