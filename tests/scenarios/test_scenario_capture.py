@@ -108,7 +108,7 @@ def test_the_scene_holds_the_client(outcome: Any) -> None:
 
 def test_a_results_folder_shows_the_client(outcome: Any, tmp_path: Path) -> None:
     pytest.importorskip("ffsms_pin.viewer")
-    from ffsms_pin.cli.viewed import scene_of
+    from ffsms_pin.cli.view import scene_of
 
     outcome.trajectory.save(tmp_path / "trajectory.npz")
     outcome.tracking.save(tmp_path / "tracking.npz")
