@@ -211,7 +211,7 @@ class RestPlanner:
         return plan
 
     def _searched_again(self, rest: Problem, now: float, joints: FloatArray, plan: JointPlan) -> JointPlan:
-        """A short search, where the rest of the plan does not arrive or breaks a limit; the better of both."""
+        """A short search, where the rest of a plan does not arrive or breaks a limit; the better of both."""
         self._next_search = now + max(self._options.search_again, 0.25 * rest.duration)
         found = Search(rest).run(QUICK)
         other = JointPlan.of_trajectory(found, now)
