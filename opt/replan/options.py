@@ -41,8 +41,8 @@ class ReplanOptions:
     # Where the plan ends further away, single steps would only push against what is in the way: the plan is
     # followed to its end.
     follow_miss: float = 1e-2
-    # [s] Where the rest of a plan does not arrive, a whole search is made, at most once in this time, and at
-    # most once in a quarter of the time left.
+    # [s] Where the rest of a plan does not arrive or breaks a limit, a whole search is made, at most once in
+    # this time, and at most once in a quarter of the time left.
     search_again: float = 1.0
     # After the deadline an arm that is this near to a goal that stands still rests until it is further away.
     # None: three times the noise with which its place is seen, from 0.1 to 1 mm; 0 with perfect sensors.
