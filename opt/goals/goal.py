@@ -39,20 +39,34 @@ TOLERANCE = 1e-3  # [m, rad, m/s, rad/s] ours, at the deadline: a twentieth of r
 
 
 class Goal(ABC):
-    """Where the end effector should be: at the deadline within `tolerance`, near it in the last tenth."""
+    """Where the end effector should be: at the deadline within `tolerance`, near it in the last tenth.
 
-    # At the deadline: of the position, and of the attitude and the velocities where they are asked for.
+    Attributes
+    ----------
+    tolerance : float
+        At the deadline: of the position [m], and of the attitude and the velocities where they are asked for
+        [rad, m/s, rad/s].
+    reach, orientation_reach : float
+        How far the end effector may be from its place in the last tenth of the time, the paper's r_th [m],
+        and how far its attitude from the wanted one [rad].
+    moves : bool
+        Whether the place depends on the time.
+    exact : bool
+        Whether a plan has reached the goal only with an end within the tolerance, velocities included.
+    coupled : bool
+        Whether the paper's cost is a term by default. It asks for ways across the one to the goal, so not of
+        a goal that is approached along a line.
+    at_rest_with : Client, ClientEstimate or None
+        A body with which the robot should be at rest after it has taken hold of it: a problem that is given
+        no momentum takes the one for that, and a plan for another one says so in its note.
+    """
+
     tolerance: float = TOLERANCE
-    # In the last tenth of the time: of the position, the paper's r_th, and of the attitude.
     reach: float = REACH
     orientation_reach: float = ORIENTATION_REACH
-    moves: ClassVar[bool] = False  # the place depends on the time
-    exact: ClassVar[bool] = False  # reached only with an end within the tolerance, velocities included
-    # Whether the paper's cost is a term by default. It asks for ways across the one to the goal, so not of a
-    # goal that is approached along a line.
+    moves: ClassVar[bool] = False
+    exact: ClassVar[bool] = False
     coupled: ClassVar[bool] = True
-    # A body with which the robot should be at rest after it has taken hold of it: a problem that is given no
-    # momentum takes the one for that, and a plan for another one says so in its note.
     at_rest_with: ClassVar[Client | ClientEstimate | None] = None
 
     @abstractmethod

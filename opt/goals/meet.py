@@ -31,16 +31,37 @@ class Corridor(Inequality):
 
     What is forbidden is a ball round the grasp without a cone in it. Room is the greater of the ways into the
     cone and out of the ball.
+
+    Attributes
+    ----------
+    goal : Goal
+        The grasp: a goal whose places are poses.
+    deadline : float
+        Time of the goal at the motion's deadline [s].
+    length : float
+        The corridor counts within this distance of the grasp [m].
+    half_angle : float
+        [rad]
+    axis : ndarray, shape (3,)
+        Unit vector of the direction of approach, in grasp axes.
+    slack : float
+        By how much the cone is wider than its tip at the grasp [m]: at the grasp the end effector may miss by
+        so much.
+    inside: float
+        Whole motions are looked for that are in the corridor for so long before the deadline [s]: which
+        instants belong into it is then settled, and none is pushed out of the ball on the wrong side.
+    reserve : float
+        What they keep in hand beyond the margin, at the cone and round the ball [m].
+    began : float
+        See `Limit`; the goal's time is counted from the start of the whole motion [s].
     """
 
-    goal: Goal  # the grasp: its places are poses
-    deadline: float  # [s] the goal's time at the motion's deadline
-    length: float  # [m] the corridor counts within this distance of the grasp
-    half_angle: float  # [rad]
-    axis: FloatArray  # (3,) unit vector of the direction of approach, in grasp axes
-    slack: float  # [m] the cone is so much wider than its tip: the end effector may miss the grasp by that
-    # [s] Whole motions are in it for so long before the deadline: which instants belong into it is then
-    # settled, and none is pushed out of the ball on the wrong side.
+    goal: Goal
+    deadline: float
+    length: float
+    half_angle: float
+    axis: FloatArray
+    slack: float
     inside: float
     reserve: float = 0.0
     began: float = 0.0

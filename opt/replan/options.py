@@ -14,43 +14,72 @@ _LONG, _MIDDLE, _SHORT = Grid(12, 5, 3), Grid(8, 4, 2), Grid(4, 3, 2)
 
 @dataclass(frozen=True)
 class ReplanOptions:
-    """Numbers of the receding horizon; the defaults were tuned on the packaged robots. Lengths in [m]."""
+    """Numbers of the receding horizon; the defaults were tuned on the packaged robots.
 
-    # [s] Between two re-plans, and never more than a tenth of the time left: a base that moves by centimetres
-    # a second is not astray by then, and near the deadline errors matter at once.
+    Attributes
+    ----------
+    period : float
+        Between two re-plans [s], and never more than a tenth of the time left: a base that moves by
+        centimetres a second is not astray by then, and near the deadline errors matter at once.
+    long, middle, short : Grid
+        Splines of the rest of the motion: while more than half of the whole time is left, more than a tenth,
+        less.
+    cost_until : float
+        From this share of the whole time on the paper's cost is left out: it does not see speed, and only
+        stirs an arm that comes to rest.
+    iterations : int
+        Of the descent. Two leave commands that jump with the last bits of what is measured.
+    corrections : int
+        How many times four more are made, with ten times as stiff a goal and limits, where the plan meets its
+        goal or a limit by more than half of the tolerance or the margin.
+    handover : float
+        [s] So long before the deadline, but no fewer than ten planning steps, single steps take over from the
+        plan: they close what error is left at every planning step. Where velocities are asked for, the last
+        plan is followed to its end, for a step knows a place only.
+    last_plan : float
+        [s] So long before the deadline the last plan is made where the goal must be met exactly
+        (`Goal.exact`).
+    changed : float
+        An estimated mass is taken over when it has changed by this share.
+    return_rate : float
+        [1/s] How fast a step comes back to the plan where a limit kept it away.
+    arrived_miss : float
+        [m] A plan that ends within this arrives; a tenth of the paper's r_th, twice the tolerance of plans.
+    follow_miss : float
+        [m] Where the plan ends further away, single steps would only push against what is in the way: the
+        plan is followed to its end.
+    search_again : float
+        [s] Where the rest of a plan does not arrive or breaks a limit, a whole search is made, at most once
+        in this time, and at most once in a quarter of the time left.
+    dead_band : float, optional
+        [m] After the deadline an arm that is this near to a goal that stands still rests until it is further
+        away. Default: three times the noise with which its place is seen, from 0.1 to 1 mm; none with perfect
+        sensors.
+    settle : float
+        [s] With noisy or late sensors what error is left after the deadline is closed as if there were so
+        much time: more calmly than at once. With a limit on the jerk in five times that, also shortly before
+        the deadline.
+    jerk : array_like, optional
+        [rad/s^3] One number or (n,). Commanded accelerations change no faster, as far as the limits allow:
+        these come first. Default: no limit.
+    """
+
     period: float = 0.1
-    # Splines of the rest: while more than half of the whole time is left, more than a tenth, less.
     long: Grid = _LONG
     middle: Grid = _MIDDLE
     short: Grid = _SHORT
-    # From this share of the whole time on the paper's cost is left out: it does not see speed, and only stirs
-    # an arm that comes to rest.
     cost_until: float = 0.1
-    iterations: int = 3  # of the descent; two leave commands that jump with the last bits of what is measured
-    # How many times four more are made, with ten times as stiff a goal and limits, where the plan meets its
-    # goal or a limit by more than half of the tolerance or the margin.
+    iterations: int = 3
     corrections: int = 3
-    # [s] So long before the deadline, but no fewer than ten planning steps, single steps take over, which
-    # close what error is left. Where velocities are asked for, the last plan is followed to its end, for a
-    # step knows a place only; `last_plan` says when that is made where the goal must be met exactly.
     handover: float = 0.1
     last_plan: float = 0.5
-    changed: float = 2e-3  # an estimated mass is taken over when it has changed by this share
-    return_rate: float = 2.0  # [1/s] how fast a step comes back to the plan where a limit kept it away
-    arrived_miss: float = 2e-3  # a plan that ends within this arrives: a tenth of the paper's r_th
-    # Where the plan ends further away, single steps would only push against what is in the way: the plan is
-    # followed to its end.
+    changed: float = 2e-3
+    return_rate: float = 2.0
+    arrived_miss: float = 2e-3
     follow_miss: float = 1e-2
-    # [s] Where the rest of a plan does not arrive or breaks a limit, a whole search is made, at most once in
-    # this time, and at most once in a quarter of the time left.
     search_again: float = 1.0
-    # After the deadline an arm that is this near to a goal that stands still rests until it is further away.
-    # None: three times the noise with which its place is seen, from 0.1 to 1 mm; 0 with perfect sensors.
     dead_band: float | None = None
-    # [s] With noisy or late sensors what error is left after the deadline is closed as if there were so much
-    # time: more calmly than at once. With a limit on the jerk in five times that, also shortly before it.
     settle: float = 0.1
-    # [rad/s^3] One number or (n,): commanded accelerations change no faster, as far as the limits allow.
     jerk: Any = None
 
     def band(self, noise: float | None) -> float:

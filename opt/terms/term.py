@@ -33,18 +33,31 @@ class Term(ABC):
 
     Make a subclass in a file of your own and hand it to `opt.Problem(terms=[...])`; docs/own-parts.md builds
     one.
+
+    Attributes
+    ----------
+    name : str
+        Key of `Trajectory.shares`.
+    tie_breaker : bool
+        Whether the term only decides between motions that cost the same in the other terms. Default: no.
+    smooths : bool
+        Whether the term weighs more at the beginning of a search, where it leads round poor minima.
+    step_weight : float
+        On the squared residual in single steps, where it decides what the arm does with motion to spare:
+        small beside the weight 1 of a step's direction. 0: only whole motions see the term.
+    measures_cost : bool
+        Whether motions are called cheap by this term alone, and by its `cost`: the residual may be smoothed
+        while a search is on its way. A re-plan close to the deadline leaves such a term out.
+    kappa : float or None
+        Sharpness of the paper's C~ where the term has one: what a motion reports is measured with it.
     """
 
-    name: str  # key of `Trajectory.shares`
-    tie_breaker: bool = False  # only decides between motions that cost the same in the other terms
-    smooths: bool = False  # weighs more at the beginning of a search, where it leads round poor minima
-    # On the squared residual in single steps, where it decides what the arm does with motion to spare: small
-    # beside the weight 1 of a step's direction. 0: only whole motions see the term.
+    name: str
+    tie_breaker: bool = False
+    smooths: bool = False
     step_weight: float = 0.0
-    # Motions are called cheap by this term alone, and by its `cost`: the residual may be smoothed while a
-    # search is on its way. A re-plan close to the deadline leaves such a term out.
     measures_cost: bool = False
-    kappa: float | None = None  # sharpness of the paper's C~, where the term has one
+    kappa: float | None = None
 
     @abstractmethod
     def residual(self, m: Any) -> Formula:
