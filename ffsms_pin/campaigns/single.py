@@ -15,9 +15,8 @@ from ffsms_pin.errors import FfsmsWarning
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios import Scenario
-from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, named, prepared
+from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planned, prepared
 from ffsms_pin.scenarios.conditions import controller
-from ffsms_pin.scenarios.references import planned
 from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers
 from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.system import SpaceManipulator
@@ -47,7 +46,7 @@ class CampaignRuns:
     def _row(self, row: int, plans: _Plans) -> dict[str, Any]:
         try:
             chosen = self.campaign.scenario(self.campaign.seed + row)
-            with named(chosen), warnings.catch_warnings():
+            with chosen.named(), warnings.catch_warnings():
                 warnings.simplefilter("ignore", FfsmsWarning)  # one for each of a million runs helps nobody
                 return _numbers(chosen, plans)
         except Exception as error:  # whatever it is, the other runs go on

@@ -13,7 +13,7 @@ from ffsms_pin.cli.limits_text import limit_text, range_text
 from ffsms_pin.cli.output import output_console
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.models import load
-from ffsms_pin.scenarios.joint_units import joint_units, slides
+from ffsms_pin.scenarios.joints import joint_units, slides
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["show_robot"]

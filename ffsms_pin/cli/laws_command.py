@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ffsms_pin.plotting import save_formats
     from ffsms_pin.plotting.laws import plot_laws
     from ffsms_pin.scenarios import compare_laws, scenario
-    from ffsms_pin.scenarios.laws import law_numbers
+    from ffsms_pin.scenarios.compare import law_numbers
     from ffsms_pin.storage import write_content
 
     chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)

@@ -29,7 +29,7 @@ from ffsms_pin.cli import (
     sweep_command,
     view_command,
 )
-from ffsms_pin.errors import FfsmsError, meant
+from ffsms_pin.errors import FfsmsError, advised, meant
 
 __all__ = ["main", "parser"]
 
@@ -122,7 +122,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         with _ended_by_sigterm():
             return int(arguments.run(arguments))
     except FfsmsError as error:
-        return _failed(f"error: {error}", BAD_INPUT)
+        options = vars(arguments)
+        return _failed(f"error: {advised(str(error), '--{option} {value}', options)}", BAD_INPUT)
     except _Terminated:
         return _failed("terminated" + _goes_on(arguments), TERMINATED)
     except KeyboardInterrupt:

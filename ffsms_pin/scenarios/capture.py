@@ -12,10 +12,9 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client, after_capture, brake
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.scenarios.actuated import base_law
-from ffsms_pin.scenarios.clients import made_client, meeting
-from ffsms_pin.scenarios.conditions import controller
+from ffsms_pin.scenarios.conditions import base_law, controller
 from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.task import made_client, meeting
 from ffsms_pin.simulation import Tracking, simulate
 from ffsms_pin.simulation.compliant import CompliantContact, compliant_contact
 from ffsms_pin.simulation.disturbances import later

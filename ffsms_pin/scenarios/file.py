@@ -13,7 +13,7 @@ from pydantic_core import ErrorDetails
 
 from ffsms_pin.checks import SMALLEST_POSITIVE
 from ffsms_pin.control import LAWS
-from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.errors import InvalidScenario, short
 from ffsms_pin.scenarios.fits import check_fits, gains_of
 from ffsms_pin.scenarios.keys import DEGREES, Keys, about, table
 from ffsms_pin.scenarios.loop_tables import (
@@ -31,8 +31,7 @@ from ffsms_pin.scenarios.loop_tables import (
     Simulation,
     WatchdogTable,
 )
-from ffsms_pin.scenarios.part_tables import OWN, PARTS, LimitTable, TermTable
-from ffsms_pin.scenarios.plan_tables import Plan
+from ffsms_pin.scenarios.plan_tables import OWN, PARTS, LimitTable, Plan, TermTable
 from ffsms_pin.scenarios.robot_tables import Attitude, Limits, Robot, Start, Thrusters, Wheels
 from ffsms_pin.scenarios.task_tables import (
     AlsoGoal,
@@ -176,7 +175,7 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
     if not name:
         return f"{title} {_wrong(error)}"
     said = name + DEGREES if name + DEGREES in given else name
-    return f"{title} {said} {_wrong(error)}, got {_short(value)}"
+    return f"{title} {said} {_wrong(error)}, got {short(value)}"
 
 
 def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[Keys], Any]:
@@ -251,11 +250,3 @@ def _suggestion(word: str, allowed: Collection[str]) -> str:
     near = difflib.get_close_matches(word, allowed, n=1, cutoff=0.5)
     meant = f"did you mean '{near[0]}'? " if near else ""
     return f"{meant}(allowed: {', '.join(sorted(allowed))})"
-
-
-def _short(value: Any) -> str:
-    try:
-        words = " ".join(repr(value).split())
-    except ValueError:  # a whole number of more digits than Python writes
-        words = "a very long number"
-    return words if len(words) <= 80 else words[:77] + "..."

@@ -11,7 +11,6 @@ import numpy as np
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import BaseLimits, Problem, SearchOptions, Trajectory
 from ffsms_pin.opt.planning.plan import plan_problem
-from ffsms_pin.scenarios.closed_loop import named
 from ffsms_pin.scenarios.compare import why_not_reached
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import stage
@@ -93,7 +92,7 @@ def compare_modes(scenario: Scenario, progress: Callable[[str, float], None] | N
     sms = scenario.load()
     if sms.wheels is None and sms.thrusters is None:
         raise InvalidScenario(scenario.source, "comparing modes needs a table [wheels] or [thrusters]")
-    with named(scenario):
+    with scenario.named():
         problem = scenario.problem(sms)
         options = SearchOptions(time_limit=scenario.plan.get("time_limit"))
         return ModeComparison(scenario, sms, strategies(problem, options, progress))

@@ -16,13 +16,11 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.engine import Chunks, Table, collected, joined, run
 from ffsms_pin.errors import InvalidValue, TaskError, TasksFailed
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, named, prepared
+from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, planned, prepared, replanning
 from ffsms_pin.scenarios.conditions import control_steps, controller
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.references import planned, replanning
 from ffsms_pin.scenarios.run import StageProgress, stage
-from ffsms_pin.scenarios.success import wilson_interval
-from ffsms_pin.scenarios.tracked import arrived
+from ffsms_pin.scenarios.tracked import arrived, wilson_interval
 from ffsms_pin.simulation import random_plants
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
@@ -135,7 +133,7 @@ def robustness(
     sms = scenario.load()
     shares = {"arm_mass": arm_mass, "base_mass": base_mass, "base_inertia": base_inertia}
     next(random_plants(sms, np.random.default_rng(seed), 1, **shares))  # shares out of range show up here
-    with named(scenario):
+    with scenario.named():
         q0 = scenario.start_configuration(sms)
         loop = prepared(scenario, sms, q0)
         controller(scenario, sms)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import platform
+from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
@@ -12,8 +13,8 @@ import numpy as np
 from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
-from ffsms_pin.scenarios.described import described
-from ffsms_pin.scenarios.joint_units import joint_units
+from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.scenarios.run import Outcome
 from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers, planned_actuators, tracked_numbers
 from ffsms_pin.studies.extremes import base_numbers, least_clearances, least_of_samples, position_range
@@ -61,7 +62,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "clearance": _clearance(outcome),
         "base": base_numbers(outcome.sms, plan.q),
         **planned_actuators(outcome.sms, plan),
-        "conditions": described(outcome.scenario),
+        "conditions": _described(outcome.scenario),
         "tracking": _tracking(outcome),
         **({} if outcome.capture is None else {"capture": outcome.capture.numbers()}),
         "timing": _timing(outcome),
@@ -175,3 +176,45 @@ def _timing(outcome: Outcome) -> dict[str, float]:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
+
+
+def _described(scenario: Scenario) -> dict[str, str]:
+    """What the scenario says about its closed loop, by table, without the library's defaults."""
+    reference = scenario.reference
+    words = {
+        "control": _words({"law": scenario.law, **scenario.control}),
+        "reference": _words({"kind": "plan", **reference}),
+    }
+    for name in ("simulation", "plant", "friction", "actuator", "sensors", "estimator"):
+        if values := getattr(scenario, name):
+            words[name] = _words(values)
+    for name in ("also", "via", "disturbance", "capture", "fault", "term", "limit"):
+        several = getattr(scenario, name)
+        for i, values in enumerate(several, start=1):
+            words[name if len(several) == 1 else f"{name} {i}"] = _words(values)
+    if scenario.contact:
+        words["contact"] = _words(scenario.contact)
+    for name in ("client", "meet", "wheels", "thrusters", "attitude"):
+        if (found := getattr(scenario, name)) is not None:
+            words[name] = _words({key: value for key, value in found.items() if value is not None})
+            words[name] = words[name] or "as by default"
+    if scenario.watchdog is not None:
+        words["watchdog"] = _words(scenario.watchdog) or "as by default"
+    for name in ("base_limits", "momentum", "locked", "effort", "base", "time_limit"):
+        if name in scenario.plan:
+            words[f"plan.{name}"] = _value(scenario.plan[name])
+    return words
+
+
+def _words(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{key} {_value(value)}" for key, value in values.items())
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"({_words(value)})"
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

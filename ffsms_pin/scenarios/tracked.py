@@ -1,7 +1,8 @@
-"""How well a plan was followed, in numbers."""
+"""How well a plan was followed, in numbers, and how many of several runs arrive."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,10 @@ import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
-from ffsms_pin.scenarios.joint_units import slides
+from ffsms_pin.scenarios.joints import slides
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.system import SpaceManipulator
@@ -24,7 +26,10 @@ __all__ = [
     "joint_error_numbers",
     "planned_actuators",
     "tracked_numbers",
+    "wilson_interval",
 ]
+
+_Z = 1.959963984540054  # of the standard normal distribution: 95 % lie within
 
 
 def arrived(plan: Trajectory, tracking: Tracking) -> bool:
@@ -166,3 +171,30 @@ def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, 
             numbers[f"joint_error_final_{unit}"] = float(position[-1, chosen].max())
             numbers[f"joint_rate_error_max_{unit}_per_s"] = float(rate[:, chosen].max())
     return numbers
+
+
+def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
+    """95 % confidence interval of a success rate.
+
+    Parameters
+    ----------
+    successes, runs : int
+        runs at least 1.
+
+    Returns
+    -------
+    low, high : float
+        Within 0 and 1, also where none or all succeed.
+
+    References
+    ----------
+    E. B. Wilson, Probable inference, the law of succession, and statistical inference, J. Am. Stat. Assoc.
+    22 (1927) 209-212: (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n).
+    """
+    if not 0 <= successes <= runs or runs < 1:
+        raise InvalidValue("successes", successes, f"must lie within 0 and the {runs} runs, at least one")
+    p, square = successes / runs, _Z**2 / runs
+    middle = (p + 0.5 * square) / (1.0 + square)
+    half = _Z / (1.0 + square) * math.sqrt(p * (1.0 - p) / runs + 0.25 * square / runs)
+    low = 0.0 if successes == 0 else middle - half
+    return low, 1.0 if successes == runs else middle + half
