@@ -64,8 +64,7 @@ class _Plans:
         """The plan of a scenario; the same whether it was made before or is made now."""
         key = [getattr(chosen, table) for table in _OF_THE_PLAN]
         if self.plan is None or key != self.key:
-            self.plan = planned(chosen, sms, q0, None)
-            self.key = key
+            self.plan, self.key = planned(chosen, sms, q0, None), key
         return self.plan
 
 
@@ -78,9 +77,8 @@ def _numbers(chosen: Scenario, plans: _Plans) -> dict[str, Any]:
     plan = plans.of(chosen, sms, q0)
     ended = attempt(lambda: loop.run(loop.reference(plan), law))
     there = arrived(plan, ended.tracking)
-    outcome = STOPPED if ended.stopped else ARRIVED if there else MISSED
     return {
-        "outcome": outcome,
+        "outcome": STOPPED if ended.stopped else ARRIVED if there else MISSED,
         "error": ended.stopped,
         "plan_reached": plan.reached,
         "plan_cost_integral_s": plan.cost_integral,

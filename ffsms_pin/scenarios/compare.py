@@ -106,12 +106,8 @@ def _cannot(scenario: Scenario, method: str) -> str:
 def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
     """One row a method, every key of a quantity ending in its unit.
 
-    `path_over_straight` is the length of the end effector's path over the straight line between its ends.
-
-    `note` says why a motion has not reached, else what there is to say about it.
-
-    Joint effort is the integral of the squared joint rates; torque effort that of the squared joint torques
-    H_q qdd + C_q which the plan needs.
+    `path_over_straight` is the length of the end effector's path over the straight line between its ends;
+    joint effort the integral of the squared joint rates, torque effort that of the torques H_q qdd + C_q.
     """
     return {
         method: {
@@ -232,10 +228,9 @@ def compare_laws(
 def law_numbers(comparison: LawComparison) -> dict[str, dict[str, Any]]:
     """One row a law, every key of a quantity ending in its unit.
 
-    Effort is the integral of the squared torques, chatter that of their squared rates. The time constant is
-    the longest that the law's gains imply for a small error at the start of the plan: where it exceeds the
-    move, an error that is there at the start is there at the end. Of a law that did not get to the end of the
-    run, the numbers are those until then.
+    Effort is the integral of the squared torques, chatter that of their squared rates. Where the longest time
+    constant of the gains at the start exceeds the move, an error that is there at the start stays. Of a law
+    that did not get to the end of the run, the numbers are those until then.
     """
     return {name: _row(comparison, name) for name in comparison.laws}
 

@@ -69,12 +69,10 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
         options["base_controller"] = law
     if "wheel_momentum" in simulation:
         options["wheel_momentum"] = simulation["wheel_momentum"]
-    if scenario.friction:
-        options["friction"] = JointFriction(**radians(scenario.friction))
-    if scenario.actuator:
-        options["actuator"] = Actuator(**scenario.actuator)
-    if scenario.sensors:
-        options["sensors"] = Sensors(**radians(scenario.sensors))
+    made: dict[str, type] = {"friction": JointFriction, "actuator": Actuator, "sensors": Sensors}
+    for name, kind in made.items():
+        if given := getattr(scenario, name):
+            options[name] = kind(**radians(given))
     if scenario.estimator:
         given = dict(scenario.estimator)
         on = given.pop("on", True)

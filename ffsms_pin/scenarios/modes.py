@@ -36,17 +36,9 @@ RESTORED_WITHIN = np.radians(0.1)  # [rad] what "restored" leaves of the base's 
 
 
 class Strategy(NamedTuple):
-    """One way to do the task.
+    """One way to do the task: what wheels or thrusters do along the plan, and after it.
 
-    Attributes
-    ----------
-    plan : Trajectory
-    during : Spent
-        What wheels or thrusters do along the plan.
-    after : Spent, or None
-        What they do turning the base back; None where it is not turned back.
-    carried : float
-        How far turning back carries the end effector [m], the arm locked.
+    `after` is None where the base is not turned back; `carried` is how far that carries the end effector [m].
     """
 
     plan: Trajectory
@@ -109,20 +101,25 @@ def strategies(
     floating = replace(problem, mode="floating", wheel_momentum=None)
     kept = [limit for limit in floating.limits if not isinstance(limit, BaseLimits)]
     restoring = replace(floating, limits=(*kept, BaseLimits(final_attitude=RESTORED_WITHIN)))
+
+    def made(name: str, problem: Problem) -> Trajectory:
+        return plan_problem(problem, "horizon", options, stage(progress, name))
+
     found: dict[str, Strategy] = {}
-    made = plan_problem(held, "horizon", options, stage(progress, "held"))
-    found["held"] = Strategy(made, spent(sms, made))
-    made = plan_problem(floating, "horizon", options, stage(progress, "used"))
-    found["used"] = _turned_back(sms, made)
+    found["held"] = _spent(sms, made("held", held))
+    found["used"] = _turned_back(sms, made("used", floating))
     after = found["used"].after
     longer = held.lasting(held.duration + (0.0 if after is None else float(after.t[-1])))
-    made = plan_problem(longer, "horizon", options, stage(progress, "held-longer"))
-    found["held-longer"] = Strategy(made, spent(sms, made))
-    made = plan_problem(restoring, "horizon", options, stage(progress, "restored"))
-    found["restored"] = Strategy(made, spent(sms, made))
-    made = plan_problem(floating, "resolved-rate", None, stage(progress, "straight"))
-    found["straight"] = _turned_back(sms, made)
+    found["held-longer"] = _spent(sms, made("held-longer", longer))
+    found["restored"] = _spent(sms, made("restored", restoring))
+    straight = plan_problem(floating, "resolved-rate", None, stage(progress, "straight"))
+    found["straight"] = _turned_back(sms, straight)
     return {name: found[name] for name in STRATEGIES}
+
+
+def _spent(sms: SpaceManipulator, plan: Trajectory) -> Strategy:
+    """A motion after which the base stays as it is."""
+    return Strategy(plan, spent(sms, plan))
 
 
 def _turned_back(sms: SpaceManipulator, plan: Trajectory) -> Strategy:

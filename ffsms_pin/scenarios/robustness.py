@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, whole
 from ffsms_pin.engine import Chunks, Table, collected, joined, run
-from ffsms_pin.errors import InvalidValue, TaskError, TasksFailed
+from ffsms_pin.errors import TaskError, TasksFailed
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, planned, prepared, replanning
 from ffsms_pin.scenarios.conditions import control_steps, controller
@@ -126,10 +126,12 @@ def robustness(
     DependencyMissing
         Several processes are asked for, and Dask is not installed.
     """
-    whole = (("plants", plants, 1), ("seed", seed, 0), ("jobs", 1 if jobs is None else jobs, 1))
-    for name, value, least in whole:
-        if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise InvalidValue(name, value, f"must be a whole number of at least {least}")
+    for name, value, least in (
+        ("plants", plants, 1),
+        ("seed", seed, 0),
+        ("jobs", 1 if jobs is None else jobs, 1),
+    ):
+        whole(name, value, least)
     sms = scenario.load()
     shares = {"arm_mass": arm_mass, "base_mass": base_mass, "base_inertia": base_inertia}
     next(random_plants(sms, np.random.default_rng(seed), 1, **shares))  # shares out of range show up here
@@ -139,14 +141,8 @@ def robustness(
         controller(scenario, sms)
         plan = planned(scenario, sms, q0, stage(progress, "planning"))
         report = stage(progress, "plants")
-        work = _Runs(loop, plan, shares, seed)
-        found = _table_of(
-            work,
-            plants,
-            folder,
-            jobs,
-            None if report is None else lambda done, total: report(done / total),
-        )
+        counted = None if report is None else lambda done, total: report(done / total)
+        found = _table_of(_Runs(loop, plan, shares, seed), plants, folder, jobs, counted)
     failures: dict[int, Exception] = {
         int(i): TaskError(str(found["error"][i])) for i in np.flatnonzero(found["error"] != "")
     }
@@ -178,12 +174,10 @@ def robustness_numbers(found: Robustness) -> dict[str, Any]:
         "methods": {},
     }
     for method in METHODS:
-        errors = found.final_errors(method)
+        errors, number = found.final_errors(method), int(found.arrived[method].sum())
         numbers["methods"][method] = {
-            "arrived": int(found.arrived[method].sum()),
-            "arrived_95_percent_interval": list(
-                wilson_interval(int(found.arrived[method].sum()), len(errors))
-            ),
+            "arrived": number,
+            "arrived_95_percent_interval": list(wilson_interval(number, len(errors))),
             "stopped": sum(bool(why) for why in found.stopped[method]),
             "final_error_median_m": _finite(np.median(errors)),
             "final_error_95_percent_m": _finite(np.quantile(errors, 0.95, method="higher")),
@@ -232,15 +226,8 @@ def _table_of(
     chunks = Chunks.fitting(plants)
     if folder is None:
         return collected(work, chunks, jobs=jobs, lost=work.lost, progress=progress)
-    place = run(
-        work,
-        chunks,
-        folder,
-        specification=_specification(work),
-        jobs=jobs,
-        lost=work.lost,
-        progress=progress,
-    )
+    said = _specification(work)
+    place = run(work, chunks, folder, specification=said, jobs=jobs, lost=work.lost, progress=progress)
     return joined(list(place.tables()))
 
 

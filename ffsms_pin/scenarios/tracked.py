@@ -174,22 +174,12 @@ def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, 
 
 
 def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
-    """95 % confidence interval of a success rate.
-
-    Parameters
-    ----------
-    successes, runs : int
-        runs at least 1.
-
-    Returns
-    -------
-    low, high : float
-        Within 0 and 1, also where none or all succeed.
+    """95 % confidence interval (low, high) of a success rate, within 0 and 1.
 
     References
     ----------
-    E. B. Wilson, Probable inference, the law of succession, and statistical inference, J. Am. Stat. Assoc.
-    22 (1927) 209-212: (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n).
+    E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209-212:
+    (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n).
     """
     if not 0 <= successes <= runs or runs < 1:
         raise InvalidValue("successes", successes, f"must lie within 0 and the {runs} runs, at least one")

@@ -125,7 +125,7 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         ("[[capture]]\ntime = 1\nmass = 0\ninertia = [1,1,1]\n", ["[[capture]] 1 mass", "above zero"]),
         (
             "[[fault]]\ntime = 1\njoint = 'joint_9'\n",
-            ["[[fault]] 1 joint", "joint_9", "joint_1, joint_2, joint_3"],
+            ["[[fault]] 1 joint", "joint_9", "joint_2, joint_3"],
         ),
         ("[[fault]]\ntime = 1\njoint = 3\n", ["[[fault]] 1 joint", "3"]),
         ("[[fault]]\ntime = 1\njoint = 0\n[[fault]]\ntime = 1\njoint = -1\n", ["[[fault]] 2 joint"]),

@@ -47,7 +47,7 @@ def build(path: Path) -> None:
         (QUICK.replace("[start]", "locked = {elbow = 0.5}\n[start]"), "[robot] locked names no moving joint"),
         (QUICK.replace("[start]", "velocity = [1, 2]\n[start]"), "[robot] velocity must have shape (3,)"),
         (QUICK.replace("[start]", "end_effector = 'tol'\n[start]"), "[robot] end_effector: no frame 'tol'"),
-        (QUICK.replace('"planar_3r"', '"planar_4r"'), "[robot] model: no robot 'planar_4r'"),
+        (QUICK.replace('"planar_3r"', '"planar_4r"'), "[robot] model: no robot"),
         (QUICK + "[limits]\nlower = 2.0\n", "[limits] limits of joint 1"),
         (WHEELS.replace("0.001", "[0.001, 0.002]"), "[wheels] inertia must be one number or (3,)"),
         (WHEELS.replace("[1, 0, 0]", "[0, 0, 0]"), "[wheels] axes must not hold a vector of length zero"),
@@ -63,11 +63,11 @@ def build(path: Path) -> None:
         (PLACED + "[meet]\naxis = [0, 0, 0]\n", "[meet] axis must not be zero, got (0.0, 0.0, 0.0)"),
         (
             PLACED + TURNED + "half_angle_deg = 170\n",
-            "[meet] half_angle_deg must be below a right angle, got",
+            "[meet] half_angle_deg must be below a right angle",
         ),
         (QUICK + "[plant]\narm_mass = [1, 2]\n", "[plant] arm_mass must have shape (3,)"),
         (
-            QUICK + "[plant]\narm_mass = 1.1\n[plant.random]\nseed = 1\narm_mass = 2\n",
+            QUICK + "[plant]\nbase_mass = 2\n[plant.random]\nseed = 1\narm_mass = 2\n",
             "[plant.random] arm_mass",
         ),
         (QUICK + "[plant]\nmodel = 'none.urdf'\n", "[plant] model: no robot"),
@@ -91,8 +91,8 @@ def test_table_and_key_are_named(tmp_path: Path, text: str, words: str) -> None:
 
 
 def test_a_value_that_the_library_takes_from_elsewhere_is_not_put_on_a_key(tmp_path: Path) -> None:
-    with pytest.raises(InvalidScenario, match=r"toml: duration must be at least one step of 9 s, got 3"):
-        build(write(tmp_path, QUICK.replace("dt = 0.05", "dt = 9.0")))
+    with pytest.raises(InvalidScenario, match=r"toml: duration must be at least one step of 99 s"):
+        build(write(tmp_path, QUICK.replace("duration = 3.0\ndt = 0.05", "dt = 99.0")))
 
 
 def test_advice_names_the_key_and_not_python(tmp_path: Path) -> None:
