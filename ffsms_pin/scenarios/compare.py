@@ -33,10 +33,6 @@ __all__ = [
     "why_not_reached",
 ]
 
-# Keys of [plan] that the paper's method has no place for, and those that only "horizon" knows.
-_NOT_FOR_PAPER = ("base_limits", "momentum")
-_FOR_HORIZON = ("locked",)
-
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -44,8 +40,6 @@ class Comparison:
 
     Attributes
     ----------
-    scenario : Scenario
-    sms : SpaceManipulator
     plans : dict of str to Trajectory
         By method, in the order they were asked for.
     times : dict of str to float
@@ -70,7 +64,6 @@ def compare(
 
     Parameters
     ----------
-    scenario : Scenario
     methods : tuple of str
         Of `ffsms_pin.opt.METHODS`; default: all that know what the scenario asks for.
     progress : callable, optional
@@ -94,9 +87,8 @@ def compare(
 
 def _cannot(scenario: Scenario, method: str) -> str:
     """What a method does not know of what the scenario asks for; empty where it knows everything."""
-    keys = () if method == "horizon" else _FOR_HORIZON
-    if method == "paper":
-        keys = (*_NOT_FOR_PAPER, *keys)
+    not_known = {"horizon": (), "paper": ("base_limits", "momentum", "locked")}
+    keys = not_known.get(method, ("locked",))
     asked = [key for key in keys if scenario.plan.get(key, "floating") not in ("floating", (), None)]
     if method == "paper" and any(part["use"] == "base" for part in scenario.limit):
         asked.insert(0, "base_limits")
@@ -168,9 +160,6 @@ class LawComparison:
 
     Attributes
     ----------
-    scenario : Scenario
-    sms : SpaceManipulator
-    plan : Trajectory
     laws : dict of str to JointLaw
         By name, in the order they were asked for.
     runs : dict of str to Attempt
@@ -194,7 +183,6 @@ def compare_laws(
 
     Parameters
     ----------
-    scenario : Scenario
     laws : tuple of str
         Of `ffsms_pin.control.LAWS`.
     progress : callable, optional

@@ -36,7 +36,7 @@ from ffsms_pin.simulation import (
 )
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["base_law", "control_steps", "controller", "loop_options", "plant"]
+__all__ = ["base_law", "control_steps", "controller", "loop_options"]
 
 _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
 
@@ -45,10 +45,12 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     """Keyword arguments of `simulate` for a plan that starts at q0 (nq,), but the reference and the law."""
     start = scenario.plant_start(sms, q0)
     simulation = scenario.simulation
+    with scenario.named("plant"):
+        simulated = _plant(scenario, sms)
     options: dict[str, Any] = {
         "dt": scenario.control.get("dt", _CONTROL_STEP),
         "q0": q0 if start is None else start,
-        "plant": plant(scenario, sms),
+        "plant": simulated,
         "integrator": simulation.get("integrator", "rk4"),
         "disturbances": tuple(Wrench(**one) for one in scenario.disturbance),
         "events": (
@@ -83,13 +85,8 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     return options
 
 
-def plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
-    """What is simulated: the model, or a robot with other inertial parameters, or another robot."""
-    with scenario.named("plant"):
-        return _plant(scenario, sms)
-
-
 def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
+    """What is simulated: the model, or a robot with other inertial parameters, or another robot."""
     given = dict(scenario.plant)
     simulated, shares = sms, given.pop("random", None)
     if "model" in given:

@@ -56,8 +56,7 @@ class Scenario(Contents):
         Raises
         ------
         InvalidScenario
-            A value does not fit the robot, or a term or limit cannot be made; one of the user's own is
-            imported only with `allow_import`.
+            A value does not fit the robot, or a term or limit cannot be made.
         """
         if self.client is not None and client is None:
             client = self.made_client(sms)
@@ -90,8 +89,9 @@ class Scenario(Contents):
 def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False) -> Scenario:
     """Read a scenario.
 
-    Reading runs no code of the file's. With `allow_import`, planning imports the Python modules that the file
-    names as terms and limits: only for files that you trust as you trust a program.
+    Its keys and values are checked; the robot is loaded by `Scenario.load`. Reading runs no code of the
+    file's. With `allow_import`, planning imports the Python modules that the file names as terms and limits:
+    only for files that you trust as you trust a program.
 
     Parameters
     ----------
@@ -99,11 +99,6 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
         A packaged scenario ("case-1", "case-2": the paper's; "wrong-model", "capture": ours), or a TOML file.
     allow_import : bool
         Whether its terms and limits may be a user's own, as `use = "package.module:Class"`.
-
-    Returns
-    -------
-    Scenario
-        Its keys and values checked; the robot is loaded by `Scenario.load`.
 
     Raises
     ------

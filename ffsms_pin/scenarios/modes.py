@@ -53,8 +53,6 @@ class ModeComparison:
 
     Attributes
     ----------
-    scenario : Scenario
-    sms : SpaceManipulator
     found : dict of str to Strategy
         By name, as in `STRATEGIES`.
     """

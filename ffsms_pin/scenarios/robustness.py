@@ -20,7 +20,7 @@ from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, planned, prepar
 from ffsms_pin.scenarios.conditions import control_steps, controller
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import StageProgress, stage
-from ffsms_pin.scenarios.tracked import arrived, wilson_interval
+from ffsms_pin.scenarios.tracked import arrived, finite, wilson_interval
 from ffsms_pin.simulation import random_plants
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
@@ -46,7 +46,6 @@ class Robustness:
 
     Attributes
     ----------
-    scenario : Scenario
     sms : SpaceManipulator
         The model.
     plan : Trajectory
@@ -99,7 +98,6 @@ def robustness(
 
     Parameters
     ----------
-    scenario : Scenario
     plants : int
     seed : int
         Of the random plants.
@@ -126,12 +124,9 @@ def robustness(
     DependencyMissing
         Several processes are asked for, and Dask is not installed.
     """
-    for name, value, least in (
-        ("plants", plants, 1),
-        ("seed", seed, 0),
-        ("jobs", 1 if jobs is None else jobs, 1),
-    ):
-        whole(name, value, least)
+    whole("plants", plants, 1)
+    whole("seed", seed, 0)
+    whole("jobs", 1 if jobs is None else jobs, 1)
     sms = scenario.load()
     shares = {"arm_mass": arm_mass, "base_mass": base_mass, "base_inertia": base_inertia}
     next(random_plants(sms, np.random.default_rng(seed), 1, **shares))  # shares out of range show up here
@@ -179,10 +174,10 @@ def robustness_numbers(found: Robustness) -> dict[str, Any]:
             "arrived": number,
             "arrived_95_percent_interval": list(wilson_interval(number, len(errors))),
             "stopped": sum(bool(why) for why in found.stopped[method]),
-            "final_error_median_m": _finite(np.median(errors)),
-            "final_error_95_percent_m": _finite(np.quantile(errors, 0.95, method="higher")),
-            "final_error_worst_m": _finite(errors.max()),
-            "final_errors_m": [_finite(error) for error in errors],
+            "final_error_median_m": finite(np.median(errors)),
+            "final_error_95_percent_m": finite(np.quantile(errors, 0.95, method="higher")),
+            "final_error_worst_m": finite(errors.max()),
+            "final_errors_m": [finite(error) for error in errors],
         }
     return numbers
 
@@ -234,20 +229,16 @@ def _table_of(
 def _specification(work: _Runs) -> dict[str, Any]:
     """All that the rows depend on: the file, the robot, the plan, the plants' draws and the version."""
     scenario = work.loop.scenario
+    robot = work.loop.sms.model.saveToString().encode()
+    contents = {"file": scenario.source.read_bytes(), "robot": robot, "plan": work.plan.q.tobytes()}
     return {
         "what": "robustness",
         "scenario": scenario.name,
-        "file_sha256": _sha256(scenario.source.read_bytes()),
-        "robot_sha256": _sha256(work.loop.sms.model.saveToString().encode()),
-        "plan_sha256": _sha256(work.plan.q.tobytes()),
+        **{f"{name}_sha256": hashlib.sha256(content).hexdigest() for name, content in contents.items()},
         "largest_relative_error": work.shares,
         "seed": work.seed,
         "version": __version__,
     }
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
 
 
 def _table(ends: Sequence[_End], error: str) -> dict[str, Any]:
@@ -274,7 +265,3 @@ def _rows(scenario: Scenario) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """The control steps that are kept, the first and the last among them."""
     steps = control_steps(scenario)
     return np.unique(np.linspace(0, steps, min(steps, _INSTANTS) + 1).round().astype(np.int64))
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -44,7 +44,6 @@ class Outcome:
 
     Attributes
     ----------
-    scenario : Scenario
     sms : SpaceManipulator
         The model, that plan and controller know.
     plant : SpaceManipulator
@@ -88,7 +87,6 @@ def run(
 
     Parameters
     ----------
-    scenario : Scenario
     progress : callable, optional
         Called with "planning", "tracking" or "plan once" and the share of that stage that is done, 0 to 1.
     folder : Path, optional

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import platform
 from collections.abc import Mapping
 from importlib.metadata import version
@@ -16,7 +15,13 @@ from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.scenarios.run import Outcome
-from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers, planned_actuators, tracked_numbers
+from ffsms_pin.scenarios.tracked import (
+    arrived,
+    finite,
+    joint_error_numbers,
+    planned_actuators,
+    tracked_numbers,
+)
 from ffsms_pin.studies.extremes import base_numbers, least_clearances, least_of_samples, position_range
 from ffsms_pin.version import __version__
 
@@ -30,14 +35,6 @@ def summary(outcome: Outcome) -> dict[str, Any]:
 
     Every key of a quantity ends in its unit. Limits that do not exist are None. "Planned" numbers hold
     everywhere along the plan, not only at its nodes; clearances are sampled between nodes too.
-
-    Parameters
-    ----------
-    outcome : Outcome
-
-    Returns
-    -------
-    dict
     """
     plan = outcome.trajectory
     late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
@@ -114,14 +111,14 @@ def _joints(outcome: Outcome) -> list[dict[str, Any]]:
                 "name": name,
                 f"position_min_{unit}": float(lowest[i] * factor),
                 f"position_max_{unit}": float(highest[i] * factor),
-                f"position_lower_limit_{unit}": _finite(limits.lower[i] * factor),
-                f"position_upper_limit_{unit}": _finite(limits.upper[i] * factor),
+                f"position_lower_limit_{unit}": finite(limits.lower[i] * factor),
+                f"position_upper_limit_{unit}": finite(limits.upper[i] * factor),
                 f"rate_max_{unit}_per_s": float(rate[i] * factor),
-                f"rate_limit_{unit}_per_s": _finite(limits.velocity[i] * factor),
+                f"rate_limit_{unit}_per_s": finite(limits.velocity[i] * factor),
                 f"acceleration_max_{unit}_per_s2": float(acceleration[i] * factor),
-                f"acceleration_limit_{unit}_per_s2": _finite(limits.acceleration[i] * factor),
+                f"acceleration_limit_{unit}_per_s2": finite(limits.acceleration[i] * factor),
                 f"tracking_torque_max_{moment}": float(torque[i]),
-                f"torque_limit_{moment}": _finite(torque_limit[i]),
+                f"torque_limit_{moment}": finite(torque_limit[i]),
                 "limits_kept": bool(
                     lowest[i] >= limits.lower[i] - slack
                     and highest[i] <= limits.upper[i] + slack
@@ -142,12 +139,7 @@ def _clearance(outcome: Outcome) -> dict[str, Any]:
         return {"checked": mode, "wanted_m": None, "least_m": None, "pairs_m": {}}
     least = least_clearances(outcome.trajectory, stack)
     pairs = dict(zip(stack.names, least.tolist(), strict=True))
-    return {
-        "checked": mode,
-        "wanted_m": wanted,
-        "least_m": float(least.min()),
-        "pairs_m": pairs,
-    }
+    return {"checked": mode, "wanted_m": wanted, "least_m": float(least.min()), "pairs_m": pairs}
 
 
 def _tracked_clearance(outcome: Outcome) -> float | None:
@@ -172,10 +164,6 @@ def _timing(outcome: Outcome) -> dict[str, float]:
         "tracking_s": tracking,
         "tracking_per_control_step_ms": 1e3 * tracking / control_steps,
     }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _described(scenario: Scenario) -> dict[str, str]:

@@ -23,6 +23,7 @@ __all__ = [
     "arrived",
     "end_effector_deviation",
     "end_effector_path",
+    "finite",
     "joint_error_numbers",
     "planned_actuators",
     "tracked_numbers",
@@ -30,6 +31,11 @@ __all__ = [
 ]
 
 _Z = 1.959963984540054  # of the standard normal distribution: 95 % lie within
+
+
+def finite(value: float) -> float | None:
+    """A number as JSON can hold it; None where it is not finite."""
+    return float(value) if math.isfinite(value) else None
 
 
 def arrived(plan: Trajectory, tracking: Tracking) -> bool:
@@ -127,12 +133,6 @@ def end_effector_deviation(
     """
     plant = sms if plant is None else plant
     workspaces = {robot: robot.model.createData() for robot in (sms, plant)}
-
-    def place(robot: SpaceManipulator, q: FloatArray) -> FloatArray:
-        data = workspaces[robot]
-        pin.framesForwardKinematics(robot.model, data, q)
-        return np.array(data.oMf[robot.frame_id].translation)
-
     momentum = plan.momentum if plan.momentum.any() else None
     steps = len(plan.t) - 1
     rows = np.searchsorted(tracking.t, plan.t - 1e-9)
@@ -146,18 +146,22 @@ def end_effector_deviation(
         if k < steps and h > 1e-12:
             rates, accelerations = plan.joint_rates[k], plan.joint_accelerations[k]
             planned, _ = advance(sms, planned, rates, accelerations, h, momentum, plan.mode)
-        distances.append(np.linalg.norm(place(sms, planned) - place(plant, tracking.q[row])))
+        wanted, found = _tip(sms, workspaces[sms], planned), _tip(plant, workspaces[plant], tracking.q[row])
+        distances.append(np.linalg.norm(wanted - found))
     return np.array(distances)
 
 
 def end_effector_path(plant: SpaceManipulator, tracking: Tracking, rows: int = 400) -> FloatArray:
     """Places (k, 3) [m] of the simulated end effector at k <= `rows` instants, first and last among them."""
     chosen = np.unique(np.linspace(0, len(tracking.t) - 1, min(rows, len(tracking.t))).astype(int))
-    data, places = plant.model.createData(), []
-    for q in tracking.q[chosen]:
-        pin.framesForwardKinematics(plant.model, data, q)
-        places.append(np.array(data.oMf[plant.frame_id].translation))
-    return np.array(places)
+    data = plant.model.createData()
+    return np.array([_tip(plant, data, q) for q in tracking.q[chosen]])
+
+
+def _tip(robot: SpaceManipulator, data: Any, q: FloatArray) -> FloatArray:
+    """Place (3,) of the end effector [m]."""
+    pin.framesForwardKinematics(robot.model, data, q)
+    return np.array(data.oMf[robot.frame_id].translation)
 
 
 def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, float]:
