@@ -19,7 +19,7 @@ from ffsms_pin.scenarios.joints import within_limits
 from ffsms_pin.scenarios.problems import planning_problem
 from ffsms_pin.scenarios.reading import packaged_path, read, scenario_names
 from ffsms_pin.scenarios.task import made_client, made_obstacles
-from ffsms_pin.storage import write_content
+from ffsms_pin.storage import read_content, write_content
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Scenario", "load_scenario", "save_scenario", "scenario", "scenario_names", "scenario_of"]
@@ -134,7 +134,7 @@ def save_scenario(scenario: Contents, path: str | os.PathLike[str]) -> None:
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
     """Read what `save_scenario` wrote; `ResultError`: the file cannot be read, or is none of these."""
     try:
-        said = json.loads(Path(path).read_text("utf-8"))
+        said = json.loads(read_content(path))
     except (OSError, ValueError, RecursionError) as error:
         raise ResultError(path, f"cannot be read ({error})") from None
     if not (

@@ -22,6 +22,7 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import StageProgress, stage
 from ffsms_pin.scenarios.tracked import arrived, finite, wilson_interval
 from ffsms_pin.simulation import random_plants
+from ffsms_pin.storage import read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 
@@ -230,7 +231,7 @@ def _specification(work: _Runs) -> dict[str, Any]:
     """All that the rows depend on: the file, the robot, the plan, the plants' draws and the version."""
     scenario = work.loop.scenario
     robot = work.loop.sms.model.saveToString().encode()
-    contents = {"file": scenario.source.read_bytes(), "robot": robot, "plan": work.plan.q.tobytes()}
+    contents = {"file": read_content(scenario.source), "robot": robot, "plan": work.plan.q.tobytes()}
     return {
         "what": "robustness",
         "scenario": scenario.name,

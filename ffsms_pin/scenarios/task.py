@@ -17,6 +17,7 @@ from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.opt import Also, Goal, Meet, Moving, Obstacle, Pose, Position, Via
 from ffsms_pin.scenarios.contents import Contents
 from ffsms_pin.scenarios.keys import radians
+from ffsms_pin.storage import LARGEST_DATA, check_readable
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.mechanism import frame_index
@@ -177,10 +178,11 @@ def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
     if kind in ("cylinder", "capsule"):
         return (coal.Cylinder if kind == "cylinder" else coal.Capsule)(row["radius"], row["length"])
     path = source.parent / row["file"]
-    if not path.is_file():
-        raise InvalidScenario(source, f"{title} file = '{row['file']}' is not there")
     try:
+        check_readable(path, LARGEST_DATA)
         return coal.MeshLoader().load(str(path), np.full(3, row.get("scale", 1.0)))
+    except FileNotFoundError:
+        raise InvalidScenario(source, f"{title} file = '{row['file']}' is not there") from None
     except Exception as error:  # of the mesh readers: each has its own kinds
         raise InvalidScenario(source, f"{title} file = '{row['file']}' cannot be read ({error})") from None
 

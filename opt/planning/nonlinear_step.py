@@ -10,9 +10,9 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
 from ffsms_pin.opt.parts.reading import rows_of
-from ffsms_pin.opt.step.reference import reference_speed
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Step
 from ffsms_pin.opt.terms.paper import soft_assistance, step_cost
@@ -58,11 +58,10 @@ class NonlinearStepper:
         from scipy.optimize import minimize  # slow to load
 
         if rotation is not None:
-            raise InvalidValue(
-                "target", rotation, "must be a position for the paper's way: it has no attitude"
-            )
-        total = self.wheel_total
-        step = StepState(self.sms, q, rates, self.dt, time_left, mode=self.mode, wheel_total=total)
+            words = "must be a position for the paper's way: it has no attitude"
+            raise InvalidValue("target", rotation, words)
+        mode, total = self.mode, self.wheel_total
+        step = StepState(self.sms, q, rates, self.dt, time_left, mode=mode, wheel_total=total)
         lower, upper = step.bounds
         J_v, V = step.J_star[:3], step.V
         way = target - step.pose.translation
@@ -73,7 +72,7 @@ class NonlinearStepper:
         closing = towards @ J_v
         G, least = self._rows(step)
         slowest, fastest = _closing_speeds(closing, lower, upper, (G, least) if step.wheels else None)
-        asked = reference_speed(distance, float(closing @ rates), time_left, self.dt)
+        asked = kernel.reference_speed(distance, float(closing @ rates), time_left, self.dt)
         # To the fastest approach that the limits allow in the step would leave the cost no say.
         asked = min(asked, slowest + 0.9 * (fastest - slowest))
         rows = np.vstack([np.eye(self.sms.n), -np.eye(self.sms.n), G, closing]) @ V
