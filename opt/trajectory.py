@@ -26,9 +26,10 @@ __all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure
 
 _FORMAT, _JSON = "ffsms-pin trajectory", ("shares", "binding", "broken")
 _SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; what is not listed is a single value
-    **dict.fromkeys(("t", "position_error", "orientation_error"), ("N+1",)),
-    "q": ("N+1", "nq"),
+    "t": ("N+1",),
     "v": ("N+1", "n+6"),
+    "q": ("N+1", "nq"),
+    **dict.fromkeys(("position_error", "orientation_error"), ("N+1",)),
     **dict.fromkeys(("joint_positions", "torque_share"), ("N+1", "n")),
     **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
     **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
@@ -245,8 +246,9 @@ class Trajectory:
         before |= {"within_tolerance": np.nan, **dict.fromkeys(_JSON, "{}")}
 
         def check(heads: Mapping[str, Any]) -> None:
-            there = [name for name in kinds if heads[name] is not before.get(name)]
-            check_shapes(path, heads, {name: _SHAPES.get(name, ()) for name in there}, letters)
+            shapes = _SHAPES | {name: () for name in kinds if name not in _SHAPES}
+            there = {name: one for name, one in shapes.items() if heads[name] is not before.get(name)}
+            check_shapes(path, heads, there, letters)
 
         values = load_arrays(path, _FORMAT, list(kinds), before, check)
         check_times(path, values["t"], least=2)
