@@ -19,7 +19,7 @@ import numpy as np
 from ffsms_pin import opt
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios import scenario
-from ffsms_pin.scenarios.references import planned
+from ffsms_pin.scenarios.closed_loop import planned
 
 CASES = ("case-1", "case-2")
 NUDGE = 1e-12  # relative, of one joint's acceleration limit; the i-th run takes i of them

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import re
+from collections.abc import Container, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,7 @@ class InvalidValue(FfsmsError, ValueError):
     """
 
     def __init__(self, name: str, value: Any, expected: str) -> None:
-        super().__init__(f"{name} {expected}, got {_short(value)}")
+        super().__init__(f"{name} {expected}, got {short(value)}")
         self.name = name
         self.value = value
 
@@ -70,6 +71,21 @@ def meant(name: str | Path, known: Sequence[str]) -> str:
     """A question with the known name that is most like another, or nothing where none is."""
     near = get_close_matches(str(name), known, n=1)
     return f"did you mean '{near[0]}'?" if near else ""
+
+
+def advised(words: str, way: str, known: Container[str] | None = None) -> str:
+    """Words of an error whose advice is for Python, `load(..., key=VALUE)`, with it written another way.
+
+    `way` is a format with {key}, {option} (the key as the command line spells it) and {value}; keys that are
+    not `known` stay as they are.
+    """
+
+    def written(found: re.Match[str]) -> str:
+        if known is not None and found[1] not in known:
+            return found[0]
+        return way.format(key=found[1], option=found[1].replace("_", "-"), value=found[2])
+
+    return re.sub(r"load\(\.\.\., (\w+)=(\([^)]*\)|[^)]*)\)", written, words)
 
 
 class PartError(FfsmsError, ValueError):
@@ -302,7 +318,8 @@ def _rebuilt(kind: type[FfsmsError], args: tuple[Any, ...], values: dict[str, An
     return error
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
+    """A value as messages show it: in one line of at most 80 characters."""
     try:
         text = " ".join(repr(value).split())
     except Exception:  # a number of more digits than Python writes, or an object that fails to tell its name

@@ -66,7 +66,7 @@ class Thrusters:
             raise InvalidValue(
                 "thrusters.period",
                 self.period,
-                "must exceed least_on_time; give one of the two, or proportional=True",
+                "must exceed least_on_time; give one of the two, or make them proportional",
             )
         self._set("period", period if self.proportional else positive("thrusters.period", period, "s"))
 

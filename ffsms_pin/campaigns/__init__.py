@@ -8,7 +8,7 @@ from ffsms_pin.campaigns.definition import Campaign
 from ffsms_pin.campaigns.merging import merge, runs_file
 from ffsms_pin.campaigns.report import Report, report
 from ffsms_pin.campaigns.running import campaign, replayed_scenario
-from ffsms_pin.scenarios.success import wilson_interval
+from ffsms_pin.scenarios.tracked import wilson_interval
 
 __all__ = [
     "Campaign",

@@ -38,14 +38,7 @@ METRICS = (
 
 
 def table_of(campaign: Campaign, found: Sequence[tuple[int, Mapping[str, Any]]]) -> dict[str, Any]:
-    """Columns of some runs.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    found : sequence of (int, mapping)
-        Number of a run, and its outcome, error and metrics.
-    """
+    """Columns of some runs, each found as its number and its outcome, error and metrics."""
     seeds = [campaign.seed + row for row, _ in found]
     rows = [values for _, values in found]
     drawn = [drawn_columns(campaign, seed) for seed in seeds]

@@ -14,7 +14,7 @@ from ffsms_pin.campaigns.columns import METRICS, OUTCOMES
 from ffsms_pin.campaigns.merging import runs_file
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import DependencyMissing, ResultError
-from ffsms_pin.scenarios.success import wilson_interval
+from ffsms_pin.scenarios.tracked import wilson_interval
 from ffsms_pin.storage import check_readable
 
 __all__ = ["Report", "report", "report_numbers"]

@@ -67,13 +67,7 @@ def campaign(
 
 
 def campaign_of(folder: str | os.PathLike[str], allow_import: bool = False) -> Campaign:
-    """The campaign that a folder was made for.
-
-    Raises
-    ------
-    ResultError
-        The folder holds none.
-    """
+    """The campaign that a folder was made for; `ResultError`: it holds none."""
     place = ChunkFolder(folder)
     try:
         return Campaign.from_specification(place.specification, place.where, allow_import)

@@ -15,9 +15,8 @@ from ffsms_pin.errors import FfsmsWarning
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios import Scenario
-from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, named, prepared
+from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planned, prepared
 from ffsms_pin.scenarios.conditions import controller
-from ffsms_pin.scenarios.references import planned
 from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers
 from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.system import SpaceManipulator
@@ -47,7 +46,7 @@ class CampaignRuns:
     def _row(self, row: int, plans: _Plans) -> dict[str, Any]:
         try:
             chosen = self.campaign.scenario(self.campaign.seed + row)
-            with named(chosen), warnings.catch_warnings():
+            with chosen.named(), warnings.catch_warnings():
                 warnings.simplefilter("ignore", FfsmsWarning)  # one for each of a million runs helps nobody
                 return _numbers(chosen, plans)
         except Exception as error:  # whatever it is, the other runs go on
@@ -65,8 +64,7 @@ class _Plans:
         """The plan of a scenario; the same whether it was made before or is made now."""
         key = [getattr(chosen, table) for table in _OF_THE_PLAN]
         if self.plan is None or key != self.key:
-            self.plan = planned(chosen, sms, q0, None)
-            self.key = key
+            self.plan, self.key = planned(chosen, sms, q0, None), key
         return self.plan
 
 
@@ -79,9 +77,8 @@ def _numbers(chosen: Scenario, plans: _Plans) -> dict[str, Any]:
     plan = plans.of(chosen, sms, q0)
     ended = attempt(lambda: loop.run(loop.reference(plan), law))
     there = arrived(plan, ended.tracking)
-    outcome = STOPPED if ended.stopped else ARRIVED if there else MISSED
     return {
-        "outcome": outcome,
+        "outcome": STOPPED if ended.stopped else ARRIVED if there else MISSED,
         "error": ended.stopped,
         "plan_reached": plan.reached,
         "plan_cost_integral_s": plan.cost_integral,

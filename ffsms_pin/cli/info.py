@@ -13,7 +13,7 @@ from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.cli.output import limit_text, output_console, range_text, say
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.models import load
-from ffsms_pin.scenarios.joint_units import joint_units, slides
+from ffsms_pin.scenarios.joints import joint_units, slides
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["run"]

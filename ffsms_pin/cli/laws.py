@@ -16,7 +16,7 @@ from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_re
 from ffsms_pin.control import LAWS
 from ffsms_pin.plotting.laws import plot_laws
 from ffsms_pin.scenarios import compare_laws, scenario
-from ffsms_pin.scenarios.laws import law_numbers
+from ffsms_pin.scenarios.compare import law_numbers
 
 __all__ = ["run"]
 

@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 import ffsms_pin
 from ffsms_pin.cli.robot_commands import ROBOT_COMMANDS
 from ffsms_pin.cli.scenario_commands import SCENARIO_COMMANDS
-from ffsms_pin.errors import FfsmsError, meant
+from ffsms_pin.errors import FfsmsError, advised, meant
 
 __all__ = ["main", "parser"]
 
@@ -85,7 +85,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             command = importlib.import_module(f"ffsms_pin.cli.{_COMMANDS[arguments.command].module}")
             return int(command.run(arguments))
     except FfsmsError as error:
-        return _failed(f"error: {error}", BAD_INPUT)
+        options = vars(arguments)
+        return _failed(f"error: {advised(str(error), '--{option} {value}', options)}", BAD_INPUT)
     except _Terminated:
         return _failed("terminated" + _goes_on(arguments), TERMINATED)
     except KeyboardInterrupt:

@@ -20,9 +20,8 @@ from ffsms_pin.extras import installed
 from ffsms_pin.scenarios import Outcome, Scenario, scenario, summary
 from ffsms_pin.scenarios import run as run_scenario
 from ffsms_pin.scenarios.client_motion import client_motion
-from ffsms_pin.scenarios.own_files import writes_files
-from ffsms_pin.scenarios.run import StageProgress
-from ffsms_pin.scenarios.saved import save_scenario
+from ffsms_pin.scenarios.definition import save_scenario
+from ffsms_pin.scenarios.run import StageProgress, writes_files
 from ffsms_pin.storage import write_content
 
 __all__ = ["run"]

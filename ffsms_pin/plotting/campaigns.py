@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from ffsms_pin.campaigns.report import Report
 from ffsms_pin.plotting.style import NEUTRAL, applied, axes_or_new, line, subplots
-from ffsms_pin.scenarios.success import wilson_interval
+from ffsms_pin.scenarios.tracked import wilson_interval
 
 __all__ = ["plot_campaign", "plot_final_error_shares", "plot_success_over"]
 

@@ -12,7 +12,7 @@ from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.style import applied, axes_or_new
-from ffsms_pin.scenarios.joint_units import joint_units
+from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["entropy_grid", "plot_entropy_map"]

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.series import Series, plot_flown
-from ffsms_pin.scenarios.joint_units import joint_units
+from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 

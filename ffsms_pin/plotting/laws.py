@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
 from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, line, stack
-from ffsms_pin.scenarios.laws import LawComparison
+from ffsms_pin.scenarios.compare import LawComparison
 
 __all__ = ["plot_laws"]
 

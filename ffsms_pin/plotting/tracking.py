@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
 from ffsms_pin.plotting.series import plot_series
-from ffsms_pin.scenarios.joint_units import slides
+from ffsms_pin.scenarios.joints import slides
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 

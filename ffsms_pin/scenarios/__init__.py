@@ -2,9 +2,8 @@
 
 from ffsms_pin.scenarios.client_motion import ClientMotion, client_motion
 from ffsms_pin.scenarios.closed_loop import Attempt
-from ffsms_pin.scenarios.compare import Comparison, compare
+from ffsms_pin.scenarios.compare import Comparison, LawComparison, compare, compare_laws
 from ffsms_pin.scenarios.definition import Scenario, scenario, scenario_names
-from ffsms_pin.scenarios.laws import LawComparison, compare_laws
 from ffsms_pin.scenarios.modes import ModeComparison, compare_modes
 from ffsms_pin.scenarios.robustness import Robustness, robustness
 from ffsms_pin.scenarios.run import Outcome, Timing, run

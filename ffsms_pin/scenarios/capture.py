@@ -12,10 +12,10 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client, after_capture, brake
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.scenarios.actuated import base_law
-from ffsms_pin.scenarios.clients import made_client, meeting
-from ffsms_pin.scenarios.conditions import controller
+from ffsms_pin.scenarios.conditions import base_law, controller
 from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.fits import OF_COMPLIANCE
+from ffsms_pin.scenarios.task import made_client, meeting
 from ffsms_pin.simulation import Tracking, simulate
 from ffsms_pin.simulation.compliant import CompliantContact, compliant_contact
 from ffsms_pin.simulation.disturbances import later
@@ -33,32 +33,12 @@ _SHARE = 0.5  # of the torque limits, for braking
 class Captured:
     """What became of a client after it was met.
 
-    Attributes
-    ----------
-    client : Client
-    miss : ndarray, shape (2,)
-        Of the grasp at the contact: distance [m] and angle [rad].
-    contact_velocity : ndarray, shape (6,)
-        Of the end effector relative to the grasp there [m/s; rad/s], inertial axes.
-    planned : AfterCapture
-        What the plan says of it, before it is flown.
-    planned_rest : Client
-        Servicer and client as one free body from the moment on at which the joints rest, as said before.
-    planned_braking : float
-        How long after the capture that is, as said before [s].
-    contact : CompliantContact or None
-        None: the grasp was rigid at once.
-    after : AfterCapture
-        What truly is after it was rigid.
-    braking : Braking
-        As the loop follows it.
-    momentum_lost : float
-        Change of the total momentum of servicer and client about the inertial origin through the capture, as
-        a share of the larger of theirs before.
-    tracking : Tracking
-        From where it was rigid to the end, the joined robot under the joined model's control.
-    held : bool
-        Whether a law holds the base's attitude: then it comes to rest, and wheels or thrusters take the rest.
+    `miss` is the distance [m] and angle [rad] of the grasp at the contact, `contact_velocity` (6,) that of
+    the end effector relative to the grasp there, inertial axes. `planned`, `planned_rest` (both as one
+    free body) and `planned_braking` [s] are what the plan says before it is flown; `contact` is None
+    for a grasp that is rigid at once. `after`, `braking` and `tracking` are what truly is from where it is
+    rigid, under the joined model's control. `momentum_lost` is the change of the total momentum about the
+    inertial origin, as a share of the larger of theirs before; `held`: a law holds the base's attitude.
     """
 
     client: Client
@@ -124,23 +104,10 @@ def captured(
     options: Mapping[str, Any],
     progress: Callable[[float], None] | None = None,
 ) -> Captured:
-    """Capture the scenario's client where a closed loop ended, and brake.
+    """Capture the scenario's client where a closed loop ended, and brake; `options` are those of `simulate`.
 
     The model learns the client's inertia: from the capture on, control and braking are those of the joined
     robot. The plant has the client as well, and the joints' law brakes it along `brake`.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    sms : SpaceManipulator
-        The model.
-    plan : Trajectory
-        What was said before.
-    tracking : Tracking
-        The approach, as flown.
-    options : mapping
-        Those of `simulate` for the approach.
-    progress : callable, optional
     """
     client, goal_time = made_client(scenario, sms), plan.duration
     share = float(scenario.contact.get("torque_share", _SHARE))
@@ -159,40 +126,22 @@ def captured(
     assert place.velocity is not None
     assert place.spin is not None
     pose, twist = state.end_effector_pose, state.end_effector_twist
-    miss = np.array(
-        [
-            np.linalg.norm(pose.translation - place.position),
-            np.linalg.norm(pin.log3(place.rotation @ pose.rotation.T)),
-        ]
-    )
+    off, turned = pose.translation - place.position, pin.log3(place.rotation @ pose.rotation.T)
+    miss = np.array([np.linalg.norm(off), np.linalg.norm(turned)])
     relative = np.concatenate([twist[:3] - place.velocity, twist[3:] - place.spin])
     spinning = tracking.wheel_momentum[row] if tracking.wheel_momentum.shape[1] else None
-    before = _about_origin(plant, q, v, spinning) + _client_about_origin(client, t)
-    size = max(
-        np.linalg.norm(_about_origin(plant, q, v, spinning)), np.linalg.norm(_client_about_origin(client, t))
-    )
+    ours, theirs = _about_origin(plant, q, v, spinning), _client_about_origin(client, t)
+    before, size = ours + theirs, max(np.linalg.norm(ours), np.linalg.norm(theirs))
     model = after_capture(sms, q, v, client, t)
     dt = float(tracking.t[1] - tracking.t[0])
     contact = None
     hold = float(scenario.contact.get("after", _AFTER))
     if compliant:
         # Until the grasp is rigid the arm is that of the servicer alone, and its joints keep their rates.
-        law = controller(scenario, sms)
+        given = {key: value for key, value in scenario.contact.items() if key in OF_COMPLIANCE}
+        given |= {"law": controller(scenario, sms), "dt": dt, "wheel_momentum": spinning}
         reference = brake(replace(model, v=v), torque, share, coast=coast)
-        given = {key: value for key, value in scenario.contact.items() if key in _COMPLIANCE}
-        contact = compliant_contact(
-            plant,
-            q,
-            v,
-            client,
-            t,
-            goal=grasp,
-            law=law,
-            reference=reference,
-            dt=dt,
-            wheel_momentum=spinning,
-            **given,
-        )
+        contact = compliant_contact(plant, q, v, client, t, goal=grasp, reference=reference, **given)
         q, v, client_then = contact.q[-1], contact.v[-1], contact.client
         spinning = None if spinning is None else contact.wheel_momentum
         t += float(contact.t[-1])
@@ -237,7 +186,6 @@ def captured(
 
 # What goes on after the capture as before it; events are over, and the joined robot has laws of its own.
 _CONDITIONS = ("integrator", "friction", "actuator", "sensors", "estimator")
-_COMPLIANCE = ("stiffness", "damping", "turn_stiffness", "turn_damping", "time")
 
 
 def _about_origin(

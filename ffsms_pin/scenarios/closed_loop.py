@@ -1,24 +1,27 @@
-"""A scenario's closed loop: everything that acts in it made ready, and checked before anything is planned."""
+"""A scenario's closed loop: what it follows, and what acts in it, checked before anything is planned."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidScenario, InvalidValue, SimulationDiverged, SimulationStopped
-from ffsms_pin.opt import Trajectory
+from ffsms_pin.errors import SimulationDiverged, SimulationStopped
+from ffsms_pin.opt import AlphaBox, Limit, Replanning, SearchOptions, Trajectory, Via
+from ffsms_pin.opt.planning.plan import plan_problem
+from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.replan.replanning import Watching, first_sight
 from ffsms_pin.scenarios.conditions import loop_options
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.references import Held, replanning
+from ffsms_pin.scenarios.task import sensor
 from ffsms_pin.simulation import Controller, Reference, Tracking, simulate
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Attempt", "ClosedLoop", "attempt", "named", "prepared"]
+__all__ = ["Attempt", "ClosedLoop", "Held", "attempt", "planned", "prepared", "replanning"]
 
 
 class Attempt(NamedTuple):
@@ -38,15 +41,7 @@ class Attempt(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
-    """A scenario's conditions, ready for `simulate`.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    sms : SpaceManipulator
-    options : dict
-        Keyword arguments of `simulate`.
-    """
+    """A scenario's conditions, ready for `simulate`: its keyword arguments are `options`."""
 
     scenario: Scenario
     sms: SpaceManipulator
@@ -79,13 +74,7 @@ class ClosedLoop:
 
 
 def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> ClosedLoop:
-    """The closed loop of a scenario, whose plan starts at q0 (nq,).
-
-    Raises
-    ------
-    InvalidValue
-        A condition does not fit the robot or the motion.
-    """
+    """The closed loop of a scenario, whose plan starts at q0 (nq,), checked against robot and motion."""
     loop = ClosedLoop(scenario, sms, loop_options(scenario, sms, q0))
     if scenario.replans:
         replanning(scenario, sms)
@@ -104,13 +93,56 @@ def attempt(run: Callable[[], Tracking]) -> Attempt:
         return Attempt(error.tracking, str(error))
 
 
-@contextmanager
-def named(scenario: Scenario) -> Iterator[None]:
-    """Whatever value cannot be used inside the block is one of the scenario's file: errors name it."""
-    try:
-        yield
-    except InvalidValue as error:
-        raise InvalidScenario(scenario.source, str(error)) from None
+def planned(
+    scenario: Scenario,
+    sms: SpaceManipulator,
+    q0: FloatArray,
+    progress: Callable[[float], None] | None,
+    method: str | None = None,
+) -> Trajectory:
+    """The scenario's plan from q0; `method` stands in for the scenario's own."""
+    method = scenario.plan.get("method", "horizon") if method is None else method
+    options = SearchOptions(time_limit=scenario.plan.get("time_limit"))
+    trajectory = plan_problem(scenario.problem(sms, q0), method, options, progress)
+    # r_th judges a plan; it does not steer it.
+    return replace(trajectory, reach=scenario.plan.get("reach", trajectory.reach))
+
+
+def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | None = None) -> Replanning:
+    """A reference that plans again from the measured state; one run uses it up.
+
+    Where the client has a sensor, what is planned for is its estimate. Waypoints without a time get that at
+    which `plan` passes them: the loop cannot see what was passed.
+    """
+    seen = sensor(scenario)
+    client = None if scenario.client is None else scenario.made_client(sms)
+    estimate = None if client is None or seen is None else first_sight(client, seen)
+    problem = scenario.problem(sms, dt=scenario.reference.get("dt"), client=estimate)
+    if not any(isinstance(limit, AlphaBox) for limit in problem.limits):
+        problem = replace(problem, limits=(*problem.limits, AlphaBox()))  # the paper's step has it always
+    if plan is not None:
+        limits = [one.timed(plan) if _untimed(one) else one for one in problem.limits]
+        problem = replace(problem, limits=limits)
+    options = ReplanOptions(
+        dead_band=scenario.reference.get("dead_band"), jerk=scenario.per_joint(sms, "reference", "jerk")
+    )
+    hold = scenario.reference.get("hold", 0.0)
+    if client is None or seen is None or estimate is None:
+        return Replanning(problem, hold, options=options)
+    return Watching(problem, client, seen, estimate, hold=hold, options=options)
+
+
+def _untimed(limit: Limit) -> TypeGuard[Via]:
+    return isinstance(limit, Via) and limit.time is None
+
+
+class Held:
+    """A plan made once, and for `hold` [s] after its end the rest that it ends in."""
+
+    def __init__(self, plan: Trajectory, hold: float) -> None:
+        self.q, self.target, self.sample = plan.q, plan.target, plan.sample
+        self.momentum, self.base_mode = plan.momentum, plan.mode
+        self.duration = plan.duration + hold
 
 
 class _Standstill:

@@ -1,29 +1,37 @@
-"""The planning methods side by side on one scenario."""
+"""Side by side on one scenario: the planning methods, and the control laws."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from ffsms_pin.control import LAWS, JointLaw
 from ffsms_pin.control.reduced_dynamics import reduced_dynamics
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import METHODS, Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
-from ffsms_pin.scenarios.closed_loop import named
+from ffsms_pin.scenarios.closed_loop import Attempt, attempt, planned, prepared
+from ffsms_pin.scenarios.conditions import controller
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.references import planned
-from ffsms_pin.scenarios.run import stage
+from ffsms_pin.scenarios.run import StageProgress, stage
+from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers
 from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Comparison", "compare", "comparison_numbers", "why_not_reached"]
-
-# Keys of [plan] that the paper's method has no place for, and those that only "horizon" knows.
-_NOT_FOR_PAPER = ("base_limits", "momentum")
-_FOR_HORIZON = ("locked",)
+__all__ = [
+    "Comparison",
+    "LawComparison",
+    "compare",
+    "compare_laws",
+    "comparison_numbers",
+    "law_numbers",
+    "why_not_reached",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +40,6 @@ class Comparison:
 
     Attributes
     ----------
-    scenario : Scenario
-    sms : SpaceManipulator
     plans : dict of str to Trajectory
         By method, in the order they were asked for.
     times : dict of str to float
@@ -58,7 +64,6 @@ def compare(
 
     Parameters
     ----------
-    scenario : Scenario
     methods : tuple of str
         Of `ffsms_pin.opt.METHODS`; default: all that know what the scenario asks for.
     progress : callable, optional
@@ -72,7 +77,7 @@ def compare(
         left_out = {name: why for name in METHODS if (why := _cannot(scenario, name))}
         methods = tuple(name for name in METHODS if name not in left_out)
     for method in methods:
-        with named(scenario):
+        with scenario.named():
             q0 = scenario.start_configuration(sms)
             started = time.perf_counter()
             plans[method] = planned(scenario, sms, q0, stage(progress, method), method)
@@ -82,9 +87,8 @@ def compare(
 
 def _cannot(scenario: Scenario, method: str) -> str:
     """What a method does not know of what the scenario asks for; empty where it knows everything."""
-    keys = () if method == "horizon" else _FOR_HORIZON
-    if method == "paper":
-        keys = (*_NOT_FOR_PAPER, *keys)
+    not_known = {"horizon": (), "paper": ("base_limits", "momentum", "locked")}
+    keys = not_known.get(method, ("locked",))
     asked = [key for key in keys if scenario.plan.get(key, "floating") not in ("floating", (), None)]
     if method == "paper" and any(part["use"] == "base" for part in scenario.limit):
         asked.insert(0, "base_limits")
@@ -94,12 +98,8 @@ def _cannot(scenario: Scenario, method: str) -> str:
 def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
     """One row a method, every key of a quantity ending in its unit.
 
-    `path_over_straight` is the length of the end effector's path over the straight line between its ends.
-
-    `note` says why a motion has not reached, else what there is to say about it.
-
-    Joint effort is the integral of the squared joint rates; torque effort that of the squared joint torques
-    H_q qdd + C_q which the plan needs.
+    `path_over_straight` is the length of the end effector's path over the straight line between its ends;
+    joint effort the integral of the squared joint rates, torque effort that of the torques H_q qdd + C_q.
     """
     return {
         method: {
@@ -152,3 +152,88 @@ def _torque_effort(sms: SpaceManipulator, made: Trajectory) -> float:
         H_q, C_q = reduced_dynamics(sms, made.q[k], made.v[k])
         effort += float(np.square(H_q @ acceleration + C_q).sum())
     return effort * made.dt
+
+
+@dataclass(frozen=True, eq=False)
+class LawComparison:
+    """One plan, followed under several control laws: same plant, disturbances, sensors and start.
+
+    Attributes
+    ----------
+    laws : dict of str to JointLaw
+        By name, in the order they were asked for.
+    runs : dict of str to Attempt
+        Each law's closed loop; one that did not get to the end says why.
+    """
+
+    scenario: Scenario
+    sms: SpaceManipulator
+    plan: Trajectory
+    laws: dict[str, JointLaw]
+    runs: dict[str, Attempt]
+
+
+def compare_laws(
+    scenario: Scenario, laws: tuple[str, ...] = tuple(LAWS), progress: StageProgress | None = None
+) -> LawComparison:
+    """Follow the scenario's motion under each control law, under the scenario's conditions.
+
+    The scenario's own law has the gains of its [control] table, the others those of [laws.NAME], or their
+    defaults. Where the scenario plans again in the loop, every law has a planner of its own.
+
+    Parameters
+    ----------
+    laws : tuple of str
+        Of `ffsms_pin.control.LAWS`.
+    progress : callable, optional
+        Called with "planning" or a law's name and the share of that stage that is done, 0 to 1.
+
+    Raises
+    ------
+    InvalidScenario
+        A value does not fit the robot.
+    InvalidValue
+        A law of another name.
+    """
+    for name in laws:
+        if name not in LAWS:
+            raise InvalidValue("laws", name, f"must be of {', '.join(LAWS)}")
+    sms = scenario.load()
+    with scenario.named():
+        q0 = scenario.start_configuration(sms)
+        made = {name: controller(scenario, sms, name) for name in laws}
+        loop = prepared(scenario, sms, q0)
+        plan = planned(scenario, sms, q0, stage(progress, "planning"))
+        runs = {}
+        for name, law in made.items():
+            reference, report = loop.reference(plan), stage(progress, name)
+            runs[name] = attempt(partial(loop.run, reference, law, report))
+            if report is not None:
+                report(1.0)
+    return LawComparison(scenario, sms, plan, made, runs)
+
+
+def law_numbers(comparison: LawComparison) -> dict[str, dict[str, Any]]:
+    """One row a law, every key of a quantity ending in its unit.
+
+    Effort is the integral of the squared torques, chatter that of their squared rates. Where the longest time
+    constant of the gains at the start exceeds the move, an error that is there at the start stays. Of a law
+    that did not get to the end of the run, the numbers are those until then.
+    """
+    return {name: _row(comparison, name) for name in comparison.laws}
+
+
+def _row(comparison: LawComparison, name: str) -> dict[str, Any]:
+    plan, (tracking, stopped) = comparison.plan, comparison.runs[name]
+    longest = float(comparison.laws[name].time_constants(plan.q[0])[-1])
+    row: dict[str, Any] = {
+        "stopped": stopped,
+        "arrived": not stopped and arrived(plan, tracking),
+        "longest_time_constant_s": longest,
+        "slow": longest > plan.duration,
+    }
+    if len(tracking.t) > 0:
+        row["final_error_m"] = float(tracking.position_error[-1])
+        row.update(joint_error_numbers(comparison.sms, tracking))
+        row["effort_N2m2s"], row["chatter_N2m2_per_s"] = tracking.effort, tracking.chatter
+    return row

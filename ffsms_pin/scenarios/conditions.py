@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.control import LAWS, JointLaw
+from ffsms_pin.control import (
+    LAWS,
+    BaseLaw,
+    Coordinated,
+    JointLaw,
+    MomentumDump,
+    QuaternionFeedback,
+    StationKeeping,
+)
 from ffsms_pin.models import load
-from ffsms_pin.scenarios.actuated import COORDINATED_WITH, base_law, coordinated
 from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.fits import COORDINATED_WITH, STATION_KEEPING
 from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.simulation import (
     Actuator,
@@ -26,28 +36,21 @@ from ffsms_pin.simulation import (
 )
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["control_steps", "controller", "loop_options", "plant"]
+__all__ = ["base_law", "control_steps", "controller", "loop_options"]
 
 _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
 
 
 def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dict[str, Any]:
-    """Keyword arguments of `simulate`: everything but the model, the reference and the controller.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    sms : SpaceManipulator
-        The model, as `scenario.load` gives it.
-    q0 : ndarray, shape (nq,)
-        Start of the plan.
-    """
+    """Keyword arguments of `simulate` for a plan that starts at q0 (nq,), but the reference and the law."""
     start = scenario.plant_start(sms, q0)
     simulation = scenario.simulation
+    with scenario.named("plant"):
+        simulated = _plant(scenario, sms)
     options: dict[str, Any] = {
         "dt": scenario.control.get("dt", _CONTROL_STEP),
         "q0": q0 if start is None else start,
-        "plant": plant(scenario, sms),
+        "plant": simulated,
         "integrator": simulation.get("integrator", "rk4"),
         "disturbances": tuple(Wrench(**one) for one in scenario.disturbance),
         "events": (
@@ -62,16 +65,16 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
         options["momentum"] = simulation.get("momentum", scenario.plan.get("momentum"))
         if options["momentum"] is None and scenario.meet is not None and scenario.meet.get("rest_after"):
             options["momentum"] = scenario.problem(sms, q0).momentum
-    if (law := base_law(scenario.attitude, sms)) is not None:
+    with scenario.named("attitude"):
+        law = base_law(scenario.attitude, sms)
+    if law is not None:
         options["base_controller"] = law
     if "wheel_momentum" in simulation:
         options["wheel_momentum"] = simulation["wheel_momentum"]
-    if scenario.friction:
-        options["friction"] = JointFriction(**radians(scenario.friction))
-    if scenario.actuator:
-        options["actuator"] = Actuator(**scenario.actuator)
-    if scenario.sensors:
-        options["sensors"] = Sensors(**radians(scenario.sensors))
+    made: dict[str, type] = {"friction": JointFriction, "actuator": Actuator, "sensors": Sensors}
+    for name, kind in made.items():
+        if given := getattr(scenario, name):
+            options[name] = kind(**radians(given))
     if scenario.estimator:
         given = dict(scenario.estimator)
         on = given.pop("on", True)
@@ -82,7 +85,7 @@ def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> d
     return options
 
 
-def plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
+def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
     """What is simulated: the model, or a robot with other inertial parameters, or another robot."""
     given = dict(scenario.plant)
     simulated, shares = sms, given.pop("random", None)
@@ -102,15 +105,7 @@ def plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
 
 
 def controller(scenario: Scenario, sms: SpaceManipulator, law: str | None = None) -> JointLaw:
-    """A control law with the scenario's gains for it, and its torque limits.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    sms : SpaceManipulator
-    law : str, optional
-        Of `ffsms_pin.control.LAWS`; default: the scenario's.
-    """
+    """A law of `LAWS`, by default the scenario's own, with the scenario's gains for it and torque limits."""
     law = scenario.law if law is None else law
     own = law == scenario.law
     others = ("law", "dt", "offset", "offset" + DEGREES, "torque_limit")
@@ -119,10 +114,34 @@ def controller(scenario: Scenario, sms: SpaceManipulator, law: str | None = None
     if law == "super-twisting":
         gains["dt"] = scenario.duration / control_steps(scenario)
     torque_limit = scenario.per_joint(sms, "control", "torque_limit")
-    both = coordinated(scenario.attitude, sms, torque_limit, gains) if law == COORDINATED_WITH else None
-    return LAWS[law](sms, torque_limit=torque_limit, **gains) if both is None else both
+    attitude = scenario.attitude or {}
+    if law == COORDINATED_WITH and attitude.get("law") == "coordinated":
+        return Coordinated(sms, torque_limit=torque_limit, **gains, **_base_options(attitude))
+    return LAWS[law](sms, torque_limit=torque_limit, **gains)
 
 
 def control_steps(scenario: Scenario) -> int:
     """How many control steps `simulate` makes: a whole number of them fills the run."""
     return max(1, round(scenario.duration / float(scenario.control.get("dt", _CONTROL_STEP))))
+
+
+def base_law(attitude: Mapping[str, Any] | None, sms: SpaceManipulator) -> BaseLaw | None:
+    """The law of the base that a scenario's [attitude] describes; None where the base is left to itself."""
+    if attitude is None:
+        return None
+    options = _base_options(attitude)
+    if attitude.get("law") == "coordinated":
+        return Coordinated(sms, **options)
+    if attitude.get("law") == STATION_KEEPING:
+        return StationKeeping(sms, **options)
+    return QuaternionFeedback(sms, **options)
+
+
+def _base_options(attitude: Mapping[str, Any]) -> dict[str, Any]:
+    """Keyword arguments of the laws."""
+    options = radians({key: value for key, value in attitude.items() if key not in ("law", "dump")})
+    if "attitude" in options:
+        options["attitude"] = pin.rpy.rpyToMatrix(np.array(options["attitude"]))
+    if attitude.get("dump") is not None:
+        options["dump"] = MomentumDump(**attitude["dump"])
+    return options

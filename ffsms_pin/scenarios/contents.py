@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import InvalidScenario, InvalidValue
 from ffsms_pin.models import SatelliteBase, load, mount, satellite_names
 from ffsms_pin.models.mounting import face_placement
-from ffsms_pin.scenarios.actuated import with_actuators
 from ffsms_pin.scenarios.fits import DEFAULT_LAW
-from ffsms_pin.scenarios.joint_values import joint_values, within_limits
+from ffsms_pin.scenarios.joints import joint_values, within_limits
 from ffsms_pin.scenarios.keys import radians
+from ffsms_pin.scenarios.naming import named
+from ffsms_pin.scenarios.robot_tables import Limits
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.urdf import model_names
 
@@ -26,10 +28,11 @@ __all__ = ["Contents"]
 
 @dataclass(frozen=True)
 class Contents:
-    """The tables of a scenario file, checked: a robot, a start, a target, and how to plan and track.
+    """The tables of a scenario file, checked; the page "Scenario files" says what their keys mean.
 
-    The page "Scenario files" of the documentation says what each key means. Tables that a file leaves out
-    are empty here, and what they would set takes the library's defaults.
+    Tables that a file leaves out are empty here, or None where that is another thing than an empty one; what
+    they would set takes the library's defaults. Values are as in the file: SI units, radians, and degrees
+    under keys that end in `_deg`.
 
     Attributes
     ----------
@@ -37,28 +40,6 @@ class Contents:
         The packaged name, or the file's name without its ending.
     source : Path
         The file.
-    robot, start, target, plan, limits, control : mapping of str to values
-        As in the file: SI units, radians, and degrees under keys that end in `_deg`.
-    laws : mapping of str to mapping
-        Gains of other control laws, for `compare_laws`.
-    reference, simulation, plant, friction, actuator, sensors, estimator : mapping of str to values
-        The closed loop under real conditions.
-    disturbance, capture, fault : tuple of mappings
-        What happens on the way.
-    watchdog, wheels, thrusters, attitude : mapping of str to values, or None
-        None: there is none, and for `attitude` that the base is left to itself.
-    also, via : tuple of mappings
-        Goals of other frames of the robot, and places that the end effector passes on its way.
-    client, meet : mapping of str to values, or None
-        Who is to be met in place of a target, and how; None: there is a target.
-    contact : mapping of str to values
-        How the client is caught, and what follows.
-    term, limit : tuple of mappings
-        Terms and limits of the plan beside, or in place of, those that `plan` describes.
-    obstacle : tuple of mappings
-        What the robot keeps clear of beside itself.
-    campaign : mapping of str to values
-        What a campaign draws; a single run does not use it.
     allow_import : bool
         Whether terms and limits may be a user's own, imported from Python modules.
     """
@@ -133,24 +114,25 @@ class Contents:
         Raises
         ------
         FfsmsError
-            What `ffsms_pin.load` raises; `InvalidScenario` where limits do not fit the robot.
+            What `ffsms_pin.load` raises, with the key of the file; `InvalidScenario` for a value.
         """
-        try:
+        with self.named("robot"):
             sms = self._robot()
-        except InvalidValue as error:
-            raise InvalidScenario(self.source, f"[robot] {error}") from None
-        try:
-            limits = {
-                name: self.per_joint(sms, "limits", name)
-                for name in ("lower", "upper", "velocity", "acceleration", "torque")
-            }
+        with self.named("limits"):
+            limits = {name: self.per_joint(sms, "limits", name) for name in Limits.model_fields}
             chosen = {name: value for name, value in limits.items() if value is not None}
             if chosen:
                 sms = sms.with_limits(replace(sms.limits, **chosen))
-            sms = with_actuators(sms, self.wheels, self.thrusters)
-        except InvalidValue as error:
-            raise InvalidScenario(self.source, str(error)) from None
+        with self.named():
+            wheels = sms.wheels if self.wheels is None else ReactionWheels(**self.wheels)
+            thrusters = None if self.thrusters is None else Thrusters(**self.thrusters)
+            if self.wheels is not None or thrusters is not None:
+                sms = sms.with_actuators(wheels=wheels, thrusters=thrusters)
         return sms
+
+    def named(self, under: str = "") -> AbstractContextManager[None]:
+        """Errors of the library inside it name the file and the key, of the table `under` if given."""
+        return named(self.source, vars(self), under)
 
     def _robot(self) -> SpaceManipulator:
         """The robot of [robot]: a whole one, or an arm on the satellite of [robot.mount]."""
@@ -161,10 +143,13 @@ class Contents:
         if "mount" not in self.robot:
             return load(self.robot_path(model), **options)
         satellite = radians(self.robot["mount"])
-        place: dict[str, Any] = {key: satellite.pop(key) for key in ("position", "rpy") if key in satellite}
+        place = {key: np.array(satellite.pop(key)) for key in ("position", "rpy") if key in satellite}
         base = SatelliteBase(**satellite)
+        default = face_placement(base)
+        turn = pin.rpy.rpyToMatrix(place["rpy"]) if "rpy" in place else default.rotation
         arm = self.source.parent / model
-        return mount(arm if arm.is_file() else model, base, _placement(base, place), **options)
+        placement = pin.SE3(turn, place.get("position", default.translation))
+        return mount(arm if arm.is_file() else model, base, placement, **options)
 
     def robot_path(self, model: str) -> str | Path:
         """What `load` takes for a robot of the file: a known name, or a path from the file's folder."""
@@ -179,10 +164,3 @@ class Contents:
     def per_joint(self, sms: SpaceManipulator, table: str, key: str) -> FloatArray | None:
         """Values (n,) of a key that has one a joint, in radians and metres; None where it is not given."""
         return joint_values(self.source, sms, table, getattr(self, table), key)
-
-
-def _placement(base: SatelliteBase, given: Mapping[str, Any]) -> Any:
-    """Pose (pinocchio.SE3) of the arm's root link in the base frame: what is not given is the default's."""
-    default = face_placement(base)
-    turn = pin.rpy.rpyToMatrix(np.array(given["rpy"])) if "rpy" in given else default.rotation
-    return pin.SE3(turn, np.array(given.get("position", default.translation)))

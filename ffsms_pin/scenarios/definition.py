@@ -1,26 +1,30 @@
-"""`scenario`: from a name or a TOML file to a `Scenario`."""
+"""`scenario`: from a name or a TOML file to a `Scenario`, which can be kept beside the results of a run."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate
-from ffsms_pin.errors import InvalidScenario, InvalidValue
+from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.opt import Obstacle, Problem
-from ffsms_pin.scenarios.clients import made_client
 from ffsms_pin.scenarios.contents import Contents
 from ffsms_pin.scenarios.file import checked_tables
-from ffsms_pin.scenarios.joint_values import within_limits
-from ffsms_pin.scenarios.obstacles import made_obstacles
+from ffsms_pin.scenarios.joints import within_limits
 from ffsms_pin.scenarios.problems import planning_problem
 from ffsms_pin.scenarios.reading import packaged_path, read, scenario_names
+from ffsms_pin.scenarios.task import made_client, made_obstacles
+from ffsms_pin.storage import read_content, write_content
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Scenario", "scenario", "scenario_names", "scenario_of"]
+__all__ = ["Scenario", "load_scenario", "save_scenario", "scenario", "scenario_names", "scenario_of"]
+
+_NO_TABLES = ("name", "source", "allow_import")
 
 
 class Scenario(Contents):
@@ -52,8 +56,7 @@ class Scenario(Contents):
         Raises
         ------
         InvalidScenario
-            A value does not fit the robot, or a term or limit cannot be made; one of the user's own is
-            imported only with `allow_import`.
+            A value does not fit the robot, or a term or limit cannot be made.
         """
         if self.client is not None and client is None:
             client = self.made_client(sms)
@@ -68,11 +71,9 @@ class Scenario(Contents):
         return made_obstacles(self.source, self.obstacle, client)
 
     def made_client(self, sms: SpaceManipulator) -> Client:
-        """The client; see `clients.made_client`."""
-        try:
+        """The client, which may be placed so that it can be met by construction."""
+        with self.named("client"):
             return made_client(self, sms)
-        except InvalidValue as error:
-            raise InvalidScenario(self.source, f"[client] {error}") from None
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
         """Start (nq,) of the simulated arm where it is not the plan's `q0`; None where it is."""
@@ -88,8 +89,9 @@ class Scenario(Contents):
 def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False) -> Scenario:
     """Read a scenario.
 
-    Reading runs no code of the file's. With `allow_import`, planning imports the Python modules that the file
-    names as terms and limits: only for files that you trust as you trust a program.
+    Its keys and values are checked; the robot is loaded by `Scenario.load`. Reading runs no code of the
+    file's. With `allow_import`, planning imports the Python modules that the file names as terms and limits:
+    only for files that you trust as you trust a program.
 
     Parameters
     ----------
@@ -97,11 +99,6 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
         A packaged scenario ("case-1", "case-2": the paper's; "wrong-model", "capture": ours), or a TOML file.
     allow_import : bool
         Whether its terms and limits may be a user's own, as `use = "package.module:Class"`.
-
-    Returns
-    -------
-    Scenario
-        Its keys and values checked; the robot is loaded by `Scenario.load`.
 
     Raises
     ------
@@ -119,11 +116,37 @@ def scenario(name_or_path: str | os.PathLike[str], *, allow_import: bool = False
 
 
 def scenario_of(source: Path, content: Mapping[str, Any], *, allow_import: bool = False) -> Scenario:
-    """A scenario from what a TOML file holds; names of files in it count from the folder of `source`.
-
-    Raises
-    ------
-    InvalidScenario
-        As for `scenario`.
-    """
+    """A scenario from what a TOML file holds; names of files in it count from the folder of `source`."""
     return Scenario(source.stem, source, **checked_tables(source, content), allow_import=allow_import)
+
+
+def save_scenario(scenario: Contents, path: str | os.PathLike[str]) -> None:
+    """Write the tables of a scenario as JSON, and the path of its file, atomically."""
+    tables: dict[str, Any] = {}
+    for field in fields(Contents):
+        found = getattr(scenario, field.name)
+        if field.name not in _NO_TABLES and (found or found == {}):
+            tables[field.name] = _without_none(found)
+    said = {"name": scenario.name, "file": str(scenario.source.absolute()), "tables": tables}
+    write_content(path, json.dumps(said, indent=1, ensure_ascii=False) + "\n")
+
+
+def load_scenario(path: str | os.PathLike[str]) -> Scenario:
+    """Read what `save_scenario` wrote; `ResultError`: the file cannot be read, or is none of these."""
+    try:
+        said = json.loads(read_content(path))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ResultError(path, f"cannot be read ({error})") from None
+    if not (
+        isinstance(said, dict)
+        and isinstance(said.get("tables"), dict)
+        and all(isinstance(said.get(key), str) for key in ("name", "file"))
+    ):
+        raise ResultError(path, "is not the scenario of a run")
+    return replace(scenario_of(Path(said["file"]), said["tables"]), name=said["name"])
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_none(item) for key, item in value.items() if item is not None}
+    return [_without_none(item) for item in value] if isinstance(value, tuple) else value

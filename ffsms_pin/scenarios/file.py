@@ -13,49 +13,24 @@ from pydantic_core import ErrorDetails
 
 from ffsms_pin.checks import SMALLEST_POSITIVE
 from ffsms_pin.control import LAWS
-from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.errors import InvalidScenario, short
+from ffsms_pin.scenarios import loop_tables, robot_tables, task_tables
 from ffsms_pin.scenarios.fits import check_fits, gains_of
 from ffsms_pin.scenarios.keys import DEGREES, Keys, about, table
-from ffsms_pin.scenarios.loop_tables import (
-    ActuatorErrors,
-    CampaignTable,
-    CaptureEvent,
-    Control,
-    Disturbance,
-    EstimatorTable,
-    Fault,
-    Friction,
-    Plant,
-    Reference,
-    SensorErrors,
-    Simulation,
-    WatchdogTable,
-)
-from ffsms_pin.scenarios.part_tables import OWN, PARTS, LimitTable, TermTable
-from ffsms_pin.scenarios.plan_tables import Plan
-from ffsms_pin.scenarios.robot_tables import Attitude, Limits, Robot, Start, Thrusters, Wheels
-from ffsms_pin.scenarios.task_tables import (
-    AlsoGoal,
-    ClientBody,
-    Contact,
-    Meeting,
-    ObstacleBody,
-    Target,
-    Waypoint,
-)
+from ffsms_pin.scenarios.plan_tables import OWN, PARTS, LimitTable, Plan, TermTable
 
 __all__ = ["ScenarioFile", "checked_tables", "models_in", "schema"]
 
 
 def _gains(law: str) -> type[Keys]:
     """The table [laws.LAW]: the gains of that law, as under [control]."""
-    hints = get_type_hints(Control, include_extras=True)
+    hints = get_type_hints(loop_tables.Control, include_extras=True)
     fields: dict[str, Any] = {
         name: (
             hints[name],
             Field(None, description=said.description, json_schema_extra=said.json_schema_extra),
         )
-        for name, said in Control.model_fields.items()
+        for name, said in loop_tables.Control.model_fields.items()
         if name in gains_of(law)
     }
     return create_model(f"Gains of {law}", __base__=Keys, **fields)
@@ -68,36 +43,36 @@ _Laws: Any = create_model("Laws", __base__=Keys, **_BY_LAW)
 class ScenarioFile(Keys):
     """A scenario of ffsms-pin: robot, task, plan, control, and what the real satellite does differently."""
 
-    robot: Robot = Field({}, validate_default=True)
-    start: Start = Field({}, validate_default=True)
-    target: Target = table()
-    also: list[AlsoGoal] = table()
-    via: list[Waypoint] = table()
-    client: ClientBody = table()
-    meet: Meeting = table()
-    contact: Contact = table()
+    robot: robot_tables.Robot = Field({}, validate_default=True)
+    start: robot_tables.Start = Field({}, validate_default=True)
+    target: task_tables.Target = table()
+    also: list[task_tables.AlsoGoal] = table()
+    via: list[task_tables.Waypoint] = table()
+    client: task_tables.ClientBody = table()
+    meet: task_tables.Meeting = table()
+    contact: task_tables.Contact = table()
     plan: Plan = table()
     term: list[TermTable] = table()
     limit: list[LimitTable] = table()
-    obstacle: list[ObstacleBody] = table()
-    limits: Limits = table()
-    control: Control = table()
+    obstacle: list[task_tables.ObstacleBody] = table()
+    limits: robot_tables.Limits = table()
+    control: loop_tables.Control = table()
     laws: _Laws = table()
-    reference: Reference = table()
-    simulation: Simulation = table()
-    plant: Plant = table()
-    wheels: Wheels = table()
-    thrusters: Thrusters = table()
-    attitude: Attitude = table()
-    friction: Friction = table()
-    actuator: ActuatorErrors = table()
-    sensors: SensorErrors = table()
-    estimator: EstimatorTable = table()
-    disturbance: list[Disturbance] = table()
-    capture: list[CaptureEvent] = table()
-    fault: list[Fault] = table()
-    watchdog: WatchdogTable = table()
-    campaign: CampaignTable = table()
+    reference: loop_tables.Reference = table()
+    simulation: loop_tables.Simulation = table()
+    plant: loop_tables.Plant = table()
+    wheels: robot_tables.Wheels = table()
+    thrusters: robot_tables.Thrusters = table()
+    attitude: robot_tables.Attitude = table()
+    friction: loop_tables.Friction = table()
+    actuator: loop_tables.ActuatorErrors = table()
+    sensors: loop_tables.SensorErrors = table()
+    estimator: loop_tables.EstimatorTable = table()
+    disturbance: list[loop_tables.Disturbance] = table()
+    capture: list[loop_tables.CaptureEvent] = table()
+    fault: list[loop_tables.Fault] = table()
+    watchdog: loop_tables.WatchdogTable = table()
+    campaign: loop_tables.CampaignTable = table()
 
 
 # Tables whose absence is another thing than a table without keys.
@@ -113,23 +88,8 @@ def schema() -> dict[str, Any]:
 def checked_tables(source: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     """Every table of a scenario, its keys known and its values usable.
 
-    Parameters
-    ----------
-    source : Path
-        The file, for messages.
-    content : mapping
-        What the TOML file holds.
-
-    Returns
-    -------
-    dict
-        By table: a dict of values, a tuple of those where there may be several, and where a table is left
-        out, an empty one (None, if its presence means something).
-
-    Raises
-    ------
-    InvalidScenario
-        Names the table, the key and the value.
+    `InvalidScenario` names one that is not. A table that is left out is empty, or None where that is another
+    thing than an empty one.
     """
     try:
         said = ScenarioFile.model_validate(content).said()
@@ -176,7 +136,7 @@ def _in_words(error: ErrorDetails, content: Mapping[str, Any]) -> str:
     if not name:
         return f"{title} {_wrong(error)}"
     said = name + DEGREES if name + DEGREES in given else name
-    return f"{title} {said} {_wrong(error)}, got {_short(value)}"
+    return f"{title} {said} {_wrong(error)}, got {short(value)}"
 
 
 def _place(where: tuple[int | str, ...], content: Any) -> tuple[str, str, type[Keys], Any]:
@@ -251,11 +211,3 @@ def _suggestion(word: str, allowed: Collection[str]) -> str:
     near = difflib.get_close_matches(word, allowed, n=1, cutoff=0.5)
     meant = f"did you mean '{near[0]}'? " if near else ""
     return f"{meant}(allowed: {', '.join(sorted(allowed))})"
-
-
-def _short(value: Any) -> str:
-    try:
-        words = " ".join(repr(value).split())
-    except ValueError:  # a whole number of more digits than Python writes
-        words = "a very long number"
-    return words if len(words) <= 80 else words[:77] + "..."

@@ -31,20 +31,9 @@ DEGREES = "_deg"  # ending of the keys that give an angle in degrees
 
 
 def key(unit: str, default: str, what: str, *, required: bool = False, degrees: bool = False) -> Any:
-    """A key of a table.
+    """A key of a table: its unit, what holds without it in words, and what it is.
 
-    Parameters
-    ----------
-    unit : str
-        As on the page of the documentation; empty where there is none.
-    default : str
-        What holds without it, in words.
-    what : str
-        What it is.
-    required : bool
-        Whether it has to be there.
-    degrees : bool
-        Whether it may be given in degrees as well, under its name with `_deg`.
+    It has to be there if `required`; with `degrees` it may be given under its name with `_deg` as well.
     """
     more: dict[str, Any] = {"unit": unit, "default_in_words": default, "degrees": degrees}
     return Field(... if required else None, description=what, json_schema_extra=more)

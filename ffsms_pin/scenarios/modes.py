@@ -11,7 +11,6 @@ import numpy as np
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import BaseLimits, Problem, SearchOptions, Trajectory
 from ffsms_pin.opt.planning.plan import plan_problem
-from ffsms_pin.scenarios.closed_loop import named
 from ffsms_pin.scenarios.compare import why_not_reached
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import stage
@@ -37,17 +36,9 @@ RESTORED_WITHIN = np.radians(0.1)  # [rad] what "restored" leaves of the base's 
 
 
 class Strategy(NamedTuple):
-    """One way to do the task.
+    """One way to do the task: what wheels or thrusters do along the plan, and after it.
 
-    Attributes
-    ----------
-    plan : Trajectory
-    during : Spent
-        What wheels or thrusters do along the plan.
-    after : Spent, or None
-        What they do turning the base back; None where it is not turned back.
-    carried : float
-        How far turning back carries the end effector [m], the arm locked.
+    `after` is None where the base is not turned back; `carried` is how far that carries the end effector [m].
     """
 
     plan: Trajectory
@@ -62,8 +53,6 @@ class ModeComparison:
 
     Attributes
     ----------
-    scenario : Scenario
-    sms : SpaceManipulator
     found : dict of str to Strategy
         By name, as in `STRATEGIES`.
     """
@@ -93,7 +82,7 @@ def compare_modes(scenario: Scenario, progress: Callable[[str, float], None] | N
     sms = scenario.load()
     if sms.wheels is None and sms.thrusters is None:
         raise InvalidScenario(scenario.source, "comparing modes needs a table [wheels] or [thrusters]")
-    with named(scenario):
+    with scenario.named():
         problem = scenario.problem(sms)
         options = SearchOptions(time_limit=scenario.plan.get("time_limit"))
         return ModeComparison(scenario, sms, strategies(problem, options, progress))
@@ -110,20 +99,25 @@ def strategies(
     floating = replace(problem, mode="floating", wheel_momentum=None)
     kept = [limit for limit in floating.limits if not isinstance(limit, BaseLimits)]
     restoring = replace(floating, limits=(*kept, BaseLimits(final_attitude=RESTORED_WITHIN)))
+
+    def made(name: str, problem: Problem) -> Trajectory:
+        return plan_problem(problem, "horizon", options, stage(progress, name))
+
     found: dict[str, Strategy] = {}
-    made = plan_problem(held, "horizon", options, stage(progress, "held"))
-    found["held"] = Strategy(made, spent(sms, made))
-    made = plan_problem(floating, "horizon", options, stage(progress, "used"))
-    found["used"] = _turned_back(sms, made)
+    found["held"] = _spent(sms, made("held", held))
+    found["used"] = _turned_back(sms, made("used", floating))
     after = found["used"].after
     longer = held.lasting(held.duration + (0.0 if after is None else float(after.t[-1])))
-    made = plan_problem(longer, "horizon", options, stage(progress, "held-longer"))
-    found["held-longer"] = Strategy(made, spent(sms, made))
-    made = plan_problem(restoring, "horizon", options, stage(progress, "restored"))
-    found["restored"] = Strategy(made, spent(sms, made))
-    made = plan_problem(floating, "resolved-rate", None, stage(progress, "straight"))
-    found["straight"] = _turned_back(sms, made)
+    found["held-longer"] = _spent(sms, made("held-longer", longer))
+    found["restored"] = _spent(sms, made("restored", restoring))
+    straight = plan_problem(floating, "resolved-rate", None, stage(progress, "straight"))
+    found["straight"] = _turned_back(sms, straight)
     return {name: found[name] for name in STRATEGIES}
+
+
+def _spent(sms: SpaceManipulator, plan: Trajectory) -> Strategy:
+    """A motion after which the base stays as it is."""
+    return Strategy(plan, spent(sms, plan))
 
 
 def _turned_back(sms: SpaceManipulator, plan: Trajectory) -> Strategy:

@@ -8,7 +8,7 @@ from typing import Any
 
 from ffsms_pin.scenarios.file import ScenarioFile, models_in
 from ffsms_pin.scenarios.keys import Keys, about
-from ffsms_pin.scenarios.part_tables import PARTS
+from ffsms_pin.scenarios.plan_tables import PARTS
 
 __all__ = ["key_tables", "with_key_tables"]
 

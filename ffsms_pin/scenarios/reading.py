@@ -30,13 +30,7 @@ def packaged_path(name: str) -> Path:
 
 
 def read(source: Path) -> dict[str, Any]:
-    """What a TOML file holds.
-
-    Raises
-    ------
-    InvalidScenario
-        The file is missing, cannot be read, or is not TOML.
-    """
+    """What a TOML file holds; `InvalidScenario`: it is missing, cannot be read, or is not TOML."""
     try:
         return tomllib.loads(read_content(source).decode("utf-8-sig"))
     except (FileNotFoundError, NotADirectoryError):

@@ -12,17 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, whole
 from ffsms_pin.engine import Chunks, Table, collected, joined, run
-from ffsms_pin.errors import InvalidValue, TaskError, TasksFailed
+from ffsms_pin.errors import TaskError, TasksFailed
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, named, prepared
+from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, planned, prepared, replanning
 from ffsms_pin.scenarios.conditions import control_steps, controller
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.references import planned, replanning
 from ffsms_pin.scenarios.run import StageProgress, stage
-from ffsms_pin.scenarios.success import wilson_interval
-from ffsms_pin.scenarios.tracked import arrived
+from ffsms_pin.scenarios.tracked import arrived, finite, wilson_interval
 from ffsms_pin.simulation import random_plants
 from ffsms_pin.storage import read_content
 from ffsms_pin.system import SpaceManipulator
@@ -49,7 +47,6 @@ class Robustness:
 
     Attributes
     ----------
-    scenario : Scenario
     sms : SpaceManipulator
         The model.
     plan : Trajectory
@@ -102,7 +99,6 @@ def robustness(
 
     Parameters
     ----------
-    scenario : Scenario
     plants : int
     seed : int
         Of the random plants.
@@ -129,27 +125,20 @@ def robustness(
     DependencyMissing
         Several processes are asked for, and Dask is not installed.
     """
-    whole = (("plants", plants, 1), ("seed", seed, 0), ("jobs", 1 if jobs is None else jobs, 1))
-    for name, value, least in whole:
-        if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise InvalidValue(name, value, f"must be a whole number of at least {least}")
+    whole("plants", plants, 1)
+    whole("seed", seed, 0)
+    whole("jobs", 1 if jobs is None else jobs, 1)
     sms = scenario.load()
     shares = {"arm_mass": arm_mass, "base_mass": base_mass, "base_inertia": base_inertia}
     next(random_plants(sms, np.random.default_rng(seed), 1, **shares))  # shares out of range show up here
-    with named(scenario):
+    with scenario.named():
         q0 = scenario.start_configuration(sms)
         loop = prepared(scenario, sms, q0)
         controller(scenario, sms)
         plan = planned(scenario, sms, q0, stage(progress, "planning"))
         report = stage(progress, "plants")
-        work = _Runs(loop, plan, shares, seed)
-        found = _table_of(
-            work,
-            plants,
-            folder,
-            jobs,
-            None if report is None else lambda done, total: report(done / total),
-        )
+        counted = None if report is None else lambda done, total: report(done / total)
+        found = _table_of(_Runs(loop, plan, shares, seed), plants, folder, jobs, counted)
     failures: dict[int, Exception] = {
         int(i): TaskError(str(found["error"][i])) for i in np.flatnonzero(found["error"] != "")
     }
@@ -181,17 +170,15 @@ def robustness_numbers(found: Robustness) -> dict[str, Any]:
         "methods": {},
     }
     for method in METHODS:
-        errors = found.final_errors(method)
+        errors, number = found.final_errors(method), int(found.arrived[method].sum())
         numbers["methods"][method] = {
-            "arrived": int(found.arrived[method].sum()),
-            "arrived_95_percent_interval": list(
-                wilson_interval(int(found.arrived[method].sum()), len(errors))
-            ),
+            "arrived": number,
+            "arrived_95_percent_interval": list(wilson_interval(number, len(errors))),
             "stopped": sum(bool(why) for why in found.stopped[method]),
-            "final_error_median_m": _finite(np.median(errors)),
-            "final_error_95_percent_m": _finite(np.quantile(errors, 0.95, method="higher")),
-            "final_error_worst_m": _finite(errors.max()),
-            "final_errors_m": [_finite(error) for error in errors],
+            "final_error_median_m": finite(np.median(errors)),
+            "final_error_95_percent_m": finite(np.quantile(errors, 0.95, method="higher")),
+            "final_error_worst_m": finite(errors.max()),
+            "final_errors_m": [finite(error) for error in errors],
         }
     return numbers
 
@@ -235,35 +222,24 @@ def _table_of(
     chunks = Chunks.fitting(plants)
     if folder is None:
         return collected(work, chunks, jobs=jobs, lost=work.lost, progress=progress)
-    place = run(
-        work,
-        chunks,
-        folder,
-        specification=_specification(work),
-        jobs=jobs,
-        lost=work.lost,
-        progress=progress,
-    )
+    said = _specification(work)
+    place = run(work, chunks, folder, specification=said, jobs=jobs, lost=work.lost, progress=progress)
     return joined(list(place.tables()))
 
 
 def _specification(work: _Runs) -> dict[str, Any]:
     """All that the rows depend on: the file, the robot, the plan, the plants' draws and the version."""
     scenario = work.loop.scenario
+    robot = work.loop.sms.model.saveToString().encode()
+    contents = {"file": read_content(scenario.source), "robot": robot, "plan": work.plan.q.tobytes()}
     return {
         "what": "robustness",
         "scenario": scenario.name,
-        "file_sha256": _sha256(read_content(scenario.source)),
-        "robot_sha256": _sha256(work.loop.sms.model.saveToString().encode()),
-        "plan_sha256": _sha256(work.plan.q.tobytes()),
+        **{f"{name}_sha256": hashlib.sha256(content).hexdigest() for name, content in contents.items()},
         "largest_relative_error": work.shares,
         "seed": work.seed,
         "version": __version__,
     }
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
 
 
 def _table(ends: Sequence[_End], error: str) -> dict[str, Any]:
@@ -290,7 +266,3 @@ def _rows(scenario: Scenario) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """The control steps that are kept, the first and the last among them."""
     steps = control_steps(scenario)
     return np.unique(np.linspace(0, steps, min(steps, _INSTANTS) + 1).round().astype(np.int64))
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ffsms_pin.control import JointLaw
+from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Replanning, Trajectory
 from ffsms_pin.scenarios.capture import Captured, captured
-from ffsms_pin.scenarios.closed_loop import Attempt, attempt, named, prepared
-from ffsms_pin.scenarios.conditions import controller
+from ffsms_pin.scenarios.closed_loop import Attempt, attempt, planned, prepared
+from ffsms_pin.scenarios.conditions import control_steps, controller
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.own_files import expected_size, own_files
-from ffsms_pin.scenarios.references import planned
-from ffsms_pin.simulation import Tracking
-from ffsms_pin.storage import require_space
+from ffsms_pin.scenarios.keys import radians
+from ffsms_pin.simulation import Tracking, Watchdog
+from ffsms_pin.simulation.unfinished import check_stream
+from ffsms_pin.storage import check_writable, require_space
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Outcome", "StageProgress", "Timing", "run", "stage"]
+__all__ = ["Outcome", "StageProgress", "Timing", "expected_size", "run", "stage", "writes_files"]
+
+_DOUBLE = 8  # [bytes]
+_PLAN_STEP = 0.01  # [s] `plan`'s default
 
 StageProgress = Callable[[str, float], None]
 
@@ -39,7 +44,6 @@ class Outcome:
 
     Attributes
     ----------
-    scenario : Scenario
     sms : SpaceManipulator
         The model, that plan and controller know.
     plant : SpaceManipulator
@@ -83,7 +87,6 @@ def run(
 
     Parameters
     ----------
-    scenario : Scenario
     progress : callable, optional
         Called with "planning", "tracking" or "plan once" and the share of that stage that is done, 0 to 1.
     folder : Path, optional
@@ -104,8 +107,8 @@ def run(
     sms = scenario.load()
     if folder is not None:
         require_space(folder, expected_size(scenario, sms))
-    with named(scenario):
-        files = own_files(scenario, folder, allow_outside)
+    with scenario.named():
+        files = _own_files(scenario, folder, allow_outside)
         q0 = scenario.start_configuration(sms)
         law = controller(scenario, sms)
         loop = prepared(scenario, sms, q0)
@@ -140,3 +143,48 @@ def run(
 def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] | None:
     """What reports the share done of one stage, by its name."""
     return None if progress is None else lambda share: progress(name, share)
+
+
+def writes_files(scenario: Scenario) -> bool:
+    """Whether a scenario names files to write."""
+    return "stream" in scenario.simulation or "path" in (scenario.watchdog or {})
+
+
+def _own_files(scenario: Scenario, folder: Path | None = None, allow_outside: bool = False) -> dict[str, Any]:
+    """Options of `simulate` that write files: for one run of a scenario, and not for every one of many.
+
+    Files count from `folder`, that of the results, by default the scenario's; a `ResultError` tells before
+    the run that one cannot be written.
+    """
+    folder = scenario.source.parent if folder is None else folder
+    options: dict[str, Any] = {}
+
+    def place(key: str, name: str) -> Path:
+        path = folder / name
+        if not allow_outside and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+            raise InvalidScenario(
+                scenario.source,
+                f"{key} = '{name}' lies outside the results folder {folder}: name a file below it, or allow "
+                "it with --allow-outside (in Python: run(..., allow_outside=True))",
+            )
+        return path
+
+    if "stream" in scenario.simulation:
+        options["stream"] = place("[simulation] stream", scenario.simulation["stream"])
+        check_stream(options["stream"])
+    if scenario.watchdog is not None and "path" in scenario.watchdog:
+        limits = radians(scenario.watchdog)
+        path = place("[watchdog] path", limits["path"])
+        check_writable(path)
+        options["watchdog"] = Watchdog(**{**limits, "path": path})
+    return options
+
+
+def expected_size(scenario: Scenario, sms: SpaceManipulator) -> float:
+    """Upper bound of what plan and recording of a run take on disk [bytes]."""
+    n, nq = sms.n, sms.nq
+    w, k = (0 if one is None else len(one) for one in (sms.wheels, sms.thrusters))
+    row = nq + (6 + n) + 3 * n + 11 + 2 * w + k  # of a recording: see `Tracking`
+    node = nq + (6 + n) + 4 * n + 9  # of a plan: see `Trajectory`
+    steps = scenario.arrival / float(scenario.plan.get("dt", _PLAN_STEP))
+    return _DOUBLE * (row * (control_steps(scenario) + 1.0) + node * (steps + 1.0))

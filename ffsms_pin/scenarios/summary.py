@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import platform
+from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
@@ -12,10 +12,16 @@ import numpy as np
 from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
-from ffsms_pin.scenarios.described import described
-from ffsms_pin.scenarios.joint_units import joint_units
+from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.scenarios.run import Outcome
-from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers, planned_actuators, tracked_numbers
+from ffsms_pin.scenarios.tracked import (
+    arrived,
+    finite,
+    joint_error_numbers,
+    planned_actuators,
+    tracked_numbers,
+)
 from ffsms_pin.studies.extremes import base_numbers, least_clearances, least_of_samples, position_range
 from ffsms_pin.version import __version__
 
@@ -29,14 +35,6 @@ def summary(outcome: Outcome) -> dict[str, Any]:
 
     Every key of a quantity ends in its unit. Limits that do not exist are None. "Planned" numbers hold
     everywhere along the plan, not only at its nodes; clearances are sampled between nodes too.
-
-    Parameters
-    ----------
-    outcome : Outcome
-
-    Returns
-    -------
-    dict
     """
     plan = outcome.trajectory
     late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
@@ -61,7 +59,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
         "clearance": _clearance(outcome),
         "base": base_numbers(outcome.sms, plan.q),
         **planned_actuators(outcome.sms, plan),
-        "conditions": described(outcome.scenario),
+        "conditions": _described(outcome.scenario),
         "tracking": _tracking(outcome),
         **({} if outcome.capture is None else {"capture": outcome.capture.numbers()}),
         "timing": _timing(outcome),
@@ -113,14 +111,14 @@ def _joints(outcome: Outcome) -> list[dict[str, Any]]:
                 "name": name,
                 f"position_min_{unit}": float(lowest[i] * factor),
                 f"position_max_{unit}": float(highest[i] * factor),
-                f"position_lower_limit_{unit}": _finite(limits.lower[i] * factor),
-                f"position_upper_limit_{unit}": _finite(limits.upper[i] * factor),
+                f"position_lower_limit_{unit}": finite(limits.lower[i] * factor),
+                f"position_upper_limit_{unit}": finite(limits.upper[i] * factor),
                 f"rate_max_{unit}_per_s": float(rate[i] * factor),
-                f"rate_limit_{unit}_per_s": _finite(limits.velocity[i] * factor),
+                f"rate_limit_{unit}_per_s": finite(limits.velocity[i] * factor),
                 f"acceleration_max_{unit}_per_s2": float(acceleration[i] * factor),
-                f"acceleration_limit_{unit}_per_s2": _finite(limits.acceleration[i] * factor),
+                f"acceleration_limit_{unit}_per_s2": finite(limits.acceleration[i] * factor),
                 f"tracking_torque_max_{moment}": float(torque[i]),
-                f"torque_limit_{moment}": _finite(torque_limit[i]),
+                f"torque_limit_{moment}": finite(torque_limit[i]),
                 "limits_kept": bool(
                     lowest[i] >= limits.lower[i] - slack
                     and highest[i] <= limits.upper[i] + slack
@@ -141,12 +139,7 @@ def _clearance(outcome: Outcome) -> dict[str, Any]:
         return {"checked": mode, "wanted_m": None, "least_m": None, "pairs_m": {}}
     least = least_clearances(outcome.trajectory, stack)
     pairs = dict(zip(stack.names, least.tolist(), strict=True))
-    return {
-        "checked": mode,
-        "wanted_m": wanted,
-        "least_m": float(least.min()),
-        "pairs_m": pairs,
-    }
+    return {"checked": mode, "wanted_m": wanted, "least_m": float(least.min()), "pairs_m": pairs}
 
 
 def _tracked_clearance(outcome: Outcome) -> float | None:
@@ -173,5 +166,43 @@ def _timing(outcome: Outcome) -> dict[str, float]:
     }
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+def _described(scenario: Scenario) -> dict[str, str]:
+    """What the scenario says about its closed loop, by table, without the library's defaults."""
+    reference = scenario.reference
+    words = {
+        "control": _words({"law": scenario.law, **scenario.control}),
+        "reference": _words({"kind": "plan", **reference}),
+    }
+    for name in ("simulation", "plant", "friction", "actuator", "sensors", "estimator"):
+        if values := getattr(scenario, name):
+            words[name] = _words(values)
+    for name in ("also", "via", "disturbance", "capture", "fault", "term", "limit"):
+        several = getattr(scenario, name)
+        for i, values in enumerate(several, start=1):
+            words[name if len(several) == 1 else f"{name} {i}"] = _words(values)
+    if scenario.contact:
+        words["contact"] = _words(scenario.contact)
+    for name in ("client", "meet", "wheels", "thrusters", "attitude"):
+        if (found := getattr(scenario, name)) is not None:
+            words[name] = _words({key: value for key, value in found.items() if value is not None})
+            words[name] = words[name] or "as by default"
+    if scenario.watchdog is not None:
+        words["watchdog"] = _words(scenario.watchdog) or "as by default"
+    for name in ("base_limits", "momentum", "locked", "effort", "base", "time_limit"):
+        if name in scenario.plan:
+            words[f"plan.{name}"] = _value(scenario.plan[name])
+    return words
+
+
+def _words(values: Mapping[str, Any]) -> str:
+    return ", ".join(f"{key} {_value(value)}" for key, value in values.items())
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"({_words(value)})"
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

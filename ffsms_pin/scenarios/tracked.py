@@ -1,7 +1,8 @@
-"""How well a plan was followed, in numbers."""
+"""How well a plan was followed, in numbers, and how many of several runs arrive."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,10 @@ import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
-from ffsms_pin.scenarios.joint_units import slides
+from ffsms_pin.scenarios.joints import slides
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.system import SpaceManipulator
@@ -21,10 +23,19 @@ __all__ = [
     "arrived",
     "end_effector_deviation",
     "end_effector_path",
+    "finite",
     "joint_error_numbers",
     "planned_actuators",
     "tracked_numbers",
+    "wilson_interval",
 ]
+
+_Z = 1.959963984540054  # of the standard normal distribution: 95 % lie within
+
+
+def finite(value: float) -> float | None:
+    """A number as JSON can hold it; None where it is not finite."""
+    return float(value) if math.isfinite(value) else None
 
 
 def arrived(plan: Trajectory, tracking: Tracking) -> bool:
@@ -122,12 +133,6 @@ def end_effector_deviation(
     """
     plant = sms if plant is None else plant
     workspaces = {robot: robot.model.createData() for robot in (sms, plant)}
-
-    def place(robot: SpaceManipulator, q: FloatArray) -> FloatArray:
-        data = workspaces[robot]
-        pin.framesForwardKinematics(robot.model, data, q)
-        return np.array(data.oMf[robot.frame_id].translation)
-
     momentum = plan.momentum if plan.momentum.any() else None
     steps = len(plan.t) - 1
     rows = np.searchsorted(tracking.t, plan.t - 1e-9)
@@ -141,18 +146,22 @@ def end_effector_deviation(
         if k < steps and h > 1e-12:
             rates, accelerations = plan.joint_rates[k], plan.joint_accelerations[k]
             planned, _ = advance(sms, planned, rates, accelerations, h, momentum, plan.mode)
-        distances.append(np.linalg.norm(place(sms, planned) - place(plant, tracking.q[row])))
+        wanted, found = _tip(sms, workspaces[sms], planned), _tip(plant, workspaces[plant], tracking.q[row])
+        distances.append(np.linalg.norm(wanted - found))
     return np.array(distances)
 
 
 def end_effector_path(plant: SpaceManipulator, tracking: Tracking, rows: int = 400) -> FloatArray:
     """Places (k, 3) [m] of the simulated end effector at k <= `rows` instants, first and last among them."""
     chosen = np.unique(np.linspace(0, len(tracking.t) - 1, min(rows, len(tracking.t))).astype(int))
-    data, places = plant.model.createData(), []
-    for q in tracking.q[chosen]:
-        pin.framesForwardKinematics(plant.model, data, q)
-        places.append(np.array(data.oMf[plant.frame_id].translation))
-    return np.array(places)
+    data = plant.model.createData()
+    return np.array([_tip(plant, data, q) for q in tracking.q[chosen]])
+
+
+def _tip(robot: SpaceManipulator, data: Any, q: FloatArray) -> FloatArray:
+    """Place (3,) of the end effector [m]."""
+    pin.framesForwardKinematics(robot.model, data, q)
+    return np.array(data.oMf[robot.frame_id].translation)
 
 
 def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, float]:
@@ -166,3 +175,20 @@ def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, 
             numbers[f"joint_error_final_{unit}"] = float(position[-1, chosen].max())
             numbers[f"joint_rate_error_max_{unit}_per_s"] = float(rate[:, chosen].max())
     return numbers
+
+
+def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
+    """95 % confidence interval (low, high) of a success rate, within 0 and 1.
+
+    References
+    ----------
+    E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209-212:
+    (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n).
+    """
+    if not 0 <= successes <= runs or runs < 1:
+        raise InvalidValue("successes", successes, f"must lie within 0 and the {runs} runs, at least one")
+    p, square = successes / runs, _Z**2 / runs
+    middle = (p + 0.5 * square) / (1.0 + square)
+    half = _Z / (1.0 + square) * math.sqrt(p * (1.0 - p) / runs + 0.25 * square / runs)
+    low = 0.0 if successes == 0 else middle - half
+    return low, 1.0 if successes == runs else middle + half

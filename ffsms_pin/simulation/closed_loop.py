@@ -17,7 +17,7 @@ from ffsms_pin.simulation import disturbances as outside
 from ffsms_pin.simulation import events as happening
 from ffsms_pin.simulation.actuator import Actuator
 from ffsms_pin.simulation.disturbances import Wrench
-from ffsms_pin.simulation.estimator import Estimator
+from ffsms_pin.simulation.estimator import Estimator, place_deviation
 from ffsms_pin.simulation.events import Event, JointFault
 from ffsms_pin.simulation.friction import JointFriction
 from ffsms_pin.simulation.integrators import integrator as integrator_named
@@ -32,7 +32,6 @@ from ffsms_pin.simulation.loop_checks import (
     target_function,
 )
 from ffsms_pin.simulation.record import Record
-from ffsms_pin.simulation.seen_place import place_deviation
 from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking

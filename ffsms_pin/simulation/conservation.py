@@ -23,16 +23,8 @@ def momentum_lost(
 
     The change is compared with what a body of the plant's mass m and largest inertia I has at the largest
     kinetic energy E of the run: sqrt(2 m E) and sqrt(2 I E). No part of the plant has more.
-
-    Parameters
-    ----------
-    plant : SpaceManipulator
-    q : ndarray, shape (nq,)
-        Where the inertia is taken.
-    before, after : ndarray, shape (6,)
-        Total momentum [linear; angular] [kg m/s; kg m^2/s], inertial axes, about the centre of mass.
-    energy : float
-        Largest kinetic energy in between [J].
+    The inertia is taken at q (nq,); `before` and `after` (6,) are momenta [linear; angular] [kg m/s;
+    kg m^2/s] about the centre of mass, inertial axes, and `energy` the largest in between [J].
     """
     data = plant.model.createData()
     pin.ccrba(plant.model, data, q, np.zeros(plant.nv))

@@ -5,6 +5,7 @@ docs/noise.md derives the equations and shows what they bring.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, fields
 
@@ -18,7 +19,7 @@ from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import root_reaction
 from ffsms_pin.system.dynamics import inertia_matrix
 
-__all__ = ["Estimator", "RunningEstimator"]
+__all__ = ["Estimator", "RunningEstimator", "place_deviation"]
 
 _SETTLED = 5.0  # [s] after so long a filter's gains hardly change any more
 
@@ -166,3 +167,22 @@ class RunningEstimator:
         correction = pin.SE3(pin.exp3(step[3:]), step[:3])
         self._pose = self._pose * correction
         self._bias = self._bias + K_rp * off + K_rr * too_fast
+
+
+def place_deviation(
+    sms: SpaceManipulator, q: FloatArray, sensors: Sensors, estimator: RunningEstimator | None
+) -> float:
+    """Standard deviation of the distance between the end effector's place and where it is seen [m].
+
+    At q (nq,): another configuration gives another lever. Without an estimator what the sensors show is taken
+    as it is.
+    """
+    if estimator is None:
+        joint, shift, turn = sensors.joint_deviation, sensors.base_position_noise, sensors.base_attitude_noise
+    else:
+        joint, shift, turn = estimator.settled_deviations
+    state = sms.at(q)
+    lever = float(np.linalg.norm(state.end_effector_pose.translation - q[:3]))
+    # Each axis of the place; two of the three attitude errors move a lever; J_m is the arm alone.
+    joints = joint * float(np.linalg.norm(state.J_m[:3]))
+    return math.sqrt(3.0 * shift**2 + 2.0 * (turn * lever) ** 2 + joints**2)

@@ -61,8 +61,8 @@ def fails(
         ("[control]", "[limits]\nupper_deg = -99\n[control]", ["joint 1", "wrong way round"]),
         ("[control]", "[control]\nlaw = 'pd'\nK_p = [[1,2,0],[2,1,0],[0,0,1]]", ["K_p", "definite"]),
         ("[control]", "[plant]\nmodel = 'space_arm_7'\n[control]", ["plant", "joint_1, joint_2, joint_3"]),
-        ("[control]", "[actuator]\ndelay = 3.5\n[control]", ["actuator.delay", "duration of 3 s"]),
-        ("[control]", "[[fault]]\ntime = 1\njoint = 'j'\n[control]", ["fault.joint", "'j'"]),
+        ("[control]", "[actuator]\ndelay = 3.5\n[control]", ["[actuator] delay", "duration of 3 s"]),
+        ("[control]", "[[fault]]\ntime = 1\njoint = 'j'\n[control]", ["[[fault]] 1 joint", "'j'"]),
         ("[control]", "[friction]\nviscus = 1\n[control]", ["did you mean 'viscous'"]),
     ],
 )

@@ -61,3 +61,11 @@ def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
     assert done.stderr == "[]\n"
+
+
+def test_a_robot_with_two_tips_is_met_with_an_option(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", "two_arms"]) == 2
+    told = capsys.readouterr().err
+    assert "left_tool, right_tool" in told
+    assert "--end-effector NAME" in told
+    assert "load(" not in told

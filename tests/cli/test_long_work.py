@@ -12,7 +12,7 @@ from scenario_files import QUICK, write
 
 from ffsms_pin import plotting
 from ffsms_pin.cli import main, progress
-from ffsms_pin.scenarios.saved import load_scenario
+from ffsms_pin.scenarios.definition import load_scenario
 
 
 def test_off_a_terminal_a_long_stage_has_a_line_every_few_seconds(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ from scenario_files import IN_DEGREES
 from ffsms_pin.cli import main
 from ffsms_pin.errors import InvalidScenario, ResultError
 from ffsms_pin.scenarios import run, scenario
-from ffsms_pin.scenarios.own_files import expected_size
+from ffsms_pin.scenarios.run import expected_size
 from ffsms_pin.simulation import Tracking
 
 QUICK = f"{IN_DEGREES.lstrip()}[plan]\nduration = 3.0\ndt = 0.05\n[control]\ndt = 0.01\n"

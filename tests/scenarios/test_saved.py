@@ -12,7 +12,7 @@ from scenario_files import QUICK, write
 from ffsms_pin.errors import InvalidScenario, ResultError
 from ffsms_pin.scenarios import scenario, scenario_names
 from ffsms_pin.scenarios.contents import Contents
-from ffsms_pin.scenarios.saved import load_scenario, save_scenario
+from ffsms_pin.scenarios.definition import load_scenario, save_scenario
 
 MORE = """
 [plan.base_limits]

@@ -16,7 +16,7 @@ from ffsms_pin import opt
 from ffsms_pin import simulation as sim
 from ffsms_pin.control import MomentumDump, QuaternionFeedback, StationKeeping
 from ffsms_pin.errors import FfsmsError, InvalidScenario
-from ffsms_pin.scenarios import references, run, scenario
+from ffsms_pin.scenarios import closed_loop, run, scenario
 from ffsms_pin.scenarios.file import ScenarioFile, models_in
 from ffsms_pin.scenarios.keys import Keys
 from ffsms_pin.scenarios.page import with_key_tables
@@ -105,10 +105,10 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         ("[friction]\nviscous = -1.0\n", ["[friction] viscous", "negative"]),
         ("[friction]\ncoulomb = [0.1]\n", ["coulomb", "(3,)"]),
         ("[friction]\nstatic = 1.0\n", ["unknown key 'static' in [friction]"]),
-        ("[actuator]\ndelay = 5.0\n", ["actuator.delay", "duration of 2 s"]),
+        ("[actuator]\ndelay = 5.0\n", ["[actuator] delay", "duration of 2 s"]),
         ("[actuator]\ndelay = -0.1\n", ["[actuator] delay", "negative"]),
-        ("[actuator]\ntorque_limit = [1.0]\n", ["actuator.torque_limit", "(3,)"]),
-        ("[sensors]\nbase_latency = 2.5\n", ["sensors.base_latency", "duration of 2 s"]),
+        ("[actuator]\ntorque_limit = [1.0]\n", ["[actuator] torque_limit", "(3,)"]),
+        ("[sensors]\nbase_latency = 2.5\n", ["[sensors] base_latency", "duration of 2 s"]),
         ("[sensors]\njoint_noise = -1e-3\n", ["[sensors] joint_noise", "negative"]),
         ("[sensors]\njoint_noise = 1\njoint_noise_deg = 1\n", ["[sensors] has both joint_noise"]),
         ("[sensors]\nseed = 1.5\n", ["[sensors] seed", "whole number"]),
@@ -121,10 +121,13 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
         ("[[disturbance]]\nwrench = [0,0,0,0,0,0]\non = 'arm'\n", ["[[disturbance]] 1 on", '"base"']),
         ("[[disturbance]]\nwrench = [0,0,0,0,0,0]\nstart = 2\nend = 1\n", ["wrench.end", "after its start"]),
         ("[[capture]]\ntime = 9\nmass = 1\ninertia = [1,1,1]\n", ["event.time", "2 s"]),
-        ("[[capture]]\ntime = 1\nmass = 1\ninertia = [1,1,9]\n", ["capture.inertia", "rigid body"]),
+        ("[[capture]]\ntime = 1\nmass = 1\ninertia = [1,1,9]\n", ["[[capture]] 1 inertia", "rigid body"]),
         ("[[capture]]\ntime = 1\nmass = 0\ninertia = [1,1,1]\n", ["[[capture]] 1 mass", "above zero"]),
-        ("[[fault]]\ntime = 1\njoint = 'joint_9'\n", ["fault.joint", "joint_9", "joint_1, joint_2, joint_3"]),
-        ("[[fault]]\ntime = 1\njoint = 3\n", ["fault.joint", "3"]),
+        (
+            "[[fault]]\ntime = 1\njoint = 'joint_9'\n",
+            ["[[fault]] 1 joint", "joint_9", "joint_2, joint_3"],
+        ),
+        ("[[fault]]\ntime = 1\njoint = 3\n", ["[[fault]] 1 joint", "3"]),
         ("[[fault]]\ntime = 1\njoint = 0\n[[fault]]\ntime = 1\njoint = -1\n", ["[[fault]] 2 joint"]),
         ("[[fault]]\ntime = 1\njoint = 0\ntold = 'no'\n", ["[[fault]] 1 told", "true or false"]),
         ("[[fault]]\ntime = 1\njoint = 0\nkind = 'loose'\n", ["[[fault]] 1 kind", '"limp"']),
@@ -139,7 +142,7 @@ def test_every_keyword_of_simulate_can_be_said() -> None:
 def test_a_condition_that_cannot_be_used_is_named_before_anything_is_planned(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, words: list[str]
 ) -> None:
-    monkeypatch.setattr(references, "plan_problem", lambda *_, **__: pytest.fail("planned"))
+    monkeypatch.setattr(closed_loop, "plan_problem", lambda *_, **__: pytest.fail("planned"))
     path = tmp_path / "mine.toml"
     base = QUICK.replace('[control]\nlaw = "computed-torque"\ndt = 0.01\n', "")
     if content.startswith("[plan]"):

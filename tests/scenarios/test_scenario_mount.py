@@ -68,7 +68,7 @@ def test_an_empty_table_is_the_default_satellite(tmp_path: Path) -> None:
     [
         ("mass = 400.0", "mass = 0", ["[robot.mount] mass", "above zero"]),
         ("mass = 400.0", "mas = 4", ["unknown key 'mas' in [robot.mount]", "did you mean 'mass'"]),
-        ("mass = 400.0", "inertia = [1.0, 1.0, 9.0]", ["[robot]", "inertia"]),
+        ("mass = 400.0", "inertia = [1.0, 1.0, 9.0]", ["[robot.mount] inertia", "triangle"]),
         ('"ur5"', '"ur55"', ["ur55"]),
         ("velocity = 0.4", 'wheels = ["a"]', ["[robot] wheels", "[wheels]"]),
         ("velocity = 0.4", 'end_effector = "tool9"', ["tool9"]),

@@ -15,10 +15,9 @@ from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.scenarios import run, scenario, summary
+from ffsms_pin.scenarios.closed_loop import planned, replanning
 from ffsms_pin.scenarios.compare import compare
-from ffsms_pin.scenarios.part_tables import PARTS
-from ffsms_pin.scenarios.parts import PACKAGED
-from ffsms_pin.scenarios.references import planned, replanning
+from ffsms_pin.scenarios.plan_tables import PACKAGED, PARTS
 
 MODULE = """
 from dataclasses import dataclass
@@ -137,7 +136,7 @@ def test_the_time_limit_reaches_the_search(tmp_path: Path, monkeypatch: pytest.M
         seen.append(options.time_limit)
         raise _Looked
 
-    monkeypatch.setattr("ffsms_pin.scenarios.references.plan_problem", look)
+    monkeypatch.setattr("ffsms_pin.scenarios.closed_loop.plan_problem", look)
     for text in (QUICK, QUICK.replace("dt = 0.05", "dt = 0.05\ntime_limit = 0.5", 1)):
         case = scenario(write(tmp_path, text))
         sms = case.load()

@@ -16,7 +16,7 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import ComputedTorque, Coordinated, QuaternionFeedback, StationKeeping
 from ffsms_pin.errors import InvalidValue, ResultError
-from ffsms_pin.scenarios.references import Held
+from ffsms_pin.scenarios.closed_loop import Held
 from ffsms_pin.scenarios.tracked import end_effector_deviation
 from ffsms_pin.simulation import Tracking
 

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from ffsms_pin.scenarios import run, scenario
-from ffsms_pin.scenarios.closed_loop import named, prepared
+from ffsms_pin.scenarios.closed_loop import prepared
 from ffsms_pin.scenarios.conditions import control_steps
 from trials.judge import Trial
 
@@ -134,7 +134,7 @@ def _use(text: str) -> None:
     path.write_bytes(text.encode("utf-8", "surrogatepass"))
     found = scenario(path)
     sms = found.load()
-    with named(found):
+    with found.named():
         prepared(found, sms, found.start_configuration(sms))
     planned = found.arrival / float(found.plan.get("dt", 0.01))
     if control_steps(found) <= 2_000 and planned <= 100:

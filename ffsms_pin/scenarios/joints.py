@@ -1,20 +1,37 @@
-"""Values of a scenario that stand one for each joint: radians and metres, within the limits."""
+"""What stands once for each joint: its unit for people to read, and values of a scenario's keys."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.scenarios.joint_units import joint_units, slides
 from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["joint_values", "within_limits"]
+__all__ = ["JointUnit", "joint_units", "joint_values", "slides", "within_limits"]
+
+
+class JointUnit(NamedTuple):
+    """A unit and how many of it make one radian or metre."""
+
+    name: str
+    factor: float
+
+
+def slides(sms: SpaceManipulator) -> list[bool]:
+    """Whether each joint is prismatic."""
+    return [sms.model.joints[j].shortname().startswith("JointModelP") for j in range(2, sms.model.njoints)]
+
+
+def joint_units(sms: SpaceManipulator) -> list[JointUnit]:
+    """Unit of each joint's position."""
+    return [JointUnit("m", 1.0) if slide else JointUnit("deg", math.degrees(1.0)) for slide in slides(sms)]
 
 
 def joint_values(
@@ -22,21 +39,8 @@ def joint_values(
 ) -> FloatArray | None:
     """Values (n,) of a key, or of the same key in degrees; None where a table has neither.
 
-    Parameters
-    ----------
-    source : Path
-        The file, for messages.
-    sms : SpaceManipulator
-    table : str
-        Name of the table, for messages.
-    values : mapping
-        The table. One number stands for all joints.
-    key : str
-
-    Raises
-    ------
-    InvalidScenario
-        The robot has another number of joints, or joints that slide are given in degrees.
+    One number stands for all joints. `InvalidScenario`: the robot has another number of joints, or joints
+    that slide are given in degrees.
     """
     used = key if key in values else key + DEGREES
     if used not in values:

@@ -1,0 +1,221 @@
+"""What a scenario file says of the task, built: goals, waypoints, the client and obstacles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import Client, ClientEstimate, ClientSensor
+from ffsms_pin.errors import FfsmsError, InvalidScenario
+from ffsms_pin.opt import Also, Goal, Meet, Moving, Obstacle, Pose, Position, Via
+from ffsms_pin.scenarios.contents import Contents
+from ffsms_pin.scenarios.keys import radians
+from ffsms_pin.storage import LARGEST_DATA, check_readable
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_motion import roll_out
+from ffsms_pin.system.mechanism import frame_index
+
+__all__ = ["goal_of", "made_client", "made_obstacles", "meeting", "other_goals", "sensor", "waypoints"]
+
+_STEPS = 200  # of the straight move that meets a client by construction
+# Keys that each shape of an obstacle needs.
+_SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "mesh": ("file",),
+}
+_SIZES = ("size", "radius", "length", "file", "scale")
+
+
+@dataclass(frozen=True, eq=False)
+class _Straight:
+    """A place that moves at a constant velocity [m/s] and turns at a constant spin [rad/s], inertial axes.
+
+    `position` (3,) [m] and `rotation` (3, 3), None where any will do, are those at the start.
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    rotation: FloatArray | None
+    spin: FloatArray
+
+    def __call__(self, t: float) -> Any:
+        """The position (3,) [m] or the pose (pinocchio.SE3) at a time [s]."""
+        place = self.position + t * self.velocity
+        if self.rotation is None:
+            return place
+        return pin.SE3(pin.exp3(t * self.spin) @ self.rotation, place)
+
+
+def goal_of(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) -> Goal:
+    """The goal that the table [target] describes, for a start q0 (nq,)."""
+    values = radians(target)
+    axes = _axes(values, sms, q0, sms.end_effector)
+    place = _place(values, axes)
+
+    def vector(key: str) -> FloatArray:
+        return np.asarray(axes.rotation @ np.array(values.get(key, (0.0, 0.0, 0.0))))
+
+    reaches = _only(values, "tolerance", "orientation_reach")
+    turned = isinstance(place, pin.SE3)
+    velocity, spin = vector("velocity"), vector("spin")
+    if velocity.any() or spin.any():
+        position, rotation = (place.translation, place.rotation) if turned else (place, None)
+        return Moving(_Straight(position, velocity, rotation, spin), **reaches)
+    arrives = "arrival_velocity" in values
+    if turned:
+        twist = np.concatenate([vector("arrival_velocity"), vector("arrival_spin")]) if arrives else None
+        return Pose(place, twist, **reaches)
+    return Position(place, vector("arrival_velocity") if arrives else None, **reaches)
+
+
+def other_goals(rows: Sequence[Mapping[str, Any]], sms: SpaceManipulator, q0: FloatArray) -> list[Also]:
+    """The goals of other frames that the tables [[also]] describe."""
+    found = []
+    for values in map(radians, rows):
+        reaches = _only(values, "tolerance", "reach", "orientation_reach")
+        place = _place(values, _axes(values, sms, q0, values["frame"]))
+        goal = Pose(place, **reaches) if isinstance(place, pin.SE3) else Position(place, **reaches)
+        found.append(Also(values["frame"], goal))
+    return found
+
+
+def waypoints(rows: Sequence[Mapping[str, Any]], sms: SpaceManipulator, q0: FloatArray) -> list[Via]:
+    """The waypoints that the tables [[via]] describe; they are numbered where they have no name."""
+    found = []
+    for i, values in enumerate(map(radians, rows), start=1):
+        others = _only(values, "time", "reach", "orientation_reach")
+        place = _place(values, _axes(values, sms, q0, sms.end_effector))
+        found.append(Via(place, name=values.get("name", f"via {i}"), **others))
+    return found
+
+
+def made_client(scenario: Contents, sms: SpaceManipulator) -> Client:
+    """The client of a scenario; its time zero is the start of the motion.
+
+    Placed by `joints` its state is that at the deadline, its grasp where a straight joint-space move to these
+    joints, with rates that rise and fall smoothly, brings the end effector: so it can be met by construction.
+    """
+    assert scenario.client is not None
+    values = radians(scenario.client)
+    twist = np.concatenate([values.get("velocity", np.zeros(3)), values.get("spin", np.zeros(3))])
+    shapes = [coal.Box(*values["size"])] if "size" in values else []
+
+    def client(pose: Any, twist: FloatArray) -> Client:
+        return Client(values["mass"], np.array(values["inertia"]), pose, twist, shapes)
+
+    if "position" in values:
+        return client(_pose(values), twist)
+    joints = scenario.per_joint(sms, "client", "joints")
+    assert joints is not None  # the file has one of them
+    duration, q0 = scenario.arrival, scenario.start_configuration(sms)
+    s = np.linspace(0.0, 1.0, _STEPS + 1)
+    way = joints - sms.joint_positions(q0)
+    rates = (way / duration) * (30.0 * s**2 * (1.0 - s) ** 2)[:, None]
+    dt = duration / _STEPS
+    q, _ = roll_out(sms, q0, rates[0], np.diff(rates, axis=0) / dt, dt, scenario.plan.get("momentum"))
+    then = client(sms.at(q[-1]).end_effector_pose * _grasp(scenario.meet or {}).inverse(), twist)
+    return client(then.pose(-duration), then.twist(-duration))
+
+
+def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> Meet:
+    """The goal to meet a client, from the table [meet]."""
+    others = {key: value for key, value in radians(meet).items() if key not in ("grasp", "grasp_rpy")}
+    return Meet(client, _grasp(meet), **others)
+
+
+def sensor(scenario: Contents) -> ClientSensor | None:
+    """How the client is seen in the loop; None: where it is, is known."""
+    given = None if scenario.client is None else scenario.client.get("sensor")
+    return None if given is None else ClientSensor(**radians(given))
+
+
+def made_obstacles(source: Path, rows: Sequence[Mapping[str, Any]], client: Any = None) -> list[Obstacle]:
+    """The obstacles of the file `source`: meshes lie beside it, and what is on no `client` is left out.
+
+    `InvalidScenario`: keys do not fit the shape, or a mesh is not there, cannot be read, or is not convex.
+    """
+    found = []
+    for i, row in enumerate(rows, start=1):
+        on = row.get("on", "inertial")
+        if on == "client" and client is None:
+            continue
+        title = f"[[obstacle]] {i}"
+        shape = _shape(source, title, row)
+        others = _only(row, "margin", "name")
+        try:
+            found.append(Obstacle(shape, _pose(radians(row)), client if on == "client" else on, **others))
+        except FfsmsError as error:
+            raise InvalidScenario(source, f"{title}: {error}") from None
+    return found
+
+
+def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
+    kind = row["shape"]
+    needed = _SHAPE_KEYS[kind]
+    for key in needed:
+        if key not in row:
+            raise InvalidScenario(source, f"{title} {key} is missing: a {kind} needs {' and '.join(needed)}")
+    allowed = (*needed, "scale") if kind == "mesh" else needed
+    for key in _SIZES:
+        if key in row and key not in allowed:
+            raise InvalidScenario(
+                source, f"{title} {key} says nothing of a {kind}, which has {' and '.join(allowed)}"
+            )
+    if kind == "box":
+        return coal.Box(*row["size"])
+    if kind == "sphere":
+        return coal.Sphere(row["radius"])
+    if kind in ("cylinder", "capsule"):
+        return (coal.Cylinder if kind == "cylinder" else coal.Capsule)(row["radius"], row["length"])
+    path = source.parent / row["file"]
+    try:
+        check_readable(path, LARGEST_DATA)
+        return coal.MeshLoader().load(str(path), np.full(3, row.get("scale", 1.0)))
+    except FileNotFoundError:
+        raise InvalidScenario(source, f"{title} file = '{row['file']}' is not there") from None
+    except Exception as error:  # of the mesh readers: each has its own kinds
+        raise InvalidScenario(source, f"{title} file = '{row['file']}' cannot be read ({error})") from None
+
+
+def _only(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
+    """Those of some keys that are there."""
+    return {key: values[key] for key in keys if key in values}
+
+
+def _grasp(meet: Mapping[str, Any]) -> Any:
+    values = radians(meet)
+    return _pose({"position": values.get("grasp"), "rpy": values.get("grasp_rpy")})
+
+
+def _pose(values: Mapping[str, Any]) -> Any:
+    """The pose (pinocchio.SE3) that `position` [m] and `rpy` [rad] say; zero where they are left out."""
+    zero = (0.0, 0.0, 0.0)
+    turn = pin.rpy.rpyToMatrix(np.array(values.get("rpy") or zero))
+    return pin.SE3(turn, np.array(values.get("position") or zero))
+
+
+def _place(values: Mapping[str, Any], axes: Any) -> Any:
+    """A position (3,) or a pose (pinocchio.SE3) in inertial axes."""
+    return axes * _pose(values) if "rpy" in values else np.asarray(axes.act(np.array(values["position"])))
+
+
+def _axes(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, frame: str) -> Any:
+    """The pose (pinocchio.SE3) in whose axes a place is given: those at the start, which do not move."""
+    which = values.get("relative_to", "inertial")
+    if which == "inertial":
+        return pin.SE3.Identity()
+    if which == "base":
+        return pin.XYZQUATToSE3(np.asarray(q0[:7]))
+    data = sms.model.createData()
+    pin.forwardKinematics(sms.model, data, q0)
+    return pin.updateFramePlacement(sms.model, data, frame_index(sms.model, frame)).copy()

@@ -1,0 +1,104 @@
+"""What the library refuses while it builds from a file is told with the table and the key of the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from scenario_files import QUICK, write
+
+from ffsms_pin.errors import AmbiguousEndEffector, FfsmsError, InvalidScenario, InvalidUrdf
+from ffsms_pin.scenarios import scenario
+from ffsms_pin.scenarios.closed_loop import prepared
+from ffsms_pin.scenarios.conditions import controller
+from ffsms_pin.urdf import model_path
+
+ON_A_SATELLITE = (
+    QUICK.replace("planar_3r", "z1")
+    .replace("[23.0, 40.0, -29.0]", "[0, 50, -50, 0, 0, 0]")
+    .replace("offset_deg = [0.5, 0.0, -0.5]", "")
+)
+MOUNT = ON_A_SATELLITE + "[robot.mount]\n"
+WHEELS = QUICK + "[wheels]\naxes = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\ninertia = 0.001\nmomentum = 1.0\n"
+THRUSTERS = "[thrusters]\nplaces = [[0.2, 0, 0], [-0.2, 0, 0]]\ndirections = [[0, 1, 0], [0, 1, 0]]\n"
+PUSHED = QUICK + THRUSTERS
+DUMPED = WHEELS + THRUSTERS + "force = 1.0\nleast_on_time = 0.01\n[attitude]\n[attitude.dump]\n"
+MET = QUICK.replace("[target]\nposition = [0.75, 0.5, 0.0]\n", "") + "[client]\nmass = 10.0\n"
+PLACED = MET + "inertia = [1, 1, 1]\nposition = [1.0, 0.4, 0.0]\n"
+TURNED = "[client.sensor]\n[reference]\nkind = 're-planning'\n[meet]\n"
+
+
+def build(path: Path) -> None:
+    """All that a run builds before it plans."""
+    found = scenario(path)
+    sms = found.load()
+    with found.named():
+        q0 = found.start_configuration(sms)
+        controller(found, sms)
+        found.problem(sms, q0)
+        prepared(found, sms, q0)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (MOUNT + "inertia = [1, 1, 9]\n", "[robot.mount] inertia breaks the triangle inequality"),
+        (MOUNT + "inertia = [[1, 2, 0], [0, 1, 0], [0, 0, 1]]\n", "[robot.mount] inertia must be symmetric"),
+        (QUICK.replace("[start]", "locked = {elbow = 0.5}\n[start]"), "[robot] locked names no moving joint"),
+        (QUICK.replace("[start]", "velocity = [1, 2]\n[start]"), "[robot] velocity must have shape (3,)"),
+        (QUICK.replace("[start]", "end_effector = 'tol'\n[start]"), "[robot] end_effector: no frame 'tol'"),
+        (QUICK.replace('"planar_3r"', '"planar_4r"'), "[robot] model: no robot"),
+        (QUICK + "[limits]\nlower = 2.0\n", "[limits] limits of joint 1"),
+        (WHEELS.replace("0.001", "[0.001, 0.002]"), "[wheels] inertia must be one number or (3,)"),
+        (WHEELS.replace("[1, 0, 0]", "[0, 0, 0]"), "[wheels] axes must not hold a vector of length zero"),
+        (WHEELS + "names = ['x', 'y']\n", "[wheels] names must be 3 texts"),
+        (PUSHED + "force = [1, 2, 3]\n", "[thrusters] force must be one number or (2,)"),
+        (PUSHED + "force = 1.0\n", "[thrusters] period must exceed least_on_time"),
+        (
+            PUSHED.replace("[[0, 1, 0], [0, 1, 0]]", "[[0, 1, 0]]") + "force = 1.0\n",
+            "[thrusters] directions must have 2 rows",
+        ),
+        (DUMPED + "above = 0.1\nbelow = 0.5\n", "[attitude.dump] must have 0 <= below < above"),
+        (PLACED.replace("[1, 1, 1]", "[1, 1, 9]") + "[meet]\n", "[client] inertia breaks the triangle"),
+        (PLACED + "[meet]\naxis = [0, 0, 0]\n", "[meet] axis must not be zero, got (0.0, 0.0, 0.0)"),
+        (
+            PLACED + TURNED + "half_angle_deg = 170\n",
+            "[meet] half_angle_deg must be below a right angle",
+        ),
+        (QUICK + "[plant]\narm_mass = [1, 2]\n", "[plant] arm_mass must have shape (3,)"),
+        (
+            QUICK + "[plant]\nbase_mass = 2\n[plant.random]\nseed = 1\narm_mass = 2\n",
+            "[plant.random] arm_mass",
+        ),
+        (QUICK + "[plant]\nmodel = 'none.urdf'\n", "[plant] model: no robot"),
+        (
+            QUICK + "[plant]\nmodel = 'planar_3r'\nend_effector = 'tol'\n",
+            "[plant] end_effector: no frame 'tol'",
+        ),
+        (QUICK + "[sensors]\nbase_latency = 9\n", "[sensors] base_latency must be below the run's duration"),
+        (QUICK + "[friction]\nviscous = [1, 2]\n", "[friction] viscous must have shape (3,)"),
+        (QUICK + "[simulation]\nv0 = [1, 2]\n", "[simulation] v0 must have shape (9,)"),
+        (QUICK.replace("dt = 0.004", "dt = 9.0"), "[control] dt must not exceed"),
+        (QUICK.replace("dt = 0.004", "K_s = [1.0, 2.0]"), "[control] K_s must have shape (3,)"),
+        (QUICK.replace("dt = 0.05", "locked = ['elbow']"), "[plan] locked must be a joint"),
+    ],
+)
+def test_table_and_key_are_named(tmp_path: Path, text: str, words: str) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(FfsmsError) as caught:
+        build(path)
+    assert str(caught.value).startswith(f"scenario {path}: {words}")
+
+
+def test_a_value_that_the_library_takes_from_elsewhere_is_not_put_on_a_key(tmp_path: Path) -> None:
+    with pytest.raises(InvalidScenario, match=r"toml: duration must be at least one step of 99 s"):
+        build(write(tmp_path, QUICK.replace("duration = 3.0\ndt = 0.05", "dt = 99.0")))
+
+
+def test_advice_names_the_key_and_not_python(tmp_path: Path) -> None:
+    with pytest.raises(AmbiguousEndEffector, match=r"\[robot\] .*effector: \[robot\] end_effector = NAME$"):
+        scenario(write(tmp_path, QUICK.replace('"planar_3r"', '"two_arms"'))).load()
+    urdf = Path(model_path("planar_3r")).read_text("utf-8")
+    (tmp_path / "slow.urdf").write_text(urdf.replace('velocity="', 'velocity="0" unused="'), encoding="utf-8")
+    with pytest.raises(InvalidUrdf, match=r"give \[robot\] velocity = \.\.\. to set it for all joints"):
+        scenario(write(tmp_path, QUICK.replace('"planar_3r"', '"slow.urdf"'))).load()
