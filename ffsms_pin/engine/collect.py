@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ffsms_pin.checks import instance
 from ffsms_pin.engine.chunks import Chunks
 from ffsms_pin.engine.cluster import Cluster, embedded
 from ffsms_pin.engine.halving import Lost, halved
@@ -35,6 +36,7 @@ def collected(
     FfsmsError
         As for `run`.
     """
+    instance("chunks", chunks, Chunks)
     jobs = min(checked_jobs(jobs), len(chunks))
     tables: dict[int, dict[str, Any]] = {}
     finished = 0

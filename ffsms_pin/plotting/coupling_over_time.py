@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.series import Series, plot_flown, plot_series
+from ffsms_pin.plotting.series import Series, check_kinds, plot_flown, plot_series
 from ffsms_pin.plotting.style import applied, axes_or_new, line
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
@@ -33,6 +33,7 @@ def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: A
     -------
     Axes
     """
+    check_kinds(sms=sms, result=result)
     rows = _some(len(result.t))
     sigma = np.array([sms.at(result.q[k]).coupling.sigma for k in rows])
     t, edges = result.t[rows], np.cumsum(sigma, axis=1)
@@ -71,6 +72,7 @@ def plot_sigma(
     flown : Tracking, optional
         That motion is drawn where it differs from the plan, and the plan thin and pale.
     """
+    check_kinds(sms=sms, trajectory=trajectory, flown=flown)
     planned, done = (None if one is None else _sigma(sms, one) for one in (trajectory, flown))
     assert planned is not None
     largest = float(planned.values.max())
@@ -105,11 +107,13 @@ def plot_entropy(
     flown : Tracking, optional
         That motion is drawn where it differs from the plan, and the plan thin and pale.
     """
+    check_kinds(trajectory=trajectory, flown=flown)
     label = r"entropy $H_\mathrm{norm}$ [-]"
     top = float(trajectory.entropy.max())
     if sms is None or flown is None:
         ax = plot_series(ax, trajectory.t[:-1], trajectory.entropy, label, steps=True)
     else:
+        check_kinds(sms=sms, flown=flown)
         rows = _some(len(flown.t))
         found = np.array([[sms.at(flown.q[k]).coupling.entropy] for k in rows])
         planned = Series(trajectory.t[:-1], trajectory.entropy[:, None])

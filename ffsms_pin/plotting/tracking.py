@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
-from ffsms_pin.plotting.series import plot_series
+from ffsms_pin.plotting.series import check_kinds, plot_series
 from ffsms_pin.scenarios.joint_units import slides
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
@@ -17,12 +17,14 @@ __all__ = ["plot_joint_error", "plot_joint_rate_error", "plot_torques", "plot_tr
 
 def plot_joint_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Joint position errors: measured less planned."""
+    check_kinds(sms=sms, tracking=tracking)
     label = f"joint error [{joint_unit_label(sms)}]"
     return plot_series(ax, tracking.t, tracking.joint_error * joint_factors(sms), label, sms.joint_names)
 
 
 def plot_joint_rate_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Joint rate errors: measured less planned."""
+    check_kinds(sms=sms, tracking=tracking)
     label = f"joint rate error [{joint_unit_label(sms)}/s]"
     values = tracking.joint_rate_error * joint_factors(sms)
     return plot_series(ax, tracking.t, values, label, sms.joint_names)
@@ -40,6 +42,7 @@ def plot_tracked_position_error(
     open_loop : Tracking, optional
         Where the motion was planned again in the loop: the plan made once, for comparison.
     """
+    check_kinds(tracking=tracking, open_loop=open_loop)
     label = "distance to target [m]"
     if open_loop is None:
         ax = plot_series(ax, tracking.t, tracking.position_error, label)
@@ -66,6 +69,8 @@ def plot_torques(
     limits : ndarray, shape (n,), optional
         Limits to draw dotted [N m]. Slow motion needs little of them: with them, the curves look flat.
     """
+    check_kinds(sms=sms, tracking=tracking)
+    limits = None if limits is None else vector("limits", limits, sms.n, "N m", np.inf)
     sliding = slides(sms)
     unit = "N" if all(sliding) else "N or N m" if any(sliding) else "N m"
     return plot_series(

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ffsms_pin.checks import instance
 from ffsms_pin.control.reduced_dynamics import reduced_dynamics
 from ffsms_pin.opt import METHODS, Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.closed_loop import named
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.references import planned
-from ffsms_pin.scenarios.run import stage
+from ffsms_pin.scenarios.run import check_call, stage
 from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.system import SpaceManipulator
 
@@ -64,6 +65,9 @@ def compare(
     progress : callable, optional
         Called with a method's name and the share of its plan that is done, 0 to 1.
     """
+    check_call(scenario, progress)
+    if methods is not None:
+        instance("methods", methods, Sequence)
     sms = scenario.load()
     plans: dict[str, Trajectory] = {}
     times: dict[str, float] = {}

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from ffsms_pin.checks import instance, one_of
 from ffsms_pin.control import LAWS, JointLaw
-from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios.closed_loop import Attempt, attempt, named, prepared
 from ffsms_pin.scenarios.conditions import controller
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.references import planned
-from ffsms_pin.scenarios.run import StageProgress, stage
+from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers
 from ffsms_pin.system import SpaceManipulator
 
@@ -65,9 +66,10 @@ def compare_laws(
     InvalidValue
         A law of another name.
     """
+    check_call(scenario, progress)
+    instance("laws", laws, Sequence)
     for name in laws:
-        if name not in LAWS:
-            raise InvalidValue("laws", name, f"must be of {', '.join(LAWS)}")
+        one_of("laws", name, LAWS)
     sms = scenario.load()
     with named(scenario):
         q0 = scenario.start_configuration(sms)

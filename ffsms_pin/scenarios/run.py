@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.control import JointLaw
 from ffsms_pin.opt import Replanning, Trajectory
 from ffsms_pin.scenarios.capture import Captured, captured
@@ -18,10 +19,10 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.own_files import expected_size, own_files
 from ffsms_pin.scenarios.references import planned
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.storage import require_space
+from ffsms_pin.storage import path_like, require_space
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Outcome", "StageProgress", "Timing", "run", "stage"]
+__all__ = ["Outcome", "StageProgress", "Timing", "check_call", "run", "stage"]
 
 StageProgress = Callable[[str, float], None]
 
@@ -101,9 +102,10 @@ def run(
     FfsmsError
         The robot cannot be loaded, the simulation does not stay finite, or its watchdog stops it.
     """
+    check_call(scenario, progress)
     sms = scenario.load()
     if folder is not None:
-        require_space(folder, expected_size(scenario, sms))
+        require_space(path_like("folder", folder), expected_size(scenario, sms))
     with named(scenario):
         files = own_files(scenario, folder, allow_outside)
         q0 = scenario.start_configuration(sms)
@@ -135,6 +137,12 @@ def run(
         open_loop,
         capture,
     )
+
+
+def check_call(scenario: Scenario, progress: StageProgress | None) -> None:
+    """Raise `InvalidValue` unless this is a scenario, and a function to call or None."""
+    instance("scenario", scenario, Scenario)
+    optional_callable("progress", progress)
 
 
 def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] | None:

@@ -9,8 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, vector
+from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, vector, whole
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.starts import REFERENCE_WEIGHTS
 from ffsms_pin.opt.motion.actuated import wheel_total
@@ -214,6 +215,8 @@ class Replanning:
 
         A limp joint is taken to stay where it is measured, anew at every re-plan.
         """
+        if whole("joint", joint, 0) >= self.problem.sms.n:
+            raise InvalidValue("joint", joint, f"must be below {self.problem.sms.n}")
         self._planner.without(joint)
         self._renew_stepper()
 

@@ -150,10 +150,11 @@ class Stepper:
         terms: Sequence[Term] | None = None,
     ) -> Stepper:
         """A stepper that takes the steps of a problem; with other limits or terms where they are given."""
+        instance("problem", problem, Problem)
         limits = problem.limits if limits is None else limits
         terms = problem.terms if terms is None else terms
         given = problem.momentum, problem.mode, problem.wheel_total
-        return cls(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *given)
+        return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *given)
 
     def like(
         self,
