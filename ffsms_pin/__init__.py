@@ -66,4 +66,4 @@ if not TYPE_CHECKING:  # a type checker takes the names above, and reports one t
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*(name for name in globals() if name.startswith("__")), *__all__})

@@ -8,10 +8,10 @@ from clearances_at import Points
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.joints import AlphaBox
 from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.step.programme import Programme, StepProblem, StepWeights
-from ffsms_pin.opt.step.reference import reference_speed
 from ffsms_pin.opt.step.state import StepState, rate_bounds
 from ffsms_pin.opt.terms.paper import ideal_cosine
 
@@ -43,7 +43,7 @@ def plain_programme(
     e = cosine * towards + np.sqrt(1.0 - cosine**2) * across / np.linalg.norm(across)
     now = max(0.0, float(velocity @ e))
     gain = dt * float(np.abs(e @ J_v) @ sms.limits.acceleration)
-    speed = min(reference_speed(distance / max(cosine, 0.2), now, left, dt), now + gain)
+    speed = min(kernel.reference_speed(distance / max(cosine, 0.2), now, left, dt), now + gain)
     H, g = np.zeros((n + 2, n + 2)), np.zeros(n + 2)
     S = np.column_stack([J_v @ V, -e, np.zeros(3)])
     H += w.direction * S.T @ S

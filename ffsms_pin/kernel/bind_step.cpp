@@ -86,7 +86,7 @@ Out rate_bounds(const Matrix& limits, const Vector& joints, const Vector& rates,
 }
 
 // Unit vectors to the target and along the wanted motion, its side, the wanted spin, and the speed (13,): see
-// opt/step/reference.py. J is J* (6, n), `rotation` the wanted attitude (3, 3).
+// opt/step/state.py. J is J* (6, n), `rotation` the wanted attitude (3, 3).
 Out wanted_motion(const Vector& way, const std::optional<Matrix>& rotation, const Matrix& attitude,
                   const Matrix& J, const Vector& rates, const Vector& drift, const Vector& acceleration,
                   const Vector& side, double cosine, double time_left, double dt) {

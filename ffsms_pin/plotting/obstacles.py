@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Obstacle, Trajectory
-from ffsms_pin.opt.limits.clearance.obstacle import outline
+from ffsms_pin.system.convex_parts import outline
 
 __all__ = ["draw_obstacle"]
 

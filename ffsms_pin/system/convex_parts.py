@@ -7,6 +7,7 @@ parts is never greater than that between shapes.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,15 +16,18 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import LARGEST, FloatArray
+from ffsms_pin.errors import InvalidValue
 
-__all__ = ["Part", "convex_parts", "part_of", "whole_shapes"]
+__all__ = ["Part", "convex_parts", "convex_shape", "outline", "part_of", "whole_shapes"]
 
 # A slab is about this share of the box's second side thick: stubby parts lie in small balls, and bends are
 # followed.
 _THICKNESS = 0.7
 _MOST = 8  # parts of a mesh
 _LEAST_HALF = 1e-6  # [m] of a box around a flat mesh
+_ROUND = coal.Sphere | coal.Ellipsoid | coal.Capsule | coal.Cylinder | coal.Cone
+_CONVEX = coal.Box | coal.ConvexBase | _ROUND
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,19 +105,29 @@ def _hull(corners: FloatArray, body: int, placed: Any) -> Part:
     low, high = corners.min(axis=0), corners.max(axis=0)
     centre = 0.5 * (low + high)
     try:
-        points = coal.StdVec_Vec3s()
-        points.extend(list(corners))
-        part = part_of(coal.ConvexBase.convexHull(points, True, "Qt"), body, placed, True)
+        part = part_of(_hull_of(corners), body, placed, True)
     except Exception:  # qhull refuses what is flat, with kinds of its own
         box = coal.Box(np.maximum(high - low, 2.0 * _LEAST_HALF))
         return part_of(box, body, placed * pin.SE3(np.eye(3), centre), True)
     return replace(part, radius=float(np.linalg.norm(corners - centre, axis=1).max()))
 
 
+def _hull_of(corners: FloatArray) -> Any:
+    """The convex hull of points (k, 3); qhull refuses what is flat, with exceptions of its own."""
+    points = coal.StdVec_Vec3s()
+    points.extend(list(corners))
+    return coal.ConvexBase.convexHull(points, True, "Qt")
+
+
+def _triangles(mesh: Any) -> tuple[FloatArray, Any]:
+    """Corners (k, 3) of a mesh and its triangles (m, 3), as their indices."""
+    faces = [[f[0], f[1], f[2]] for f in map(mesh.tri_indices, range(mesh.num_tris))]
+    return np.array(mesh.vertices(), dtype=np.float64), np.array(faces, dtype=np.intp)
+
+
 def _slabs(mesh: Any) -> list[FloatArray]:
     """The corners of what lies in each slab across the longest side of a mesh's box."""
-    vertices = np.array(mesh.vertices())
-    faces = np.array([[f[0], f[1], f[2]] for f in map(mesh.tri_indices, range(mesh.num_tris))], dtype=np.intp)
+    vertices, faces = _triangles(mesh)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     sides = high - low
     axis = int(np.argmax(sides))
@@ -143,3 +157,66 @@ def _crossings(here: FloatArray, there: FloatArray, axis: int, cut: float) -> Fl
     points: FloatArray = here[through] + share * (there[through] - here[through])
     points[:, axis] = cut
     return points
+
+
+def convex_shape(name: str, shape: Any) -> Any:
+    """A shape that coal can measure to: as it is, or the hull of a mesh that is convex; or `InvalidValue`."""
+    if not isinstance(shape, coal.CollisionGeometry):
+        message = "must be a coal shape: coal.Box, Sphere, Capsule, Cylinder, Convex, or a convex mesh"
+        raise InvalidValue(name, shape, message)
+    if _is_mesh(shape):
+        return _checked_hull(name, shape)
+    if not isinstance(shape, _CONVEX):
+        message = "must be a box, sphere, capsule, cylinder or convex mesh"
+        raise InvalidValue(name, type(shape).__name__, message)
+    shape.computeLocalAABB()
+    size = float(np.linalg.norm(np.array(shape.aabb_local.max_) - np.array(shape.aabb_local.min_)))
+    if not 0.0 < size < LARGEST:
+        raise InvalidValue(name, size, "must have a size [m] that is finite and above zero")
+    return shape
+
+
+def _checked_hull(name: str, mesh: Any) -> Any:
+    """The hull of a mesh whose corners all lie behind its faces."""
+    vertices, faces = _triangles(mesh)
+    if not len(faces) or not np.isfinite(vertices).all():
+        raise InvalidValue(name, mesh, "must be a mesh with triangles whose corners are finite")
+    corners = vertices[np.unique(faces)]
+    try:
+        hull = _hull_of(corners)
+    except Exception as error:  # qhull refuses what is flat, with kinds of its own
+        message = "must be a mesh with a volume; give a thin coal.Box instead"
+        raise InvalidValue(name, mesh, message) from error
+    triangles = vertices[faces]
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(across, axis=1)
+    normals, first = (across / np.maximum(area, 1e-300)[:, None])[area > 0.0], triangles[area > 0.0, 0]
+    # Of a convex mesh each face has all corners on one side, but for rounding, however it is wound.
+    heights = corners @ normals.T - np.sum(normals * first, axis=1)
+    out = float(np.minimum(heights.max(axis=0), -heights.min(axis=0)).max(initial=0.0))
+    size = float(np.ptp(corners, axis=0).max())
+    if out > 1e-6 * size:
+        found = f"a mesh with corners on both sides of a face, by {1e3 * out:.3g} mm"
+        message = "must be convex: cut it into convex pieces and give each as an obstacle, or give its hull, "
+        raise InvalidValue(name, found, message + 'coal.ConvexBase.convexHull(points, True, "Qt")')
+    return hull
+
+
+def outline(shape: Any) -> FloatArray:
+    """Points (k, 3) of a shape in its own axes [m], whose hull shows it: for figures and the viewer."""
+    if isinstance(shape, coal.Box):
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+        return np.asarray(signs * shape.halfSide)
+    if not isinstance(shape, _ROUND):
+        return np.array(shape.points(), dtype=np.float64)
+    angle = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    latitudes = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 15)
+    ball = np.concatenate([np.cos(at) * ring + [0.0, 0.0, np.sin(at)] for at in latitudes])
+    if isinstance(shape, coal.Ellipsoid):
+        return np.asarray(ball * shape.radii)
+    if isinstance(shape, coal.Sphere):
+        return np.asarray(ball * shape.radius)
+    up, round = np.array([0.0, 0.0, shape.halfLength]), ball if isinstance(shape, coal.Capsule) else ring
+    upper = 0.0 * ring if isinstance(shape, coal.Cone) else shape.radius * round
+    return np.concatenate([upper + up, shape.radius * round - up])

@@ -51,16 +51,17 @@ def base_pose(robot: Mechanism, q: FloatArray) -> Any:
     return pose
 
 
-def frame_pose(robot: Mechanism, q: FloatArray) -> Any:
-    """Pose of the end-effector frame (pinocchio.SE3) at q (nq,)."""
+def frame_pose(robot: Mechanism, q: FloatArray, frame: int | None = None) -> Any:
+    """Pose of a frame, of the end effector's by default (pinocchio.SE3), at q (nq,)."""
     data = scratch(robot)
     pin.forwardKinematics(robot.model, data, q)
-    return pin.updateFramePlacement(robot.model, data, robot.frame_id).copy()
+    return pin.updateFramePlacement(robot.model, data, robot.frame_id if frame is None else frame).copy()
 
 
-def frame_jacobian(robot: Mechanism, q: FloatArray) -> FloatArray:
-    """Jacobian (6, 6 + n) of the end-effector twist, in Pinocchio's velocity coordinates."""
-    J: FloatArray = pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), robot.frame_id, _AXES)
+def frame_jacobian(robot: Mechanism, q: FloatArray, frame: int | None = None) -> FloatArray:
+    """Jacobian (6, 6 + n) of that frame's twist, in Pinocchio's velocity coordinates."""
+    frame = robot.frame_id if frame is None else frame
+    J: FloatArray = pin.computeFrameJacobian(robot.model, scratch(robot), at_origin(q), frame, _AXES)
     return J
 
 

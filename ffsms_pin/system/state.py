@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,9 +13,26 @@ from ffsms_pin.coupling import Coupling, reaction_null_space, scaled
 from ffsms_pin.coupling.null_space import NULL_SPACE_TOLERANCE
 from ffsms_pin.coupling.scaling import Rows
 from ffsms_pin.system import base_reaction, dynamics
-from ffsms_pin.system.mechanism import Mechanism
+from ffsms_pin.system.mechanism import Mechanism, frame_index
 
-__all__ = ["State"]
+__all__ = ["Frame", "State"]
+
+
+class Frame(NamedTuple):
+    """A frame of the robot at a state, inertial axes; its twist is that of the frame's origin.
+
+    Attributes
+    ----------
+    pose : pinocchio.SE3
+    J : ndarray, shape (6, n)
+        Twist a joint rate with the base held still.
+    J_star : ndarray, shape (6, n)
+        The same with the base reacting, at zero momentum: the generalised Jacobian.
+    """
+
+    pose: Any
+    J: FloatArray
+    J_star: FloatArray
 
 
 class State:
@@ -119,6 +136,18 @@ class State:
     def J_star(self) -> FloatArray:
         """Generalised Jacobian (6, n): J_b C_bm + J_m (paper Eq. DC_GJM; Umetani and Yoshida 1989)."""
         return frozen(self._J_e.dot(self._N))
+
+    def frame(self, name: str) -> Frame:
+        """Pose and Jacobians of any frame of the robot: a link or a joint, by its name.
+
+        Raises
+        ------
+        FrameNotFound
+        """
+        index = frame_index(self._robot.model, name)
+        J = dynamics.frame_jacobian(self._robot, self.q, index)
+        pose = dynamics.frame_pose(self._robot, self.q, index)
+        return Frame(pose, frozen(J[:, 6:].copy()), frozen(J.dot(self._N)))
 
     # -- dynamics
     @cached_property

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Obstacle
-from ffsms_pin.opt.limits.clearance.obstacle import outline
+from ffsms_pin.system.convex_parts import outline
 from ffsms_pin.viewer.colours import COLOURS
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import hull, tube

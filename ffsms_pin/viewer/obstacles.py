@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pinocchio as pin
 
 from ffsms_pin.opt import Obstacle
-from ffsms_pin.opt.limits.clearance.obstacle import outline
+from ffsms_pin.system.convex_parts import outline
 from ffsms_pin.viewer.colours import COLOURS
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import hull

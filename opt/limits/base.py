@@ -26,19 +26,14 @@ SCALE = 0.03
 # degree would be too stiff for a motion that is still finding its way.
 _NARROW = 0.02
 _STEP_SHARE = 0.03  # of a limit, kept in single steps against what happens within them
-_BRAKED = 0.985  # share of a limit that an arm that stops may use: half of what rows keep is left
-# [rad/m] Of a row in a step: a turn of the base is dearer than the loss of a clearance, because moving the
-# arm by as much turns it by far less.
-_GIVE = 0.1
-_RETURN_RATE = 0.02  # [rad/s] how fast the arm is trusted to undo a turn of the base before the deadline
-_UNDONE = 10  # steps before the deadline at which it should be undone
 
 
 class _Most(Inequality):
     """One of the limits: something of the base is at most so large."""
 
     margin = SCALE * SHARE
-    give = _GIVE
+    give = 0.1  # [rad/m] dearer than a clearance: moving the arm by as much turns the base by far less
+    trusted = 0.02  # [rad/s] to undo a turn of the base before the deadline
 
     def __init__(self, name: str, most: float) -> None:
         self.name, self.most, self.unit = name, most, _UNITS[name]
@@ -60,8 +55,8 @@ class _Most(Inequality):
             return self.most
         if m.step is None:
             return np.where(m.motions.times >= m.duration, self.most, math.inf)[None]
-        undone = np.maximum(m.duration - _UNDONE * m.step.dt - m.time, 0.0)
-        return self.most + _RETURN_RATE * undone
+        undone = np.maximum(m.duration - 10.0 * m.step.dt - m.time, 0.0)  # ten steps before the deadline
+        return self.most + self.trusted * undone
 
     def note(self, room: float, time: float) -> str:
         """What is broken, in words."""
@@ -117,11 +112,12 @@ class BaseLimits(AllOf):
 
     @property
     def in_braking(self) -> BaseLimits | None:  # type: ignore[override]  # plain elsewhere
-        """A fast motion in the reaction null space needs the arm's acceleration to stay there.
+        """In the reaction null space rows do not see what acceleration a fast motion takes to stay there.
 
-        The rows do not see how much; nothing looks ahead to the end.
+        An arm that stops may use half of what rows keep. Nothing looks ahead to the end.
         """
-        most = [_BRAKED * one for one in (self.attitude, self.attitude_rate, self.translation)]
+        left = 1.0 - 0.5 * _STEP_SHARE
+        most = [left * one for one in (self.attitude, self.attitude_rate, self.translation)]
         return BaseLimits(*most) if min(most) < math.inf else None
 
     @cached_property

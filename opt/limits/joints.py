@@ -56,16 +56,17 @@ class JointLimits(Limit):
         limits = robot.limits if self.joint_bounds is None else self.joint_bounds
         rates, steps = motion.rates[:, 0], np.diff(motion.times)
         accelerations = np.diff(rates, axis=1) / steps
-        left = {
-            "position": _room(motion.joints[:, 0], rates, accelerations, limits),
-            "rate": limits.velocity[:, None] - np.abs(rates),
-            "acceleration": limits.acceleration[:, None] - np.abs(accelerations),
-        }
-        wholes = limits.upper - limits.lower, limits.velocity, limits.acceleration
-        rounding = 1e-12, 1e-12, 1e-12 / float(steps.min())  # of sums over a thousand nodes
-        units = ("rad", "rad/s", "rad/s^2")
+        left = _room(motion.joints[:, 0], rates, accelerations, limits)
+        faster = limits.velocity[:, None] - np.abs(rates)
+        harder = limits.acceleration[:, None] - np.abs(accelerations)
+        rounding = 1e-12  # of sums over a thousand nodes
+        kinds = (
+            ("position", left, limits.upper - limits.lower, "rad", rounding),
+            ("rate", faster, limits.velocity, "rad/s", rounding),
+            ("acceleration", harder, limits.acceleration, "rad/s^2", rounding / float(steps.min())),
+        )
         amount, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
-        for (kind, room), whole, least, unit in zip(left.items(), wholes, rounding, units, strict=True):
+        for kind, room, whole, unit, least in kinds:
             near = room < 1e-3 * np.where(np.isfinite(whole), whole, 1.0)[:, None]
             binds[: room.shape[1]] |= near.any(axis=0)
             joint, k = np.unravel_index(int(np.argmin(room)), room.shape)
@@ -95,8 +96,7 @@ class AlphaBox(Inequality):
     """The paper's |alpha_i| <= 1, with joint rates = V alpha.
 
     The paper's step has it always, as printed; whole motions on request. V only turns, so the box says that
-    no principal direction of the coupling moves faster than 1 rad/s: slow arms never notice, and arms whose
-    joints may turn faster than 1 rad/s are held back by it.
+    no principal direction of the coupling moves faster than 1 rad/s.
     """
 
     name = "alpha box"
@@ -111,10 +111,9 @@ class AlphaBox(Inequality):
     def rows(self, step: StepState) -> Rows:
         """Rows -1 <= V^T u <= 1, exactly as printed.
 
-        V turns from step to step, so fast joint rates that were within the box may now be outside, and no
-        acceleration that the joints have brings them back in one step. The box is kept without giving way
-        where an arm that brakes as fast as its joints may is within it at the step's end: then it can be
-        kept. Elsewhere it gives way by the slack that the step returns (`Step.slack`), as little as possible.
+        V turns from step to step, so fast joint rates that were within the box may now be outside. The box is
+        kept without giving way where an arm that brakes as fast as its joints may is within it at the step's
+        end; elsewhere it gives way by the slack that the step returns (`Step.slack`), as little as possible.
         """
         one = np.ones(step.sms.n)
         # V turns without stretching: within the ball of radius 1 all rates are in the box.

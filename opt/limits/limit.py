@@ -95,20 +95,15 @@ class Limit(ABC):
     name : str
         Key of `Trajectory.binding`.
     margin : float
-        What the residual keeps in hand, in the residual's unit: a penalty gives way a little, and whole
-        motions are watched at some instants only. A motion whose residual is below half of it counts as one
-        that keeps the limit.
-    reserve : float
-        What rows and residual keep in hand beyond that, in the limit's own unit: a search raises it where a
-        finished motion broke the limit a little (`tightened`).
-    began : float
-        When the motion began, counted as the limit's own times are [s]: above zero for the rest of a motion
-        (`later`).
+        What the residual keeps in hand, in its unit: a penalty gives way a little, and whole motions are
+        watched at some instants only. With a residual below half of it the limit counts as kept.
+    reserve, began : float
+        What rows and residual keep in hand beyond that, in the limit's own unit, since a finished motion
+        broke it a little (`tightened`); and when the motion began, in the limit's own times [s] (`later`).
     ends : sequence of End
         Where frames of the robot must be at the deadline, for motions that a search starts from.
     joint_bounds : JointLimits or None
-        Rates, accelerations and positions that it keeps: whole motions never leave them, and a start outside
-        is an error.
+        Rates, accelerations and positions that whole motions never leave; a start outside is an error.
     in_braking : Limit or None
         What a step keeps also were the arm to stop after it, where rows of one step do not see far enough.
     refusal : str
@@ -116,11 +111,9 @@ class Limit(ABC):
         violation's. Empty: the search tries.
     of_goal : bool
         Whether a problem has the limit from its goal (`Goal.limits`); with another goal it goes.
-    blocks : bool
-        Whether something stands in the way where it is broken, such as a body: a descent rarely finds a way
-        out of it, so the search follows such motions after others.
-    obstacles : sequence of Obstacle
-        What it keeps clear of. Where there are any, a search looks for ways round.
+    blocks, obstacles : bool and sequence of Obstacle
+        Whether something stands in the way where it is broken: a descent rarely finds a way out of it, so the
+        search follows such motions after others. What it keeps clear of: a search looks for ways round.
     holds_attitude : bool
         Whether it holds the base's attitude: a search then starts from motions that leave it as it was.
     eased_by_time : bool

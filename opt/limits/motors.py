@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,20 +23,17 @@ from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.slopes import forces
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["TorqueLimits", "WheelLimits", "wheel_rows"]
 
 
 class _Motors(Inequality):
-    """Its unit is a share of what a motor has: a violation of 0.3 asks for 30 % more."""
+    """In shares of what a motor has."""
 
     margin = SCALE * SHARE
     scale = 1.0 / SCALE
     in_hand = SHARE
-    most_reserve = (
-        0.5 - SHARE
-    )  # with less than half left the limit would hold a plan back more than motors do
+    most_reserve = 0.5 - SHARE  # with less than half left it would hold plans back more than motors do
     eased_by_time = True
 
 
@@ -54,7 +51,8 @@ class TorqueLimits(_Motors):
 
     def room(self, m: Features) -> Feature | list[Feature]:
         """Shares of the torques that are left."""
-        most = _robot(m.motions).limits.torque
+        robot: Any = m.motions.stack.robot
+        most = robot.limits.torque
         return [1.0 - abs(m.torques) / most] if np.isfinite(most).any() else []
 
     def rows(self, step: StepState) -> Rows | None:
@@ -78,7 +76,7 @@ class TorqueLimits(_Motors):
 
     def violation(self, motion: Motions) -> Violation:
         """The largest share by which a joint lacks torque, on both sides of every node."""
-        robot = _robot(motion)
+        robot: Any = motion.stack.robot
         most = robot.limits.torque
         if not np.isfinite(most).any():
             return Violation()
@@ -208,7 +206,3 @@ def _reachable(G: FloatArray, lower: FloatArray, upper: FloatArray, step: StepSt
     lowest, highest = (np.sum(pick(*ends), axis=1) for pick in (np.minimum, np.maximum))
     room = 1e-3 * (highest - lowest)
     return Rows(G, np.minimum(lower, highest - room), np.maximum(upper, lowest + room))
-
-
-def _robot(motions: Motions) -> SpaceManipulator:
-    return cast(SpaceManipulator, motions.stack.robot)

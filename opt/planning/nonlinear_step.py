@@ -10,9 +10,9 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
 from ffsms_pin.opt.parts.reading import rows_of
-from ffsms_pin.opt.step.reference import reference_speed
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Step
 from ffsms_pin.opt.terms.paper import soft_assistance, step_cost
@@ -73,7 +73,7 @@ class NonlinearStepper:
         closing = towards @ J_v
         G, least = self._rows(step)
         slowest, fastest = _closing_speeds(closing, lower, upper, (G, least) if step.wheels else None)
-        asked = reference_speed(distance, float(closing @ rates), time_left, self.dt)
+        asked = kernel.reference_speed(distance, float(closing @ rates), time_left, self.dt)
         # To the fastest approach that the limits allow in the step would leave the cost no say.
         asked = min(asked, slowest + 0.9 * (fastest - slowest))
         rows = np.vstack([np.eye(self.sms.n), -np.eye(self.sms.n), G, closing]) @ V

@@ -22,8 +22,7 @@ from proxsuite import proxqp
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
-from ffsms_pin.opt.step.reference import WantedMotion
-from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.opt.step.state import StepState, WantedMotion
 
 __all__ = [
     "Programme",
@@ -79,11 +78,9 @@ class StepProblem(NamedTuple):
 
     Attributes
     ----------
-    H : ndarray, shape (n + 2, n + 2)
-    g : ndarray, shape (n + 2,)
-    C : ndarray, shape (m, n + 2)
-        The rows of all limits, one after the other; of a row with two sides that may give way, one for each.
-    l, u : ndarray, shape (m,)
+    H, g : ndarray, shape (n + 2, n + 2), (n + 2,)
+    C, l, u : ndarray, shape (m, n + 2), (m,), (m,)
+        The rows of all limits; of a row with two sides that may give way, one for each.
     lower, upper : ndarray, shape (n + 2,)
         Bounds on x: s >= 0 and slack >= 0.
     """
@@ -171,16 +168,14 @@ def nearest_to(rates: FloatArray, V: FloatArray, weights: StepWeights) -> tuple[
 
 
 # The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-11
-# places it to 1e-6 rad/s. A laxer tolerance leaves it open in a few steps of a thousand which rows are
-# active; a stricter one takes a few per cent more iterations for nothing.
+# places it to 1e-6 rad/s. A laxer tolerance leaves open in a few steps of a thousand which rows are active.
 _TOLERANCE = 1e-11
 
 
 class Solution(NamedTuple):
     """The solution x (n + 2,) of a programme, and multipliers z (m,), above zero at a row's upper side.
 
-    `solved` says whether the solver reached its tolerance, `exact` whether it is the solution of the
-    equations of the rows that are active, with the right signs.
+    `solved`: the solver reached its tolerance; `exact`: it is that of the equations of the active rows.
     """
 
     x: FloatArray
@@ -204,11 +199,7 @@ def new_solver(variables: int, rows: int) -> Any:
 
 
 class StepSolver:
-    """Solves programmes one after the other, each from a start where one is given.
-
-    ProxQP's solver is made once for each number of rows. For one thread; a copy starts anew. `iterations` are
-    those of its last call.
-    """
+    """Solves programmes one after the other, with a solver of ProxQP's for each size; a copy starts anew."""
 
     def __init__(self) -> None:
         self._solvers: dict[tuple[int, int], Any] = {}
@@ -218,11 +209,7 @@ class StepSolver:
         return StepSolver, ()
 
     def solve(self, p: Programme, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
-        """Solution of a programme, from the solution (x, z) of one like it.
-
-        A start of another size is not used. Where the solver does not converge from it, it starts once more
-        from nothing.
-        """
+        """Solution of a programme, from that (x, z) of one like it; where that fails, from nothing."""
         if start is not None and (len(start[0]), len(start[1])) == (len(p.g), len(p.low)):
             found = self._solve(p, *start)
             # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.

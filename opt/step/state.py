@@ -1,10 +1,16 @@
-"""The robot at the start of one step of the paper's method: what rows and objective are written from."""
+"""The robot at the start of one step of the paper's method, and where its end effector should go from there.
+
+The paper's cost vanishes where the end effector moves at the angle acos(c*) to the direction of its target.
+What a step remembers for the next one is the side of that cone on which it moved, nothing else.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels
@@ -13,45 +19,23 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.motion.held import StepFeatures
 from ffsms_pin.system import JointLimits, SpaceManipulator
 
-__all__ = ["StepState", "rate_bounds"]
+__all__ = ["REFERENCES", "StepState", "WantedMotion", "rate_bounds", "wanted_motion"]
 
 
 class StepState:
-    """One configuration q (nq,) with joint rates (n,), and its kinematics.
+    """One configuration q (nq,) with joint rates (n,) [rad/s], and its kinematics.
 
-    Attributes
-    ----------
-    sms : SpaceManipulator
-    q, rates : ndarray, shape (nq,), (n,)
-        Configuration, and joint rates at the step's start [rad/s].
-    dt, time_left, time : float
-        Step; from its start to the deadline; and from the start of the motion to it, for what moves by
-        itself [s].
-    momentum : ndarray, shape (6,), or None
-        Total momentum [linear; angular], inertial axes, about the system's centre of mass; None: zero.
-    base_start : ndarray, shape (7,)
-        Root pose that turn and shift of the base count from; where it is now, if not given.
-    mode : str
-        What of the base is held, one of `ffsms_pin.system.base_reaction.MODES`.
-    wheel_total : ndarray, shape (w,), or None
-        Momenta of the wheels that hold the attitude, were the joints at rest [N m s]; None: zero.
-    joints : ndarray, shape (n,)
-        Joint positions [rad].
-    reaction : ndarray, shape (6, n)
-        Root velocity a joint rate, root axes (Pinocchio's): -M_b^-1 M_bm on a floating base, and zero along
-        what the mode holds.
-    J_star, J_arm : ndarray, shape (6, n)
-        Generalised Jacobian of the mode, and Jacobian with the base held still; inertial axes, [linear;
-        angular].
-    V, entropy : ndarray, shape (n, n), and float
-        Right singular vectors of the mode's C_bm, and H_norm.
-    tip, tip_rotation : ndarray, shape (3,), (3, 3)
-        Place [m] and attitude of the end effector, inertial axes; `pose` is both.
-    com : ndarray, shape (3,)
-        The system's centre of mass, or the base's where its place is held, root axes [m].
-    drift, tip_drift : ndarray, shape (6,)
-        Root velocity that the total momentum gives with the joints at rest, root axes, and the twist of the
-        end effector that belongs to it, inertial axes.
+    `dt` is the step, `time_left` the time from its start to the deadline, `time` that from the motion's start
+    [s]. `momentum` (6,) is the total one, inertial axes, about the system's centre of mass; None: zero.
+    `base_start` (7,) is the root pose that turn and shift of the base count from; None: where it is. `mode`
+    says what of the base is held; `wheel_total` (w,) are the momenta of wheels that hold its attitude, were
+    the joints at rest [N m s].
+
+    From these follow `reaction` (6, n), the root's velocity a joint rate, root axes; `J_star` and `J_arm`
+    (6, n), the end effector's with the base reacting and held still, inertial axes; `V` (n, n) and `entropy`
+    of the mode's C_bm; `tip` (3,) and `tip_rotation` (3, 3), inertial axes; `com` (3,), of the system, or of
+    the base where its place is held, root axes [m]; and `drift`, `tip_drift` (6,), the velocities of the root
+    and of the end effector that the momentum gives with the joints at rest.
     """
 
     def __init__(
@@ -103,14 +87,83 @@ def rate_bounds(
 ) -> tuple[FloatArray, FloatArray]:
     """Least and greatest joint rates (n,) [rad/s] at the end of a step of constant acceleration.
 
-    A rate between the bounds keeps the rate and acceleration limits during the step, and the position limits
-    during the step and, since it leaves room to brake at full acceleration, ever after. The interval is never
-    empty for a state that itself has room to brake. For any other state the acceleration limit is kept, and
-    the other limits as nearly as it allows.
-
-    With w the rate at the step's end, a the acceleration limit and d the distance to the upper limit, room to
-    brake afterwards means dt (rate + w) / 2 + w^2 / (2 a) <= d for w >= 0: a quadratic in w. Where even w = 0
-    travels too far, w < 0 must turn round in time: rate^2 dt / (2 (rate - w)) <= d.
+    A rate between keeps the limits during the step and leaves room to brake at full acceleration ever after:
+    dt (rate + w) / 2 + w^2 / (2 a) <= d, with w the rate at the step's end, a the acceleration limit and d
+    the distance to the upper limit. Where the state itself has no such room, the acceleration limit is kept,
+    and the others as nearly as it allows: where even w = 0 travels too far, rate^2 dt / (2 (rate - w)) <= d.
     """
     least, greatest = kernel.rate_bounds(limits.table, joints, rates, dt)
     return least, greatest
+
+
+class WantedMotion(NamedTuple):
+    """How the end effector should move at the end of a step, inertial axes.
+
+    `towards`, `direction` and `side` (3,) are unit vectors to the target, along which to move (the e of
+    docs/convex-step.md), and across the way on the side of the cone, which the next step is to be given. The
+    first two are zero on arrival. `spin` (3,) leads to the wanted attitude [rad/s]; `speed` is s_ref [m/s].
+    """
+
+    towards: FloatArray
+    direction: FloatArray
+    side: FloatArray
+    spin: FloatArray | None
+    speed: float
+
+
+def wanted_motion(
+    step: StepState,
+    target: FloatArray,
+    cosine: float,
+    side: FloatArray,
+    rotation: FloatArray | None = None,
+) -> WantedMotion:
+    """Motion to a target (3,) [m], and an attitude (3, 3), at the angle acos(cosine) to the way there.
+
+    `side` (3,) is a vector whose part across the way is the side to move on; zero: as the end effector moves.
+    """
+    limits, given = step.sms.limits, (step.J_star, step.rates, step.tip_drift)
+    way, when = target - step.tip, (cosine, step.time_left, step.dt)
+    found = kernel.wanted_motion(way, rotation, step.tip_rotation, *given, limits.acceleration, side, *when)
+    spin = None if rotation is None else found[9:12]
+    return WantedMotion(found[:3], found[3:6], found[6:9], spin, float(found[12]))
+
+
+class Reference(NamedTuple):
+    """What a step may follow: the cone where the paper's cost vanishes, or straight to the target.
+
+    `effort` gives W (n, n) of the redundant motion's price, rates^T W rates, to scale; None: the identity.
+    """
+
+    on_cone: bool = False
+    effort: Callable[[StepState], FloatArray] | None = None
+
+    def price(self, step: StepState) -> FloatArray | None:
+        """W, scaled to a mean diagonal of one; None: the identity."""
+        if self.effort is None:
+            return None
+        W = self.effort(step)
+        mean = float(np.trace(W)) / len(W)
+        return W / mean if mean > 0.0 else W
+
+
+def _base_rotation(step: StepState) -> FloatArray:
+    """Square of the base's angular velocity: its null space is the reaction null space."""
+    spin = step.reaction[3:]
+    return np.asarray(spin.T @ spin)
+
+
+def _kinetic_energy(step: StepState) -> FloatArray:
+    """The reduced inertia H_q: twice the kinetic energy of the floating system."""
+    return step.sms.arm_stack(step.mode).reduced_inertia(step.joints[:, None])[..., 0]
+
+
+# The paper's cost as a convex step on its cone; resolved motion rate control through J* (Umetani and Yoshida
+# 1989); least base rotation: redundancy in the reaction null space (Yoshida 2001); least kinetic energy: the
+# H_q-weighted inverse of J*.
+REFERENCES = {
+    "step": Reference(on_cone=True),
+    "resolved-rate": Reference(),
+    "least-disturbance": Reference(effort=_base_rotation),
+    "minimum-effort": Reference(effort=_kinetic_energy),
+}

@@ -25,8 +25,7 @@ from ffsms_pin.opt.step.programme import (
     objective,
     programme_of,
 )
-from ffsms_pin.opt.step.reference import REFERENCES, WantedMotion, wanted_motion
-from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.opt.step.state import REFERENCES, StepState, WantedMotion, wanted_motion
 from ffsms_pin.opt.terms.paper import ideal_cosine, step_cost
 from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system import SpaceManipulator
@@ -41,16 +40,12 @@ class Step(NamedTuple):
 
     Attributes
     ----------
-    alpha : ndarray, shape (n,)
-        The paper's scaling factors: joint_rates = V alpha.
-    joint_rates : ndarray, shape (n,)
-        At the step's end [rad/s]; the acceleration during the step is constant.
-    cos_theta : float
-        Coupling assistance of these rates at the step's start.
-    entropy : float
-        H_norm at the step's start.
-    cost : float
-        The paper's summand (C~ - (1 - H_norm))^2.
+    alpha, joint_rates : ndarray, shape (n,)
+        The paper's scaling factors, and joint_rates = V alpha at the step's end [rad/s]; the acceleration
+        during the step is constant.
+    cos_theta, entropy, cost : float
+        Coupling assistance of these rates, H_norm, and the paper's summand (C~ - (1 - H_norm))^2, at the
+        step's start.
     solved : bool
         False where the programme was not solved and the arm brakes within its limits instead.
     slack : float
@@ -74,35 +69,12 @@ class Stepper:
     side it is on, and finds alpha and the speed s with J*_v V alpha = s e as nearly as the limits allow
     (docs/convex-step.md). Where the programme is not solved the arm brakes within its limits.
 
-    It remembers the last step, and is for one thread; `like()` makes another.
-
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    dt : float
-        Step [s]; the attribute may be changed between steps.
-    kappa : float
-        Sharpness of C~.
-    limits, terms : sequence of Limit and of Term
-        Each limit gives rows of the programme; each term may add to the objective (`Term.step_objective`).
-    weights : StepWeights, optional
-    reference : str
-        One of `REFERENCES`: "step" is the paper's cost; the others are classical references that go straight.
-    momentum : array_like, shape (6,), optional
-        Total momentum as in `sms.velocity`: the step reckons with the base's drift H_b^-1 h. Default zero.
-    mode : str
-        What of the base is held (see `opt.Problem`): C_bm, its singular vectors and J* are the mode's.
-    wheel_total : array_like, shape (w,), optional
-        As in `StepState` [N m s]. Default zero.
-
-    Attributes
-    ----------
-    side : ndarray, shape (3,)
-        The side of the cone that the last step was on; zero before the first.
-    base_start : ndarray, shape (7,), or None
-        Root pose that turn and shift of the base count from; None: where it is at the next step.
-    deadline : float or None
-        Of the motion, in the time of obstacles that move [s]; None: that begins with the next step.
+    `limits` give rows of the programme, `terms` may add to its objective (`Term.step_objective`); `reference`
+    is one of `REFERENCES`; `momentum`, `mode` and `wheel_total` are as in `StepState`. It remembers the last
+    step, and is for one thread; `like()` makes another. `side` (3,) is the side of the cone that the last
+    step was on, zero before the first; `base_start` (7,) the root pose that turn and shift of the base count
+    from, None: where it is at the next step; `deadline` that of the motion, in the time of obstacles that
+    move [s], None: that begins with the next step. `dt` may be changed between steps.
     """
 
     def __init__(
@@ -157,10 +129,7 @@ class Stepper:
         return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *given)
 
     def like(
-        self,
-        dt: float | None = None,
-        sms: SpaceManipulator | None = None,
-        reference: str | None = None,
+        self, dt: float | None = None, sms: SpaceManipulator | None = None, reference: str | None = None
     ) -> Stepper:
         """A new stepper with the same settings, but for another step, robot or reference where given."""
         parts = self.kappa, self._given, self.terms, self.weights, reference or self.reference
@@ -183,22 +152,10 @@ class Stepper:
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     def step(self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float) -> Step:
-        """The next joint rates.
+        """The next joint rates, from q (nq,) and the rates (n,) at the step's start [rad/s].
 
-        Parameters
-        ----------
-        q : array_like, shape (nq,)
-        joint_rates : array_like, shape (n,)
-            At the step's start [rad/s].
-        target : array_like, shape (3,), pinocchio.SE3, or Goal that stands still
-            Of the end effector, inertial axes.
-        time_left : float
-            Time to the deadline [s].
-
-        Raises
-        ------
-        InvalidValue
-        InUse
+        `target` is a place (3,) of the end effector, a pinocchio.SE3, or a goal that stands still, inertial
+        axes; `time_left` the time to the deadline [s].
         """
         return self.advance(*self._checked(q, joint_rates, target, time_left))
 

@@ -51,10 +51,11 @@ class BodyStack(ClearanceStack):
         clearance: float = 0.0,
         payload: Part | None = None,
         obstacles: Sequence[Obstacle] = (),
+        began: float = 0.0,
     ) -> None:
         super().__init__(sms)
-        self.mode, self._settings = mode, (sms, mode, clearance, payload, obstacles)
-        self.obstacles = tuple(obstacles)
+        self.mode, self._settings = mode, (sms, mode, clearance, payload, obstacles, began)
+        self.obstacles, self.began = tuple(obstacles), began
         held = [] if payload is None else [payload]  # as obstacles see it, a body of its own
         own = _robot_bodies(sms, mode, [] if obstacles else held)
         # Whether shapes can tell more than their parts.
@@ -91,7 +92,7 @@ class BodyStack(ClearanceStack):
         self.bodies, self.sizes = self._parts.bodies[:, [0, 1, 0]], self._parts.sizes
         met = [self.obstacles[other - self.sms.n] if self.obstacles else None for other in self.bodies[:, 1]]
         self.passes = np.array([one is not None and not one.on_base for one in met], dtype=bool)
-        self._margins = np.array([0.0 if one is None else one.margin for one in met])
+        self.margins = np.array([0.0 if one is None else one.margin for one in met])
 
     def _paired(self, pairs: list[tuple[Body, Body]], whole: Any) -> PartPairs:
         """Pairs of bodies by their parts, or, where asked for, by their whole shapes."""
@@ -109,14 +110,14 @@ class BodyStack(ClearanceStack):
 
     def serves(self, sms: SpaceManipulator, clearance: float, payload: Part | None) -> bool:
         """Whether it is the one for these as well: masses do not matter, shapes and joint limits do."""
-        of, _, asked, held, _ = self._settings
+        of, _, asked, held, *_ = self._settings
         same = asked == clearance and held is payload and of.limits is sms.limits
         # Only robots that differ in what moves no shape have the same ones, read once.
         return same and of.geometry("collision") is sms.geometry("collision")
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`; parts are quicker than shapes, which measure what these leave."""
-        margins = self._margins[where[0]]
+        margins = self.margins[where[0]]
         most = near + margins
         found = self._parts.nearest(poses, where, most)
         if self._refines and self.mode == "shapes":
@@ -131,13 +132,9 @@ class BodyStack(ClearanceStack):
         if not self._refines:
             return values
         found = self._shapes.nearest(poses, where).distance
-        exact = found - self._margins[where[0]]
+        exact = found - self.margins[where[0]]
         # Shapes that overlap may be measured as touching.
         return np.asarray(np.where(found > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
-
-    def overlap(self, pair: int, clearance: float) -> float:
-        """How deep the bodies of a pair overlap where their clearance is so much [m]."""
-        return -clearance - float(self._margins[pair])
 
     def _judged(self, clearance: float) -> FloatArray:
         """How large distances can be (m,); leaves out pairs that cannot be apart, by the shapes.

@@ -13,7 +13,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.between import least_of
 from ffsms_pin.opt.limits.clearance.bodies import BodyStack, PointStack, chosen_mode
 from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Entries, Nearest, Poses
-from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, checked_obstacles, convex_shape
+from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, checked_obstacles
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacked
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
@@ -21,7 +21,7 @@ from ffsms_pin.opt.motion.residual import Residual, Residuals
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import apply, cross, dot
-from ffsms_pin.system.convex_parts import Part, part_of
+from ffsms_pin.system.convex_parts import Part, convex_shape, part_of
 
 __all__ = ["Clearance", "clearance_stack"]
 
@@ -92,8 +92,7 @@ class Clearance(Limit):
             frame, (shape, placed) = sms.model.frames[sms.frame_id], self.payload
             held = part_of(shape, int(frame.parentJoint) - 2, frame.placement * placed, True)
         if self.obstacles:
-            seen = [one.later(self.began) for one in self.obstacles]
-            around = BodyStack(sms, self.collision, self.clearance, held, seen)
+            around = BodyStack(sms, self.collision, self.clearance, held, self.obstacles, self.began)
             around = around if around.names else None
         known = last if isinstance(last, BodyStack) and self.collision in ("auto", last.mode) else None
         if known is not None and known.serves(sms, self.clearance, held):
@@ -197,7 +196,7 @@ class Clearance(Limit):
             f"a clearance is broken: {pair} is {distance:.1f} mm at "
             f"{worst.time:.3g} s, {1e3 * self.clearance:.1f} mm are asked for"
         )
-        deep = 1e3 * self._around.overlap(worst.pair, worst.value) if stack is self._around else 0.0
+        deep = -1e3 * (worst.value + self._around.margins[worst.pair]) if stack is self._around else 0.0
         overlap = f"{pair} overlap by {deep:.1f} mm" if deep > 0.0 else ""
         amount = max(self.clearance - worst.value, abs(stack.tolerance))
         return kept._replace(amount=amount, note=note, overlap=overlap)
@@ -261,7 +260,6 @@ def clearance_stack(
     """What a mode, but "auto", keeps apart of a robot itself; None for "off", and where nothing can meet."""
     if collision == "off":
         return None
-    if collision not in MODES or collision == "auto":
-        raise InvalidValue("collision", collision, 'must be "points", "hulls", "shapes" or "off"')
+    one_of("collision", collision, MODES[1:])
     stack = PointStack(sms) if collision == "points" else BodyStack(sms, collision, clearance, payload)
     return stack if stack.names else None

@@ -91,6 +91,7 @@ class ClearanceStack(ABC):
     largest: FloatArray
     reaches: Any = None
     obstacles: tuple[Obstacle, ...] = ()
+    began: float = 0.0
     passes: Any = np.zeros(0, dtype=bool)
     sizes: FloatArray
     tolerance: float = 1e-5
@@ -172,7 +173,7 @@ class ClearanceStack(ABC):
         """The arm and obstacles at times (B,), as a base at R (3, 3, B), root (3, B) sees them."""
         turns, origins = [], []
         for obstacle in self.obstacles:
-            positions, rotations = obstacle.track(times)
+            positions, rotations = obstacle.track(self.began + times)
             turn, place = rotations.transpose(1, 2, 0), positions.T
             if not obstacle.on_base:
                 turn = np.einsum("yxb,yzb->xzb", R, turn)

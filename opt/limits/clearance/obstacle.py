@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -14,13 +13,9 @@ import pinocchio as pin
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.system.convex_parts import convex_shape
 
-__all__ = ["Obstacle", "Track", "checked_obstacles", "convex_shape", "outline"]
-
-INERTIAL, BASE = "inertial", "base"
-
-_ROUND = coal.Sphere | coal.Ellipsoid | coal.Capsule | coal.Cylinder | coal.Cone
-_CONVEX = coal.Box | coal.ConvexBase | _ROUND
+__all__ = ["Obstacle", "Track", "checked_obstacles"]
 
 
 class Track(NamedTuple):
@@ -58,7 +53,7 @@ class Obstacle:
 
     shape: Any
     pose: Any = field(default_factory=pin.SE3.Identity)
-    on: Any = INERTIAL
+    on: Any = "inertial"
     margin: float = 0.0
     name: str = ""
 
@@ -68,7 +63,7 @@ class Obstacle:
         object.__setattr__(self, "pose", pin.SE3(self.pose))
         object.__setattr__(self, "margin", checks.at_least_zero("obstacle.margin", self.margin, "m"))
         checks.instance("obstacle.name", self.name, str)
-        known = isinstance(self.on, str) and self.on in (INERTIAL, BASE)
+        known = isinstance(self.on, str) and self.on in ("inertial", "base")
         client = all(callable(getattr(self.on, method, None)) for method in ("pose", "poses"))
         if not (known or client):
             message = 'must be "inertial", "base", or a client: an object with pose(t) and poses(times)'
@@ -77,7 +72,7 @@ class Obstacle:
     @property
     def on_base(self) -> bool:
         """Whether it moves with the robot's base."""
-        return isinstance(self.on, str) and self.on == BASE
+        return isinstance(self.on, str) and self.on == "base"
 
     @property
     def moves(self) -> bool:
@@ -103,26 +98,6 @@ class Obstacle:
         ball = coal.Sphere(0.0)
         return float(coal.distance(ball, here, self.shape, place, coal.DistanceRequest(), result))
 
-    def later(self, by: float) -> Obstacle:
-        """The same obstacle for times that are counted from `by` seconds later."""
-        return replace(self, on=Delayed(self.on, by)) if by and self.moves else self
-
-
-@dataclass(frozen=True, eq=False)
-class Delayed:
-    """A client whose time is counted from `by` seconds later."""
-
-    client: Any
-    by: float
-
-    def pose(self, t: float) -> Any:
-        """Its pose at time t [s] of the new count."""
-        return self.client.pose(t + self.by)
-
-    def poses(self, times: FloatArray) -> Any:
-        """Its poses at times (K,) of the new count."""
-        return self.client.poses(np.asarray(times) + self.by)
-
 
 def checked_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
     """A sequence of obstacles, each with a name of its own; `InvalidValue` where that cannot be."""
@@ -136,69 +111,3 @@ def checked_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
     return tuple(
         one if one.name else replace(one, name=name) for one, name in zip(obstacles, names, strict=True)
     )
-
-
-def convex_shape(name: str, shape: Any) -> Any:
-    """A shape that coal can measure to: as it is, or the hull of a mesh that is convex; or `InvalidValue`."""
-    if not isinstance(shape, coal.CollisionGeometry):
-        message = "must be a coal shape: coal.Box, Sphere, Capsule, Cylinder, Convex, or a convex mesh"
-        raise InvalidValue(name, shape, message)
-    if shape.getObjectType() == coal.OBJECT_TYPE.OT_BVH:
-        return _hull(name, shape)
-    if not isinstance(shape, _CONVEX):
-        message = "must be a box, sphere, capsule, cylinder or convex mesh"
-        raise InvalidValue(name, type(shape).__name__, message)
-    shape.computeLocalAABB()
-    size = float(np.linalg.norm(np.array(shape.aabb_local.max_) - np.array(shape.aabb_local.min_)))
-    if not 0.0 < size < checks.LARGEST:
-        raise InvalidValue(name, size, "must have a size [m] that is finite and above zero")
-    return shape
-
-
-def _hull(name: str, mesh: Any) -> Any:
-    """The hull of a mesh whose corners all lie behind its faces."""
-    corners = np.array(mesh.vertices(), dtype=np.float64)
-    faces = np.array([[f[0], f[1], f[2]] for f in map(mesh.tri_indices, range(mesh.num_tris))], dtype=np.intp)
-    if not len(faces) or not np.isfinite(corners).all():
-        raise InvalidValue(name, mesh, "must be a mesh with triangles whose corners are finite")
-    corners = corners[np.unique(faces)]
-    try:
-        points = coal.StdVec_Vec3s()
-        points.extend(list(corners))
-        hull = coal.ConvexBase.convexHull(points, True, "Qt")
-    except Exception as error:  # qhull refuses what is flat, with kinds of its own
-        message = "must be a mesh with a volume; give a thin coal.Box instead"
-        raise InvalidValue(name, mesh, message) from error
-    triangles = np.array(mesh.vertices(), dtype=np.float64)[faces]
-    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    area = np.linalg.norm(across, axis=1)
-    normals, first = (across / np.maximum(area, 1e-300)[:, None])[area > 0.0], triangles[area > 0.0, 0]
-    # Of a convex mesh each face has all corners on one side, but for rounding, however it is wound.
-    heights = corners @ normals.T - np.sum(normals * first, axis=1)
-    out = float(np.minimum(heights.max(axis=0), -heights.min(axis=0)).max(initial=0.0))
-    size = float(np.ptp(corners, axis=0).max())
-    if out > 1e-6 * size:
-        found = f"a mesh with corners on both sides of a face, by {1e3 * out:.3g} mm"
-        message = "must be convex: cut it into convex pieces and give each as an obstacle, or give its hull, "
-        raise InvalidValue(name, found, message + 'coal.ConvexBase.convexHull(points, True, "Qt")')
-    return hull
-
-
-def outline(shape: Any) -> FloatArray:
-    """Points (k, 3) of a shape in its own axes [m], whose hull shows it: for figures and the viewer."""
-    if isinstance(shape, coal.Box):
-        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-        return np.asarray(signs * shape.halfSide)
-    if not isinstance(shape, _ROUND):
-        return np.array(shape.points(), dtype=np.float64)
-    angle = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
-    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
-    latitudes = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 15)
-    ball = np.concatenate([np.cos(at) * ring + [0.0, 0.0, np.sin(at)] for at in latitudes])
-    if isinstance(shape, coal.Ellipsoid):
-        return np.asarray(ball * shape.radii)
-    if isinstance(shape, coal.Sphere):
-        return np.asarray(ball * shape.radius)
-    up, round = np.array([0.0, 0.0, shape.halfLength]), ball if isinstance(shape, coal.Capsule) else ring
-    upper = 0.0 * ring if isinstance(shape, coal.Cone) else shape.radius * round
-    return np.concatenate([upper + up, shape.radius * round - up])

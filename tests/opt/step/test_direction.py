@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.step.reference import REFERENCES, reference_speed, wanted_motion
-from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.opt.step.state import REFERENCES, StepState, wanted_motion
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-1.0, 1.0))
@@ -42,7 +41,7 @@ def test_the_schedule_brings_the_path_to_an_end_at_the_deadline() -> None:
     """Integrated, it leaves what (time left)^2.5 leaves."""
     dt, left, speed = 0.01, 1.0, kernel.ARRIVAL_POWER / 12.0
     for k in range(1200):
-        then = reference_speed(left, speed, 12.0 - k * dt, dt)
+        then = kernel.reference_speed(left, speed, 12.0 - k * dt, dt)
         left, speed = left - 0.5 * dt * (speed + then), then
         if k == 1079:
             assert left == pytest.approx(0.1**2.5, rel=0.05)
