@@ -214,7 +214,7 @@ class Problem:
 
     def motion(self, rates: FloatArray, dt: float | None = None) -> Motions:
         """The motion of joint rates (N + 1, n) at nodes `dt` [s] apart, and in the middles between."""
-        q0, dt = self.q0, self.dt if dt is None else dt
+        q0, dt = self.q0, self.dt if dt is None else positive("dt", dt, "s")
         rows = len(rates) if dimensions("rates", rates) == 2 else 0
         rates = matrix("rates", rates, max(2, rows), self.sms.n)
         motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum)

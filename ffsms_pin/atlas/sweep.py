@@ -194,10 +194,12 @@ def _axes(
     """The parameters as plain numbers, checked."""
     links = [f"{_LINK}{joint}" for joint in sms.joint_names]
     known = ["base_mass", "base_inertia", *_MOUNT, *links]
+    instance("parameters", parameters, Mapping)
     axes, count = [], 1
     for name, values in parameters.items():
         if name not in known:
             raise InvalidValue("parameters", name, f"must be one of {', '.join(known)}")
+        instance(name, values, (Sequence, np.ndarray))
         check = number if name in _MOUNT else positive
         axes.append((name, tuple(check(name, value) for value in values)))
         count *= len(values)

@@ -54,6 +54,7 @@ class ChunkFolder:
             The folder cannot be written, or holds results of another specification.
         """
         instance("chunks", chunks, Chunks)
+        instance("specification", specification, Mapping)
         instance("where", where, Mapping, optional=True)
         content = _content(chunks, specification)
         try:
@@ -62,7 +63,7 @@ class ChunkFolder:
             raise ResultError(self.path, f"cannot be written ({error.strerror})") from None
         check_writable(self.path / _CHUNKS / "writable")
         remove_leftovers(self.path / _CHUNKS)
-        content["where"] = dict(where or {})
+        content["where"] = {str(name): str(path) for name, path in (where or {}).items()}
         if not (self.path / SPECIFICATION).exists():
             self._write(content)
         there = self._read()

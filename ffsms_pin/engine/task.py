@@ -86,7 +86,7 @@ def _evidence(table: Table, rows: range, run: str) -> str:
 
 def joined(tables: Sequence[Table]) -> dict[str, Any]:
     """One table of several with the same columns, in their order."""
-    if not isinstance(tables, Sequence) or not tables:
+    if not isinstance(tables, Sequence) or not tables or not all(isinstance(one, Mapping) for one in tables):
         raise InvalidValue("tables", tables, "must be a sequence of tables")
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 

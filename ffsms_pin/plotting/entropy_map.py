@@ -19,6 +19,9 @@ from ffsms_pin.system import SpaceManipulator
 __all__ = ["entropy_grid", "plot_entropy_map"]
 
 
+_MOST_POINTS = 1000  # on an axis: more than a figure has pixels for
+
+
 def entropy_grid(
     sms: SpaceManipulator, joints: tuple[int, int], at: ArrayLike | None = None, points: int = 41
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -48,7 +51,8 @@ def entropy_grid(
     if i == j or max(i, j) >= sms.n:
         raise InvalidValue("joints", joints, f"must be two different joints of 0 to {sms.n - 1}")
     positions = np.zeros(sms.n) if at is None else vector("at", at, sms.n, "rad")
-    points = whole("points", points, 2)
+    if whole("points", points, 2) > _MOST_POINTS:
+        raise InvalidValue("points", points, f"must not exceed {_MOST_POINTS}")
     first, second = (_range(sms, k, points) for k in (i, j))
     grid = np.tile(positions, (points, points, 1))
     grid[:, :, i], grid[:, :, j] = first, second[:, None]

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, vector, whole
+from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, sized, vector, whole
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
@@ -158,8 +158,9 @@ class Replanning:
         InUse
             Another thread has begun.
         """
+        q, v = sized("q", q, self.problem.sms.nq), sized("v", v, self.problem.sms.nv)
         with self._thread:
-            step = int(t / self.problem.dt + 1e-6)
+            step = int(number("t", t) / self.problem.dt + 1e-6)
             if step != self._step:
                 self._take(step, q, v)
 

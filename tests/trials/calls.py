@@ -10,17 +10,21 @@ import inspect
 import pkgutil
 import random
 from collections.abc import Callable, Iterator
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
 from importlib import import_module
 from itertools import islice
 from typing import Any
 
 import numpy as np
+from motions import HASTY
 
 import ffsms_pin as ffsms
-from ffsms_pin import control, simulation
+from ffsms_pin import control, opt, simulation
 from ffsms_pin.errors import DependencyMissing
-from trials.good import good_arguments, motion, planar, things
+from ffsms_pin.opt.planning.plan import plan_problem
+from ffsms_pin.opt.replan.options import ReplanOptions
+from trials.good import good_arguments, motion, planar, problem, things
 from trials.judge import Trial
 from trials.values import bad_value
 
@@ -62,7 +66,7 @@ NOT_CALLED = {
     "asked at every step of a loop, with the loop's own arrays": {
         "ffsms_pin.coupling.Coupling", "ffsms_pin.coupling.cosine", "ffsms_pin.coupling.cosine_of_triples",
         "ffsms_pin.coupling.decompose", "dump.moment", "wheels.total", "step planner.advance",
-        "robot in Basilisk.state",
+        "robot in Basilisk.state", "obstacle.track",
     },
     "serves a page to a browser, or starts one": {"ffsms_pin.viewer.LiveView", "view.open", "view.record"},
 }  # fmt: skip
@@ -71,6 +75,13 @@ CONDITIONS = {
     "disturbances": simulation.Wrench, "watchdog": simulation.Watchdog, "events": simulation.Capture,
     "estimator": simulation.Estimator,
 }  # fmt: skip
+OWN_FUNCTIONS = ("progress", "work", "lost", "prepare")
+# What a user writes of a part.
+OWN_PARTS: dict[Any, tuple[str, ...]] = {
+    opt.Term: ("residual", "share", "cost", "step_objective"),
+    opt.Limit: ("residual", "rows", "violation", "for_robot"),
+    opt.Inequality: ("room",),
+}
 
 
 def trial(seed: int) -> Trial:
@@ -92,7 +103,9 @@ def _spoiled_arguments(rng: random.Random, name: str, signature: inspect.Signatu
     for one in named:
         known = good.get(one.name, None if one.default is inspect.Parameter.empty else one.default)
         if one.name in wrong:
-            arguments[one.name] = bad_value(rng, known)
+            value = bad_value(rng, known)
+            # `int` can be called: what a user's own function raises comes through as it is.
+            arguments[one.name] = None if value is int and one.name in OWN_FUNCTIONS else value
         elif one.default is inspect.Parameter.empty or (
             one.name in good and (one.name == "jobs" or rng.random() < 0.5)
         ):
@@ -116,6 +129,19 @@ def _callables() -> list[tuple[str, inspect.Signature, Callable[..., Any]]]:
     found += [
         (f"simulate with {kind.__name__}", inspect.signature(kind), _condition(key, kind))
         for key, kind in CONDITIONS.items()
+    ]
+    found += [
+        ("solve with SearchOptions", inspect.signature(opt.SearchOptions), _searched),
+        ("replan with ReplanOptions", inspect.signature(ReplanOptions), _replanned),
+    ]
+    found += [
+        (
+            f"plan with {kind.__name__}.{name}",
+            inspect.signature(lambda answer: None),
+            partial(_planned, kind, name),
+        )
+        for kind, names in OWN_PARTS.items()
+        for name in names
     ]
     found.append(("every quantity of a state.at", inspect.signature(planar().at), _every_quantity))
     return found
@@ -165,6 +191,40 @@ def _condition(key: str, kind: Callable[..., Any]) -> Callable[..., Any]:
         return ffsms.simulate(planar(), motion(), control.PD(planar()), dt=0.01, **condition)
 
     return run
+
+
+def _searched(**arguments: Any) -> Any:
+    return opt.solve(problem(), opt.SearchOptions(**arguments))
+
+
+def _replanned(**arguments: Any) -> Any:
+    reference = opt.Replanning(problem(), options=ReplanOptions(**arguments))
+    return ffsms.simulate(planar(), reference, control.PD(planar()), dt=0.05)
+
+
+def _planned(kind: Any, name: str, answer: Any) -> None:
+    """Plans with a part of a user's own."""
+    own = _part(kind, name, answer)
+    parts = {"terms": (opt.Coupling(), own)} if kind is opt.Term else {"limits": (opt.JointLimits(), own)}
+    for method in ("horizon", "step"):
+        plan_problem(replace(problem(), **parts), method, HASTY)
+
+
+def _part(kind: Any, name: str, answer: Any) -> Any:
+    """A part one of whose methods gives this answer, and fails where it is a text; the others say nothing."""
+
+    def method(*_: Any) -> Any:
+        if isinstance(answer, str):
+            raise ValueError(answer)
+        return answer
+
+    usual: dict[str, Callable[..., Any]] = {
+        "residual": lambda *_: [],
+        "rows": lambda *_: None,
+        "violation": lambda *_: opt.Violation(),
+    }
+    quiet = {key: value for key, value in usual.items() if key in kind.__abstractmethods__}
+    return type("Own", (kind,), {"name": "own", **quiet, name: method})()
 
 
 def _every_quantity(**arguments: Any) -> None:

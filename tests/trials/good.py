@@ -213,8 +213,10 @@ def things() -> dict[str, Callable[[], Any]]:
     """Makers of objects whose methods are called: some remember, so each trial gets new ones."""
     sms = planar()
     state = sms.at(q0(), np.full(sms.nv, 0.1))
-    laws: dict[str, Callable[[], Any]] = {name: (lambda law=law: law(sms)) for name, law in control.LAWS.items()}
-    return {
+    laws: dict[str, Callable[[], Any]] = {
+        name: (lambda law=law: law(sms)) for name, law in control.LAWS.items()
+    }
+    made: dict[str, Callable[[], Any]] = {
         "sms": planar, "state": lambda: state, "coupling": lambda: state.coupling,
         "limits": lambda: sms.limits,
         "position": lambda: opt.Position([0.9, 0.2, 0.0]), "pose": lambda: opt.Pose(place()),
@@ -232,7 +234,8 @@ def things() -> dict[str, Callable[[], Any]]:
         "wheels": lambda: ffsms.ReactionWheels(np.eye(3), 0.01), "thrusters": thrusters,
         "pulses": lambda: control.PulseWidth(thrusters(), 0.01), "dump": control.MomentumDump,
         "robot in Basilisk": lambda: to_basilisk(sms, q0()),
-    } | laws  # fmt: skip
+    }  # fmt: skip
+    return made | laws
 
 
 def good_arguments(owner: str) -> dict[str, Any]:
