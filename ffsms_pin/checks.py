@@ -130,12 +130,12 @@ def inertia(name: str, value: Any) -> FloatArray:
     return tensor
 
 
-def times(name: str, value: Any, unit: str = " [s]") -> FloatArray:
+def times(name: str, value: Any, unit: str = " [s]", largest: float = LARGEST) -> FloatArray:
     """Copy of `value` as finite numbers (K,), times unless the unit says otherwise."""
     array = _floats(name, value)
     if array.ndim != 1:
         raise InvalidValue(name, value, f"must have shape (K,){unit} but has shape {array.shape}")
-    return _within(name, value, array)
+    return _within(name, value, array, largest)
 
 
 def number(name: str, value: Any) -> float:

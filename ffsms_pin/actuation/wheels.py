@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.actuation.rows import directions, one_each
-from ffsms_pin.checks import FloatArray, positive, sized
+from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["ReactionWheels"]
@@ -87,7 +87,6 @@ class ReactionWheels:
 
     def friction_torque(self, speed: FloatArray) -> FloatArray:
         """Torque of the friction on the wheels (w,) [N m] at speeds (w,) [rad/s] against the base."""
-        speed = sized("speed", speed, len(self))
         dry: FloatArray = self.coulomb * np.tanh(speed / self.transition)
         torque: FloatArray = -(self.friction * speed + dry)
         return torque

@@ -31,7 +31,7 @@ def normalised_entropy(sigma: ArrayLike, n: int) -> float:
         H_norm in [0, 1]: 0 when one direction carries all the coupling, 1 when all carry the same.
         With 0 log 0 = 0; zero for n = 1 and where there is no coupling at all.
     """
-    return entropy_of_values(times("sigma", sigma, "").tolist(), whole("n", n, 1))
+    return entropy_of_values(times("sigma", sigma, "", math.inf).tolist(), whole("n", n, 1))
 
 
 def entropy_of_values(values: Sequence[float], n: int) -> float:

@@ -45,12 +45,12 @@ def plot_bands(
     Axes
     """
     share, t = number("share", share), times("t", t)
+    if not 0.0 < share <= 1.0:
+        raise InvalidValue("share", share, "must be above 0 and at most 1")
     instance("names", names, (tuple, list))
     instance("label", label, str)
     if not isinstance(runs, np.ndarray) or runs.ndim not in (2, 3) or runs.shape[1] != len(t):
         raise InvalidValue("runs", runs, f"must be an array (runs, {len(t)}) or (runs, {len(t)}, m)")
-    if not 0.0 < share <= 1.0:
-        raise InvalidValue("share", share, "must be above 0 and at most 1")
     values = runs.reshape(*runs.shape[:2], -1)
     low, middle, high = np.quantile(values, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share], axis=0)
     with applied():

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
 from ffsms_pin.plotting.series import check_kinds, plot_series
 from ffsms_pin.scenarios.joint_units import slides
@@ -70,7 +71,8 @@ def plot_torques(
         Limits to draw dotted [N m]. Slow motion needs little of them: with them, the curves look flat.
     """
     check_kinds(sms=sms, tracking=tracking)
-    limits = None if limits is None else vector("limits", limits, sms.n, "N m", np.inf)
+    if limits is not None and not (isinstance(limits, np.ndarray) and limits.shape == (sms.n,)):
+        raise InvalidValue("limits", limits, f"must be an array of shape ({sms.n},) [N m]")
     sliding = slides(sms)
     unit = "N" if all(sliding) else "N or N m" if any(sliding) else "N m"
     return plot_series(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -213,9 +213,7 @@ def things() -> dict[str, Callable[[], Any]]:
     """Makers of objects whose methods are called: some remember, so each trial gets new ones."""
     sms = planar()
     state = sms.at(q0(), np.full(sms.nv, 0.1))
-    laws: dict[str, Callable[[], Any]] = {
-        name: (lambda law=law: law(sms)) for name, law in control.LAWS.items()
-    }
+    laws: dict[str, Callable[[], Any]] = {name: partial(law, sms) for name, law in control.LAWS.items()}
     made: dict[str, Callable[[], Any]] = {
         "sms": planar, "state": lambda: state, "coupling": lambda: state.coupling,
         "limits": lambda: sms.limits,
