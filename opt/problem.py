@@ -12,33 +12,58 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import FloatArray, dimensions, frozen, matrix, one_of, positive, vector
+from ffsms_pin.checks import (
+    FloatArray,
+    dimensions,
+    frozen,
+    instance,
+    matrix,
+    number,
+    one_of,
+    positive,
+    vector,
+)
 from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.given import (
-    check_joints,
-    checked_locked,
-    checked_parts,
-    checked_times,
-    default_limits,
-    default_terms,
-    step_limits,
-    with_defaults,
-)
 from ffsms_pin.opt.goals import Goal, Place, as_goal
-from ffsms_pin.opt.limits import Limit, WheelLimits
+from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits, Limit, Obstacle, TorqueLimits, WheelLimits
 from ffsms_pin.opt.limits.limit import prepared
 from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE, Motions
 from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.terms import Coupling, Term
+from ffsms_pin.opt.parts.reading import checked_parts
+from ffsms_pin.opt.terms import BaseTurn, Coupling, Effort, Smooth, Term
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 
-__all__ = ["ARRIVAL_SHARE", "Problem", "given"]
+__all__ = ["ARRIVAL_SHARE", "Problem", "default_limits", "default_terms", "given", "step_limits"]
 
-_LEAST_WAY = 0.02  # [m] a target this near, or nearer, is gone to as slowly as one at this distance
+
+def default_terms(
+    kappa: float = Coupling.kappa, effort: float | None = None, base: float = 0.0, coupled: bool = True
+) -> tuple[Term, ...]:
+    """What a motion should be like where nothing else is asked for; for `coupled` see `Goal.coupled`."""
+    cost = (Coupling(kappa),) if coupled else ()
+    spared = (BaseTurn(base),) if number("base", base) != 0.0 else ()
+    return (*cost, Smooth(), Effort() if effort is None else Effort(effort), *spared)
+
+
+def default_limits(
+    clearance: float = Clearance.clearance,
+    collision: str = Clearance.collision,
+    obstacles: Sequence[Obstacle] = (),
+    base: Limit | None = None,
+) -> tuple[Limit, ...]:
+    """What must hold where nothing else is asked for: limits of the joints and their torques, a clearance."""
+    instance("base_limits", base, Limit, optional=True)
+    kept = (JointLimits(), TorqueLimits(), Clearance(clearance, collision, obstacles=obstacles))
+    return kept if base is None else (*kept, base)
+
+
+def step_limits(limits: Sequence[Limit], mode: str = "floating") -> tuple[Limit, ...]:
+    """Limits of single steps: the paper has the box on alpha always; and wheels, where they hold the base."""
+    return _with_others(limits, AlphaBox(), *([WheelLimits()] if mode == "rotation-floating" else []))
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +129,14 @@ class Problem:
             raise InvalidValue("sms", self.sms, "must be a SpaceManipulator, as ffsms_pin.load gives it")
         sms, put = self.sms, partial(object.__setattr__, self)
         put("q0", frozen(sms.checked_configuration("q0", self.q0)))
-        duration, dt = checked_times(self.duration, self.dt)
+        duration, dt = positive("duration", self.duration, "s"), positive("dt", self.dt, "s")
+        if duration < dt:
+            raise InvalidValue("duration", duration, f"must be at least one step of {dt:g} s")
+        if duration / dt > 1_000_000:  # some 400 MB for seven joints
+            most = f"must be at most 1000000 steps of {dt:g} s; take a longer dt"
+            raise InvalidValue("duration", duration, most)
         put("duration", duration)
-        put("dt", dt)
+        put("dt", duration / round(duration / dt))
         put("goal", as_goal(self.goal))
         put("mode", one_of("mode", self.mode, MODES))
         terms = default_terms(coupled=self.goal.coupled) if self.terms is None else self.terms
@@ -114,19 +144,30 @@ class Problem:
         limits = checked_parts("limits", default_limits() if self.limits is None else self.limits, Limit)
         limits = (*(limit for limit in limits if not limit.of_goal), *self.goal.limits(duration))
         if self.wheels is not None:
-            limits = with_defaults(limits, WheelLimits())
+            limits = _with_others(limits, WheelLimits())
         limits = checked_parts("limits", limits, Limit)
         put("limits", tuple(prepared(limit, sms) for limit in limits))
         rates = np.zeros(sms.n) if self.joint_rates is None else self.joint_rates
         put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s")))
-        put("locked", checked_locked(sms, self.locked))
+        if isinstance(self.locked, str) or not isinstance(self.locked, Sequence):
+            raise InvalidValue("locked", self.locked, "must be a sequence of joint names")
+        for name in self.locked:
+            if name not in sms.joint_names:
+                raise InvalidValue("locked", name, f"must be a joint: {', '.join(sms.joint_names)}")
+        put("locked", tuple(self.locked))
         put("momentum", self._checked_momentum())
         put("wheel_momentum", self._checked_wheel_momentum())
         if self.base_start is not None:
             put("base_start", frozen(vector("base_start", self.base_start, 7)))
-        for limit in self.limits:
-            if limit.joint_bounds is not None:
-                check_joints(sms, limit.joint_bounds, self.joints0)
+        for bounds in (limit.joint_bounds for limit in self.limits if limit.joint_bounds is not None):
+            outside = bounds.violation(self.joints0)
+            if outside.any():
+                i = int(np.argmax(outside))
+                raise InvalidValue(
+                    f"q0: joint '{sms.joint_names[i]}'",
+                    round(float(self.joints0[i]), 6),
+                    f"must start within [{bounds.lower[i]:.6g}, {bounds.upper[i]:.6g}] rad",
+                )
 
     def _checked_momentum(self) -> FloatArray | None:
         """Total momentum (6,), that given or what the goal asks for; None: zero."""
@@ -136,8 +177,9 @@ class Problem:
         free = MODES[self.mode]
         if len(free) < 6 and (momentum[3:].any() or 0 not in free):
             kept = "linear momentum only" if 0 in free else "none"
-            words = f"must be {kept} in mode '{self.mode}': the base is held"
-            raise InvalidValue("momentum", momentum, words)
+            raise InvalidValue(
+                "momentum", momentum, f"must be {kept} in mode '{self.mode}': the base is held"
+            )
         return frozen(momentum)
 
     def _checked_wheel_momentum(self) -> FloatArray:
@@ -152,12 +194,9 @@ class Problem:
 
     def __repr__(self) -> str:
         place = self.goal.place(self.duration).words() + (", moving," if self.goal.moves else "")
-        terms = ", ".join(term.name for term in self.terms) or "none"
-        limits = ", ".join(limit.name for limit in self.limits) or "none"
-        return (
-            f"Problem({self.sms.model.name} to {place} in {self.duration:.4g} s, {self.steps} steps; "
-            f"terms: {terms}; limits: {limits})"
-        )
+        way = f"{self.sms.model.name} to {place} in {self.duration:.4g} s, {self.steps} steps"
+        names = [", ".join(one.name for one in parts) or "none" for parts in (self.terms, self.limits)]
+        return f"Problem({way}; terms: {names[0]}; limits: {names[1]})"
 
     def lasting(self, duration: float) -> Problem:
         """The same problem with another duration [s], in as many steps."""
@@ -214,10 +253,10 @@ class Problem:
 
     def motion(self, rates: FloatArray, dt: float | None = None) -> Motions:
         """The motion of joint rates (N + 1, n) at nodes `dt` [s] apart, and in the middles between."""
-        q0, dt = self.q0, self.dt if dt is None else positive("dt", dt, "s")
         rows = len(rates) if dimensions("rates", rates) == 2 else 0
         rates = matrix("rates", rates, max(2, rows), self.sms.n)
-        motion = rolled_out(self.sms, self.stack, q0, rates, dt, self.momentum)
+        step = self.dt if dt is None else positive("dt", dt, "s")
+        motion = rolled_out(self.sms, self.stack, self.q0, rates, step, self.momentum)
         return replace(motion, **given(self, self.goal, motion.times))
 
     @cached_property
@@ -233,8 +272,7 @@ class Problem:
     @cached_property
     def rotation0(self) -> FloatArray:
         """Base attitude at the start (3, 3)."""
-        rotation: FloatArray = pin.Quaternion(self.q0[3:7]).toRotationMatrix()
-        return rotation
+        return np.asarray(pin.Quaternion(self.q0[3:7]).toRotationMatrix())
 
     @cached_property
     def com0(self) -> FloatArray:
@@ -265,9 +303,8 @@ class Problem:
 
     @cached_property
     def mean_speed(self) -> float:
-        """Mean speed of a straight way to the target [m/s]: the scale of speeds."""
-        way = self.place_now.position - self.tip0
-        return max(float(np.linalg.norm(way)), _LEAST_WAY) / self.duration
+        """Mean speed of a straight way to the target, of 2 cm at least [m/s]: the scale of speeds."""
+        return max(float(np.linalg.norm(self.place_now.position - self.tip0)), 0.02) / self.duration
 
 
 def given(problem: Problem, goal: Goal, times: FloatArray) -> dict[str, Any]:
@@ -284,3 +321,8 @@ def given(problem: Problem, goal: Goal, times: FloatArray) -> dict[str, Any]:
         "wheel_total": problem.wheel_total,
         "thrusters": problem.thrusters,
     }
+
+
+def _with_others(limits: Sequence[Limit], *others: Limit) -> tuple[Limit, ...]:
+    """Limits, and those of the others whose names they have not."""
+    return (*limits, *(one for one in others if one.name not in [limit.name for limit in limits]))

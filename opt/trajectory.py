@@ -2,21 +2,42 @@
 
 from __future__ import annotations
 
+import json
 import os
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, frozen, number
+from ffsms_pin.errors import ResultError
 from ffsms_pin.opt.goals import ORIENTATION_REACH, REACH
+from ffsms_pin.opt.goals.goal import TOLERANCE
 from ffsms_pin.opt.goals.near import verdict
 from ffsms_pin.opt.motion.actuated import nodal_momentum, propellant, wheel_energy
 from ffsms_pin.opt.motion.rollout import angles_from_start, configurations, velocities
 from ffsms_pin.opt.parts.reading import share_of, violation_of
-from ffsms_pin.opt.planning.trajectory_file import read, write
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.storage import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
+from ffsms_pin.system.base_reaction import MODES
 
 __all__ = ["ARRIVAL_SHARE", "ORIENTATION_REACH", "REACH", "Trajectory", "measure"]
+
+_FORMAT, _JSON = "ffsms-pin trajectory", ("shares", "binding", "broken")
+_SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; what is not listed is a single value
+    **dict.fromkeys(("t", "position_error", "orientation_error"), ("N+1",)),
+    "q": ("N+1", "nq"),
+    "v": ("N+1", "n+6"),
+    **dict.fromkeys(("joint_positions", "torque_share"), ("N+1", "n")),
+    **dict.fromkeys(("joint_accelerations", "alpha"), ("N", "n")),
+    **dict.fromkeys(("cos_theta", "entropy", "cost"), ("N",)),
+    "end_effector": ("N+1", 3),
+    "target": (3,),
+    "target_rotation": (3, 3),
+    **dict.fromkeys(("momentum", "contact_velocity"), (6,)),
+    "wheel_momentum": ("N+1", "w"),
+}
 
 
 @dataclass(frozen=True)
@@ -29,13 +50,9 @@ class Trajectory:
 
     Attributes
     ----------
-    t : ndarray, shape (N + 1,)
-        [s]
-    q, v : ndarray, shape (N + 1, nq) and (N + 1, 6 + n)
-    joint_positions : ndarray, shape (N + 1, n)
-        [rad], continuous in time, also those of continuous joints.
-    joint_accelerations : ndarray, shape (N, n)
-        [rad/s^2]
+    t, q, v : ndarray, shape (N + 1,), (N + 1, nq) and (N + 1, 6 + n)
+    joint_positions, joint_accelerations : ndarray, shape (N + 1, n) and (N, n)
+        [rad], continuous in time, also those of continuous joints; [rad/s^2].
     alpha : ndarray, shape (N, n)
         Joint rates at the step's end in the basis V of the step's start.
     cos_theta, entropy, cost : ndarray, shape (N,)
@@ -43,15 +60,11 @@ class Trajectory:
     end_effector : ndarray, shape (N + 1, 3)
         Its position [m].
     position_error, orientation_error : ndarray, shape (N + 1,)
-        Distance from the end effector to the target [m]; angle to the wanted attitude [rad], zero where any
-        will do.
-    target : ndarray, shape (3,)
-        [m]
-    target_rotation : ndarray, shape (3, 3)
-        Wanted attitude of the end effector; NaN where any will do.
-    kappa : float
-    reach, orientation_reach : float
-        The paper's r_th [m], and the same for the angle [rad].
+        From the end effector to the target [m], and to the wanted attitude [rad], zero where any will do.
+    target, target_rotation : ndarray, shape (3,) and (3, 3)
+        Position [m] and attitude, NaN where any will do.
+    kappa, reach, orientation_reach : float
+        Of C~; the paper's r_th [m], and the same for the angle [rad].
     note : str
         By how much and why the end is not within the goal's tolerance, or the target not reached; never empty
         then.
@@ -64,25 +77,22 @@ class Trajectory:
         place, inertial axes. Where a goal asks for no velocity, it counts as one that stands still.
     within_tolerance, met : bool
         Whether the end is within the goal's own tolerance: position, attitude, and velocities where they are
-        asked for. `reached` is the paper's criterion, which allows `reach`. `met` is the same of `opt.Meet`
-        and true of other goals.
+        asked for. `reached` is the paper's criterion. `met` is the same of `opt.Meet`, true of other goals.
     momentum : ndarray, shape (6,)
         Total momentum [linear; angular], inertial axes, about the system's centre of mass.
     shares : dict of str to float
-        The integral over time of each term, with its weight, by its name.
-    binding : dict of str to ndarray
-        Instants [s] at which each limit binds, by its name; a limit that never does is left out.
-    broken : dict of str to float
-        By how much limits are broken, by their names, in the limit's own unit; empty where all are kept.
+        The integral over time of each term, with its weight.
+    binding, broken : dict of str to ndarray, and to float
+        Of each limit that ever does, instants [s] at which it binds, and by how much it is broken, in its own
+        unit.
     wheel_momentum : ndarray, shape (N + 1, w)
         Predicted spin momenta of the robot's wheels against the base [N m s]: zero where they stand still.
-    wheel_energy : float
-        Predicted integral of the sum of |motor torque x wheel speed| [J]: nothing is won back in braking.
-    propellant : float
-        Predicted, where thrusters hold attitude or place [kg].
+    wheel_energy, propellant : float
+        Predicted integral of the sum of |motor torque x wheel speed| [J], nothing won back in braking; and
+        what thrusters use that hold attitude or place [kg].
     torque_share : ndarray, shape (N + 1, n)
-        Joint torques that the motion needs at the nodes, as shares of the joints' limits, the larger of both
-        sides of each node; zero where a joint has no such limit.
+        Joint torques at the nodes as shares of the joints' limits, the larger of both sides of each node;
+        zero where a joint has no such limit.
     mode : str
         What of the base is held, as in `opt.Problem`.
     """
@@ -215,12 +225,43 @@ class Trajectory:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
-        write(path, {one.name: getattr(self, one.name) for one in fields(self)})
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        for name in _JSON:
+            values[name] = json.dumps(values[name], default=np.ndarray.tolist)
+        save_arrays(path, _FORMAT, values)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
-        return cls(**read(path))
+        kinds = {one.name: str(one.type).partition("[")[0] for one in fields(cls)}
+        letters = {
+            name: {"bool": "b", "str": "U", "dict": "U"}.get(kind, "fiu") for name, kind in kinds.items()
+        }
+
+        # Files from before there was momentum, or terms, clients, wheels or modes, have none of these.
+        later = fields(cls)[list(kinds).index("contact_velocity") :]
+        before = {one.name: one.default for one in later if one.default is not MISSING}
+        before |= {one.name: one.default_factory() for one in later if one.default_factory is not MISSING}
+        before |= {"within_tolerance": np.nan, **dict.fromkeys(_JSON, "{}")}
+
+        def check(heads: Mapping[str, Any]) -> None:
+            there = [name for name in kinds if heads[name] is not before.get(name)]
+            check_shapes(path, heads, {name: _SHAPES.get(name, ()) for name in there}, letters)
+
+        values = load_arrays(path, _FORMAT, list(kinds), before, check)
+        check_times(path, values["t"], least=2)
+        for name, kind in kinds.items():
+            if kind == "dict":
+                values[name] = numbers_by_name(path, name, str(values[name]), rows=name == "binding")
+            elif kind != "FloatArray":
+                values[name] = values[name].item()
+        if values["mode"] not in MODES:
+            raise ResultError(path, f"its 'mode' is '{values['mode']}', none of {', '.join(MODES)}")
+        if np.isnan(values["within_tolerance"]):
+            # Nor which velocities were asked for, but whether those of a client were met.
+            misses = (values["position_error"][-1], values["orientation_error"][-1])
+            values["within_tolerance"] = values["met"] and bool(max(misses) <= TOLERANCE)
+        return cls(**values)
 
 
 def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:

@@ -8,8 +8,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Problem
-from ffsms_pin.opt.horizon.arrival import arrival
-from ffsms_pin.opt.horizon.merit import Weighted, motions_of, sums
+from ffsms_pin.opt.horizon.merit import Weighted, arrival, motions_of, sums
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing

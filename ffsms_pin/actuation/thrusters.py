@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.actuation.rows import directions, one_each, rows
-from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, positive, sized
+from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, positive
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["STANDARD_GRAVITY", "Thrusters"]
@@ -85,7 +85,7 @@ class Thrusters:
 
     def flow(self, force: FloatArray) -> float:
         """Propellant flow at forces (k,) [N]: [kg/s]."""
-        return float(sized("force", force, len(self)).sum()) / (self.specific_impulse * STANDARD_GRAVITY)
+        return float(force.sum()) / (self.specific_impulse * STANDARD_GRAVITY)
 
     def __repr__(self) -> str:
         return f"Thrusters({len(self)} of {np.array2string(self.force, precision=4)} N)"

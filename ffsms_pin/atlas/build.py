@@ -22,7 +22,7 @@ from ffsms_pin.atlas.workspace import write_workspace
 from ffsms_pin.checks import instance, one_of, optional_callable, whole
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, parts_folder, run
 from ffsms_pin.errors import ResultError
-from ffsms_pin.storage import path_like, remove_leftovers, require_space
+from ffsms_pin.storage import check_readable, path_like, remove_leftovers, require_space
 from ffsms_pin.storage.temporary import staged_folder
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
@@ -132,16 +132,13 @@ def atlas(
 def open_atlas(path: str | os.PathLike[str]) -> Any:
     """An atlas as an xarray.Dataset, which reads what is asked for when it is asked for.
 
-    Raises
-    ------
-    ResultError
-        It is missing, or cannot be read.
-    DependencyMissing
-        xarray and zarr are not installed.
+    `ResultError` says that it is missing or cannot be read.
     """
     xr = xarray()
     place = path_like("path", path)
     try:
+        for described in (*place.glob(".z*"), *place.glob("*/.z*")):
+            check_readable(described)
         return xr.open_zarr(place, consolidated=False)
     except (OSError, ValueError, KeyError) as error:
         raise ResultError(place, f"cannot be read as an atlas ({error})") from None

@@ -21,6 +21,7 @@ from ffsms_pin.scenarios import Scenario, scenario
 from ffsms_pin.scenarios.definition import scenario_of
 from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.scenarios.reading import read
+from ffsms_pin.storage import LARGEST_DATA, read_content
 from ffsms_pin.version import __version__
 
 __all__ = ["Campaign"]
@@ -158,7 +159,7 @@ class Campaign:
         for name in named:
             path = self.source.parent / str(name)
             if name is not None and path.is_file():
-                found[str(name)] = hashlib.sha256(path.read_bytes()).hexdigest()
+                found[str(name)] = hashlib.sha256(read_content(path, LARGEST_DATA)).hexdigest()
         return found
 
 

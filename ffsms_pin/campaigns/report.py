@@ -15,6 +15,7 @@ from ffsms_pin.campaigns.merging import runs_file
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import DependencyMissing, ResultError
 from ffsms_pin.scenarios.success import wilson_interval
+from ffsms_pin.storage import check_readable
 
 __all__ = ["Report", "report", "report_numbers"]
 
@@ -124,6 +125,7 @@ def _read(folder: str | os.PathLike[str]) -> dict[str, Any]:
         raise DependencyMissing("pyarrow", "a campaign's table", "cluster") from None
     path = runs_file(folder)
     try:
+        check_readable(path, math.inf)  # a campaign may have any number of runs
         table = parquet.read_table(path)
         return {name: table[name].to_numpy() for name in table.column_names}
     except FileNotFoundError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,41 +10,26 @@ from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin.checks import FloatArray, vector
-from ffsms_pin.cli.limits_text import limit_text, range_text
-from ffsms_pin.cli.output import output_console
+from ffsms_pin.cli.output import limit_text, output_console, range_text, say
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.models import load
 from ffsms_pin.scenarios.joint_units import joint_units, slides
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["show_robot"]
+__all__ = ["run"]
 
 
-def show_robot(
-    model: str, end_effector: str | None = None, joints_deg: Sequence[float] | None = None
-) -> None:
-    """Print what is known about a robot.
-
-    Parameters
-    ----------
-    model : str
-        A packaged robot, or a URDF file.
-    end_effector : str, optional
-    joints_deg : sequence of float, optional
-        Posture for the coupling [deg]; default: zero where the limits allow it.
-    """
-    sms = load(model, end_effector=end_effector)
-    posture = _posture(sms, joints_deg)
+def run(arguments: argparse.Namespace) -> int:
+    """Print what is known about the robot."""
+    sms = load(arguments.model, end_effector=arguments.end_effector)
+    posture = _posture(sms, arguments.joints_deg)
     console = output_console()
     size = "none" if sms.base_size is None else " x ".join(f"{edge:g}" for edge in sms.base_size) + " m"
-    console.print(
-        f"{sms.model.name}: {sms.n} joints, end effector '{sms.end_effector}', base box {size}",
-        markup=False,
-        highlight=False,
-    )
+    say(f"{sms.model.name}: {sms.n} joints, end effector '{sms.end_effector}', base box {size}")
     console.print(_bodies(sms))
     console.print(_limits(sms))
     console.print(_coupling(sms, posture))
+    return 0
 
 
 def _posture(sms: SpaceManipulator, joints_deg: Sequence[float] | None) -> FloatArray:

@@ -3,32 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import signal
 import sys
+import textwrap
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
 import ffsms_pin
-from ffsms_pin.cli import (
-    atlas_command,
-    campaign_command,
-    compare_command,
-    compare_modes_command,
-    docs_command,
-    info_command,
-    inspect_command,
-    laws_command,
-    merge_command,
-    quickstart_command,
-    robustness_command,
-    run_command,
-    scenario_command,
-    sweep_command,
-    view_command,
-)
+from ffsms_pin.cli.robot_commands import ROBOT_COMMANDS
+from ffsms_pin.cli.scenario_commands import SCENARIO_COMMANDS
 from ffsms_pin.errors import FfsmsError, meant
 
 __all__ = ["main", "parser"]
@@ -36,24 +23,8 @@ __all__ = ["main", "parser"]
 # Exit codes; 0 and 1 are the commands' own.
 BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
 
-# Each imports what it needs only when it runs: --help should not wait for it.
-_COMMANDS: dict[str, Any] = {
-    "quickstart": quickstart_command,
-    "run": run_command,
-    "scenario": scenario_command,
-    "compare": compare_command,
-    "compare-modes": compare_modes_command,
-    "laws": laws_command,
-    "robustness": robustness_command,
-    "atlas": atlas_command,
-    "sweep": sweep_command,
-    "campaign": campaign_command,
-    "merge": merge_command,
-    "info": info_command,
-    "inspect": inspect_command,
-    "view": view_command,
-    "docs": docs_command,
-}
+# In the order of --help.
+_COMMANDS = SCENARIO_COMMANDS | ROBOT_COMMANDS
 
 _DESCRIPTION = """\
 Plan and track motions of free-floating space manipulators, informed by dynamic coupling.
@@ -76,10 +47,7 @@ examples:
   ffsms-pin inspect robot.urdf             what is wrong with a file, and --repair
   ffsms-pin docs scenarios                 a page of the documentation
 """
-_EPILOG = """\
-exit codes: 0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped;
-70 a defect of ffsms-pin (with FFSMS_PIN_TRACEBACK=1 it says where); 130 interrupted; 143 terminated
-"""
+_EXITS = "0 target reached; 1 target not reached, results written; 2 bad input or a run that was stopped"
 
 
 class _Terminated(KeyboardInterrupt):
@@ -103,13 +71,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; default: those of the process.
-    """
+    """Run the command line on arguments, by default those of the process; returns the exit code."""
     given = sys.argv[1:] if argv is None else list(argv)
     words = _no_command(given)
     if words:
@@ -120,7 +82,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(stop.code or 0)
     try:
         with _ended_by_sigterm():
-            return int(arguments.run(arguments))
+            command = importlib.import_module(f"ffsms_pin.cli.{_COMMANDS[arguments.command].module}")
+            return int(command.run(arguments))
     except FfsmsError as error:
         return _failed(f"error: {error}", BAD_INPUT)
     except _Terminated:
@@ -138,7 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _goes_on(arguments: argparse.Namespace) -> str:
     """How a long command that was stopped goes on."""
-    resumes = getattr(_COMMANDS[arguments.command], "RESUMES", False)
+    resumes = _COMMANDS[arguments.command].resumes
     return "; what is done is kept: the same command goes on from there" if resumes else ""
 
 
@@ -179,15 +142,25 @@ def _ended_by_sigterm() -> Iterator[None]:
 
 def parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
-    whole = _Parser(
-        prog="ffsms-pin",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    raw = argparse.RawDescriptionHelpFormatter
+    whole = _Parser(prog="ffsms-pin", description=_DESCRIPTION, epilog=_exits(_EXITS), formatter_class=raw)
     whole.add_argument("--version", action="version", version=f"ffsms-pin {ffsms_pin.__version__}")
     commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
     for name, command in _COMMANDS.items():
-        command.add_parser(commands)
-        commands.choices[name].set_defaults(run=command.run)
+        one = commands.add_parser(
+            name,
+            help=command.help,
+            description=command.description,
+            epilog=_exits(command.exits),
+            formatter_class=raw,
+        )
+        command.add_arguments(one)
     return whole
+
+
+def _exits(own: str) -> str:
+    """The exit codes of a command in words: its own, and those of all."""
+    of_all = (
+        "70 a defect of ffsms-pin (with FFSMS_PIN_TRACEBACK=1 it says where); 130 interrupted; 143 terminated"
+    )
+    return textwrap.fill(f"exit codes: {own}; {of_all}", 100)

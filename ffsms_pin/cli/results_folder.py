@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
-from ffsms_pin.storage import regular_target, remove_leftovers, replace_file, require_space
+from ffsms_pin.storage import regular_target, remove_leftovers, replace_file, require_space, write_content
 from ffsms_pin.storage.temporary import COMPLETE, is_abandoned, locked_folder, open_folder
 
-__all__ = ["chosen_folder", "results_folder"]
+__all__ = ["chosen_folder", "results_folder", "write_results"]
 
 _SPACE = 16e6  # [bytes] for figures and numbers: less free space is found out before a run
 
@@ -22,6 +24,14 @@ def chosen_folder(out: str | None, name: str) -> Path:
     if out is not None and (not out.strip() or "\0" in out):
         raise InvalidValue("--out", out, "must name a folder")
     return Path(out) if out is not None else Path("results") / name
+
+
+def write_results(path: Path, numbers: Any, figure: Any) -> None:
+    """Write numbers to path.json, and a figure beside it, as pdf and png."""
+    from ffsms_pin.plotting import save_formats
+
+    write_content(path.with_suffix(".json"), json.dumps(numbers, indent=2, allow_nan=False) + "\n")
+    save_formats(figure, path)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from ffsms_pin.cli.limits_text import limit_text, range_text
+from ffsms_pin.cli.output import limit_text, range_text
 
 __all__ = ["summary_table"]
 

@@ -14,7 +14,7 @@ from ffsms_pin.checks import instance, whole
 from ffsms_pin.engine.chunks import Chunks
 from ffsms_pin.engine.task import load_table
 from ffsms_pin.errors import InvalidValue, ResultError
-from ffsms_pin.storage import check_writable, path_like, remove_leftovers, write_content
+from ffsms_pin.storage import check_writable, path_like, read_content, remove_leftovers, write_content
 
 __all__ = ["ChunkFolder", "parts_folder"]
 
@@ -156,7 +156,7 @@ class ChunkFolder:
     def _read(self) -> dict[str, Any]:
         path = self.path / SPECIFICATION
         try:
-            there = json.loads(path.read_text())
+            there = json.loads(read_content(path))
             if there["format"] == _FORMAT and there["hash"] == _hash(there) and there["where"] is not None:
                 return dict(there)
         except FileNotFoundError:

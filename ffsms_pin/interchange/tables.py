@@ -14,7 +14,7 @@ from ffsms_pin.extras import require
 from ffsms_pin.interchange.columns import check_motion, columns, trajectory
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.storage import path_like, write_content
+from ffsms_pin.storage import LARGEST_DATA, check_readable, path_like, write_content
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["read_csv", "read_parquet", "to_csv", "to_dataframe", "to_parquet", "to_xarray"]
@@ -34,19 +34,17 @@ def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     """The trajectory of a CSV file with the columns that `to_csv` writes; others are ignored.
 
     The first row gives the start and the joint rates the motion; the base follows the momentum equation.
-
-    Raises
-    ------
-    ResultError
-        The file cannot be read.
-    InvalidValue
-        A column is missing or holds something else than numbers in even time steps.
+    `ResultError` says that the file cannot be read, `InvalidValue` that a column is missing or holds
+    something else than numbers in even time steps.
     """
     path = path_like("path", path)
     try:
+        check_readable(path, LARGEST_DATA)
         with open(path, newline="", encoding="utf-8") as file:
             rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except OSError as error:
+        raise ResultError(path, f"cannot be read ({error.strerror})") from None
+    except (UnicodeDecodeError, csv.Error) as error:
         raise ResultError(path, f"cannot be read as CSV ({error})") from None
     if len(rows) < 2 or any(len(row) != len(rows[0]) for row in rows):
         raise ResultError(path, "must have a line of names and lines of as many numbers")
@@ -84,6 +82,7 @@ def read_parquet(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Traject
 
     path = path_like("path", path)
     try:
+        check_readable(path, LARGEST_DATA)
         table = pq.read_table(path)
     except (OSError, pa.ArrowException) as error:
         raise ResultError(path, f"cannot be read as Parquet ({error})") from None

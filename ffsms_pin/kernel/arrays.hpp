@@ -16,8 +16,13 @@ namespace nb = nanobind;
 
 using Size = std::size_t;
 using In = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;  // dense, of any shape
-using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+template <class T, int... shape>                                      // -1: of any size
+using Table = nb::ndarray<const T, nb::shape<shape...>, nb::c_contig, nb::device::cpu>;
+using Vector = Table<double, -1>;
+using Matrix = Table<double, -1, -1>;
+using Rotation = Table<double, 3, 3>;
+using Index = std::int64_t;
+using Indices = Table<Index, -1>;
 using Out = nb::ndarray<nb::numpy, double, nb::c_contig>;
 static_assert(sizeof(Pack) == kLanes * sizeof(double), "a pack is what lies in memory");
 

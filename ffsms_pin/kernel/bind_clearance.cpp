@@ -7,11 +7,6 @@
 namespace ffsms {
 namespace {
 
-using Index = std::int64_t;
-template <class T, int... shape>
-using Table = nb::ndarray<const T, nb::shape<shape...>, nb::c_contig, nb::device::cpu>;
-using Indices = Table<Index, -1>;
-
 // The arm, and obstacles, at one after the other of many joint positions (n, count).
 struct ArmAt {
   const Tree& tree;

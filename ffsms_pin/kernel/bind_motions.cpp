@@ -13,7 +13,6 @@ namespace ffsms {
 namespace {
 
 using Slope = nb::ndarray<const double, nb::device::cpu>;
-using Indices = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 // What Python hands over.
 using GivenQuadrature = std::tuple<In, Matrix, int>;   // integral_to_points, integral_over, late
@@ -54,10 +53,10 @@ Strided strided(const Slope& array, const Shape& shape, const char* name, std::p
 }
 
 // As many indices as `count`, below `end`.
-const std::int64_t* checked(const Indices& array, Size count, Size end, const char* name) {
+const Index* checked(const Indices& array, Size count, Size end, const char* name) {
   if (array.shape(0) != count) wrong(name);
   for (Size i = 0; i < count; ++i) {
-    if (array(i) < 0 || array(i) >= static_cast<std::int64_t>(end)) wrong(name);
+    if (array(i) < 0 || array(i) >= static_cast<Index>(end)) wrong(name);
   }
   return array.data();
 }
@@ -67,9 +66,8 @@ const std::int64_t* checked(const Indices& array, Size count, Size end, const ch
 // Attitudes (9, 2 N + 1) at the nodes and in the middles of N steps, of angular velocities (3, 2 N + 1) in
 // base axes there: Simpson's rule and one bracket, and over a first half the parabola through the same
 // points.
-Out attitudes(const Matrix& start, const Matrix& omega, double dt) {
+Out attitudes(const Rotation& start, const Table<double, 3, -1>& omega, double dt) {
   const Size count = omega.shape(1);
-  expect(omega.shape(0) == 3 && start.size() == 9, "an array has a wrong shape");
   Out out = new_array(9, count);
   const auto put = [&](const Mat3<double>& R, Size k) { Writer{out.data() + k, count}.put(&R, 1); };
   Mat3<double> R = matrix_at(start.data());
@@ -88,12 +86,11 @@ Out attitudes(const Matrix& start, const Matrix& omega, double dt) {
 // A system under joint accelerations (n, N), each held for dt, with momentum (6) in inertial axes, the
 // angular part about its centre of mass. States (12 + 2 n, N + 1) at the nodes: attitude and place of the
 // root, joint positions and rates; `start` is the first.
-Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations, const Vector& momentum,
-             double dt) {
+Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
+             const Table<double, 6>& momentum, double dt) {
   const int n = tree.n, rows = 12 + 2 * n;
   const Size joints = static_cast<Size>(n), steps = accelerations.shape(1), nodes = steps + 1;
-  expect(accelerations.shape(0) == joints && momentum.size() == 6 && start.size() == 12 + 2 * joints,
-         "an array has a wrong shape");
+  expect(accelerations.shape(0) == joints && start.size() == 12 + 2 * joints, "an array has a wrong shape");
   Out out = new_array(rows, nodes);
   Mat3<double> R = matrix_at(start.data());
   const Vec3<double> linear = vector_at(momentum.data()), angular = vector_at(momentum.data() + 3);
@@ -139,12 +136,11 @@ Quadrature quadrature_of(const GivenQuadrature& given) {
 // Attitudes (9) of the base along S motions of a spline, and what momentum adds to its angular velocity (3):
 // rows (12, S K). Given that of the joint rates (3, S, K) and the inverse inertia (3, 3, S, K).
 Out spline_attitudes(const GivenQuadrature& quadrature, const In& omega, const In& inverse,
-                     const Matrix& start, const std::optional<Vector>& momentum) {
+                     const Rotation& start, const std::optional<Table<double, 3>>& momentum) {
   const Quadrature by = quadrature_of(quadrature);
   const Size K = static_cast<Size>(by.instants()), count = omega.size() / 3;
   expect(omega.size() == 3 * count && count % K == 0 && inverse.size() == 9 * count,
          "an array has a wrong shape");
-  expect(start.size() == 9, "an array has a wrong shape");
   Out out = new_array(12, count);
   const Mat3<double> first = matrix_at(start.data());
   std::vector<Vec3<double>> reaction(K), own(K, zero3<double>()), spins(K);
@@ -252,12 +248,11 @@ nb::tuple sums(const Tree& tree, const GivenMaps& maps, const GivenQuadrature& q
 // Joint rates (S, steps, n) of marches to the sides (S, 3). `joints` are positions, limits and greatest rates
 // (4, n); `places` the target, the centre of mass and its drift (3, 3).
 Out cone_marches(const Tree& tree, int steps, double duration, double kappa, double mean_speed,
-                 double damping, const Matrix& joints, const Matrix& places, const Matrix& attitude,
-                 const std::optional<Matrix>& rotation, const Matrix& sides) {
+                 double damping, const Table<double, 4, -1>& joints, const Rotation& places,
+                 const Rotation& attitude, const std::optional<Rotation>& rotation,
+                 const Table<double, -1, 3>& sides) {
   const Size n = static_cast<Size>(tree.n), count = sides.shape(0);
-  expect(joints.shape(0) == 4 && joints.shape(1) == n && sides.shape(1) == 3, "an array has a wrong shape");
-  expect(places.size() == 9 && attitude.size() == 9 && (!rotation || rotation->size() == 9),
-         "an array has a wrong shape");
+  expect(joints.shape(1) == n, "an array has a wrong shape");
   Out rates = new_array(count, steps, n);
   const double* turned = rotation ? rotation->data() : nullptr;
   const ConeMarch by = {duration,      steps,         kappa,           mean_speed, damping,

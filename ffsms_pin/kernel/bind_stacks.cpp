@@ -26,12 +26,11 @@ int own_axis(Vec3<double>& axis) {
 
 // A row of `joints`: parent, turns, moves_tip, axis (3), offset (3), placement (9). A row of `bodies`, the
 // base first: mass, lever (3), inertia about the centre of mass (9). `tip`: place and attitude.
-Tree made(const Matrix& joints, const Matrix& bodies, const Matrix& tip, int last, bool moves,
-          bool turns_freely) {
+Tree made(const Table<double, -1, 18>& joints, const Table<double, -1, 13>& bodies,
+          const Table<double, 1, 12>& tip, int last, bool moves, bool turns_freely) {
   const int n = static_cast<int>(joints.shape(0));
   expect(n >= 1 && n <= kMostJoints, "the kernel takes 1 to 64 joints");
-  expect(joints.shape(1) == 18 && bodies.shape(1) == 13, "an array has a wrong shape");
-  expect(bodies.shape(0) == joints.shape(0) + 1 && tip.size() == 12, "an array has a wrong shape");
+  expect(bodies.shape(0) == joints.shape(0) + 1, "an array has a wrong shape");
   expect(last >= -1 && last < n, "the end effector's joint is not there");
   Tree tree = {};
   tree.n = n;
@@ -268,7 +267,8 @@ Out singular_values(const In& matrices, bool vectors) {
 void bind_stacks(nb::module_& m) {
   nb::class_<Tree>(m, "Tree", "The robot in plain numbers.")
       .def("__init__",
-           [](Tree* self, const Matrix& joints, const Matrix& bodies, const Matrix& tip, int last, bool moves,
+           [](Tree* self, const Table<double, -1, 18>& joints, const Table<double, -1, 13>& bodies,
+              const Table<double, 1, 12>& tip, int last, bool moves,
               bool turns_freely) { new (self) Tree(made(joints, bodies, tip, last, moves, turns_freely)); })
       .def_ro("n", &Tree::n)
       .def("__getstate__", [](const Tree& self) { return nb::bytes(&self, sizeof self); })

@@ -20,19 +20,19 @@ Out array_of(const std::vector<double>& values) {
 }
 
 // What a step is written from, of a root pose (x, y, z, quaternion): see opt/step/state.py. First columns
-// (6, n), reaction, J*, J_m and C_bm; then V (n, n); then places, twists, the end effector's attitude, and
+// (6, n), reaction, J* and J_m; then V (n, n); then places, twists, the end effector's attitude, and
 // the paper's entropy.
-nb::tuple step_state(const Tree& tree, const Vector& root, const Vector& joints,
-                     const std::optional<Vector>& momentum) {
+nb::tuple step_state(const Tree& tree, const Table<double, 7>& root, const Vector& joints,
+                     const std::optional<Table<double, 6>>& momentum) {
   const int n = tree.n;
-  expect(root.shape(0) == 7 && joints.shape(0) == static_cast<Size>(n), "an array has a wrong shape");
+  expect(joints.shape(0) == static_cast<Size>(n), "an array has a wrong shape");
   Arm<double> arm;
   evaluate(tree, joints.data(), arm);
   const double x = root(3), y = root(4), z = root(5), w = root(6);
   const Mat3<double> R = {{{1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)},
                            {2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)},
                            {2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}}};
-  Out columns = new_array(4, 6, n), basis = new_array(n, n), more = new_array(28);
+  Out columns = new_array(3, 6, n), basis = new_array(n, n), more = new_array(28);
   double A[kMostJoints * 6], V[kMostJoints * kMostJoints], sigma[kMostJoints];
   for (int j = 0; j < n; ++j) {
     Writer write = {columns.data() + j, static_cast<Size>(n)};
@@ -41,10 +41,7 @@ nb::tuple step_state(const Tree& tree, const Vector& root, const Vector& joints,
                                        R * (arm.spin[j] + turning), R * arm.tip_velocity[j], R * turning}) {
       write.put(&column, 1);
     }
-    for (int i = 0; i < 6; ++i) {
-      write.put(&arm.coupling[i][j], 1);
-      A[j * 6 + i] = arm.coupling[i][j];
-    }
+    for (int i = 0; i < 6; ++i) A[j * 6 + i] = arm.coupling[i][j];
   }
   // Singular values depend on the reference point, the base's centre of mass, and not on the axes.
   decompose(6, n, A, 6, V, sigma);

@@ -16,6 +16,7 @@ from ffsms_pin.checks import number, per_joint
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, UnsupportedJoint
 from ffsms_pin.models.base import SatelliteBase
 from ffsms_pin.models.satellite_shapes import satellite_shapes
+from ffsms_pin.storage import check_readable, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.joints import JointLayout
 from ffsms_pin.system.shapes import GivenShapes, checked_shapes
@@ -35,7 +36,7 @@ def is_mjcf(path: Path) -> bool:
     if path.suffix.lower() == ".mjcf":
         return True
     try:
-        return path.suffix.lower() == ".xml" and ElementTree.parse(path).getroot().tag == "mujoco"
+        return path.suffix.lower() == ".xml" and ElementTree.fromstring(read_content(path)).tag == "mujoco"
     except (OSError, ElementTree.ParseError, ValueError, LookupError):
         return False  # the reader of URDFs says what is wrong
 
@@ -43,6 +44,7 @@ def is_mjcf(path: Path) -> bool:
 def read_mjcf(path: Path) -> tuple[Any, ShapePair]:
     """The pinocchio.Model of an MJCF file, and its visual and collision shapes."""
     try:
+        check_readable(path)
         model = pin.buildModelFromMJCF(str(path))
     except Exception as error:  # whatever Pinocchio's reader objects to
         raise InvalidUrdf(path, f"Pinocchio cannot read it as MJCF ({error})") from None

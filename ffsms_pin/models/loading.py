@@ -94,10 +94,6 @@ def load(
         Shapes of a robot that is given as a Pinocchio model; a file has its own. Default: no shapes. With
         collision shapes alone, these are drawn too.
 
-    Returns
-    -------
-    SpaceManipulator
-
     Raises
     ------
     ModelNotFound, InvalidUrdf, InvalidInertia, UnsupportedJoint, FrameNotFound, AmbiguousEndEffector

@@ -13,6 +13,7 @@ import pinocchio as pin
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.scenarios.keys import DEGREES
+from ffsms_pin.storage import LARGEST_DATA, check_readable
 
 __all__ = ["SHAPE_KEYS", "made_obstacles"]
 
@@ -90,9 +91,10 @@ def _shape(source: Path, title: str, kind: str, row: Mapping[str, Any]) -> Any:
     if kind == "capsule":
         return coal.Capsule(row["radius"], row["length"])
     path = source.parent / row["file"]
-    if not path.is_file():
-        raise InvalidScenario(source, f"{title} file = '{row['file']}' is not there")
     try:
+        check_readable(path, LARGEST_DATA)
         return coal.MeshLoader().load(str(path), np.full(3, row.get("scale", 1.0)))
+    except FileNotFoundError:
+        raise InvalidScenario(source, f"{title} file = '{row['file']}' is not there") from None
     except Exception as error:  # of the mesh readers: each has its own kinds
         raise InvalidScenario(source, f"{title} file = '{row['file']}' cannot be read ({error})") from None

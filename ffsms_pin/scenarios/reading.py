@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ffsms_pin.errors import InvalidScenario, meant
+from ffsms_pin.storage import read_content
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -37,7 +38,7 @@ def read(source: Path) -> dict[str, Any]:
         The file is missing, cannot be read, or is not TOML.
     """
     try:
-        return tomllib.loads(source.read_bytes().decode("utf-8-sig"))
+        return tomllib.loads(read_content(source).decode("utf-8-sig"))
     except (FileNotFoundError, NotADirectoryError):
         packaged = ", ".join(scenario_names())
         guess = meant(source, scenario_names())

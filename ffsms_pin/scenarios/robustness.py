@@ -25,6 +25,7 @@ from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 from ffsms_pin.scenarios.success import wilson_interval
 from ffsms_pin.scenarios.tracked import arrived
 from ffsms_pin.simulation import random_plants
+from ffsms_pin.storage import read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 
@@ -251,7 +252,7 @@ def _specification(work: _Runs) -> dict[str, Any]:
     return {
         "what": "robustness",
         "scenario": scenario.name,
-        "file_sha256": _sha256(scenario.source.read_bytes()),
+        "file_sha256": _sha256(read_content(scenario.source)),
         "robot_sha256": _sha256(work.loop.sms.model.saveToString().encode()),
         "plan_sha256": _sha256(work.plan.q.tobytes()),
         "largest_relative_error": work.shares,

@@ -11,7 +11,7 @@ from typing import Any
 from ffsms_pin.errors import ResultError
 from ffsms_pin.scenarios.contents import Contents
 from ffsms_pin.scenarios.definition import Scenario, scenario_of
-from ffsms_pin.storage import write_content
+from ffsms_pin.storage import read_content, write_content
 
 __all__ = ["load_scenario", "save_scenario"]
 
@@ -40,7 +40,7 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
         A table holds something that cannot be used.
     """
     try:
-        said = json.loads(Path(path).read_text("utf-8"))
+        said = json.loads(read_content(path))
     except (OSError, ValueError, RecursionError) as error:
         raise ResultError(path, f"cannot be read ({error})") from None
     if not (

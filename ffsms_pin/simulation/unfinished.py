@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.errors import ResultError
-from ffsms_pin.storage import check_writable, regular_target
+from ffsms_pin.storage import check_readable, check_writable, read_content, regular_target
 from ffsms_pin.storage.temporary import hidden_path, is_abandoned, locked_folder, open_folder
 
 __all__ = ["ROWS", "begun", "check_stream", "given_up", "part_folder", "recorded"]
@@ -137,7 +137,7 @@ def _is_ours(folder: Path) -> bool:
     """Whether a recording of ours is in a folder; a link to one is none."""
     mark = folder / _MARK
     try:
-        return not folder.is_symlink() and mark.is_file() and mark.read_text(encoding="utf-8") == _WORDS
+        return not folder.is_symlink() and read_content(mark) == _WORDS.encode()
     except (OSError, ValueError):
         return False
 
@@ -153,6 +153,7 @@ def _is_alive(folder: Path) -> bool:
 def _rows(folder: Path) -> int:
     """How many rows are complete."""
     try:
+        check_readable(folder / f"{ROWS}.npy")
         return int(np.load(folder / f"{ROWS}.npy")[0])
     except (OSError, ValueError, EOFError, IndexError):
         raise ResultError(folder, "was left unfinished, and its rows cannot be read") from None

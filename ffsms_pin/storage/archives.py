@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 import os
-import stat
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from typing import IO, Any, NamedTuple
@@ -11,7 +11,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.errors import ResultError
-from ffsms_pin.storage.paths import path_like
+from ffsms_pin.storage.paths import check_readable, path_like
 from ffsms_pin.storage.writing import write_atomically
 
 __all__ = ["Header", "load_arrays", "save_arrays"]
@@ -21,7 +21,6 @@ _FORMAT_KEY = "format"
 # to more than twenty times the file's own size is refused.
 _UNPACKED = 2**30  # [bytes]
 _RATIO = 20
-_LONGEST_TEXT = 2**20  # [bytes]
 
 
 class Header(NamedTuple):
@@ -54,25 +53,14 @@ def load_arrays(
     defaults: Mapping[str, Any] | None = None,
     check: Callable[[Mapping[str, Any]], None] | None = None,
 ) -> dict[str, Any]:
-    """Read what `save_arrays` wrote; every one of `names` must be there, or have a default.
+    """Read what `save_arrays` wrote; each of `names` must be there, or have a default, as older files need.
 
-    Nothing else is read from the file, and nothing before its size is known.
-
-    Parameters
-    ----------
-    path : path
-    kind : str
-    names : sequence of str
-    defaults : mapping of str to arrays
-        For members that older files do not have.
-    check : callable
-        Is given the headers of the arrays, by name, before any of them is read; raises `ResultError` where
-        they do not fit.
+    Nothing else is read from the file, and nothing before its size is known. `check` is given the headers of
+    the arrays, by name, before any of them is read; it raises `ResultError` where they do not fit.
     """
     path = path_like("path", path)
     try:
-        if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
-            raise ResultError(path, "is no regular file, so it is not read")
+        check_readable(path, math.inf)  # of its arrays only those that are named are read
         # Opened here: an archive that is damaged would be left open.
         with open(path, "rb") as stream:
             return _read(path, stream, kind, names, defaults or {}, check)
@@ -98,16 +86,14 @@ def _read(
 ) -> dict[str, Any]:
     with zipfile.ZipFile(stream) as archive:
         there = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-        if _FORMAT_KEY not in there or _kind(archive, there[_FORMAT_KEY]) != kind:
+        if _FORMAT_KEY not in there or not _is_text(archive, there[_FORMAT_KEY], kind):
             raise ResultError(path, f"is not a {kind} file")
         missing = [name for name in names if name not in there and name not in defaults]
         if missing:
             raise ResultError(path, f"lacks {', '.join(missing)}; it was written by another version")
         headers = {name: _header(archive, there[name]) for name in names if name in there}
-        unpacked, packed = (
-            sum(header.nbytes for header in headers.values()),
-            os.fstat(stream.fileno()).st_size,
-        )
+        unpacked = sum(header.nbytes for header in headers.values())
+        packed = os.fstat(stream.fileno()).st_size
         if unpacked > max(_UNPACKED, _RATIO * packed):
             raise ResultError(
                 path,
@@ -122,11 +108,11 @@ def _read(
         }
 
 
-def _kind(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> str:
-    """The text that says what kind of result a file holds; empty where it is none."""
+def _is_text(archive: zipfile.ZipFile, info: zipfile.ZipInfo, text: str) -> bool:
+    """Whether a member holds a text; one of another length is not read."""
     header = _header(archive, info)
-    short = header.dtype.kind == "U" and header.shape == () and header.nbytes <= _LONGEST_TEXT
-    return str(_array(archive, info)) if short else ""
+    same = header.shape == () and header.dtype.kind == "U" and header.nbytes == np.array(text).nbytes
+    return same and str(_array(archive, info)) == text
 
 
 def _header(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Header:

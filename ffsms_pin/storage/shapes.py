@@ -26,18 +26,11 @@ def check_shapes(
 ) -> None:
     """Raise `ResultError` unless arrays hold what they should, in shapes that fit together.
 
-    Parameters
-    ----------
-    path : path
-        Of the file, for the error.
-    arrays : mapping of str to arrays
-        Anything with `shape` and `dtype`: the header of an array is enough.
-    wanted : mapping of str to tuple
-        The dimensions of each array: numbers, or sizes by name ("N", "n", "nq") with or without a number
-        added ("N+1"). The first array with a size of that name sets it. Where "n" joints and "nq" are named,
-        nq is checked against n: a free base has 7 of them, and a joint 1 or, where it turns for ever, 2.
-    others : mapping of str to str
-        Kinds of data (numpy's letters) of the arrays that hold no numbers.
+    `arrays` are anything with `shape` and `dtype`, as headers. `wanted` has the dimensions of each: numbers,
+    or sizes by name ("N", "n", "nq") with or without a number added ("N+1"); the first array that has a size
+    sets it. Where "n" joints and "nq" are named, nq is checked against n: a free base has 7 of them, and a
+    joint 1 or, where it turns for ever, 2. `others` has the kinds of data (numpy's letters) of arrays that
+    hold no numbers.
     """
     sizes: dict[str, int] = {}
     for name, dimensions in wanted.items():

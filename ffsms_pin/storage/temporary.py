@@ -28,12 +28,12 @@ __all__ = [
 
 COMPLETE = "-complete"  # ends the name of a folder whose files only have to be moved: no leftover to remove
 _OURS = re.compile(r"\..*\.ffsms-pin-[0-9a-f]{8}", re.DOTALL)
-_LONGEST = 40  # characters of a name that its hidden name repeats: file systems take 255 bytes
 
 
 def hidden_path(folder: Path, name: str) -> Path:
     """A path for something half written, in `folder`, that will be `name`."""
-    return folder / f".{name[:_LONGEST]}.ffsms-pin-{secrets.token_hex(4)}"
+    # No more of the name than 40 characters: file systems take 255 bytes.
+    return folder / f".{name[:40]}.ffsms-pin-{secrets.token_hex(4)}"
 
 
 def locked_file(folder: Path, name: str) -> tuple[Path, int]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from ffsms_pin.errors import ResultError
-from ffsms_pin.storage.paths import path_like
+from ffsms_pin.storage.paths import KINDS, path_like
 from ffsms_pin.storage.temporary import locked_file, remove_leftovers
 
 __all__ = [
@@ -23,25 +23,11 @@ __all__ = [
     "write_content",
 ]
 
-_KINDS = {
-    stat.S_IFDIR: "a folder",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFLNK: "a link that leads to itself",
-}
-
 
 def regular_target(path: str | os.PathLike[str]) -> Path:
     """The file that a path leads to, through links; it need not be there.
 
-    Raises
-    ------
-    InvalidValue
-        It is no path.
-    ResultError
-        Something else than a regular file is there.
+    `ResultError` says that something else than a regular file is.
     """
     target = Path(os.path.realpath(path_like("path", path)))
     try:
@@ -51,7 +37,7 @@ def regular_target(path: str | os.PathLike[str]) -> Path:
     except OSError as error:
         raise ResultError(path, f"cannot be written ({error.strerror})") from None
     if kind != stat.S_IFREG:
-        what = _KINDS.get(kind, "no regular file")
+        what = KINDS.get(kind, "no regular file")
         raise ResultError(
             path, f"is {what}; results are written to regular files only, so choose another name"
         )
@@ -63,22 +49,9 @@ def write_atomically(
 ) -> None:
     """Write a file so that it is there whole or not at all.
 
-    A link is followed and stays. A file that is replaced keeps its mode; a new one gets the umask's.
-
-    Parameters
-    ----------
-    path : path
-        Its folder must exist.
-    write : callable
-        Is given an open binary file, in the same folder, that takes the name at the end.
-    durable : bool
-        Whether to wait until the disk has the file, and then its name: it is whole after a power cut, too.
-
-    Raises
-    ------
-    ResultError
-        The file cannot be written, or the path leads to something else than a regular file. What was there
-        stays as it was.
+    `write` is given an open binary file, in the same folder, that takes the name at the end. A link is
+    followed and stays. A file that is replaced keeps its mode, and stays as it was where `ResultError` says
+    that it cannot be written. Where it is `durable`, the disk has the file, and then its name, at the end.
     """
     target = regular_target(path)
     remove_leftovers(target.parent)
@@ -136,13 +109,7 @@ def replace_file(source: Path, path: Path) -> None:
 
 
 def check_writable(path: str | os.PathLike[str]) -> Path:
-    """Find out before a long run that its file cannot be written; returns the file that is meant.
-
-    Raises
-    ------
-    ResultError
-        As `write_atomically` would raise it.
-    """
+    """The file that a path leads to; `ResultError` before a long run where it cannot be written."""
     target = regular_target(path)
     try:
         temporary, handle = locked_file(target.parent, target.name)
@@ -154,10 +121,7 @@ def check_writable(path: str | os.PathLike[str]) -> Path:
 
 
 def require_space(path: str | os.PathLike[str], size: float) -> None:
-    """Raise `ResultError` unless there are `size` bytes free where `path` is to be.
-
-    Folders of the path that are not there yet are looked past.
-    """
+    """Raise `ResultError` unless there are `size` bytes free where `path`, or a folder of it, is to be."""
     place = Path(os.path.realpath(path))
     while not place.exists() and place != place.parent:
         place = place.parent

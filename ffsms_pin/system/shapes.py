@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.errors import GeometryError, InvalidValue
+from ffsms_pin.storage import LARGEST_DATA, check_readable
 from ffsms_pin.system.urdf_elements import is_number
 
 __all__ = [
@@ -85,6 +86,7 @@ class Description(ShapeSource):
         if kind == "collision" and self.srdf is not None:
             geometry.addAllCollisionPairs()
             try:
+                check_readable(self.srdf)
                 pin.removeCollisionPairs(model, geometry, str(self.srdf), False)
             except Exception as error:  # of the parser: it has its own kinds
                 raise GeometryError(f"{self.srdf}: it cannot be read as an SRDF ({error})") from None
@@ -123,6 +125,10 @@ class Description(ShapeSource):
                     f"{self.path}: the mesh '{name}' is not there; put it beside the file or name its folder:"
                     " package_dirs=[FOLDER]"
                 )
+            try:
+                check_readable(found, LARGEST_DATA)
+            except OSError as error:
+                raise GeometryError(f"{self.path}: the mesh '{name}': {error.strerror}") from None
             mesh.set("filename", str(found))
         return robot, count
 

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 
 from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import AmbiguousEndEffector, InvalidUrdf
+from ffsms_pin.storage import read_content
 
 __all__ = [
     "MOVING",
@@ -94,7 +95,7 @@ def read_robot(path: Path) -> ElementTree.Element:
     """The <robot> element of a file; comments are kept."""
     parser = ElementTree.XMLParser(target=_Builder(insert_comments=True))
     try:
-        robot = ElementTree.fromstring(path.read_bytes(), parser)
+        robot = ElementTree.fromstring(read_content(path), parser)
     except OSError as error:
         raise InvalidUrdf(path, f"cannot be read ({error.strerror})") from None
     except (ElementTree.ParseError, ValueError, LookupError) as error:

@@ -1,10 +1,8 @@
 """The quadratic programme of one step of the descent: a model of the merit under every linear limit.
 
-Determinism: where the unconstrained minimum keeps the limits, a Cholesky factorisation gives it. Otherwise
-DAQP, a dual active-set method, ends at the solution that belongs to its active rows, exactly and always the
-same; an interior-point or proximal method stops somewhere near. It is also several times faster on a few
-dozen unknowns. Where it finds none, the unconstrained step is shortened onto the limits: a poor step, which
-the descent will reject or damp.
+Where the unconstrained minimum keeps the limits, a Cholesky factorisation gives it, otherwise DAQP: a dual
+active-set method ends at the solution of its active rows, always the same, and is fast on a few dozen
+unknowns.
 
 Reference: D. Arnstroem, A. Bemporad, D. Axehill, "A dual active-set solver for embedded quadratic programming
 using recursive LDL^T updates", IEEE Transactions on Automatic Control 67 (2022).
@@ -44,21 +42,18 @@ class _Rows(NamedTuple):
 
 
 class ControlQP:
-    """Steps x that keep the control points p + x of a spline within the limits.
+    """Steps x that keep the control points p + x of a spline within the limits, lower <= rows p <= upper.
 
-    lower <= rows p <= upper, with p (M n,) flattened with the joints last. `labels` say what each row limits:
-    "rate", "acceleration", "position" or "rest", and the joint's index; the rows that ask for rest at the end
-    come after the first `moving` ones. `start` (M, n) are control points that must stay allowed, such as the
-    rest of a plan; default: those of an arm that brakes.
+    p (M n,) is flattened with the joints last. `labels` say what each row limits ("rate", "acceleration",
+    "position" or "rest") and the joint's index; rows for rest at the end come after the first `moving` ones.
+    `start` (M, n) are control points that must stay allowed; default: those of an arm that brakes.
     """
 
     def __init__(self, problem: Problem, spline: RateSpline, start: FloatArray | None = None) -> None:
         n, size = problem.sms.n, spline.size
         self._free = np.flatnonzero(np.tile(problem.free, size))
-        # There may be no rows, where nothing is limited and the end is free.
         kinds = [_Rows("", np.empty((0, size)), *np.empty((2, 0, n))), *_rows(problem, spline)]
         self._matrix = np.vstack([one.matrix for one in kinds])
-        # Those of one control point after the other, the joints last.
         self.rows = np.kron(self._matrix, np.eye(n))
         self.labels = [(one.kind, i) for one in kinds for _ in one.matrix for i in range(n)]
         lower = np.vstack([one.lower for one in kinds]).ravel() + 10.0 * _TOLERANCE
@@ -103,9 +98,8 @@ class ControlQP:
     ) -> FloatArray | None:
         """The best step within low <= rows x <= high; None where none is found.
 
-        With `factor`, the U of hessian = U^T U, it is z = U (x - unbounded) that is to be least, under bounds
-        on the rows times U^-1: LAPACK transforms few rows faster than DAQP does a hessian. At first these are
-        the rows that the arm touches and that the unconstrained minimum breaks, then those that z breaks too.
+        With `factor`, the U of hessian = U^T U, z = U (x - unbounded) is to be least, under the rows that the
+        arm touches and that the unconstrained minimum breaks, then those that z breaks too.
         """
         rows, touched = self._free_rows, 100.0 * _TOLERANCE
         chosen = (move > high) | (move < low) | (high < touched) | (low > -touched)

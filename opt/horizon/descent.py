@@ -2,9 +2,8 @@
 
 Successive halving: many motions for a few iterations, the best of them for more, on a finer spline.
 
-References: J. Nocedal, S. J. Wright, "Numerical Optimization", 2nd ed., 2006, ch. 10; K. Jamieson,
-A. Talwalkar, "Non-stochastic best arm identification and hyperparameter optimization", 2016 (the idea; its
-bandit setting does not matter here).
+References: J. Nocedal, S. J. Wright, "Numerical Optimization", 2nd ed., 2006, ch. 10; K. Jamieson, A.
+Talwalkar, "Non-stochastic best arm identification and hyperparameter optimization", 2016.
 """
 
 from __future__ import annotations
@@ -13,19 +12,24 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.goals import Goal
+from ffsms_pin.opt.goals import Changed, Goal
+from ffsms_pin.opt.goals.near import end_errors
 from ffsms_pin.opt.horizon.control_qp import ControlQP
 from ffsms_pin.opt.horizon.merit import Linearisation, Weights, linearise
 from ffsms_pin.opt.horizon.spline import Grid, RateSpline, embedded, rate_spline
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.terms.term import REFERENCE_TIME
+from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = [
     "LAST_WEIGHTS",
     "Candidates",
     "Model",
+    "arrival_error",
+    "corrected_goal",
     "descend",
     "distinct_best",
     "follow",
@@ -34,13 +38,7 @@ __all__ = [
     "tighten",
 ]
 
-_APART = 0.05  # [rad or m] motions whose joints stay this near to each other have come together
 _LACK = 0.5  # share of a limit's margin at which a motion has landed
-_DAMPING = 0.03  # that stages after the first begin with
-_LEAST_DAMPING = 1e-6
-_MOST_DAMPING = 1e3  # a step that fails even under this one will not be found
-_STALL = 1e-3  # the relative gain below which a motion drops out
-_MERIT_NOISE = 1e-4  # added to the merit in that: gains below a tenth of this per thousand are nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +80,9 @@ class Candidates:
 
     @classmethod
     def start(
-        cls, model: Model, p: FloatArray, weights: Weights, damping: float | FloatArray = 1e-2
+        cls, model: Model, p: FloatArray, weights: Weights, damping: float | FloatArray = 0.03
     ) -> Candidates:
-        """Motions linearised under these weights."""
+        """Motions linearised under these weights; the default damping is that of stages after the first."""
         return cls(p.copy(), model.linearise(p, weights), np.broadcast_to(damping, len(p)).astype(np.float64))
 
     def take(self, index: Any) -> Candidates:
@@ -120,10 +118,11 @@ def descend(model: Model, motions: Candidates, weights: Weights, iterations: int
             motions.at.put(live[better], new.take(better))
         ratio = gain / np.maximum(expected, 1e-15)
         factor = np.where(~better, 6.0, np.where(ratio > 0.7, 0.2, np.where(ratio > 0.3, 0.5, 2.0)))
-        damping = np.maximum(motions.damping[live] * factor, _LEAST_DAMPING)
+        damping = np.maximum(motions.damping[live] * factor, 1e-6)
         motions.damping[live] = damping
-        little = gain < _STALL * (new.merit + model.time * _MERIT_NOISE)
-        live = live[~np.where(better, little, damping > _MOST_DAMPING)]
+        # Motions drop out that gain less than a thousandth, or whose step fails even under so much damping.
+        little = gain < 1e-3 * (new.merit + 1e-4 * model.time)
+        live = live[~np.where(better, little, damping > 1e3)]
         if not live.size:
             break
     return motions
@@ -153,32 +152,31 @@ def follow(
 ) -> Candidates:
     """From the pool of early motions to a few on the fine spline, the best first.
 
-    `keep` motions go on: on the coarse spline, on the fine one, and there to the end. `repeats`: how many
-    times the usual iterations they make.
+    `keep` go on: on the coarse spline, on the fine one, and there to the end, in `repeats` times the
+    iterations.
     """
     model, motions = coarse, pool
     for k, (most, (iterations, weights)) in enumerate(zip(keep, _LATER, strict=True)):
         p = distinct_best(model, motions, most).p
         if k == 1:
             model, p = fine, embedded(coarse.spline, fine.spline, p, fine.problem.joint_rates)
-        motions = Candidates.start(model, p, weights, _DAMPING)
+        motions = Candidates.start(model, p, weights)
         motions = descend(model, motions, weights, repeats * iterations)
     return distinct_best(fine, motions, keep[-1])
 
 
 def distinct_best(model: Model, motions: Candidates, keep: int) -> Candidates:
-    """The `keep` best motions; of those that came together only the best.
+    """The `keep` best motions; of those whose joints stay within 0.05 rad or m of each other only the best.
 
-    Beside the smoothed merit the true objective counts, for the smoothing hides cost, and the square of the
-    largest lack of a clearance, in margins beyond the first: a short way through a body weighs little over
-    time, and a descent does not find out of it.
+    Beside the smoothed merit the true objective counts, and the square of the largest lack of a clearance, in
+    margins beyond the first: a short way through a body weighs little, and a descent does not find out of it.
     """
     chosen: list[int] = []
     places = model.spline.travel.free @ motions.p
     beyond = np.maximum(motions.at.blocked_share - 1.0, 0.0)
     worth = motions.at.merit + 0.3 * motions.at.objective + beyond**2
     for i in np.argsort(worth, kind="stable"):
-        if all(np.max(np.abs(places[i] - places[j])) > _APART for j in chosen):
+        if all(np.max(np.abs(places[i] - places[j])) > 0.05 for j in chosen):
             chosen.append(int(i))
         if len(chosen) == keep:
             break
@@ -203,5 +201,34 @@ def prefer_limits(model: Model, motion: Candidates) -> Candidates:
         if motion.at.limit_share[0] <= _LACK:
             break
         weights = LAST_WEIGHTS._replace(end=softer * LAST_WEIGHTS.end, limits=10.0 * LAST_WEIGHTS.limits)
-        motion = descend(model, Candidates.start(model, motion.p, weights, _DAMPING), weights, 15)
+        motion = descend(model, Candidates.start(model, motion.p, weights), weights, 15)
     return motion
+
+
+def arrival_error(goal: Goal, plan: Trajectory) -> float:
+    """The largest error at the deadline [m, rad], and of velocities that the goal asks for [m/s, rad/s]."""
+    last = float(plan.position_error[-1]), float(plan.orientation_error[-1])
+    return float(end_errors(goal, *last, plan.contact_velocity, plan.duration).max())
+
+
+def corrected_goal(problem: Problem, goal: Goal, plan: Trajectory) -> Goal | None:
+    """The next goal, after a landing at `goal` gave this plan; None where the plan arrives.
+
+    It is beside the one before by as much as the finished motion missed the true one, and has less reach
+    where that motion ends at the goal but is too far from it in the last tenth.
+    """
+    within = arrival_error(problem.goal, plan) <= problem.goal.tolerance
+    if plan.reached and within:
+        return None
+    place, q = problem.goal.place(problem.duration), plan.q[-1]
+    missed = place.missed(place.seen(problem.sms.at(q).end_effector_pose, q))
+    way, turn = missed.way.value[:, 0, 0], pin.exp3(missed.vector[:, 0, 0])
+    last = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
+    late = max(
+        float(plan.position_error[last].max()) / problem.goal.reach,
+        float(plan.orientation_error[last].max()) / problem.goal.orientation_reach,
+    )
+    # What a corrected motion shall use of the reaches in the last tenth.
+    nearer = 0.95 / late if late > 1.0 and within else 1.0
+    reaches = {"reach": nearer * goal.reach, "orientation_reach": nearer * goal.orientation_reach}
+    return Changed(goal, lambda place: place.moved(way, turn), **reaches)

@@ -28,18 +28,14 @@ __all__ = ["explain", "keep_limits", "reach_range", "with_limits_said", "within_
 def with_limits_said(
     problem: Problem, plan: Trajectory, again: Callable[[Problem], Trajectory]
 ) -> Trajectory:
-    """A plan that has not reached; its note has what the limits that bind say of it.
-
-    `again` plans another problem, in a short search.
-    """
+    """A plan that has not reached, with what limits that bind say of it; `again` plans another problem."""
     motion, said = problem.motion(plan.joint_rates), [plan.note]
     for limit in (one for one in problem.limits if one.name in plan.binding):
         nearest = violation_of(limit, motion).nearest
         if nearest:
             said.append(f"blocked by {nearest}")
         elif limit.eased_by_time and limit.name not in plan.broken:
-            # A planner that cannot have both ends within the limit and short of the goal. Then nothing is
-            # broken, and only a motion that the limit does not hold back tells what it lacks.
+            # Nothing is broken: only a motion that the limit does not hold back tells what it lacks.
             others = [_Nothing(one.name) if one is limit else one for one in problem.limits]
             free = again(replace(problem, limits=others))
             if free.reached:
@@ -88,8 +84,7 @@ def explain(
         words.append(plan.note)
     said = len(words)
     distance, least, most = distances(problem)
-    tolerance = problem.goal.tolerance
-    if not least - tolerance <= distance <= most + tolerance:
+    if not within_workspace(problem):
         words.append(
             f"binding: the workspace, since the end effector can be {least:.3f} to {most:.3f} m from the "
             f"system's centre of mass and the target is {distance:.3f} m from it"
@@ -112,7 +107,10 @@ def explain(
             words.append("no limit binds; no motion was found that ends nearer")
         return replace(plan, note="; ".join(words))
     if problem.goal.exact:
-        shortest = 0.0 if fast else _later_deadline(problem, least, most, attempt)
+        t, inside = _within_reach(problem, least, most)
+        later = [] if fast else [factor * problem.duration for factor in (1.5, 2.0)]
+        later = [one for one in later if inside[int(np.argmin(np.abs(t - one)))]]
+        shortest = next((one for one in later if attempt(problem.lasting(one))), 0.0)
     else:
         slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
         slow = slow or any(limit.eased_by_time for limit in binds)
@@ -131,7 +129,7 @@ def within_workspace(problem: Problem) -> bool:
 def distances(problem: Problem) -> tuple[float, float, float]:
     """Of the target from the system's centre of mass at the deadline, and the range that can be had [m].
 
-    How far a goal on the base is from it depends on the joints: it counts as within.
+    A goal on the base counts as within.
     """
     place, (least, most) = problem.goal.place(problem.duration), reach_range(problem)
     if place.moves_with_base:
@@ -141,10 +139,7 @@ def distances(problem: Problem) -> tuple[float, float, float]:
 
 
 def reach_range(problem: Problem) -> tuple[float, float]:
-    """Least and greatest distance of the end effector from the system's centre of mass, over the joint range.
-
-    The base's attitude does not change it, and it holds for all motions from rest: the centre stays.
-    """
+    """Least and greatest distance [m] of the end effector from the centre of mass, over the joint range."""
     low, high = joint_range(problem)
     stack, seeds = problem.stack, spread_postures(problem, 0, 64)
     found = []
@@ -167,13 +162,18 @@ def _sufficient(
 ) -> float:
     """The least duration [s] found for which the goal is met, by bisection; 0: none found.
 
-    Without momentum a path can be gone in any time that the rates and accelerations of the joints, and the
-    wheels, allow. So where none of these binds, and no straight move wants time, more time does not help.
+    Without momentum a path can be gone in any time that the limits of the joints and wheels allow: where none
+    of these binds, and no straight move that ends at the goal and keeps the limits wants time, more is no
+    help.
     """
     if problem.goal.moves:
         return 0.0  # another deadline is another goal, for one that moves
-    if not (more_time_helps or problem.momentum is not None or _wants_time(problem, goals)):
-        return 0.0
+    if not more_time_helps and problem.momentum is None:
+        options = SearchOptions()
+        there = goals.near(problem, options.arrived_radius)
+        slow = [straight_time(problem, joints) > ARRIVAL_SHARE * problem.duration for joints in there]
+        if not keep_limits(Model.make(problem, options.fine), there[slow]).any():
+            return 0.0
     straight = [straight_time(problem, joints) for joints in goals.near(problem)]
     shorter = max(problem.duration, too_short(problem, goals))
     # A quarter longer than the failed one, a tenth longer than the straight move to the nearest goal takes.
@@ -190,14 +190,6 @@ def _sufficient(
         enough = attempt(problem.lasting(between))
         shorter, longer = (shorter, between) if enough else (between, longer)
     return longer
-
-
-def _wants_time(problem: Problem, goals: JointGoals) -> bool:
-    """Whether there is too little time for straight moves that end at the goal and keep the limits."""
-    options = SearchOptions()
-    there = goals.near(problem, options.arrived_radius)
-    slow = [straight_time(problem, joints) > ARRIVAL_SHARE * problem.duration for joints in there]
-    return bool(keep_limits(Model.make(problem, options.fine), there[slow]).any())
 
 
 def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
@@ -220,12 +212,11 @@ def _time_within_reach(problem: Problem, least: float, most: float) -> str:
         return f"the goal is not within reach at any time in the next {t[-1]:.0f} s"
     k = int(np.flatnonzero(inside)[np.argmin(np.abs(t[inside] - problem.duration))])
     outside = np.flatnonzero(~inside)
-    first = int(outside[outside < k].max(initial=-1)) + 1
-    last = int(outside[outside > k].min(initial=len(t))) - 1
-    middle = 0.5 * (t[first] + t[last])
+    first = t[int(outside[outside < k].max(initial=-1)) + 1]
+    last = t[int(outside[outside > k].min(initial=len(t))) - 1]
     return (
-        f"the goal is within reach from {t[first]:.1f} s to {t[last]:.1f} s: "
-        f"the best time to try is a deadline near {middle:.1f} s"
+        f"the goal is within reach from {first:.1f} s to {last:.1f} s: "
+        f"the best time to try is a deadline near {0.5 * (first + last):.1f} s"
     )
 
 
@@ -243,16 +234,6 @@ def _too_fast(problem: Problem, goals: JointGoals) -> str:
     if share <= 1.0:
         return ""
     return f"too fast: to move with the goal at the deadline takes {share:.1f} times the joints' rate limits"
-
-
-def _later_deadline(problem: Problem, least: float, most: float, attempt: Callable[[Problem], bool]) -> float:
-    """A later deadline at which a goal that moves is met [s]; 0: none found."""
-    t, inside = _within_reach(problem, least, most)
-    for factor in (1.5, 2.0):
-        duration = factor * problem.duration
-        if inside[int(np.argmin(np.abs(t - duration)))] and attempt(problem.lasting(duration)):
-            return duration
-    return 0.0
 
 
 def _within_reach(problem: Problem, least: float, most: float) -> tuple[FloatArray, NDArray[np.bool_]]:

@@ -1,7 +1,6 @@
 """The merit of whole motions: the squares of all residuals, weighted, and their slopes by the control points.
 
-Terms, goal and limits contribute residuals; this file only stacks them. To add one, write a `Term` or a
-`Limit`.
+Terms, goal and limits contribute residuals; this file only stacks them.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals import Goal
-from ffsms_pin.opt.horizon.arrival import arrival
+from ffsms_pin.opt.goals.near import arrivals, beyond
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
@@ -21,26 +20,18 @@ from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing, apply_rates
 from ffsms_pin.opt.parts.reading import asked, residuals_of
 from ffsms_pin.opt.problem import Problem, given
 from ffsms_pin.opt.terms.term import time_scale
+from ffsms_pin.system.batch.stacks import dot
 
-__all__ = ["Linearisation", "Weighted", "Weights", "linearise", "motions_of", "sums"]
+__all__ = ["Arrival", "Linearisation", "Weighted", "Weights", "arrival", "linearise", "motions_of", "sums"]
 
 
 class Weights(NamedTuple):
     """Weights of the squares beside the terms' own, and the smoothing of the paper's cost.
 
-    Given for a motion of 8 s of an arm one metre long, and fitted to the problem by its duration and the
-    arm's length, so that everything keeps its proportion to the cost integral.
-
-    Attributes
-    ----------
-    end : float
-        Of the goal's errors at the deadline [1/m^2]; a tenth of it of what they exceed in the last tenth.
-    limits : float
-        Of the residuals of limits, over time [1/s].
-    tie_break : float
-        Factor on the weights of terms that smooth (`Term.smooths`).
-    fade_speed, fade_distance : float
-        See `Smoothing`; `fade_distance` in arm lengths.
+    For a motion of 8 s of an arm one metre long, and fitted to the problem by its duration and the arm's
+    length. `end` is of the goal's errors at the deadline [1/m^2], a tenth of it of what they exceed in the
+    last tenth; `limits` of the residuals of limits, over time [1/s]; `tie_break` multiplies the weights of
+    terms that smooth (`Term.smooths`); for `fade_speed` and `fade_distance`, in arm lengths, see `Smoothing`.
     """
 
     end: float
@@ -57,17 +48,11 @@ class Weights(NamedTuple):
 class Linearisation(NamedTuple):
     """S motions: every array has S rows, so that rows can be taken, replaced and joined.
 
-    Attributes
-    ----------
-    merit, objective : ndarray, shape (S,)
-        The weighted sum of squares; the terms alone, not smoothed and not eased.
-    gradient, hessian : ndarray, shape (S, Mn), (S, Mn, Mn)
-        Half of the merit's, Gauss-Newton; zero where they were not asked for.
-    end_share, late_share : ndarray, shape (S,)
-        The largest part of the goal at the deadline as a share of its tolerance, and in the last tenth as a
-        share of its reach.
-    limit_share, blocked_share : ndarray, shape (S,)
-        The largest residual of a limit, as a share of the limit's margin; of all, and of those that block.
+    `merit` and `objective` (S,): the weighted sum of squares, and the terms alone, not smoothed and not
+    eased. `gradient` (S, Mn) and `hessian` (S, Mn, Mn): half of the merit's, Gauss-Newton, zero where not
+    asked for. The largest part of the goal at the deadline as a share of its tolerance (S,), and in the last
+    tenth of its reach; the largest residual as a share of the limit's margin, of all limits and of those that
+    block.
     """
 
     merit: FloatArray
@@ -93,6 +78,42 @@ class Linearisation(NamedTuple):
         return Linearisation(*(np.concatenate(both) for both in zip(self, other, strict=True)))
 
 
+class Arrival(NamedTuple):
+    """What a goal asks of S motions. A radian, a metre a second and a radian a second weigh like a metre."""
+
+    end: list[Feature]  # at the deadline
+    tail: list[Feature]  # in the last tenth
+    end_share: FloatArray  # (S,) the largest error at the deadline, as a share of the tolerance
+    late_share: FloatArray  # (S,) and in the last tenth, as a share of the reach
+
+
+def arrival(goal: Goal, motions: Motions) -> Arrival:
+    """Residuals of the way to the goal beyond what is near enough."""
+    (end, tail), m = arrivals(goal), Features(motions)
+    late, last = slice(int(motions.last_tenth[0]), None), slice(motions.last, None)
+    places, place = goal.places(motions.times[late]), goal.place(motions.duration)
+    missed = places.missed(m.frame("tip", places.on).during(late)).parts
+    asked = end.among([x.during(slice(-1, None)) for x in missed])
+    near = tail.among([x.during(slice(0, len(motions.last_tenth))) for x in missed])
+    moving = []
+    if place.velocity is not None:
+        moving.append((m.velocity.during(last) - place.velocity, goal.tolerance))
+    if place.spin is not None:
+        moving.append((m.spin.during(last) - place.spin, goal.tolerance))
+    ends = [beyond(x, end.share * most) for x, most in asked] + [x for x, _ in moving]
+    (way, reach), *turns = near  # of the way the distance counts alone
+    tails = [np.maximum(way.norm() - tail.share * reach, 0.0)]
+    tails += [beyond(x, tail.share * most) for x, most in turns]
+    end_residuals, tail_residuals = ([x.at_once() for x in found] for found in (ends, tails))
+    return Arrival(end_residuals, tail_residuals, _share([*asked, *moving]), _share(near))
+
+
+def _share(asked: list[tuple[Feature, float]]) -> FloatArray:
+    """The largest of vectors as a share of what is allowed of each (S,)."""
+    shares = [np.sqrt(dot(x.value, x.value)).max(axis=1) / most for x, most in asked]
+    return np.asarray(np.max(shares, axis=0))
+
+
 def motions_of(
     problem: Problem,
     spline: RateSpline,
@@ -100,12 +121,10 @@ def motions_of(
     smoothing: Smoothing = EXACT,
     goal: Goal | None = None,
 ) -> Motions:
-    """Motions with control points p (S, M, n): joints, base and end effector at the spline's instants.
+    """Motions with control points p (S, M, n) at the spline's instants; `goal` is the problem's, or near it.
 
-    The base's attitude follows from the joints by the momentum equation: dR/dt = R [omega]x, with omega the
-    sum of spin @ u and of what the total momentum adds, where there is one. What it adds depends on the
-    attitude (Picard's iteration). How it changes with the control points is left out of the slopes; the
-    values are exact, so a motion that arrives does arrive. `goal` is the problem's, or near it.
+    dR/dt = R [omega]x, with omega the sum of spin @ u and of what a total momentum adds, by Picard's
+    iteration. How the latter changes with the control points is left out of the slopes; the values are exact.
     """
     stack, rates0 = problem.stack, problem.joint_rates
     # Joints first, and in memory too.
@@ -154,8 +173,7 @@ def linearise(
 ) -> Linearisation:
     """Residuals of motions with control points p (S, M, n), squared and linearised.
 
-    `goal` is the problem's, or that goal shifted. Motions whose merit is not less than `below`, a number or
-    (S,), get no derivatives; minus infinity asks for none at all.
+    `goal` is near the problem's. Motions whose merit is not below `below`, (S,) or one, get no derivatives.
     """
     length, (count, *_), size = problem.stack.length, p.shape, p[0].size
     smoothing = Smoothing(weights.fade_speed, weights.fade_distance * length)
@@ -210,7 +228,7 @@ class Weighted(NamedTuple):
 
     @classmethod
     def of(cls, residual: Feature, factor: float, over_time: FloatArray) -> Weighted:
-        """A weight that is the same for all values, times the quadrature's where the square is integrated."""
+        """One weight for all values, times the quadrature's where the square is integrated."""
         if not residual.over_time:
             return cls(residual, np.full(residual.shape[-1], factor))
         return cls(residual, factor * (over_time if residual.where is None else over_time[residual.where[1]]))
@@ -221,8 +239,7 @@ def sums(
 ) -> tuple[FloatArray, FloatArray]:
     """Gradient (T, Mn) and Hessian (T, Mn, Mn) of half the weighted sum of squares of T chosen motions.
 
-    The control points come first, the joints last. A base that floats reacts to the joints; that its own
-    momentum turns it otherwise is left out (see `motions_of`).
+    The control points come first, the joints last; what its own momentum turns the base is left out.
     """
     every, entropy, given = np.arange(len(motions.times)), None, []
     for residual, weight in residuals:

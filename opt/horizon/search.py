@@ -11,8 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray, instance
-from ffsms_pin.opt.horizon.arrival import arrival_error, corrected_goal
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, take_down, tighten
+from ffsms_pin.opt.horizon.descent import (
+    LAST_WEIGHTS,
+    Candidates,
+    Model,
+    arrival_error,
+    corrected_goal,
+    take_down,
+    tighten,
+)
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
 from ffsms_pin.opt.horizon.spline import Grid, check_options
 from ffsms_pin.opt.limits.limit import tightened
@@ -36,11 +43,11 @@ class SearchOptions:
         After so long [s] the best plan so far is returned; looked at between motions. Default: no limit.
     cost_tolerance : float
         Of motions that cost at most so much more than the cheapest one found, the one of least effort is
-        taken [s, whatever the duration]. A motion that costs more goes on on the finest spline, and a plan
-        that does is compared with marches of the step: no plan costs 1e-3 more than one of these.
+        taken [s, whatever the duration]. A plan that costs more goes on on the finest spline, and is compared
+        with marches of the step.
     coarse, fine, finest : Grid
-        The coarse spline has ten control points a joint, enough for a zigzag of three strokes, the others
-        twice and four times as many: in the last tenth, where most of the cost is left, they are finest.
+        Of the splines: ten control points a joint, enough for a zigzag of three strokes, twice and four times
+        as many.
     last_iterations : int
         On the finest spline.
     near_radius : float
@@ -55,16 +62,14 @@ class SearchOptions:
     rest_rate : float
         [rad/s] A plan that is faster at its end has not come to rest.
     most_reversals, least_reversal : float
-        A motion with more changes of sign a joint than `most_reversals` chatters; smaller products of rates
-        than `least_reversal` [(rad/s)^2] do not count.
+        A motion with more changes of sign a joint chatters; of rates with a product above [(rad/s)^2].
     around_obstacles : float
         Among obstacles a plan that costs so many times what ends the search without them ends it.
     widest_cone : float
-        Where C~ may exceed max(0, cos(theta_a)) by more, log 2 / kappa, the cone is so wide that a march
-        spirals: none is tried.
+        Where C~ may exceed max(0, cos(theta_a)) by more, log 2 / kappa, a march spirals: none is tried.
     long_way : float
         Marches are tried as well where the joints travel more than so many times as far as on the shortest
-        straight move: the cheapest motions found are sometimes detours, and a march rarely is one.
+        straight move.
     march_steps : int
         Steps of the marches that are starts.
     judged_steps : int
@@ -100,10 +105,7 @@ class SearchOptions:
 
 
 class Found(NamedTuple):
-    """A finished motion, its control points (M, n), and the model whose spline they belong to.
-
-    `in_full` says whether the motion was measured in the problem's steps, or in fewer for the search alone.
-    """
+    """A finished motion, its control points (M, n) on a model's spline; `in_full`: in the problem's steps."""
 
     plan: Trajectory
     p: FloatArray
@@ -141,8 +143,7 @@ class Ranking:
     def best(self, found: Sequence[Found]) -> Found:
         """Of those that arrive and cost about as little as any, the one of least effort.
 
-        The cost is that of the terms that are no tie-breakers, the effort that of those that are
-        (`Term.tie_breaker`). Where none arrives, the one that misses least.
+        Effort is the share of the tie-breakers (`Term.tie_breaker`). Where none arrives: that misses least.
         """
         arrived = [one for one in found if self.arrives(one.plan)]
         if not arrived:

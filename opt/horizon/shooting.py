@@ -17,6 +17,7 @@ from ffsms_pin.opt.motion.frame import Frame, RobotFrame
 from ffsms_pin.opt.motion.motions import apply_rates
 from ffsms_pin.opt.motion.slopes import velocity_slopes
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.system import JointLimits
 from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
 
@@ -27,6 +28,7 @@ __all__ = [
     "halton",
     "joint_goals",
     "joint_range",
+    "least_time",
     "spread_postures",
     "straight_ends",
     "straight_time",
@@ -34,16 +36,10 @@ __all__ = [
 ]
 
 DAMPING = 1e-3  # of least squares with J*, for near-singular goals, in squares of the arm's length
-_MUCH = 0.5  # [rad or m] the largest Newton step of a joint, and turns of the base that ask for exact slopes
-# [arm lengths] From here on the damping decreases; a move that ends nearer than the other one ends there.
-_FAR, _THERE = 0.1, 1e-3
 
 
 class JointGoals(NamedTuple):
-    """Joint goals (K, n) of straight moves, and how far from the target these end (K,) [m].
-
-    Where an attitude is wanted, a radian counts like a metre; what other frames miss counts too.
-    """
+    """Joint goals (K, n) of straight moves, and how far from the target these end (K,) [m, rad]."""
 
     joints: FloatArray
     distance: FloatArray
@@ -61,10 +57,7 @@ class GoalFromStart(NamedTuple):
 
     @classmethod
     def all_of(cls, problem: Problem) -> list[GoalFromStart]:
-        """The problem's goal, and the ends that its limits ask for.
-
-        With momentum, turned back by about as much as the momentum turns the base.
-        """
+        """The problem's goal and ends that limits ask for, turned back by about what momentum turns."""
         turn = problem.rotation0
         if problem.momentum is not None:
             turn = turn @ exp3(
@@ -81,10 +74,7 @@ class GoalFromStart(NamedTuple):
     def missed(
         self, arm: ArmValues, R: FloatArray, beyond: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """What K motions miss at their end (3 to 6, K), and how fast joints make it up (3 to 6, n, K).
-
-        `arm`, `R` and `beyond` are those of `straight_ends`.
-        """
+        """What `straight_ends` miss (3 to 6, K), and how fast joints make it up (3 to 6, n, K)."""
         position, rotation, linear, angular = self.frame.of_arm(arm)
         if not self.place.moves_with_base:
             linear = apply(R, arm.root + cross(arm.spin, position[:, None]) + linear)
@@ -99,15 +89,16 @@ class GoalFromStart(NamedTuple):
 
 
 def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:
-    """Joint goals whose straight moves end near the goal: Newton's method through J*.
+    """Joint goals whose straight moves end near the goal, by Newton's method through J* from postures (K, n).
 
-    From joint positions (K, n), in so many iterations, or fewer where half of the moves end at the goal
-    before. J* says how the end moves on a base that has turned already; where the base turns much,
-    `straight_ends` adds what a changed goal turns it.
+    In so many iterations, or fewer where half of the moves end at the goal before. J* says how the end moves
+    on a base that has turned already; where the base turns much, `straight_ends` adds what a changed goal
+    turns it.
     """
     arm, wanted, start = problem.stack, GoalFromStart.all_of(problem), problem.joints0
     low, high = joint_range(problem)
     inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
+    much = 0.5  # [rad or m] the largest step of a joint, and turns of the base that ask for exact slopes
     goals = np.where(problem.free, joints, start)
     # Of the moves that arrive, rather those that leave the base as it was; of the rest of a motion, whose
     # base turned before, that says nothing.
@@ -115,7 +106,7 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
     exact = False
     for k in range(iterations):
         end, R, beyond = straight_ends(problem, goals, exact)
-        exact = exact or (k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > _MUCH)
+        exact = exact or (k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > much)
         missed = [one.missed(end, R, beyond) for one in wanted]
         error = np.concatenate([one for one, _ in missed])
         columns = np.concatenate([one for _, one in missed])
@@ -124,16 +115,16 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
             error = np.concatenate([error, -log3(R)])
             turning = apply(R, end.spin)
             columns = np.concatenate([columns, turning if beyond is None else turning + beyond])
-        if k == iterations - 1 or (k >= 5 and np.median(distance) < _THERE * arm.length):
+        if k == iterations - 1 or (k >= 5 and np.median(distance) < 1e-3 * arm.length):
             break
         J = columns.transpose(2, 0, 1) * problem.free
         Jt = np.swapaxes(J, 1, 2)
-        # Less damping the nearer: it converges fast, and an end that is nearly singular is met too.
-        near = np.clip(np.sqrt(dot(error, error)) / (_FAR * arm.length), 1e-4, 1.0)
+        # From a tenth of the arm's length on less damping: it converges fast, also to nearly singular ends.
+        near = np.clip(np.sqrt(dot(error, error)) / (0.1 * arm.length), 1e-4, 1.0)
         damping = DAMPING * (arm.length * near) ** 2
         damped = J @ Jt + damping[:, None, None] * np.eye(len(error))
         step = (Jt @ np.linalg.solve(damped, error.T[..., None]))[..., 0]
-        step *= np.minimum(1.0, _MUCH / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
+        step *= np.minimum(1.0, much / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
         goals = np.clip(goals + step, low + inset, high - inset)
     return JointGoals(goals, distance)
 
@@ -144,8 +135,7 @@ def straight_ends(
     """Where straight moves to joint goals (K, n) end, without momentum: arm and turn of the base (3, 3, K).
 
     With `exact` also (3, n, K), how much more a change of a joint's goal turns the base than the joint's rate
-    there would, axes of the start. The turn is the integral of R omega over the move, omega = spin @ way:
-    another goal changes the way, and where it leads. Where the base turns little that is little.
+    there would, axes of the start: another goal changes the way, too.
     """
     stack, start = problem.stack, problem.joints0
     # With the few its base rotation is known to 1e-4 rad where the base turns little.
@@ -165,15 +155,12 @@ def straight_ends(
 
 
 def too_short(problem: Problem, goals: JointGoals) -> float:
-    """A duration [s] in which no motion to these joint goals is worth a search; 0 where none is known.
-
-    Of goals whose straight moves end near the target, the joints need `straight_time` for the quickest.
-    """
+    """A duration [s] in which no motion to these joint goals is worth a search; 0 where none is known."""
     still = problem.momentum is None and not problem.joint_rates.any() and not problem.goal.moves
     near = goals.near(problem)
     if not still or not len(near):
         return 0.0
-    # No plan has been found that is so much quicker than the quickest straight move known.
+    # No plan has been found that is so much quicker than the quickest straight move.
     return min(straight_time(problem, joints) for joints in near) / 1.5
 
 
@@ -182,14 +169,11 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 
     Reference: J. H. Halton, "On the efficiency of certain quasi-random sequences of points", 1960.
     """
-    primes: list[int] = []
-    candidate = 2
-    while len(primes) < dimensions:
-        if all(candidate % p for p in primes):
-            primes.append(candidate)
-        candidate += 1
+    # The nth prime is below n (log n + log log n), for n above five.
+    numbers = range(2, 13 + int(dimensions * 2.0 * np.log(dimensions + 1.0)))
+    primes = [number for number in numbers if all(number % p for p in range(2, number))]
     out = np.zeros((count, dimensions))
-    for j, base in enumerate(primes):
+    for j, base in enumerate(primes[:dimensions]):
         index, fraction = np.arange(first + 1, first + count + 1), 1.0 / base
         while index.any():
             out[:, j] += fraction * (index % base)
@@ -198,10 +182,9 @@ def halton(first: int, count: int, dimensions: int) -> FloatArray:
 
 
 def spread_postures(problem: Problem, first: int, count: int, radius: float = np.inf) -> FloatArray:
-    """Joint positions (count, n), evenly spread over the joint range, or over what lies near the start.
+    """Joint positions (count, n), evenly spread over the joint range within a radius [rad or m] of the start.
 
-    `first` of them were drawn before; `radius` is in rad or m. Joints that carry nothing with a goal, such as
-    those of an idle arm, stay: what a search starts from should not swing them.
+    `first` of them were drawn before. Joints that carry nothing with a goal, as of an idle arm, stay.
     """
     low, high = joint_range(problem)
     start = problem.joints0
@@ -224,11 +207,23 @@ def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 def straight_time(problem: Problem, goal: FloatArray) -> float:
     """Least duration of a straight joint-space move from rest to rest [s]."""
-    limits, way = problem.sms.limits, np.abs(goal - problem.joints0)
-    if np.isinf(limits.acceleration).any():
-        return 0.0  # nothing is known of how long a joint without limits needs
-    ramp = limits.velocity / limits.acceleration
-    cruise = way / limits.velocity + ramp
-    return float(
-        np.where(way >= limits.velocity * ramp, cruise, 2.0 * np.sqrt(way / limits.acceleration)).max()
-    )
+    return least_time(problem.sms.limits, goal - problem.joints0)
+
+
+def least_time(
+    limits: JointLimits, way: FloatArray, begin: FloatArray | float = 0.0, end: FloatArray | float = 0.0
+) -> float:
+    """Least time [s] in which the joints alone go a way (n,), from rates at its begin to those at its end.
+
+    Each is a double integrator: up to a peak rate and down, one way round or the other.
+    """
+    a = np.minimum(limits.acceleration, 1e12)
+    # While the rate goes straight from begin to end a joint covers this; what is left decides the sense.
+    ramp = 0.5 * (begin + end) * np.abs(end - begin) / a
+    sense = np.where(way >= ramp, 1.0, -1.0)
+    way, begin, end = sense * way, sense * begin, sense * end
+    peak = np.sqrt(np.maximum(a * way + 0.5 * (begin**2 + end**2), 0.0))
+    peak = np.maximum(np.minimum(peak, limits.velocity), np.maximum(begin, end))
+    covered = (2.0 * peak**2 - begin**2 - end**2) / (2.0 * a)
+    cruise = np.maximum(way - covered, 0.0) / np.maximum(peak, 1e-300)
+    return float(np.max((2.0 * peak - begin - end) / a + cruise))

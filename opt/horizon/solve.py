@@ -11,15 +11,15 @@ from ffsms_pin.checks import instance, optional_callable, positive
 from ffsms_pin.errors import InvalidValue, PartError
 from ffsms_pin.opt.horizon.diagnosis import explain, with_limits_said, within_workspace
 from ffsms_pin.opt.horizon.search import Search, SearchOptions
+from ffsms_pin.opt.horizon.shooting import least_time
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
-from ffsms_pin.system import JointLimits
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["least_joint_time", "refused", "shortest", "solve"]
+__all__ = ["refused", "shortest", "solve"]
 
 _NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)  # failures of numbers, not of the program
 
@@ -32,14 +32,13 @@ def solve(
 ) -> Trajectory:
     """Plan the whole motion at once.
 
-    See docs/horizon.md for the search. Of the motions found that arrive and cost no more than the cheapest
-    and a tolerance, the one of least effort is the plan. A numerical failure inside is a plan with a `note`.
+    Of the motions found that arrive and cost no more than the cheapest and a tolerance, the one of least
+    effort is the plan (docs/horizon.md). A numerical failure inside is a plan with a `note`.
 
     Parameters
     ----------
     problem : Problem
     options : SearchOptions, optional
-        Numbers of the search, such as its `time_limit`.
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
 
@@ -79,9 +78,8 @@ def solve(
 def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions | None = None) -> Trajectory:
     """The plan of least duration that the search finds.
 
-    Durations are bracketed from the problem's own downwards and then halved (in ratio) until one that does
-    is within the tolerance of one for which no plan was found: an upper bound of the least, for a search may
-    miss a plan, and a moving goal may be met again at an earlier time beyond a gap.
+    Durations are halved (in ratio) until one that does is within the tolerance of one for which no plan was
+    found: an upper bound of the least, for a search may miss a plan.
 
     Parameters
     ----------
@@ -109,7 +107,6 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
         return best
     failed = 0.0
     for _ in range(20):
-        bound = least_joint_time(best, problem.sms.limits)
         if failed and best.duration <= (1.0 + tolerance) * failed:
             break
         trial = float(np.sqrt(failed * best.duration)) if failed else best.duration / 1.5
@@ -118,6 +115,8 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
             best = plan
         else:
             failed = trial
+    way = best.joint_positions[-1] - best.joint_positions[0]
+    bound = least_time(problem.sms.limits, way, best.joint_rates[0], best.joint_rates[-1])
     note = (
         f"the shortest motion found; none was found in {failed:.3g} s, and to the posture in which it ends "
         f"the joints' rates and accelerations alone take {bound:.3g} s"
@@ -125,65 +124,30 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
     return replace(best, note=note, shortest_duration=best.duration)
 
 
-def least_joint_time(plan: Trajectory, limits: JointLimits) -> float:
-    """Least time [s] in which the joints alone can go from a plan's first state to its last."""
-    start, end = plan.joint_rates[0], plan.joint_rates[-1]
-    way = plan.joint_positions[-1] - plan.joint_positions[0]
-    each = zip(way, start, end, limits.velocity, limits.acceleration, strict=True)
-    return max(_one_joint(*(float(value) for value in one)) for one in each)
-
-
-def _one_joint(way: float, u0: float, u1: float, most: float, a: float) -> float:
-    """Of a double integrator: up to a peak rate and down, one way round or the other."""
-    if np.isinf(a):
-        return abs(way) / most if np.isfinite(most) else 0.0
-    # While the rate goes straight from u0 to u1 the joint covers this; what is left decides the sense.
-    ramp = 0.5 * (u0 + u1) * abs(u1 - u0) / a
-    sense = 1.0 if way >= ramp else -1.0
-    way, u0, u1 = sense * way, sense * u0, sense * u1
-    peak = min(float(np.sqrt(max(a * way + 0.5 * (u0**2 + u1**2), 0.0))), most)
-    peak = max(peak, u0, u1)
-    covered = (2.0 * peak**2 - u0**2 - u1**2) / (2.0 * a)
-    cruise = max(way - covered, 0.0) / peak if peak > 0.0 else 0.0
-    return (2.0 * peak - u0 - u1) / a + cruise
-
-
 def refused(problem: Problem) -> Trajectory | None:
     """A plan that stays where it is, where no motion from this start keeps the limits.
 
-    A start that overlaps an obstacle and a target inside one raise `InvalidValue`.
+    A start that overlaps an obstacle raises `InvalidValue`, as a target inside one does.
     """
     still = np.zeros((problem.steps + 1, problem.sms.n))
     begin = rolled_out(problem.sms, problem.stack, problem.q0, still[:2], problem.dt)
     found = [(limit, violation_of(limit, begin)) for limit in problem.limits if limit.refusal]
     for _, one in found:
         if one.overlap:
-            raise InvalidValue(
-                "q0",
-                problem.joints0.round(6),
-                f"must keep clear of obstacles: {one.overlap} at the start; move the start or the obstacle",
-            )
-    _check_target(problem)
-    notes = [limit.refusal.format(note=one.note) for limit, one in found if one.amount > 0.0]
-    if not notes:
-        return None
-    return replace(measure(problem, still), clear=False, note="; ".join(notes))
-
-
-def _check_target(problem: Problem) -> None:
-    """Raise where the target lies inside an obstacle at the deadline."""
+            words = f"{one.overlap} at the start; move the start or the obstacle"
+            raise InvalidValue("q0", problem.joints0.round(6), f"must keep clear of obstacles: {words}")
     place = problem.goal.place(problem.duration)
-    for began, obstacle in ((held.began, one) for held in problem.limits for one in held.obstacles):
+    for began, obstacle in ((limit.began, one) for limit in problem.limits for one in limit.obstacles):
         if obstacle.on_base or place.moves_with_base:
             continue  # where the base will be is not known
         depth = -obstacle.distance(place.position, began + problem.duration)
         if depth > problem.goal.tolerance:
-            raise InvalidValue(
-                "target",
-                place.position,
-                f"must lie outside obstacles: it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move "
-                "the target or the obstacle",
-            )
+            words = f"it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move the target or the obstacle"
+            raise InvalidValue("target", place.position, f"must lie outside obstacles: {words}")
+    notes = [limit.refusal.format(note=one.note) for limit, one in found if one.amount > 0.0]
+    if not notes:
+        return None
+    return replace(measure(problem, still), clear=False, note="; ".join(notes))
 
 
 def _momentum_note(problem: Problem) -> str:

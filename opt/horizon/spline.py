@@ -1,9 +1,8 @@
 """The joint rates of a motion as one quadratic B-spline a joint.
 
-Its acceleration is a linear spline and its position a cubic one, each with control points that are linear in
-those of the rates. A spline lies within the range of its control points, so rows on these keep the rate,
-acceleration and position limits at every instant. The first control point is the joint's rate at the start,
-which is given; the last one is zero, or free where the goal asks for a velocity.
+Its acceleration is a linear spline and its position a cubic one. A spline lies within the range of its
+control points, so rows on these keep the limits at every instant. The first control point is the joint's rate
+at the start; the last one is zero, or free where the goal asks for a velocity.
 
 Reference: C. de Boor, "A Practical Guide to Splines", 2001, ch. IX to XI.
 """
@@ -66,14 +65,12 @@ class Map(NamedTuple):
 class RateSpline:
     """Knots, instants (Q + 2,), and the linear maps from control points.
 
-    The knots have their repetitions; the last one lies half a step beyond the deadline (see `rate_spline`).
     `rates`, `travel` and `accelerations` lead to the joint rates, their integral and their slope at Q
     quadrature points, then at 0.9 T and T. `weights` (Q,) are of the quadrature over time; m intervals are
     integrated from their start to their g points (m, g, g), and over all of them (m, g); `late_interval`
-    begins at 0.9 T. The `..._points` lead to the control points of the accelerations, of the positions
-    (relative to the start) and of the rates. p^T `squared_acceleration` p is the integral of the squared
-    acceleration of a motion from rest. `sites` (M,) are the free control points' places in time, `at_sites`
-    the rates there, for collocation. With `free_end` the last control point is free.
+    begins at 0.9 T. The `..._points` lead to the control points of accelerations, positions (from the start)
+    and rates. p^T `squared_acceleration` p is the integral of the squared acceleration of a motion from rest.
+    `sites` (M,) are the free control points' places in time, `at_sites` the rates there.
     """
 
     knots: FloatArray
@@ -140,8 +137,8 @@ def gauss(points: int) -> tuple[FloatArray, FloatArray]:
 def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> RateSpline:
     """The spline for a duration of `steps` steps of `dt`; `free_end` is for goals that ask for a velocity.
 
-    The rates end at zero half a step after the deadline: a stopped end effector has no direction, so at the
-    last node, where the paper's cost is still summed, the arm must be just about to stop.
+    The rates end at zero half a step after the deadline: at the last node, where the paper's cost is still
+    summed, the arm must be just about to stop.
     """
     duration = steps * dt
     end, late_start = duration + 0.5 * dt, ARRIVAL_SHARE * duration

@@ -1,10 +1,8 @@
 """Where the search starts: straight joint-space moves that end at the target, and greedy marches.
 
-A descent finds the nearest minimum, so what decides is where it starts. A joint goal whose straight move ends
-at the target, the base reacting, gives a start that arrives; goals from all over give the ways round
-that a single start would not see. A goal with an approach is entered from one side, and a descent does not
-find the way round from the other; so such a goal gets moves that pass its approach. A greedy march of the
-paper's step is free of cost wherever nothing stops it: without limits it is a start, with all of them a plan.
+A joint goal whose straight move ends at the target, the base reacting, gives a start that arrives; goals from
+all over give the ways round. A goal with an approach is entered from one side: moves pass the approach. A
+greedy march of the paper's step is free of cost wherever nothing stops it.
 """
 
 from __future__ import annotations
@@ -42,12 +40,9 @@ __all__ = [
     "straight_moves",
 ]
 
-# The references are about what they spare: ten times the step's own price of redundant motion, and still too
-# little to keep an arm from leaving a singular start. Re-planned motions have it too: a goal at the edge of
-# the workspace is not worth fast joints.
+# Of the references, and of re-planned motions: ten times the step's own price of redundant motion, and still
+# too little to keep an arm from leaving a singular start.
 REFERENCE_WEIGHTS = StepWeights(effort=1e-5)
-_STRIDES = 60  # a step of a march with all limits is at most such a part of the time left
-_BEHIND = 1.5  # at such a multiple of the way that is left at the mean speed a march is given up
 
 
 def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
@@ -103,10 +98,7 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
 def missed_at(
     problem: Problem, place: Place, t: float, joints: FloatArray, base: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """What postures (K, n) on bases in attitudes (3, 3, K) miss of a place at t [s], (K, 6).
-
-    And how fast the joints make it up, the base reacting, (K, 6, n).
-    """
+    """What postures (K, n) on bases (3, 3, K) miss of a place at t [s] (K, 6), and slopes (K, 6, n)."""
     centre = problem.com0 + t * problem.drift
     wanted = GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.tip(problem.stack))
     error, columns = wanted.missed(problem.stack.evaluate(joints.T), base)
@@ -151,7 +143,7 @@ def march_starts(problem: Problem, spline: RateSpline, steps: int) -> FloatArray
 def cone_marches(problem: Problem, steps: int) -> FloatArray:
     """Joint rates (S, steps, n) in the middles of steps: a march for each side of the cone, one straight.
 
-    They are starts: a place that rides on the base, or is free about an axis, counts as seen from the start.
+    A place that rides on the base, or is free about an axis, counts as seen from the start.
     """
     place = problem.goal.place(problem.duration).aim(problem.sms, problem.q0)
     low, high = joint_range(problem)
@@ -182,24 +174,22 @@ def _fitted(problem: Problem, spline: RateSpline, times: FloatArray, rates: Floa
 def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
     """Joint rates (N + 1, n) of marches that cost less than a budget [s], one for each side, landed.
 
-    Given up where one has cost more, a step's programme was not solved, or it will not arrive in time. Far
-    from the deadline nothing changes fast: a step is longer than one of the motion there.
+    Given up where one has cost more, a step's programme was not solved, or it will not arrive in time.
     """
     place, sms, dt, steps = problem.goal.place(problem.duration), problem.sms, problem.dt, problem.steps
-    stepper = Stepper.of(problem)
-    mode = problem.mode
+    stepper, mode = Stepper.of(problem), problem.mode
     for side in start_sides(sms, problem.q0, place.position, mode):
         stepper.reset(side)
         q, cost, k, nodes, rates = problem.q0, 0.0, 0, [0], [problem.joint_rates]
         while k < steps:
-            stride = max(1, (steps - k) // _STRIDES)
+            stride = max(1, (steps - k) // 60)  # far from the deadline nothing changes fast
             stepper.dt = stride * dt
             # The paper pairs rates with where the arm was one step before.
             before, _ = advance(sms, q, rates[-1], np.zeros(sms.n), stepper.dt - dt, problem.momentum, mode)
             step = stepper.advance(before, rates[-1], place.position, (steps - k) * dt, place.rotation)
             cost += step.cost * stepper.dt
             way = place.position - sms.at(q).end_effector_pose.translation
-            behind = float(np.linalg.norm(way)) > _BEHIND * problem.mean_speed * (steps - k) * dt
+            behind = float(np.linalg.norm(way)) > 1.5 * problem.mean_speed * (steps - k) * dt
             if cost > budget or not step.solved or behind:
                 break
             slope = (step.joint_rates - rates[-1]) / stepper.dt
@@ -228,8 +218,7 @@ def marched(problem: Problem, stepper: Steps, progress: Progress | None = None) 
 def landed(problem: Problem, rates: FloatArray) -> FloatArray:
     """The same motion (N + 1, n), at rest at the end: slowed down where a joint would brake too late.
 
-    A joint brakes with half of what it can; all slow down by the same share, so that the end effector keeps
-    its direction, and with it the cost.
+    A joint brakes with half of what it can; all slow down by one share, so that the cost stays.
     """
     left = np.arange(len(rates))[::-1, None]
     most = at_rest(problem) + 0.5 * problem.dt * left * np.minimum(problem.sms.limits.acceleration, 1e6)

@@ -34,11 +34,7 @@ class Strategy(NamedTuple):
 
 
 def straight_if_near(search: Search) -> None:
-    """Where const8 counts the start as arrived, the straight move: no way round for the cost's sake.
-
-    The paper's cost charges for standing still and for going straight, and nothing for length: for a target
-    a millimetre away the cheapest motion can be a detour of centimetres.
-    """
+    """Where const8 counts the start as arrived, the straight move: no way round for the cost's sake."""
     if _is_near(search.problem):
         search.shoot(search.problem.joints0[None])
         model = search.fine
@@ -53,9 +49,8 @@ def straight_starts(
     """Straight moves to joint goals that are found from so many postures near the start, and from all over.
 
     Nothing is done where a plan is as cheap as `enough`: the first plus the second times (log 2 / kappa)^2
-    [s, for a motion of 8 s]. C~ exceeds max(0, cos(theta_a)) by up to log 2 / kappa, so for a small kappa no
-    motion that arrives is nearly free; among obstacles more will do. Without `insist` nothing is done either
-    where no motion and no straight move has ended at the goal.
+    [s, for a motion of 8 s], by so much C~ may exceed max(0, cos(theta_a)). Without `insist` nothing is done
+    either where no motion and no straight move has ended at the goal.
     """
     problem, options, first = search.problem, search.options, not search.drawn
     free, by_kappa = enough
@@ -88,7 +83,7 @@ def coarse_marches(search: Search) -> None:
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
-    """Take the starts down, and follow the best to their ends: `keep` and `repeats` are those of `follow`."""
+    """Take the starts down, and follow the best to their ends; see `follow`."""
     search.fresh = []
     if not len(search.starts):
         return
@@ -108,7 +103,7 @@ def finest_spline(search: Search) -> None:
             continue
         model = Model.make(search.problem, search.options.finest)
         p = embedded(found.model.spline, model.spline, found.p, search.problem.joint_rates)
-        motion = Candidates.start(model, p[None], LAST_WEIGHTS, 0.03)
+        motion = Candidates.start(model, p[None], LAST_WEIGHTS)
         search.finish(model, descend(model, motion, LAST_WEIGHTS, search.options.last_iterations))
 
 
@@ -119,7 +114,7 @@ def within_limits(search: Search) -> None:
     nearest = search.ranking.best(search.fresh)
     if nearest.plan.broken:
         model = replace(nearest.model, problem=search.problem, goal=search.problem.goal)
-        motion = Candidates.start(model, nearest.p[None], LAST_WEIGHTS, 0.03)
+        motion = Candidates.start(model, nearest.p[None], LAST_WEIGHTS)
         search.keep(model, prefer_limits(model, motion).p[0])
 
 

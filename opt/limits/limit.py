@@ -37,7 +37,7 @@ class Rows(NamedTuple):
         `UNBOUNDED` with its sign where a row has one side only.
     give : float
         How far a row gives way per unit of the programme's slack, in the row's unit per metre a second; 0:
-        never. A row must not give way only if it can always be kept.
+        never, for what can always be kept.
     """
 
     G: FloatArray

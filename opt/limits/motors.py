@@ -42,9 +42,7 @@ class TorqueLimits(_Motors):
     """The joints' largest torques, or forces, `sms.limits.torque`; an infinite one limits nothing.
 
     Exact: H_q qdd + C_q with the base reacting as its mode lets it, the total momentum included. A problem
-    has this limit by default, and it asks for nothing where the robot has no such limits ("effort" in URDFs).
-
-    Its unit is a share of what the joint has: a violation of 0.3 asks for 30 % more.
+    has this limit by default. Its unit is a share: a violation of 0.3 asks for 30 % more than the joint has.
     """
 
     name = "torques"
@@ -58,8 +56,7 @@ class TorqueLimits(_Motors):
     def rows(self, step: StepState) -> Rows | None:
         """Rows of unit length, in rad/s: H_q (u - u_0) / dt + C_q, linear in the rates u at the step's end.
 
-        Of the joints that could ask for too much in this step. Where the joints' own limits leave no way to
-        keep one, they come first, and the row asks for what comes nearest.
+        Of the joints that could ask for too much in this step.
         """
         if not np.isfinite(step.sms.limits.torque).any():
             return None
@@ -94,10 +91,8 @@ class WheelLimits(_Motors):
     """The wheels' largest torques and momenta, where wheels hold the attitude (mode "rotation-floating").
 
     Momentum follows from the conservation of angular momentum, torque is its rate, with the friction of the
-    bearings made good (`opt.motion.actuated`). In other modes the wheels stand still, and the limit asks for
-    nothing. A problem in that mode, of a robot with wheels, has this limit of itself.
-
-    Its unit is a share of what the wheel has: a violation of 0.3 asks for 30 % more.
+    bearings made good. A problem in that mode, of a robot with wheels, has this limit of itself. Its unit is
+    a share of what the wheel has: a violation of 0.3 asks for 30 % more.
     """
 
     name = "wheels"
@@ -154,12 +149,9 @@ def wheel_rows(step: StepState, in_hand: float) -> Rows | None:
 
     With D the angular momentum a joint rate (`opt.motion.actuated`), u_0 the joint rates at the step's start
     and u those at its end, a wheel's torque is A^+ D (u_0 - u) / dt beside the one of now, and its momentum
-    follows: both are bounds on the same sum of joint rates. What changes of D within the step beyond that is
-    of order dt^2. Where both cannot be kept, the motor's torque is; where the joints' own limits leave no way
-    to keep that, they come first, and the row asks for what comes nearest. Wheels that feel the same sum, as
-    all do that a planar arm moves, share a row.
-
-    `in_hand` is the share of the limits that is kept.
+    follows: both are bounds on the same sum of joint rates. Where both cannot be kept, the motor's torque is.
+    Wheels that feel the same sum, as all do that a planar arm moves, share a row. `in_hand` is the share of
+    the limits that is kept.
     """
     wheels = step.wheels
     if wheels is None:
@@ -198,7 +190,7 @@ def _share(kept: list[tuple[FloatArray, float, float]], row: FloatArray, low: fl
 
 
 def _reachable(G: FloatArray, lower: FloatArray, upper: FloatArray, step: StepState) -> Rows:
-    """Rows of unit length whose bounds each leave something that the joints can do in the step."""
+    """Rows of unit length, each asking for what comes nearest of what the joints can do in the step."""
     size = np.linalg.norm(G, axis=1)
     G, lower, upper = G / size[:, None], lower / size, upper / size
     least, most = step.bounds

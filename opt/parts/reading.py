@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import FfsmsError, FfsmsWarning, PartError
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.motion.feature import OWN, Feature, lost_slopes
 from ffsms_pin.opt.motion.features import Features
@@ -21,6 +21,7 @@ from ffsms_pin.opt.step.state import StepState
 __all__ = [
     "Formula",
     "asked",
+    "checked_parts",
     "formulas",
     "objective_of",
     "residuals_of",
@@ -33,6 +34,20 @@ __all__ = [
 Formula: TypeAlias = "Feature | Residual | JointResidual | FloatArray | Sequence[Formula]"
 
 _JOINTS = ("by_joints", "by_rates", "by_accelerations")
+
+
+def checked_parts(name: str, parts: Any, kind: type) -> tuple[Any, ...]:
+    """Parts of one kind, each with a name of its own."""
+    for part in parts if isinstance(parts, Sequence) else [parts]:
+        if not isinstance(part, kind) or part is parts:
+            raise InvalidValue(name, part, f"must be a sequence of opt.{kind.__name__}")
+        if not isinstance(getattr(part, "name", None), str):
+            raise InvalidValue(name, part, "must have a `name` each, a text")
+    names = [part.name for part in parts]
+    for one in names:
+        if names.count(one) > 1:
+            raise InvalidValue(name, one, "must have one part of each name; give yours another `name`")
+    return tuple(parts)
 
 
 def residuals_of(part: Any, motions: Motions | Features) -> list[Feature]:

@@ -58,11 +58,10 @@ class NonlinearStepper:
         from scipy.optimize import minimize  # slow to load
 
         if rotation is not None:
-            raise InvalidValue(
-                "target", rotation, "must be a position for the paper's way: it has no attitude"
-            )
-        total = self.wheel_total
-        step = StepState(self.sms, q, rates, self.dt, time_left, mode=self.mode, wheel_total=total)
+            words = "must be a position for the paper's way: it has no attitude"
+            raise InvalidValue("target", rotation, words)
+        mode, total = self.mode, self.wheel_total
+        step = StepState(self.sms, q, rates, self.dt, time_left, mode=mode, wheel_total=total)
         lower, upper = step.bounds
         J_v, V = step.J_star[:3], step.V
         way = target - step.pose.translation

@@ -1,17 +1,19 @@
-"""`plan`: from a start and a target to a trajectory."""
+"""From a start and a target to a trajectory: `plan`; `plan_many` and `plan_each` over processes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
+from itertools import repeat
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import one_of
+from ffsms_pin.engine import Outcome, all_results, outcomes
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.given import default_limits, default_terms
 from ffsms_pin.opt.goals import Also, Via, as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.horizon.diagnosis import with_limits_said
@@ -19,7 +21,7 @@ from ffsms_pin.opt.horizon.solve import refused
 from ffsms_pin.opt.horizon.starts import marched, reference_stepper
 from ffsms_pin.opt.limits import BaseLimits, Clearance, Limit, Obstacle
 from ffsms_pin.opt.planning.nonlinear_step import NonlinearStepper
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.problem import Problem, default_limits, default_terms
 from ffsms_pin.opt.step.march import Progress, start_sides
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.terms import Coupling
@@ -27,13 +29,9 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["KAPPA", "METHODS", "plan", "plan_problem"]
+__all__ = ["METHODS", "plan", "plan_each", "plan_many", "plan_problem"]
 
 METHODS = ("horizon", "step", "paper", "resolved-rate", "least-disturbance", "minimum-effort")
-
-KAPPA = Coupling.kappa  # of the paper's cost, where none is given
-
-ALREADY_THERE = 1e-6  # [m, rad] nearer than this to its target, an arm is there and stays
 
 
 def plan(
@@ -42,7 +40,7 @@ def plan(
     target: Any,
     duration: float = Problem.duration,
     dt: float = Problem.dt,
-    kappa: float = KAPPA,
+    kappa: float = Coupling.kappa,
     *,
     clearance: float = Clearance.clearance,
     collision: str = Clearance.collision,
@@ -63,8 +61,7 @@ def plan(
 ) -> Trajectory:
     """Plan a coupling-informed motion from `q0` to `target`: build an `opt.Problem`, and solve it.
 
-    See `opt.Problem` for what is not listed here; its `goal` is the target. For other terms and limits build
-    one yourself and call `opt.solve`.
+    See `opt.Problem` for what is not listed here; its `goal` is the target.
 
     Parameters
     ----------
@@ -104,35 +101,19 @@ def plan(
         A wrong shape, a number out of range, or a start outside the joint limits.
     """
     one_of("method", method, METHODS)
-    goal = as_goal(target)
-    terms = default_terms(kappa, effort, base, goal.coupled)
-    limits = (*default_limits(clearance, collision, obstacles, base_limits), *_places(also, via))
-    problem = Problem(
-        sms,
-        q0,
-        goal,
-        duration,
-        dt,
-        terms,
-        limits,
-        joint_rates=joint_rates,
-        momentum=momentum,
-        locked=locked,
-        mode=mode,
-        wheel_momentum=wheel_momentum,
-    )
-    return plan_problem(problem, method, SearchOptions(time_limit=time_limit), progress)
-
-
-def _places(also: Mapping[str, Any] | None, via: Sequence[Any]) -> list[Limit]:
-    """Goals of other frames, and waypoints, numbered where they have no name of their own."""
     if also is not None and not isinstance(also, Mapping):
         raise InvalidValue("also", also, "must be goals by the names of frames")
     if not isinstance(via, Sequence):
         raise InvalidValue("via", via, "must be a sequence of places")
-    goals = [Also(frame, goal) for frame, goal in (also or {}).items()]
-    ways = [one if isinstance(one, Limit) else Via(one, name=f"via {i + 1}") for i, one in enumerate(via)]
-    return [*goals, *ways]
+    goal = as_goal(target)
+    terms = default_terms(kappa, effort, base, goal.coupled)
+    limits = list(default_limits(clearance, collision, obstacles, base_limits))
+    limits += [Also(frame, other) for frame, other in (also or {}).items()]
+    limits += [one if isinstance(one, Limit) else Via(one, name=f"via {i + 1}") for i, one in enumerate(via)]
+    problem = Problem(
+        sms, q0, goal, duration, dt, terms, limits, joint_rates, momentum, locked, mode, wheel_momentum
+    )
+    return plan_problem(problem, method, SearchOptions(time_limit=time_limit), progress)
 
 
 @one_blas_thread()
@@ -170,17 +151,15 @@ def plan_problem(
 
 
 def _stand_still(problem: Problem) -> Trajectory | None:
-    """The motion of an arm that is already there: none, whatever the paper's cost charges for it."""
+    """The motion of an arm that is already there, within 1e-6 m and rad: none, whatever the cost charges."""
     if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
         return None
-    if not problem.goal.place(0.0).rests or (
-        np.linalg.norm(problem.place_now.position - problem.tip0) >= ALREADY_THERE
-    ):
+    far = float(np.linalg.norm(problem.place_now.position - problem.tip0))
+    if not problem.goal.place(0.0).rests or far >= 1e-6:
         return None
     note = "the end effector is at its target from the start"
     still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)), note)
-    turned = float(still.orientation_error[0])
-    return still if turned < ALREADY_THERE and still.clear else None
+    return still if still.orientation_error[0] < 1e-6 and still.clear else None
 
 
 def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajectory:
@@ -192,8 +171,7 @@ def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajec
     if method != "step":
         return marched(problem, reference_stepper(problem, method), progress)
     stepper = Stepper.of(problem, limits=problem.step_limits)
-    target = problem.goal.place(problem.duration).position
-    sides = start_sides(problem.sms, problem.q0, target, problem.mode)
+    sides = start_sides(problem.sms, problem.q0, problem.goal.place(problem.duration).position, problem.mode)
     plans = []
     for i, side in enumerate(sides):
         stepper.reset(side)
@@ -206,3 +184,117 @@ def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajec
 
 def _part(progress: Progress, index: int, count: int, share: float) -> None:
     progress((index + share) / count)
+
+
+def plan_many(
+    sms: SpaceManipulator,
+    q0: ArrayLike | Sequence[ArrayLike],
+    target: Any,
+    duration: ArrayLike = Problem.duration,
+    dt: float = Problem.dt,
+    kappa: float = Coupling.kappa,
+    *,
+    jobs: int | None = None,
+    progress: Callable[[float], None] | None = None,
+    **options: Any,
+) -> list[Trajectory]:
+    """Plan many motions, each as `plan` does, bit for bit.
+
+    Arguments as for `plan`; of start, target and duration each may be one, for all motions, or a sequence
+    with one a motion. The plans are in the order of the arguments.
+
+    Parameters
+    ----------
+    q0 : array_like, shape (nq,) or (N, nq)
+    target : array_like, shape (3,) or (N, 3), or pinocchio.SE3, or sequence of both kinds
+    duration : float or array_like, shape (N,)
+        [s]
+    jobs : int, optional
+        Processes to work with; 1 for this one alone. Default: one a core.
+    progress : callable, optional
+        Called with the share of the motions planned, 0 to 1.
+
+    Raises
+    ------
+    InvalidValue
+        Sequences of different lengths, an unknown option, or a number of jobs below one.
+    TasksFailed
+        Some could not be planned: it says which and why, and carries the others.
+
+    Examples
+    --------
+    >>> plans = opt.plan_many(sms, q0, targets, duration=12.0)
+    >>> reached = [plan.reached for plan in plans]
+    """
+    if isinstance(target, Iterator):
+        target = list(target)
+    given = {"q0": q0, "target": target, "duration": duration}
+    rows = {name: _rows(name, value) for name, value in given.items()}
+    lengths = {name: len(one) for name, one in rows.items() if one is not None}
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{length} of {name}" for name, length in lengths.items())
+        raise InvalidValue("the sequences", told, "must have one length")
+    count = next(iter(lengths.values()), 1)
+    columns = [repeat(given[name], count) if one is None else one for name, one in rows.items()]
+    jobs = 1 if count < 2 and jobs is None else jobs
+    found = plan_each(sms, zip(*columns, strict=True), dt, kappa, jobs=jobs, **options)
+    return all_results(found, count, progress)
+
+
+def plan_each(
+    sms: SpaceManipulator,
+    tasks: Iterable[tuple[ArrayLike, Any, float]],
+    dt: float = Problem.dt,
+    kappa: float = Coupling.kappa,
+    *,
+    jobs: int | None = None,
+    **options: Any,
+) -> Iterator[Outcome[Trajectory]]:
+    """Plan any number of motions, yielding each in turn: the memory taken does not grow with their number.
+
+    Parameters
+    ----------
+    tasks : iterable of (q0, target, duration)
+        Taken as they are needed, so it may be a generator, and endless; the rest is as for `plan_many`.
+
+    Yields
+    ------
+    Outcome
+        `index`, and either the `result`, a Trajectory, or the `error` that `plan` raised.
+
+    Examples
+    --------
+    >>> for outcome in opt.plan_each(sms, ((q0, draw(), 12.0) for _ in range(100_000))):
+    ...     arrived += outcome.error is None and outcome.result.reached
+    """
+    known = [name for name in plan.__kwdefaults__ or () if name != "progress"]
+    for name in options:
+        if name not in known:
+            raise InvalidValue("option", name, f"must be one of {', '.join(known)}")
+    found = outcomes(_plan, (sms, dt, kappa, options), tasks, jobs)
+    # On its way from a process an array becomes writable; a copy's are not.
+    return (one if one.result is None else replace(one, result=replace(one.result)) for one in found)
+
+
+def _plan(shared: Any, task: Any) -> Trajectory:
+    sms, *numbers, options = shared
+    return plan(sms, *task, *numbers, **options)
+
+
+def _rows(name: str, value: Any) -> list[Any] | None:
+    """What is given one a motion; None where it is one for all motions."""
+    if name == "target":
+        if hasattr(value, "translation"):
+            return None
+        if isinstance(value, Sequence) and any(hasattr(one, "translation") for one in value):
+            return list(value)
+    one = 0 if name == "duration" else 1
+    try:
+        dimensions = np.ndim(value)
+    except ValueError:  # rows of different lengths: planning says what is wrong with each
+        return list(value)
+    if dimensions == one and np.size(value):
+        return None
+    if dimensions not in (1, one + 1):
+        raise InvalidValue(name, value, "must be one for all motions, or a sequence with one a motion")
+    return list(value if isinstance(value, Sequence) else np.asarray(value))

@@ -49,8 +49,8 @@ class ReplanOptions:
         [m] Where the plan ends further away, single steps would only push against what is in the way: the
         plan is followed to its end.
     search_again : float
-        [s] Where the rest of a plan does not arrive, a whole search is made, at most once in this time, and
-        at most once in a quarter of the time left.
+        [s] Where the rest of a plan does not arrive or breaks a limit, a whole search is made, at most once
+        in this time, and at most once in a quarter of the time left.
     dead_band : float, optional
         [m] After the deadline an arm that is this near to a goal that stands still rests until it is further
         away. Default: three times the noise with which its place is seen, from 0.1 to 1 mm; none with perfect

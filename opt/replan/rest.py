@@ -40,12 +40,13 @@ class JointPlan:
     rates: FloatArray
     miss: float  # [m] distance to the goal at the deadline, as foreseen
     damping: float = 0.03  # with which the descent that made it ended
+    excess: float = 0.0  # the largest residual of a limit, as a share of its margin: above one it is broken
 
     @classmethod
     def of_rates(
         cls, start: float, dt: float, joints: FloatArray, rates: FloatArray, *ends: float
     ) -> JointPlan:
-        """From the joints (n,) at the first node and the rates (N + 1, n); then `miss` and `damping`."""
+        """From the joints (n,) at the first node and the rates (N + 1, n); then the other fields."""
         travel = np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)
         return cls(start, dt, joints + np.vstack([np.zeros(len(joints)), travel]), rates, *ends)
 
@@ -137,7 +138,8 @@ def replanned(
     rates[0] = problem.joint_rates
     ends = motions_of(problem, spline, motion.p)
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
-    return JointPlan.of_rates(start, problem.dt, joints, rates, miss, float(motion.damping[0]))
+    found = miss, float(motion.damping[0]), float(motion.at.limit_share[0])
+    return JointPlan.of_rates(start, problem.dt, joints, rates, *found)
 
 
 def _first(model: Model, start: float, last: JointPlan) -> FloatArray:
@@ -201,7 +203,7 @@ class RestPlanner:
             plan = JointPlan.of_trajectory(self._given or _searched(rest), now)
         else:
             plan = replanned(self._careful(rest), now, joints, last, options, rest.duration / whole.duration)
-            if plan.miss > options.arrived_miss and now >= self._next_search:
+            if max(plan.miss / options.arrived_miss, plan.excess) > 1.0 and now >= self._next_search:
                 plan = self._searched_again(rest, now, joints, plan)
         self.computing_time = time.perf_counter() - begun
         self.current, self.made = plan, now
@@ -209,11 +211,12 @@ class RestPlanner:
         return plan
 
     def _searched_again(self, rest: Problem, now: float, joints: FloatArray, plan: JointPlan) -> JointPlan:
-        """A short search, where the rest of the plan does not arrive; the better of both."""
+        """A short search, where the rest of a plan does not arrive or breaks a limit; the better of both."""
         self._next_search = now + max(self._options.search_again, 0.25 * rest.duration)
         found = Search(rest).run(QUICK)
         other = JointPlan.of_trajectory(found, now)
-        if found.broken or other.miss >= plan.miss:
+        better = other.miss < plan.miss or (plan.excess > 1.0 and other.miss <= self._options.arrived_miss)
+        if found.broken or not better:
             return plan
         # Joints that turn without end are counted from where they are.
         return replace(other, positions=other.positions + joints - other.positions[0])

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.opt.given import checked_parts, default_limits, default_terms, step_limits
 from ffsms_pin.opt.limits import BaseLimits, Limit
-from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.parts.reading import checked_parts
+from ffsms_pin.opt.problem import Problem, default_limits, default_terms, step_limits
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.stepper import Stepper

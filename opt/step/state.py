@@ -57,7 +57,7 @@ class StepState:
         self.joints: FloatArray = sms.layout.positions(q)
         tree = sms.arm_stack(mode).tree
         columns, self.V, more = kernel.step_state(tree, q[:7], self.joints, momentum)
-        self.reaction, self.J_star, self.J_arm, _ = columns
+        self.reaction, self.J_star, self.J_arm = columns
         self.tip, self.com, self.drift, self.tip_drift = more[:3], more[3:6], more[6:12], more[12:18]
         self.tip_rotation, self.entropy = more[18:27].reshape(3, 3), float(more[27])
 

@@ -9,7 +9,7 @@ import pytest
 
 import ffsms_pin
 from ffsms_pin.cli import main
-from ffsms_pin.cli.pages import page_path, page_titles
+from ffsms_pin.cli.docs import page_path, page_titles
 
 PACKAGE = Path(ffsms_pin.__file__).parent
 

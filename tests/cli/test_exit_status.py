@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from scenario_files import IN_DEGREES
 
-from ffsms_pin.cli import info_command, main
+from ffsms_pin.cli import info, main
 from ffsms_pin.errors import InvalidValue
 
 LONG = f"{IN_DEGREES.lstrip()}[plan]\nduration = 300.0\ndt = 0.0005\n"
@@ -27,7 +27,7 @@ def ends_with(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> int:
     def run(arguments: argparse.Namespace) -> int:
         raise error
 
-    monkeypatch.setattr(info_command, "run", run)
+    monkeypatch.setattr(info, "run", run)
     return main(["info", "planar_3r"])
 
 
@@ -76,7 +76,7 @@ def test_the_signal_is_the_users_again_afterwards(monkeypatch: pytest.MonkeyPatc
         seen.append(signal.getsignal(signal.SIGTERM))
         return 0
 
-    monkeypatch.setattr(info_command, "run", run)
+    monkeypatch.setattr(info, "run", run)
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     assert main(["info", "planar_3r"]) == 0
     assert callable(seen[0])

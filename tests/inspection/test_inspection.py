@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,8 @@ import pytest
 from broken_urdfs import LIMIT_2, PLANAR, in_joint_2, in_link_2, limits, write
 
 import ffsms_pin as ffsms
-from ffsms_pin.cli.inspect_command import add_parser, run
+from ffsms_pin.cli.inspect import run
+from ffsms_pin.cli.main import parser
 from ffsms_pin.errors import FfsmsError, InvalidUrdf, InvalidValue, ModelNotFound, ResultError
 from ffsms_pin.inspection import inspect, repair
 from ffsms_pin.inspection.numbers import mended_number
@@ -116,9 +116,7 @@ def test_numbers_that_cannot(text: str) -> None:
 
 
 def command(*arguments: str) -> int:
-    parser = argparse.ArgumentParser()
-    add_parser(parser.add_subparsers(dest="command"))
-    return run(parser.parse_args(["inspect", *arguments]))
+    return run(parser().parse_args(["inspect", *arguments]))
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

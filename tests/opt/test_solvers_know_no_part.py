@@ -42,11 +42,7 @@ NAMES = {name for one in PARTS if isinstance(name := getattr(one, "name", None),
 
 def solver_files() -> list[Path]:
     files = [*(ROOT / "horizon").glob("*.py"), *(ROOT / "step").glob("*.py"), *(ROOT / "replan").glob("*.py")]
-    files += [
-        ROOT / "trajectory.py",
-        *(ROOT / "planning" / f"{name}.py" for name in ("plan", "many")),
-    ]
-    return sorted(files)
+    return sorted([*files, ROOT / "trajectory.py", ROOT / "planning" / "plan.py"])
 
 
 def classes_asked_for(tree: ast.AST) -> Iterator[str]:

@@ -11,6 +11,7 @@ from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Meet, Problem
 from ffsms_pin.scenarios.capture import whole_tracking
 from ffsms_pin.scenarios.client_motion import ClientMotion, client_motion
+from ffsms_pin.scenarios.reading import packaged_path
 from ffsms_pin.scenarios.saved import save_scenario
 
 SHORT = """
@@ -108,7 +109,7 @@ def test_the_scene_holds_the_client(outcome: Any) -> None:
 
 def test_a_results_folder_shows_the_client(outcome: Any, tmp_path: Path) -> None:
     pytest.importorskip("ffsms_pin.viewer")
-    from ffsms_pin.cli.viewed import scene_of
+    from ffsms_pin.cli.view import scene_of
 
     outcome.trajectory.save(tmp_path / "trajectory.npz")
     outcome.tracking.save(tmp_path / "tracking.npz")
@@ -155,3 +156,13 @@ def test_the_packaged_scenario_meets_an_estimate() -> None:
     # By construction: a posture of the arm is there at the deadline.
     assert joints is not None
     assert np.linalg.norm(place.position) < 2.0
+
+
+def test_the_packaged_capture_meets_its_client(tmp_path: Path) -> None:
+    """Seen noisily and late, through the corridor, by planning again: what `ffsms-pin run capture` shows."""
+    text = packaged_path("capture").read_text("utf-8").replace("after = 10.0", "after = 0.5")
+    outcome = scenarios.run(_written(tmp_path, text))
+    assert outcome.note == ""
+    assert outcome.capture is not None
+    assert outcome.capture.miss[0] < 2e-3
+    assert np.linalg.norm(outcome.capture.contact_velocity[:3]) < 5e-3

@@ -26,10 +26,9 @@ _CHORD = 0.02
 
 
 class Least(NamedTuple):
-    """The least clearance of a motion [m], of which pair, when [s]; and instants (k,) with little left [s].
+    """The least clearance of a motion [m], of which pair, when; and instants (k,) with little left [s].
 
-    The value is exact where it is less than what is asked for, and a bound from below where it lies between
-    instants and could not be proven kept.
+    A bound from below where it lies between instants and could not be proven kept.
     """
 
     value: float

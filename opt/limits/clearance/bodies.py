@@ -35,6 +35,10 @@ class Body(NamedTuple):
     whole: list[Part]
 
 
+def _alone(name: str, part: Part) -> Body:
+    return Body(name, part.body, [part], [part])
+
+
 class BodyStack(ClearanceStack):
     """Distances of pairs of bodies, by convex parts of their shapes ("hulls") or by these ("shapes").
 
@@ -62,13 +66,10 @@ class BodyStack(ClearanceStack):
         self._refines = not all(part.convex for body in own for part in body.whole)
         self.left_out: list[str] = []
         if obstacles:
-            own += [Body("payload", part.body, [part], [part]) for part in held]
-            shapes = [
-                part_of(one.shape, sms.n + k, pin.SE3.Identity(), True) for k, one in enumerate(obstacles)
-            ]
-            others = [
-                (one, Body(one.name, x.body, [x], [x])) for one, x in zip(obstacles, shapes, strict=True)
-            ]
+            own += [_alone("payload", part) for part in held]
+            here = pin.SE3.Identity()
+            shapes = [part_of(one.shape, sms.n + k, here, True) for k, one in enumerate(obstacles)]
+            others = [(one, _alone(one.name, shape)) for one, shape in zip(obstacles, shapes, strict=True)]
             # What is on the base and the base itself do not move past each other.
             self._take([(a, b) for a in own for one, b in others if a.carrier >= 0 or not one.on_base])
             self.largest = np.full(len(self.names), np.inf)

@@ -47,21 +47,18 @@ class Clearance(Limit):
         are kept from the hulls in all modes but "points", also in "off", and from points with the straight
         lines between them in "points" and where the robot has no shapes.
     margin : float
-        What whole motions keep beside the clearance while they are searched for [arm lengths].
+        What whole motions keep beside the clearance while they are searched for [arm lengths]: a penalty
+        gives way, and only some instants are watched.
     obstacles : sequence of Obstacle
     payload : (coal shape, pinocchio.SE3), optional
         What the end effector holds, convex, and where it is in the end-effector frame. It is kept from
         obstacles, and from the robot's own bodies as a part of the one that holds it.
-    reserve, began : float
-        See `Limit` [m], [s]: obstacles that move are seen from when the motion began.
-    rate, step_margin, give : float
-        See `Inequality` [1/s], [m]: slow enough for the arm to brake (the paper's stops an end effector from
-        0.2 m/s within a second), fast enough to pass near.
+    reserve, began, rate, step_margin, give : float
+        See `Limit` [m], [s] and `Inequality` [1/s], [m].
     """
 
     clearance: float = 0.01
     collision: str = "auto"
-    # A penalty gives way, and only some instants of a whole motion are watched.
     margin: float = 0.01
     obstacles: Sequence[Obstacle] = ()
     payload: tuple[Any, Any] | None = None

@@ -31,10 +31,7 @@ Entries: TypeAlias = tuple[Indices, ...]  # pairs (V,), and at which configurati
 
 
 class Poses(NamedTuple):
-    """Where bodies are at B configurations: the arm by its joints (n, B), obstacles as the base sees them.
-
-    The latter by their axes (3, 3, o, B) and origins (3, o, B), base axes.
-    """
+    """Joints (n, B) of the arm; axes (3, 3, o, B) and origins (3, o, B) of obstacles, seen by the base."""
 
     joints: FloatArray
     turns: FloatArray
@@ -62,27 +59,15 @@ class Nearest(NamedTuple):
 class ClearanceStack(ABC):
     """Pairs of things on bodies, and how far they are apart.
 
-    A body is a link, the base, or an obstacle, which moves past as the base sees it.
+    A body is a link, the base, or an obstacle, which moves past as the base sees it: links have the indices
+    of their joints, obstacles come after them, the base is -1. Of each pair (m) `names` say what it is,
+    `bodies` (m, 3) which two bodies, and in whose axes nearest points are; `largest` (m,) how large its
+    distance can be, as far as it is known [m]; `reaches` (m, n) how fast it can change at most by a unit rate
+    of each joint [m/rad], None: not bounded; `passes` (m,) whether the second body moves past the base;
+    `sizes` (m, 2) how far any point of a body is from its origin at most [m].
 
-    Attributes
-    ----------
-    names : list of str
-        What each distance is between.
-    bodies : ndarray of int, shape (m, 3)
-        Of each pair: links by their joints, obstacles after them, the base is -1. The third is the body in
-        whose axes nearest points are.
-    largest : ndarray, shape (m,)
-        How large distances can be, as far as it is known [m].
-    reaches : ndarray, shape (m, n), or None
-        How fast distances can change at most by a unit rate of each joint [m/rad]; None: not bounded.
-    obstacles : tuple of Obstacle
-        Where there are any, the second bodies are these.
-    passes : ndarray of bool, shape (m,)
-        Whether the second body moves past the base.
-    sizes : ndarray, shape (m, 2)
-        How far any point of a body is from its origin at most [m].
-    tolerance : float
-        So much less than the asked clearance counts as kept [m].
+    Where there are `obstacles`, the second bodies are these, `began` seconds later. So much less than the
+    asked clearance as `tolerance` counts as kept [m].
     """
 
     mode: str
@@ -103,8 +88,7 @@ class ClearanceStack(ABC):
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """Distances and nearest points at V entries (pair, configuration).
 
-        Where a distance is not below `near`, one number or (V,), a bound from below that is not either will
-        do.
+        Those that are not below `near`, one number or (V,), may be bounds from below that are not either.
         """
 
     def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
@@ -186,8 +170,7 @@ class ClearanceStack(ABC):
 class PartPairs:
     """Pairs of bodies (m), each a list of parts of the first and one of the second.
 
-    The arm's bodies have the indices of their joints, the base -1, and obstacles come after the joints.
-    `bodies` (m, 2) are these, and `sizes` (m, 2) how far any point of them is from its origin at most [m].
+    `bodies` (m, 2) and `sizes` (m, 2) are as in `ClearanceStack`.
     """
 
     def __init__(self, arm: ArmStack, pairs: Sequence[tuple[list[Part], list[Part]]]) -> None:
@@ -248,11 +231,10 @@ class PartPairs:
         return Nearest(distance, points)
 
     def reaches(self, slides: FloatArray) -> FloatArray:
-        """How fast each distance can change at most by a unit rate of each joint (m, n) [m/rad].
+        """`ClearanceStack.reaches`, where joints that slide can be `slides` (n,) from zero at most [m].
 
         A joint between two bodies moves one of them as seen from the other, and either can be taken as the
-        one: the distance changes by no more than the way of the points of the body that is nearer to the
-        joint's axis. `slides` (n,): how far joints that slide can be from zero [m].
+        one: the distance changes by no more than the way of points of that which is nearer to the joint.
         """
         arm, n = self.arm, self.arm.n
         steps = np.linalg.norm(arm.offset, axis=1) + np.where(arm.revolute, 0.0, slides)

@@ -12,7 +12,7 @@ from slopes import check_arrival, motions
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.arrival import arrival
+from ffsms_pin.opt.horizon.merit import arrival
 
 
 @pytest.fixture(scope="module", params=["planar_3r", "satellite_panda"])

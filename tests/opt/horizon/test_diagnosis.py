@@ -10,7 +10,7 @@ from horizon_parts import planar_problem, told
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.arrival import arrival_error, corrected_goal
+from ffsms_pin.opt.horizon.descent import arrival_error, corrected_goal
 from ffsms_pin.opt.horizon.diagnosis import explain, reach_range, within_workspace
 from ffsms_pin.opt.horizon.shooting import JointGoals
 from ffsms_pin.opt.horizon.solve import refused

@@ -8,7 +8,8 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.horizon.solve import _one_joint
+from ffsms_pin.opt.horizon.shooting import least_time
+from ffsms_pin.system import JointLimits
 
 
 def test_the_shortest_lies_between_its_bounds() -> None:
@@ -43,7 +44,9 @@ def test_the_shortest_lies_between_its_bounds() -> None:
 def test_least_time_of_one_joint(
     way: float, u0: float, u1: float, most: float, a: float, expected: float
 ) -> None:
-    assert _one_joint(way, u0, u1, most, a) == pytest.approx(expected)
+    lower, upper, velocity, acceleration, torque = np.array([[-9.0], [9.0], [most], [a], [np.inf]])
+    limits = JointLimits(lower, upper, velocity, acceleration, torque)
+    assert least_time(limits, np.array([way]), np.array([u0]), np.array([u1])) == pytest.approx(expected)
 
 
 def test_a_tolerance_of_one_is_none() -> None:

@@ -7,75 +7,28 @@ import json
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from ffsms_pin.cli.work_arguments import add_work_arguments, work_arguments
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ffsms_pin.atlas import Sweep, sweep
+from ffsms_pin.cli.arguments import work_arguments
+from ffsms_pin.cli.output import output_console, say
+from ffsms_pin.cli.progress import shown_progress
+from ffsms_pin.cli.results_folder import chosen_folder
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.extras import require
+from ffsms_pin.models import load
+from ffsms_pin.storage import write_content
+from ffsms_pin.version import __version__
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from ffsms_pin.atlas import Sweep
-
-__all__ = ["RESUMES", "add_parser", "run"]
-
-RESUMES = True  # the same command goes on where it was stopped
-
-_DESCRIPTION = """\
-Change a robot's design, and measure each combination: reach, base motion for a metre of the end effector,
-entropy and manipulability; with --wheel, also what the wheels would have to hold. Prints the designs that no
-other one beats both in reach and in base rotation, and writes sweep.json and one figure (pdf and png).
-
-  --vary base_mass=0.5,1,2        factor of the base's mass, its inertia in proportion
-  --vary base_inertia=0.5,1,2     factor of its inertia besides
-  --vary mount_y=0,0.2            shift of the mount point, base axes [m]; also mount_x, mount_z
-  --vary link:joint_2=0.8:1.2:5   factor of the length of the link behind a joint; first:last:count
-
-example: ffsms-pin sweep planar_3r --vary base_mass=0.5,1,2,4 --vary link:joint_2=0.8:1.2:5
-
-exit codes: 0 done; 2 bad input; 70 a defect of ffsms-pin; 130 interrupted; 143 terminated
-"""
-
-
-def add_parser(subparsers: Any) -> None:
-    """Add `sweep` to the commands (argparse's subparsers)."""
-    parser = subparsers.add_parser(
-        "sweep",
-        help="measure changed designs of a robot",
-        description=_DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("model", metavar="MODEL", help="a robot by name, as planar_3r, or a URDF file")
-    parser.add_argument("--end-effector", metavar="FRAME", help="its frame (default: the last link's)")
-    parser.add_argument(
-        "--wheel",
-        action="append",
-        default=[],
-        metavar="JOINT",
-        help="a continuous joint of the URDF file that is a reaction wheel; again for each wheel",
-    )
-    parser.add_argument(
-        "--vary", action="append", required=True, metavar="NAME=VALUES", help="a parameter; see above"
-    )
-    parser.add_argument(
-        "--samples", type=int, metavar="N", default=16384, help="configurations a design (default: 16384)"
-    )
-    parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the configurations (default: 0)")
-    parser.add_argument("--out", metavar="DIR", help="folder for the results (default: results/MODEL-sweep)")
-    add_work_arguments(parser)
+__all__ = ["run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure, print the table and write the results; returns the exit code."""
-    from rich.console import Console
-
-    from ffsms_pin.atlas import sweep
-    from ffsms_pin.cli.output import output_console
-    from ffsms_pin.cli.progress import shown_progress
-    from ffsms_pin.cli.results_folder import chosen_folder
-    from ffsms_pin.extras import require
-    from ffsms_pin.models import load
-
+    """Measure, print the table and write the results."""
     require("plot", "the figure of a sweep")
     sms = load(arguments.model, end_effector=arguments.end_effector, wheels=arguments.wheel)
     parameters = dict(_parameter(text) for text in arguments.vary)
@@ -90,20 +43,17 @@ def run(arguments: argparse.Namespace) -> int:
             progress=lambda done, whole: progress("designs", done / whole),
             **work_arguments(arguments),
         )
-    output = output_console()
     if found is None:
-        output.print(f"shard {arguments.shard}: done", markup=False, highlight=False)
+        say(f"shard {arguments.shard}: done")
         return 0
     _write(found, folder, sms.model.name)
-    output.print(_table(found))
-    output.print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
+    output_console().print(_table(found))
+    say(f"results: {folder}")
     return 0
 
 
 def _parameter(text: str) -> tuple[str, list[float]]:
     """Name and values of "name=1,2,3" or "name=first:last:count"."""
-    import numpy as np
-
     name, _, values = text.rpartition("=")
     try:
         if ":" in values:
@@ -121,8 +71,6 @@ def _write(found: Sweep, folder: Path, model: str) -> None:
     from ffsms_pin.plotting import save_formats
     from ffsms_pin.plotting.atlas import plot_pareto
     from ffsms_pin.plotting.style import stack
-    from ffsms_pin.storage import write_content
-    from ffsms_pin.version import __version__
 
     content = {
         "model": model,
@@ -141,9 +89,6 @@ def _write(found: Sweep, folder: Path, model: str) -> None:
 
 
 def _table(found: Sweep) -> Table:
-    from rich.markup import escape
-    from rich.table import Table
-
     best = found.best()
     title = f"{int(best.sum())} of {len(found)} designs are not beaten in both reach and base rotation"
     table = Table(title=title, title_justify="left")

@@ -3,67 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
 
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ffsms_pin.inspection import Report, inspect, repair
 from ffsms_pin.system.urdf_elements import is_number
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from ffsms_pin.inspection import Report
-
-__all__ = ["add_parser", "run"]
-
-LOADS, REFUSED = 0, 1
-
-_DESCRIPTION = """\
-Look through a URDF file: masses and inertias link by link, joint limits, and everything that is wrong.
-With --repair, write a file that loads, and list every change; what cannot be mended is said, and nothing is
-written then.
-
-examples:
-  ffsms-pin inspect robot.urdf
-  ffsms-pin inspect robot.urdf --repair mended.urdf
-
-exit codes: 0 the file, or the mended one, loads; 1 it does not; 2 bad input, or it cannot be mended
-"""
-
-
-def add_parser(subparsers: Any) -> None:
-    """Add `inspect` to the commands (argparse's subparsers)."""
-    parser = subparsers.add_parser(
-        "inspect",
-        help="look for faults in a URDF file, and mend them",
-        description=_DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("file", metavar="FILE", help="a URDF file, or the name of a packaged robot")
-    parser.add_argument("--repair", metavar="OUT", help="write a URDF that loads, and list the changes")
-    parser.add_argument(
-        "--rate",
-        type=float,
-        metavar="LIMIT",
-        help="rate limit for joints without one, with --repair [rad/s or m/s] (default: 0.5)",
-    )
-    parser.add_argument(
-        "--effort",
-        type=float,
-        metavar="LIMIT",
-        help="torque or force limit for joints without one, with --repair [N m or N] (default: 100)",
-    )
+__all__ = ["run"]
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the report and, where it is asked for, write the mended file; returns the exit code.
-
-    Errors of the library are left to the caller, which prints them in one line.
-    """
-    # Imported only now: --help needs none of it.
-    from rich.console import Console
-    from rich.markup import escape
-
-    from ffsms_pin.inspection import inspect, repair
-
+    """Print the report and, where it is asked for, write the mended file."""
     console = Console()
     report = inspect(arguments.file)
     console.print(_links(report))
@@ -79,12 +31,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.repair is None:
         if not report.loads and report.repairable:
             console.print("It can be mended: add --repair OUT.", highlight=False)
-        return LOADS if report.loads else REFUSED
-    settings = {
-        key: value
-        for key, value in (("rate", arguments.rate), ("effort", arguments.effort))
-        if value is not None
-    }
+        return 0 if report.loads else 1
+    given = {"rate": arguments.rate, "effort": arguments.effort}
+    settings = {key: value for key, value in given.items() if value is not None}
     changes = repair(arguments.file, arguments.repair, **settings)
     console.print(
         f"{escape(str(arguments.repair))} written, {len(changes)} change{'' if len(changes) == 1 else 's'}"
@@ -94,13 +43,10 @@ def run(arguments: argparse.Namespace) -> int:
     )
     for change in changes:
         console.print(escape(f"  {change}"), highlight=False, soft_wrap=True)
-    return LOADS
+    return 0
 
 
 def _links(report: Report) -> Table:
-    from rich.markup import escape
-    from rich.table import Table
-
     table = Table(title=escape(f"Links of '{report.name}'"), title_justify="left")
     table.add_column("link")
     table.add_column(escape("mass [kg]"), justify="right")
@@ -118,9 +64,6 @@ def _links(report: Report) -> Table:
 
 
 def _joints(report: Report) -> Table:
-    from rich.markup import escape
-    from rich.table import Table
-
     table = Table(title="Joints, as written (rad, m, s, N)", title_justify="left")
     for name in ("joint", "type", "lower", "upper", "velocity", "effort"):
         table.add_column(name, justify="left" if name in ("joint", "type") else "right")
@@ -137,15 +80,10 @@ def _joints(report: Report) -> Table:
 
 def _number(text: str) -> str:
     """A number, shortened; anything else as it is written."""
-    from rich.markup import escape
-
     return f"{float(text):.5g}" if is_number(text) else escape(text)
 
 
 def _faults(report: Report) -> Table:
-    from rich.markup import escape
-    from rich.table import Table
-
     table = Table(title="Faults", title_justify="left")
     table.add_column("where", overflow="fold")
     table.add_column("what", overflow="fold")

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
-__all__ = ["add_parser", "notebook", "run"]
+from ffsms_pin.cli.output import say
+from ffsms_pin.errors import DependencyMissing, InvalidValue, ResultError
+from ffsms_pin.storage import write_content
 
-_DESCRIPTION = """\
-Write a notebook with a first robot, plan, simulation and film into the current folder.
-
-examples:
-  ffsms-pin quickstart             write quickstart.ipynb
-  ffsms-pin quickstart --notebook  write it, and open it in Jupyter Lab
-"""
+__all__ = ["notebook", "run"]
 
 # Each cell with what is said above it. The tests run them.
 _CELLS: tuple[tuple[str, str], ...] = (
@@ -58,44 +55,18 @@ def notebook() -> dict[str, Any]:
     return {"cells": cells, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add `quickstart` to the commands (argparse's subparsers)."""
-    parser = subparsers.add_parser(
-        "quickstart",
-        help="write a notebook to begin with",
-        description=_DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        "--notebook", action="store_true", help="open it in Jupyter Lab, and stay until that ends"
-    )
-    parser.add_argument(
-        "--out",
-        metavar="FILE",
-        default="quickstart.ipynb",
-        help="the file to write (default: quickstart.ipynb); one that is there is not replaced",
-    )
-
-
 def run(arguments: argparse.Namespace) -> int:
-    """Write the notebook, and open it where that is asked for; returns the exit code."""
-    from importlib.util import find_spec
-
-    from ffsms_pin.cli.output import output_console
-    from ffsms_pin.errors import DependencyMissing, InvalidValue, ResultError
-    from ffsms_pin.storage import write_content
-
+    """Write the notebook, and open it where that is asked for."""
     if not arguments.out.strip() or "\0" in arguments.out:
         raise InvalidValue("--out", arguments.out, "must name a file")
-    if arguments.notebook and find_spec("jupyterlab") is None:
+    if arguments.notebook and importlib.util.find_spec("jupyterlab") is None:
         raise DependencyMissing("jupyterlab", "opening a notebook", "notebooks")
     path = Path(arguments.out)
     if path.exists():
         raise ResultError(path, "is there already: move it away, or name another file with --out")
     write_content(path, (json.dumps(notebook(), indent=1) + "\n").encode())
     if arguments.notebook:
-        output_console().print(f"{path} written", markup=False, highlight=False, soft_wrap=True)
+        say(f"{path} written")
         return subprocess.call([sys.executable, "-m", "jupyterlab", str(path)])
-    said = f"{path} written. Open it with: jupyter lab {path} (pip install 'ffsms-pin[notebooks]')"
-    output_console().print(said, markup=False, highlight=False, soft_wrap=True)
+    say(f"{path} written. Open it with: jupyter lab {path} (pip install 'ffsms-pin[notebooks]')")
     return 0

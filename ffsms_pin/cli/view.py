@@ -1,14 +1,20 @@
-"""A results folder as a scene: the motion, its robot, and what the scenario put around it."""
+"""`ffsms-pin view`: a results folder as a scene, in a file, in the browser, or as a film."""
 
 from __future__ import annotations
 
+import argparse
 import json
+import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
+from ffsms_pin.cli.output import desktop, say
+from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.client import Client
-from ffsms_pin.errors import FfsmsError, ResultError
+from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.models import load
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios import Scenario, scenario, scenario_names
@@ -16,10 +22,53 @@ from ffsms_pin.scenarios.capture import joined
 from ffsms_pin.scenarios.client_motion import ClientMotion
 from ffsms_pin.scenarios.saved import load_scenario
 from ffsms_pin.simulation import Tracking
+from ffsms_pin.storage import read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer import View, view
 
-__all__ = ["scene_of"]
+__all__ = ["run", "scene_of"]
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the scene, and open it unless a file was named."""
+    if arguments.record is not None and arguments.html is not None:
+        raise InvalidValue("--html", arguments.html, "writes a page and --record a film: give one of them")
+    folder = Path(arguments.results)
+    show = None if arguments.show is None else [name.strip() for name in arguments.show.split(",")]
+    scene = scene_of(
+        folder,
+        arguments.plan,
+        arguments.robot,
+        arguments.end_effector,
+        "all" if show == ["all"] else show,
+        speed=arguments.speed,
+        camera=arguments.camera,
+    )
+    if arguments.record is not None:
+        with shown_progress(Console(stderr=True)) as progress:
+            scene.record(
+                arguments.record,
+                fps=arguments.fps,
+                size=_size(arguments.size),
+                browser=arguments.browser,
+                progress=lambda share: progress("recording", share),
+            )
+        say(f"film: {arguments.record}")
+        return 0
+    out = folder / "view.html" if arguments.html is None else Path(arguments.html)
+    scene.to_html(out)
+    say(f"scene: {out}")
+    if arguments.html is None and desktop():
+        webbrowser.open(out.resolve().as_uri())
+    return 0
+
+
+def _size(text: str) -> tuple[int, int]:
+    """Width and height of "800x600"."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise InvalidValue("--size", text, "must be width and height in pixels, as 800x600")
+    return int(width), int(height)
 
 
 def scene_of(
@@ -30,26 +79,10 @@ def scene_of(
     show: str | Sequence[str] | None = None,
     **options: Any,
 ) -> View:
-    """The scene of what `ffsms-pin run` wrote.
+    """The scene of what `ffsms-pin run` wrote; `ResultError` where there is none, or another robot's.
 
-    Parameters
-    ----------
-    folder : Path
-    plan_only : bool
-        The plan as planned, not the simulated motion.
-    robot : str, optional
-        A robot, or the scenario that names it, where the results cannot say.
-    end_effector : str, optional
-        Frame, with `robot`.
-    show
-        Layers, as in `view`.
-    options
-        Others of `view`.
-
-    Raises
-    ------
-    ResultError
-        The folder holds no results, or those of another robot.
+    `plan_only` shows the plan, not the simulated motion. `robot` is one, or the scenario that names
+    it, where the results cannot say; `end_effector` is its frame. `show` and `options` are those of `view`.
     """
     if not folder.is_dir():
         raise ResultError(folder, "is not a folder of results; make one with `ffsms-pin run`")
@@ -78,10 +111,12 @@ def scene_of(
 def _summary(path: Path) -> dict[str, Any]:
     """What summary.json says; nothing where it is not there."""
     try:
-        found = json.loads(path.read_text("utf-8"))
+        found = json.loads(read_content(path))
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise ResultError(path, f"cannot be read ({error.strerror})") from None
+    except (ValueError, RecursionError) as error:
         raise ResultError(path, f"cannot be read ({error})") from None
     if not isinstance(found, dict):
         raise ResultError(path, "is not a summary of results")

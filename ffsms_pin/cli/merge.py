@@ -1,59 +1,58 @@
-"""What the command line makes of a campaign that is done: table, report, figures."""
+"""`ffsms-pin merge`: table, report and figures of a campaign, run in shards or not."""
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from rich.table import Table
+from rich.markup import escape
+from rich.table import Table
 
-    from ffsms_pin.campaigns import Report
+from ffsms_pin.campaigns import Report, merge, report
+from ffsms_pin.campaigns.report import report_numbers
+from ffsms_pin.cli.output import output_console, say
+from ffsms_pin.errors import ResultError
+from ffsms_pin.extras import installed
+from ffsms_pin.storage import write_content
 
-__all__ = ["told"]
+__all__ = ["merged", "run"]
 
 _SHOWN = 5  # of the worst runs
 
 
-def told(folder: Path, partial: bool = False) -> None:
-    """Merge a campaign, write its report and figures into its folder, and print the report."""
-    from ffsms_pin.campaigns import merge, report
-    from ffsms_pin.campaigns.report import report_numbers
-    from ffsms_pin.cli.output import output_console
-    from ffsms_pin.extras import installed
-    from ffsms_pin.storage import write_content
+def run(arguments: argparse.Namespace) -> int:
+    """Make the table, and print the report."""
+    folder = Path(arguments.folder)
+    if not folder.is_dir():
+        raise ResultError(folder, "is not the folder of a campaign; make one with `ffsms-pin campaign`")
+    merged(folder, arguments.partial)
+    return 0
 
+
+def merged(folder: Path, partial: bool = False) -> None:
+    """Merge a campaign, write its report and figures into its folder, and print the report."""
     merge(folder, partial=partial)
     found = report(folder)
     numbers = json.dumps(report_numbers(found), indent=2, allow_nan=False)
     write_content(folder / "report.json", numbers + "\n")
-    output = output_console()
     if installed("plot"):
         from ffsms_pin.plotting import save_formats
         from ffsms_pin.plotting.campaigns import plot_campaign
 
         save_formats(plot_campaign(found), folder / "report")
     else:
-        output.print("no figures: they need matplotlib (pip install 'ffsms-pin[plot]')", markup=False)
-    output.print(_table(found, folder.name))
+        say("no figures: they need matplotlib (pip install 'ffsms-pin[plot]')")
+    output_console().print(_table(found, folder.name))
     for row in found.worst[:_SHOWN]:
         error = row["final_error_m"]
         end = "" if error is None else f", {1e3 * error:.3g} mm from the target"
         why = f": {row['error']}" if row["error"] else ""
-        words = f"seed {row['seed']}: {row['outcome']}{end}{why}"
-        output.print(words, markup=False, highlight=False, soft_wrap=True)
-    for words in (
-        f"one of them alone: ffsms-pin run --replay {folder} SEED",
-        f"results: {folder}",
-    ):
-        output.print(words, markup=False, highlight=False, soft_wrap=True)
+        say(f"seed {row['seed']}: {row['outcome']}{end}{why}")
+    say(f"one of them alone: ffsms-pin run --replay {folder} SEED", f"results: {folder}")
 
 
 def _table(found: Report, name: str) -> Table:
-    from rich.markup import escape
-    from rich.table import Table
-
     low, high = (100.0 * share for share in found.interval)
     table = Table(title=escape(f"{name}: {found.runs} runs"), title_justify="left")
     for column in ("quantity", "5 %", "median", "95 %", "99 %"):

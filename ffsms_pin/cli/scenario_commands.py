@@ -1,0 +1,227 @@
+"""What the command to begin with and those on scenarios are called, say and take."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser
+
+from ffsms_pin.cli.arguments import PACKAGED_OR_FILE, Command, add_scenario, add_work
+
+__all__ = ["SCENARIO_COMMANDS"]
+
+
+def _quickstart(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "--notebook", action="store_true", help="open it in Jupyter Lab, and stay until that ends"
+    )
+    parser.add_argument(
+        "--out",
+        metavar="FILE",
+        default="quickstart.ipynb",
+        help="the file to write (default: quickstart.ipynb); one that is there is not replaced",
+    )
+
+
+def _run(parser: ArgumentParser) -> None:
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument(
+        "scenario",
+        metavar="SCENARIO",
+        nargs="?",
+        help="case-1, case-2, wrong-model, capture, or a scenario file (TOML)",
+    )
+    what.add_argument(
+        "--replay", metavar=("DIR", "SEED"), nargs=2, help="one run of the campaign in a folder, by its seed"
+    )
+    add_scenario(parser, "")
+    parser.add_argument(
+        "--no-figures", dest="figures", action="store_false", help="write the numbers only, no figures"
+    )
+    parser.add_argument(
+        "--show", action="store_true", help="open the animated scene, where there is a display"
+    )
+    parser.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="let files that the scenario names (stream, watchdog path) lie outside the results folder",
+    )
+
+
+def _scenario(parser: ArgumentParser) -> None:
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--print", dest="name", metavar="NAME", help="case-1, case-2, wrong-model, capture")
+    what.add_argument("--schema", action="store_true", help="the JSON Schema")
+
+
+def _compare(parser: ArgumentParser) -> None:
+    add_scenario(parser, "-comparison", PACKAGED_OR_FILE)
+    parser.add_argument(
+        "--methods",
+        metavar="METHOD",
+        nargs="+",
+        help="only these, of horizon, step, paper, resolved-rate, least-disturbance, minimum-effort"
+        " (default: all that know what the scenario asks for)",
+    )
+
+
+def _laws(parser: ArgumentParser) -> None:
+    add_scenario(parser, "-laws", PACKAGED_OR_FILE)
+    parser.add_argument(
+        "--laws",
+        metavar="LAW",
+        nargs="+",
+        help="only these, of sliding-mode, passivity, super-twisting, computed-torque, pd (default: all)",
+    )
+
+
+def _robustness(parser: ArgumentParser) -> None:
+    add_scenario(parser, "-robustness", PACKAGED_OR_FILE)
+    parser.add_argument("--plants", type=int, metavar="N", default=200, help="how many (default: 200)")
+    parser.add_argument("--seed", type=int, metavar="N", default=1, help="of the plants (default: 1)")
+    parser.add_argument("--jobs", type=int, metavar="N", help="processes at once (default: one a core)")
+    for name, default, what in (
+        ("arm-mass", 0.2, "the mass of every body of the arm, inertia with it"),
+        ("base-mass", 0.1, "the mass of the base"),
+        ("base-inertia", 0.1, "the inertia of the base"),
+    ):
+        words = f"by what share {what} is off at most (default: {default:g})"
+        parser.add_argument(f"--{name}", type=float, metavar="SHARE", default=default, help=words)
+
+
+def _campaign(parser: ArgumentParser) -> None:
+    add_scenario(parser, "-campaign", "a scenario file (TOML) with [campaign.draw]")
+    parser.add_argument("--runs", type=int, metavar="N", required=True, help="how many")
+    parser.add_argument("--seed", type=int, metavar="N", help="of the first run (default: the file's, or 1)")
+    add_work(parser.add_mutually_exclusive_group())
+
+
+def _merge(parser: ArgumentParser) -> None:
+    parser.add_argument("folder", metavar="DIR", help="the campaign's --out")
+    parser.add_argument("--partial", action="store_true", help="take what is done where runs are missing")
+
+
+SCENARIO_COMMANDS = {
+    "quickstart": Command(
+        "quickstart",
+        "write a notebook to begin with",
+        """\
+Write a notebook with a first robot, plan, simulation and film into the current folder.
+
+examples:
+  ffsms-pin quickstart             write quickstart.ipynb
+  ffsms-pin quickstart --notebook  write it, and open it in Jupyter Lab
+""",
+        _quickstart,
+    ),
+    "run": Command(
+        "run",
+        "plan and track a scenario, write results",
+        """\
+Plan a scenario and follow it in closed loop, under whatever conditions it sets: a plant that is not the
+model, planning again in the loop, friction, sensors, disturbances, failures (ffsms-pin docs scenarios
+lists all keys). Prints a summary table, and writes trajectory.npz, tracking.npz, scenario.json, summary.json
+and the figures (pdf and png).
+
+example: ffsms-pin run case-2 --out results/case-2
+One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign 4711
+""",
+        _run,
+        "0 the plan reaches the target and the closed loop ends there; 1 one of them does not, results "
+        "written; 2 bad input, or the run was stopped",
+    ),
+    "scenario": Command(
+        "scenario",
+        "a packaged scenario file as text, or the JSON Schema of scenario files",
+        """\
+Print a packaged scenario file, to be changed and run, or the JSON Schema of scenario files, with which
+editors complete keys and show units.
+
+examples:
+  ffsms-pin scenario --print case-2 > mine.toml
+  ffsms-pin scenario --schema > scenario.schema.json
+
+An editor that reads schemas of TOML (Even Better TOML, Taplo) takes it by a first line in the file:
+  #:schema ./scenario.schema.json
+""",
+        _scenario,
+    ),
+    "compare": Command(
+        "compare",
+        "plan a scenario by every method, side by side",
+        """\
+Plan a scenario by every method, print one table, and write comparison.json and one figure.
+
+example: ffsms-pin compare case-2
+""",
+        _compare,
+    ),
+    "compare-modes": Command(
+        "compare_modes",
+        "a task with the base held by wheels, and floating, side by side",
+        """\
+Do a scenario's task with the attitude held by its wheels (or thrusters) all the time, and floating: with
+coupling used and the base then turned back, with the attitude restored by the arm alone, and straight.
+Prints one table, and writes modes.json and one figure. The scenario needs a table [wheels] or [thrusters].
+
+example: ffsms-pin compare-modes mine.toml
+""",
+        lambda parser: add_scenario(parser, "-modes", "a scenario file (TOML) with wheels or thrusters"),
+    ),
+    "laws": Command(
+        "laws",
+        "follow a scenario under every control law, side by side",
+        """\
+Follow a scenario's motion under every control law: same plant, sensors, disturbances and start. The law of
+the scenario has the gains of its [control] table, the others those of [laws.NAME], or their defaults. Prints
+one table, and writes laws.json and one figure (pdf and png).
+
+example: ffsms-pin laws wrong-model
+""",
+        _laws,
+        "0 done, however well the laws did; 2 bad input",
+    ),
+    "robustness": Command(
+        "robustness",
+        "follow a scenario on random plants, planned again and planned once",
+        """\
+Follow a scenario's motion on random plants, with all else as the scenario says: once planned again in the
+loop, once by the plan that was made for the model. Both methods meet the same plants. Prints one table, and
+writes robustness.json and one figure (pdf and png). Runs that are done are kept in a folder beside the
+results until these are written: the same command goes on where it was killed.
+
+example: ffsms-pin robustness case-1 --plants 50 --jobs 2
+""",
+        _robustness,
+        "0 done, however many arrived; 2 bad input",
+        resumes=True,
+    ),
+    "campaign": Command(
+        "campaign",
+        "run a scenario many times with drawn plants, targets, noise and faults",
+        """\
+Run a scenario many times in closed loop, with plants, targets, noise and faults drawn from the distributions
+in its table [campaign.draw] (ffsms-pin docs campaigns). Writes one row a run to DIR/runs.parquet, a report
+(report.json) and figures. What is killed goes on where it was with the same command, and ends with the same
+table, whatever the number of workers and shards.
+
+examples:
+  ffsms-pin campaign mine.toml --runs 10000 --out mine          one process a core
+  ffsms-pin campaign mine.toml --runs 10000 --out mine --scheduler tcp://head:8786
+  ffsms-pin campaign mine.toml --runs 10000 --out mine --shard 3/16     then: ffsms-pin merge mine
+  ffsms-pin run --replay mine 4711                              one of its runs alone, by its seed
+""",
+        _campaign,
+        "0 done, however many arrived; 2 bad input, or the run cannot go on",
+        resumes=True,
+    ),
+    "merge": Command(
+        "merge",
+        "make the table of a campaign that was run in shards",
+        """\
+Make one table of a campaign's chunks (DIR/runs.parquet), a report (report.json) and figures.
+
+example: ffsms-pin merge results/mine
+""",
+        _merge,
+        "0 done; 2 bad input, or runs are missing",
+    ),
+}

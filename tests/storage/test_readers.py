@@ -1,0 +1,159 @@
+"""Whatever reads a file refuses devices and pipes, which have no end, and files that are absurdly large."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from scenario_files import QUICK
+from scenario_files import write as write_scenario
+
+import ffsms_pin as ffsms
+from ffsms_pin import opt
+from ffsms_pin.atlas import open_atlas
+from ffsms_pin.campaigns import Campaign, report
+from ffsms_pin.cli.view import scene_of
+from ffsms_pin.engine import ChunkFolder, Chunks
+from ffsms_pin.errors import FfsmsError, ResultError
+from ffsms_pin.inspection import inspect
+from ffsms_pin.interchange import read_csv, read_parquet
+from ffsms_pin.models.appending import is_mjcf, read_mjcf
+from ffsms_pin.scenarios.client_motion import ClientMotion
+from ffsms_pin.scenarios.saved import load_scenario
+from ffsms_pin.simulation import Tracking
+from ffsms_pin.storage import check_readable, read_content
+from ffsms_pin.system.urdf_elements import read_robot
+
+HUGE = 2**40  # [bytes], none of them on the disk
+
+
+def of_an_obstacle(path: Path) -> Any:
+    """Read as the mesh of a scenario's obstacle."""
+    name = f'{QUICK}\n[[obstacle]]\nshape = "mesh"\nfile = "{path}"\n'
+    chosen = ffsms.scenario(write_scenario(path.parent, name))
+    return chosen.obstacles(None)
+
+
+def of_a_run(path: Path) -> Any:
+    """Read as the specification of a folder of chunks."""
+    folder = path.parent / "chunks"
+    ChunkFolder(folder).open(Chunks(2, 1), {})
+    instead(folder / "specification.json", path)
+    return ChunkFolder(folder).chunks
+
+
+def of_a_summary(path: Path) -> Any:
+    """Read as the summary of results."""
+    folder = path.parent / "results"
+    folder.mkdir()
+    planar = ffsms.load("planar_3r")
+    q0 = planar.configuration([0.3, 0.6, 0.5])
+    opt.plan(planar, q0, [0.7, 0.3, 0.0], 1.0, 0.1, method="step").save(folder / "trajectory.npz")
+    instead(folder / "summary.json", path)
+    return scene_of(folder)
+
+
+def of_a_campaign(path: Path) -> Any:
+    """Read as a campaign's table."""
+    folder = path.parent / "campaign"
+    folder.mkdir()
+    instead(folder / "runs.parquet", path)
+    return report(folder)
+
+
+def of_an_atlas(path: Path) -> Any:
+    """Read as what describes an atlas."""
+    folder = path.parent / "atlas.zarr"
+    folder.mkdir()
+    instead(folder / ".zgroup", path)
+    return open_atlas(folder)
+
+
+def of_a_recording(path: Path) -> Any:
+    """Read as the number of rows that an unfinished recording has."""
+    folder = path.parent / "out.npz.part"
+    folder.mkdir()
+    (folder / "ffsms-pin-recording").write_text("ffsms-pin: rows of a recording that is not complete\n")
+    instead(folder / "rows.npy", path)
+    return Tracking.load(path.parent / "out.npz")
+
+
+def instead(place: Path, path: Path) -> None:
+    """Let a file's place lead to another one."""
+    place.unlink(missing_ok=True)
+    place.symlink_to(path)
+
+
+READERS: dict[str, Callable[[Path], Any]] = {
+    "content": lambda path: told(lambda: read_content(path)),
+    "robot": ffsms.load,
+    "arm": ffsms.mount,
+    "inspected": inspect,
+    "tree": read_robot,
+    "MJCF": read_mjcf,
+    "scenario": ffsms.scenario,
+    "draws": lambda path: Campaign.read(str(path), 2, None),
+    "saved scenario": load_scenario,
+    "CSV": lambda path: read_csv(ffsms.load("planar_3r"), path),
+    "Parquet": lambda path: read_parquet(ffsms.load("planar_3r"), path),
+    "trajectory": opt.Trajectory.load,
+    "tracking": Tracking.load,
+    "client": ClientMotion.load,
+    "atlas": of_an_atlas,
+    "obstacle": of_an_obstacle,
+    "run": of_a_run,
+    "summary": of_a_summary,
+    "campaign": of_a_campaign,
+    "recording": of_a_recording,
+}
+
+
+# Readers that say it in words of their own, by whether the file is huge: robots are looked for by name first,
+# arrays are read one by one and have sizes of their own, and there is no limit to a campaign's runs.
+OTHERWISE = {
+    **dict.fromkeys(
+        [(name, False) for name in ("robot", "arm", "inspected")], "neither a file nor a packaged"
+    ),
+    **dict.fromkeys([(name, True) for name in ("trajectory", "tracking", "client")], "is not an npz file"),
+    **dict.fromkeys([("campaign", True), ("campaign", False)], "cannot be read as a table of runs"),
+    **dict.fromkeys([("recording", True), ("recording", False)], "and its rows cannot be read"),
+}
+
+
+def told(read: Callable[[], Any]) -> Any:
+    """What is read; the system's error as one of ours, as readers pass it on."""
+    try:
+        return read()
+    except OSError as error:
+        raise ResultError("file", f"cannot be read ({error.strerror})") from None
+
+
+@pytest.mark.parametrize("what", ["device", "pipe", "huge"])
+@pytest.mark.parametrize("name", READERS)
+def test_it_is_refused_at_once(name: str, what: str, tmp_path: Path) -> None:
+    path = tmp_path / "given"
+    if what == "device":
+        path.symlink_to("/dev/zero")  # which is only ever read
+    elif what == "pipe":
+        os.mkfifo(path)
+    else:
+        with path.open("wb") as file:
+            file.truncate(HUGE)
+    with pytest.raises(FfsmsError) as caught:
+        READERS[name](path)
+    words = str(caught.value)
+    assert "\n" not in words
+    expected = "MB are read" if what == "huge" else "it is no regular file but a"
+    assert OTHERWISE.get((name, what == "huge"), expected) in words
+
+
+def test_a_file_of_the_largest_size_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"12345")
+    assert read_content(path, 5) == b"12345"
+    with pytest.raises(OSError, match="at most"):
+        check_readable(path, 4)
+    assert not is_mjcf(Path("/dev/zero"))
