@@ -65,8 +65,8 @@ NOT_CALLED = {
     },
     "asked at every step of a loop, with the loop's own arrays": {
         "ffsms_pin.coupling.Coupling", "ffsms_pin.coupling.cosine", "ffsms_pin.coupling.cosine_of_triples",
-        "ffsms_pin.coupling.decompose", "dump.moment", "wheels.total", "wheels.friction_torque", "thrusters.flow",
-        "step planner.advance", "robot in Basilisk.state", "obstacle.track",
+        "ffsms_pin.coupling.decompose", "dump.moment", "wheels.total", "wheels.friction_torque",
+        "thrusters.flow", "step planner.advance", "robot in Basilisk.state", "obstacle.track",
     },
     "serves a page to a browser, or starts one": {"ffsms_pin.viewer.LiveView", "view.open", "view.record"},
 }  # fmt: skip
