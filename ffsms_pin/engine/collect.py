@@ -24,18 +24,7 @@ def collected(
     lost: Lost | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
-    """One table of all rows, in their order; nothing is written.
-
-    Parameters
-    ----------
-    work, chunks, jobs, lost, progress
-        As for `run`.
-
-    Raises
-    ------
-    FfsmsError
-        As for `run`.
-    """
+    """One table of all rows, in their order; nothing is written. Arguments and errors are those of `run`."""
     instance("chunks", chunks, Chunks)
     jobs = min(checked_jobs(jobs), len(chunks))
     tables: dict[int, dict[str, Any]] = {}

@@ -31,15 +31,7 @@ def check_motion(sms: SpaceManipulator, motion: Trajectory | Tracking) -> None:
 def columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, FloatArray]:
     """The motion at its nodes: time, pose of the root frame, joint positions and rates, and more.
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-        The robot that moves; its joints name the columns.
-    motion : Trajectory or Tracking
-
-    Returns
-    -------
-    dict of str to ndarray, shape (N + 1,)
+    Columns (N + 1,) by name; the robot's joints name them.
     """
     check_motion(sms, motion)
     joints = np.stack([sms.joint_positions(q) for q in motion.q])

@@ -19,14 +19,7 @@ def to_joint_trajectory(sms: SpaceManipulator, plan: Trajectory, every: int = 1,
     Positions [rad], velocities [rad/s] and accelerations [rad/s^2] at the nodes; the message knows nothing of
     the base, which a controller of joints cannot command.
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    plan : Trajectory
-    every : int
-        Take each so many nodes, and the last one.
-    frame : str
-        `header.frame_id`.
+    Each `every`-th node is taken, and the last one; `frame` is `header.frame_id`.
     """
     instance("sms", sms, SpaceManipulator)
     instance("plan", plan, Trajectory)

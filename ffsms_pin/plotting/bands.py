@@ -36,13 +36,8 @@ def plot_bands(
         Of the vertical axis, with the unit.
     names : sequence of str
         Of the m quantities.
-    ax : Axes, optional
     share : float
         Of the runs that lie within the band at each instant.
-
-    Returns
-    -------
-    Axes
     """
     share, t = number("share", share), times("t", t)
     if not 0.0 < share <= 1.0:

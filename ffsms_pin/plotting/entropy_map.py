@@ -19,9 +19,6 @@ from ffsms_pin.system import SpaceManipulator
 __all__ = ["entropy_grid", "plot_entropy_map"]
 
 
-_MOST_POINTS = 1000  # on an axis: more than a figure has pixels for
-
-
 def entropy_grid(
     sms: SpaceManipulator, joints: tuple[int, int], at: ArrayLike | None = None, points: int = 41
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -51,8 +48,8 @@ def entropy_grid(
     if i == j or max(i, j) >= sms.n:
         raise InvalidValue("joints", joints, f"must be two different joints of 0 to {sms.n - 1}")
     positions = np.zeros(sms.n) if at is None else vector("at", at, sms.n, "rad")
-    if whole("points", points, 2) > _MOST_POINTS:
-        raise InvalidValue("points", points, f"must not exceed {_MOST_POINTS}")
+    if whole("points", points, 2) > 1000:  # on an axis: more than a figure has pixels for
+        raise InvalidValue("points", points, "must not exceed 1000")
     first, second = (_range(sms, k, points) for k in (i, j))
     grid = np.tile(positions, (points, points, 1))
     grid[:, :, i], grid[:, :, j] = first, second[:, None]
@@ -74,14 +71,9 @@ def plot_entropy_map(
     ----------
     sms, joints, at, points
         As of `entropy_grid`.
-    ax : Axes, optional
     trajectory : Trajectory, optional
         Drawn as a line from its start (circle) to its end (dot). Where it moves other joints too, the map
         under it is only that of `at`.
-
-    Returns
-    -------
-    Axes
     """
     first, second, entropy = entropy_grid(sms, joints, at, points)
     units = [joint_units(sms)[k] for k in joints]

@@ -213,20 +213,9 @@ def save_figure(drawn: Figure, path: Path, ending: str) -> None:
 
 
 def save_formats(drawn: Figure, path: Path, formats: tuple[str, ...] = ("pdf", "png")) -> list[Path]:
-    """Write one figure in several formats, each file atomically; its panels are laid out once, for the first.
+    """Write one figure as files `path` with the endings of `formats` ("pdf", "svg", "png"), each atomically.
 
-    Parameters
-    ----------
-    drawn : Figure
-    path : Path
-        Without an ending.
-    formats : tuple of str
-        Endings: "pdf", "svg", "png".
-
-    Returns
-    -------
-    list of Path
-        The files.
+    Its panels are laid out once, for the first. The files are returned.
     """
     instance("drawn", drawn, Figure)
     instance("formats", formats, Sequence)

@@ -36,12 +36,7 @@ def plot_tracked_position_error(
 ) -> Axes:
     """Distance from the simulated end effector to the target.
 
-    Parameters
-    ----------
-    tracking : Tracking
-    ax : Axes, optional
-    open_loop : Tracking, optional
-        Where the motion was planned again in the loop: the plan made once, for comparison.
+    `open_loop` is what the plan made once came to, where the motion was planned again in the loop.
     """
     check_kinds(tracking=tracking, open_loop=open_loop)
     label = "distance to target [m]"
@@ -60,15 +55,9 @@ def plot_tracked_position_error(
 def plot_torques(
     sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None, limits: FloatArray | None = None
 ) -> Axes:
-    """Joint torques, each held for a control step.
+    """Joint torques, each held for a control step; `limits` (n,) [N m] are drawn dotted.
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    tracking : Tracking
-    ax : Axes, optional
-    limits : ndarray, shape (n,), optional
-        Limits to draw dotted [N m]. Slow motion needs little of them: with them, the curves look flat.
+    Slow motion needs little of them: with them, the curves look flat.
     """
     check_kinds(sms=sms, tracking=tracking)
     if limits is not None and not (isinstance(limits, np.ndarray) and limits.shape == (sms.n,)):

@@ -133,10 +133,6 @@ def plot_modes(comparison: ModeComparison) -> Figure:
     """A figure with three panels over time, one line a strategy.
 
     Largest wheel momentum, base rotation, and distance to the target; turning back comes after the plan.
-
-    Parameters
-    ----------
-    comparison : ModeComparison
     """
     instance("comparison", comparison, ModeComparison)
     figure, (momentum, rotation, distance) = stack(3)

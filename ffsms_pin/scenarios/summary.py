@@ -30,14 +30,6 @@ def summary(outcome: Outcome) -> dict[str, Any]:
 
     Every key of a quantity ends in its unit. Limits that do not exist are None. "Planned" numbers hold
     everywhere along the plan, not only at its nodes; clearances are sampled between nodes too.
-
-    Parameters
-    ----------
-    outcome : Outcome
-
-    Returns
-    -------
-    dict
     """
     instance("outcome", outcome, Outcome)
     plan = outcome.trajectory
