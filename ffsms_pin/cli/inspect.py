@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from ffsms_pin.cli.output import say
 from ffsms_pin.inspection import Report, inspect, repair
 from ffsms_pin.system.urdf_elements import is_number
 
@@ -35,14 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
     given = {"rate": arguments.rate, "effort": arguments.effort}
     settings = {key: value for key, value in given.items() if value is not None}
     changes = repair(arguments.file, arguments.repair, **settings)
-    console.print(
-        f"{escape(str(arguments.repair))} written, {len(changes)} change{'' if len(changes) == 1 else 's'}"
-        + (":" if changes else ""),
-        highlight=False,
-        soft_wrap=True,
-    )
-    for change in changes:
-        console.print(escape(f"  {change}"), highlight=False, soft_wrap=True)
+    count = f"{len(changes)} change{'' if len(changes) == 1 else 's'}" + (":" if changes else "")
+    say(f"{arguments.repair} written, {count}", *(f"  {change}" for change in changes))
     return 0
 
 

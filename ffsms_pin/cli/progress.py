@@ -24,13 +24,7 @@ _BETWEEN_LINES = 5.0  # [s] off a terminal: a log that is watched shows life, an
 
 @contextmanager
 def shown_progress(console: Console) -> Iterator[Callable[[str, float], None]]:
-    """Gives a function to call with a stage's name and the share of it that is done.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-        On the error stream.
-    """
+    """Gives a function to call with a stage's name and the share of it that is done."""
     if not console.is_terminal:
         yield _lines(console)
         return
@@ -50,15 +44,8 @@ def shown_progress(console: Console) -> Iterator[Callable[[str, float], None]]:
 def counted_progress(console: Console, what: str) -> Iterator[Callable[[int, int], None]]:
     """Gives a function to call with the number of things done and of all; it tells the time left.
 
-    The estimate counts what this call does: what was there before it took no time. Off a terminal there is a
-    line for every tenth, and one every few seconds.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-        On the error stream.
-    what : str
-        Name of the things, as "runs".
+    `what` names the things, as "runs". The estimate counts what this call does: what was there before it took
+    no time. Off a terminal there is a line for every tenth, and one every few seconds.
     """
     left = _TimeLeft()
     if not console.is_terminal:

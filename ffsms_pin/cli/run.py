@@ -11,7 +11,6 @@ from typing import Any
 
 from rich.console import Console
 
-from ffsms_pin.campaigns import replayed_scenario
 from ffsms_pin.cli.output import desktop, output_console, say
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder
@@ -87,6 +86,8 @@ def _derive(outcome: Outcome, staging: Path, figures: bool, progress: StageProgr
 
 def _replayed(folder: str, seed: str, allow_import: bool) -> Scenario:
     """The scenario of one run of a campaign, named after its seed."""
+    from ffsms_pin.campaigns import replayed_scenario
+
     if not seed.isdecimal():
         raise InvalidValue("SEED", seed, "must be a whole number of at least 0")
     chosen = replayed_scenario(folder, int(seed), allow_import=allow_import)
@@ -94,10 +95,7 @@ def _replayed(folder: str, seed: str, allow_import: bool) -> Scenario:
 
 
 def _show(folder: Path, drawn: bool) -> None:
-    """Open the scene of the results in the browser, or the drawing of the motion without the viewer.
-
-    Without a desktop, say where it is.
-    """
+    """Open the scene of the results, or the drawing without the viewer; say where it is without a desktop."""
     if installed("view"):
         from ffsms_pin.cli.view import scene_of
 

@@ -20,7 +20,9 @@ def summary_table(numbers: Mapping[str, Any]) -> Table:
     table.add_column("value", justify="right")
     table.add_column("limit", justify="right")
     _add_plan(table, numbers)
-    _add_conditions(table, numbers["conditions"])
+    table.add_section()
+    for name, words in numbers["conditions"].items():  # what the scenario says about its closed loop
+        table.add_row(escape(name), escape(words), "")
     _add_joints(table, numbers["joints"])
     _add_tracking(table, numbers)
     if "capture" in numbers:
@@ -60,13 +62,6 @@ def _add_plan(table: Table, numbers: Mapping[str, Any]) -> None:
         f"{base['rotation_max_deg']:.2f} / {base['rotation_final_deg']:.2f} deg",
         "",
     )
-
-
-def _add_conditions(table: Table, conditions: Mapping[str, str]) -> None:
-    """What the scenario says about its closed loop, below the limits of the plan."""
-    table.add_section()
-    for name, words in conditions.items():
-        table.add_row(escape(name), escape(words), "")
 
 
 def _add_joints(table: Table, joints: list[Mapping[str, Any]]) -> None:

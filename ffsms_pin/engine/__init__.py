@@ -6,11 +6,10 @@ rows in memory. `outcomes` is for tasks that give objects, one by one and in ord
 """
 
 from ffsms_pin.engine.chunks import Chunks, Shard
-from ffsms_pin.engine.collect import collected
 from ffsms_pin.engine.folder import ChunkFolder, parts_folder
 from ffsms_pin.engine.kept import end_kept
 from ffsms_pin.engine.outcomes import Outcome, all_results, outcomes
-from ffsms_pin.engine.run import run
+from ffsms_pin.engine.run import collected, run
 from ffsms_pin.engine.task import Table, joined
 
 __all__ = [

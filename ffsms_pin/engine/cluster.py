@@ -47,7 +47,7 @@ signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which 
 settings = json.loads(sys.argv[1])
 sys.path[:] = settings["path"]
 from ffsms_pin.engine.worker import serve
-serve(settings["address"], settings["parent"], settings["folder"], settings["module"])
+serve(*settings["worker"])
 """
 
 
@@ -61,17 +61,9 @@ def usable_cores() -> int:
 
 
 class Cluster:
-    """A client of a scheduler, and the worker processes that are ours to keep alive.
+    """A client of a scheduler at `address`, and `jobs` workers that are ours to keep alive.
 
-    Attributes
-    ----------
-    client : distributed.Client
-    address : str
-        Of the scheduler.
-    jobs : int
-        Workers that are ours; none where the cluster stands already.
-    module : str
-        That our workers import while they start; empty: none.
+    There are none of ours where the cluster stands already. They import `module` while they start.
     """
 
     def __init__(
@@ -101,13 +93,7 @@ class Cluster:
         self._failed_starts = 0
 
     def tend(self) -> None:
-        """Start workers where they are missing.
-
-        Raises
-        ------
-        ClusterError
-            Workers cannot be started.
-        """
+        """Start workers where they are missing; `ClusterError` where they cannot be started."""
         alive = [process for process in self._processes if process.poll() is None]
         ended = [process for process in self._processes if process.poll() is not None]
         self._failed_starts += sum(process.returncode == NOT_STARTED for process in ended)
@@ -141,13 +127,7 @@ class Cluster:
             self._words = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the workers
         folder = str(Path(tempfile.gettempdir()) / f"ffsms-pin-worker-{uuid4().hex}")
         self._folders.append(folder)
-        settings = {
-            "path": sys.path,
-            "address": self.address,
-            "parent": os.getpid(),
-            "folder": folder,
-            "module": self.module,
-        }
+        settings = {"path": sys.path, "worker": (self.address, os.getpid(), folder, self.module)}
         try:
             return subprocess.Popen(
                 [sys.executable, "-c", _BOOT, json.dumps(settings)],
@@ -181,23 +161,9 @@ def embedded(jobs: int, allowed_failures: int = ALLOWED_FAILURES, module: str = 
 def started(jobs: int, allowed_failures: int, module: str = "") -> Cluster:
     """A cluster of this machine: the scheduler in this process, workers with one thread each, on loopback.
 
-    Whoever starts it ends it, by its `end`.
-
-    Parameters
-    ----------
-    jobs : int
-        Workers.
-    allowed_failures : int
-        Deaths of workers after which Dask gives up a task that was assigned to them.
-    module : str
-        That the workers import while they start, since their work will need it; empty: none.
-
-    Raises
-    ------
-    ClusterError
-        Workers cannot be started.
-    DependencyMissing
-        Dask is not installed.
+    Whoever starts it ends it, by its `end`. Dask gives up a task when more than `allowed_failures` workers
+    died to which it was assigned. Workers import `module`, where it is not empty, while they start: their
+    work will need it.
     """
     dask, distributed = _packages()
     scratch = tempfile.mkdtemp(prefix="ffsms-pin-scheduler-")
@@ -229,20 +195,7 @@ def started(jobs: int, allowed_failures: int, module: str = "") -> Cluster:
 
 @contextmanager
 def connected(address: str) -> Iterator[Cluster]:
-    """A cluster that stands already.
-
-    Parameters
-    ----------
-    address : str
-        Of its scheduler, as tcp://host:port.
-
-    Raises
-    ------
-    ClusterError
-        Nothing answers there.
-    DependencyMissing
-        Dask is not installed.
-    """
+    """A cluster that stands already, at its scheduler's address; `ClusterError` where nothing answers."""
     if not isinstance(address, str) or "://" not in address:
         raise InvalidValue("scheduler", address, "must be an address as tcp://host:8786")
     dask, distributed = _packages()

@@ -25,12 +25,7 @@ _FORMAT = "ffsms-pin chunks 2"
 
 
 class ChunkFolder:
-    """A folder with a specification and one file for each chunk that is done.
-
-    Parameters
-    ----------
-    path : path
-    """
+    """A folder with a specification and one file for each chunk that is done."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = path_like("folder", path)
@@ -40,18 +35,9 @@ class ChunkFolder:
     ) -> None:
         """Make the folder, or go on in one with the same specification.
 
-        Parameters
-        ----------
-        chunks : Chunks
-        specification : mapping
-            Everything that the result depends on, as JSON can hold it.
-        where : mapping of str to str, optional
-            Where things are that it does not depend on, as the path of a file whose content counts.
-
-        Raises
-        ------
-        ResultError
-            The folder cannot be written, or holds results of another specification.
+        `specification` is everything that the result depends on, as JSON can hold it; `where` says where
+        things are that it does not depend on, as the path of a file whose content counts. `ResultError` where
+        the folder cannot be written, or holds results of another specification.
         """
         instance("chunks", chunks, Chunks)
         instance("specification", specification, Mapping)
@@ -133,15 +119,7 @@ class ChunkFolder:
     def tables(self, partial: bool = False) -> Iterator[dict[str, Any]]:
         """Tables of the chunks in their order, one at a time.
 
-        Parameters
-        ----------
-        partial : bool
-            Whether chunks may be missing; they are left out then.
-
-        Raises
-        ------
-        ResultError
-            Chunks are missing, or a file is damaged.
+        `ResultError` says that a file is damaged, or that chunks are missing, unless the result is `partial`.
         """
         missing, count = self.missing(), len(self.chunks)
         if missing and not partial:

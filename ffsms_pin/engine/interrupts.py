@@ -23,12 +23,7 @@ def put_off(wake: Callable[[], object] | None = None) -> Iterator[None]:
 
     Handlers are those that stand when the block begins, a program's own ones too, and stand again after it.
     Signals that have no handler in Python keep their effect. In other threads than the main one, which get no
-    signals, nothing happens.
-
-    Parameters
-    ----------
-    wake : callable, optional
-        Called when a signal is put off, to end what the block waits for.
+    signals, nothing happens. `wake` is called when a signal is put off, to end what the block waits for.
     """
     if current_thread() is not main_thread():
         yield

@@ -34,22 +34,10 @@ _clusters = _Clusters()
 
 @contextmanager
 def kept(jobs: int) -> Iterator[Cluster]:
-    """A cluster for one use; two uses at a time have two.
+    """A cluster of `jobs` workers for one use; two uses at a time have two.
 
     It waits for a minute then, in case that the next use wants as many workers. It ends with the process, and
     after a use that ended with an error, Ctrl-C among them.
-
-    Parameters
-    ----------
-    jobs : int
-        Workers.
-
-    Raises
-    ------
-    ClusterError
-        Workers cannot be started.
-    DependencyMissing
-        Dask is not installed.
     """
     cluster = _taken(jobs)
     if cluster is None:

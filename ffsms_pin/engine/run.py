@@ -1,10 +1,10 @@
-"""`run`: rows of work into a folder of chunk files."""
+"""`run` and `collected`: rows of work into a folder of chunk files, or into memory."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,11 @@ from ffsms_pin.checks import instance, optional_callable, whole
 from ffsms_pin.engine.chunks import Chunks, Shard
 from ffsms_pin.engine.cluster import ALLOWED_FAILURES, MOST_JOBS, Cluster, connected, embedded, usable_cores
 from ffsms_pin.engine.folder import ChunkFolder
-from ffsms_pin.engine.halving import Lost, halved
-from ffsms_pin.engine.spread import Killed, spread
-from ffsms_pin.engine.task import Work, save_table, sent, stored
+from ffsms_pin.engine.halving import Lost, chunk_results
+from ffsms_pin.engine.task import Work, computed, joined, save_table, stored
 from ffsms_pin.errors import InvalidValue, ResultError
 
-__all__ = ["checked_jobs", "run"]
+__all__ = ["checked_jobs", "collected", "run"]
 
 
 def run(
@@ -48,7 +47,6 @@ def run(
         Gives the table of a range of rows: arrays by name, each with one entry a row, of numbers or text. It
         is pickled, so it may be a function, a frozen dataclass with `__call__`, or a class of a notebook.
     chunks : Chunks
-        The rows, and how many of them make a chunk.
     folder : path
         Is made as needed. Workers on other machines must see it under the same path.
     specification : mapping
@@ -63,19 +61,13 @@ def run(
         Work on every N-th chunk only, in this process, without Dask: for job arrays.
     lost : callable
         Gives the one-row table that stands for a row (its number, what happened) that kills its worker.
-        Default: such a row ends the run with `TaskError`. Only other processes can be lost: in this one,
-        such a row ends the run itself.
+        Default: such a row ends the run with `TaskError`, and in this process the run itself.
     prepare : callable, optional
-        Called in this process before the first chunk, while the workers start; not at all where every chunk
-        is there.
+        Called in this process before the first chunk that is not there, while the workers start.
     progress : callable, optional
         Called with the number of rows done and of all rows of this call.
     allowed_failures : int
         Deaths of workers after which Dask gives up a task; for the embedded cluster only.
-
-    Returns
-    -------
-    ChunkFolder
 
     Raises
     ------
@@ -104,15 +96,44 @@ def run(
     rest = [index for index in mine if index not in done]
     total = sum(len(chunks.rows_of(index)) for index in mine)
     finished = total - sum(len(chunks.rows_of(index)) for index in rest)
-    if progress is not None:
-        progress(finished, total)
+    progress = progress or _untold
+    progress(finished, total)
     # The workers may have another working directory.
     job = _Job(work, chunks, ChunkFolder(place.path.absolute()), place.hash, lost)
     for index in _computed_chunks(job, rest, jobs, scheduler, shard, allowed_failures, prepare):
         finished += len(chunks.rows_of(index))
-        if progress is not None:
-            progress(finished, total)
+        progress(finished, total)
     return place
+
+
+def collected(
+    work: Work,
+    chunks: Chunks,
+    *,
+    jobs: int | None = None,
+    lost: Lost | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """One table of all rows, in their order; nothing is written. Arguments and errors are those of `run`."""
+    instance("chunks", chunks, Chunks)
+    jobs = min(checked_jobs(jobs), len(chunks))
+    progress = progress or _untold
+    tables: dict[int, dict[str, Any]] = {}
+    finished = 0
+    progress(0, chunks.rows)
+    indices = range(len(chunks))
+    with ExitStack() as ending:
+        found: Iterable[tuple[int, Any]]
+        if jobs == 1:
+            found = ((index, computed(work, chunks.rows_of(index))) for index in indices)
+        else:
+            cluster = ending.enter_context(embedded(jobs))
+            found = chunk_results(cluster, work, chunks, indices, computed, lambda _: (), lost)
+        for index, table in found:
+            tables[index] = dict(table)
+            finished += len(chunks.rows_of(index))
+            progress(finished, chunks.rows)
+    return joined([tables[index] for index in indices])
 
 
 def checked_jobs(jobs: int | None) -> int:
@@ -164,36 +185,28 @@ def _computed_chunks(
 
 
 def _over(cluster: Cluster, job: _Job, rest: list[int]) -> Iterator[int]:
-    """The chunks over a cluster; those whose workers died are looked into when all others are done."""
-    import cloudpickle
+    """The chunks over a cluster."""
 
-    packed: bytes = cloudpickle.dumps(job.work)
-    suspects: list[int] = []
+    def others(index: int) -> tuple[Path, str]:
+        return job.folder.file(index), job.run
 
-    def chunk(index: int) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return sent, (stored, packed, job.chunks.rows_of(index), job.folder.file(index), job.run)
-
-    for index, result in spread(cluster, rest, chunk):
-        if isinstance(result, Killed):
-            suspects.append(index)
-            continue
-        _check_there(job.folder.file(index))
+    for index, table in chunk_results(cluster, job.work, job.chunks, rest, stored, others, job.lost):
+        file, run = others(index)
+        if table is not None:
+            save_table(file, table, job.chunks.rows_of(index), run)
+        elif not file.exists():
+            raise ResultError(
+                file,
+                "was written by a worker but is not here: workers must see the folder under the same path",
+            )
         yield index
-    for index in suspects:
-        rows = job.chunks.rows_of(index)
-        save_table(job.folder.file(index), halved(cluster, packed, rows, job.lost), rows, job.run)
-        yield index
+
+
+def _untold(done: int, total: int) -> None:
+    """Progress that nobody asked for."""
 
 
 def _module(work: Work) -> str:
     """Of the work's own function or class, for workers to import while they start; empty: only here."""
     name = str(getattr(work, "__module__", ""))
     return "" if name == "__main__" else name
-
-
-def _check_there(path: Path) -> None:
-    """Raise `ResultError` where a worker wrote to a file system that is not this one's."""
-    if not path.exists():
-        raise ResultError(
-            path, "was written by a worker but is not here: workers must see the folder under the same path"
-        )

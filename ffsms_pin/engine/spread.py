@@ -39,31 +39,12 @@ class _Lost:
 def spread(
     cluster: Cluster, tasks: Iterable[Any], submit: Submit, held: Callable[[], int] = lambda: 0
 ) -> Generator[tuple[Any, Any], None, None]:
-    """Tasks and their results, in the order in which they end.
+    """Tasks, taken as they are needed, and their results, in the order in which they end.
 
-    Parameters
-    ----------
-    cluster : Cluster
-    tasks : iterable
-        Taken as they are needed.
-    submit : callable
-        Gives the function of a task, and its arguments.
-    held : callable, optional
-        Number of results that are kept for a task that has not ended: with them, no more tasks are taken than
-        without.
-
-    Yields
-    ------
-    task, result
-        The result is `Killed` where Dask gave the task up because its workers died. It need not be to blame:
-        Dask counts a death against every task that was assigned to the worker.
-
-    Raises
-    ------
-    ClusterError
-        The scheduler is gone, or there are no workers.
-    FfsmsError
-        What a task raised.
+    The result is `Killed` where Dask gave the task up because its workers died. It need not be to blame: Dask
+    counts a death against every task that was assigned to the worker. `held` gives the number of results that
+    are kept for a task that has not ended: with them, no more tasks are taken than without. `ClusterError`
+    where the scheduler is gone, or there are no workers; what a task raised is raised.
     """
     rest, run = iter(tasks), uuid4().hex
     ended: SimpleQueue[Any] = SimpleQueue()
@@ -140,10 +121,7 @@ def _result(cluster: Cluster, future: Any) -> Any:
     if future.status == "finished":
         try:
             return future.result(timeout=_FETCH)
-        except (
-            asyncio.TimeoutError,
-            OSError,
-        ):  # its worker died meanwhile, or the scheduler did
+        except (asyncio.TimeoutError, OSError):  # its worker died meanwhile, or the scheduler did
             return _Lost()
         except CancelledError:
             raise cluster.gone() from None

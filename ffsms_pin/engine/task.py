@@ -23,13 +23,7 @@ Work: TypeAlias = Callable[[range], Table]
 
 
 def computed(work: Work, rows: range) -> dict[str, Any]:
-    """The table of some rows, its columns as arrays of the right length.
-
-    Raises
-    ------
-    TaskError
-        The work gave something else.
-    """
+    """The table of some rows, its columns as arrays of the right length; `TaskError` where it is none."""
     if not callable(work):
         raise InvalidValue("work", work, "must be a function")
     found = work(rows)
@@ -59,10 +53,7 @@ def save_table(path: Path, table: Table, rows: range, run: str) -> None:
 def load_table(path: Path, rows: range, run: str) -> dict[str, Any]:
     """Read the chunk file that some rows of a run should be in.
 
-    Raises
-    ------
-    ResultError
-        It is missing, no chunk file, damaged, or holds other rows or those of another run.
+    `ResultError` says that it is missing, damaged, or holds something else.
     """
     names = [str(name) for name in load_arrays(path, KIND, ["columns"])["columns"]]
     found = load_arrays(path, KIND, [*names, _EVIDENCE])

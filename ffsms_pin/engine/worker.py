@@ -27,18 +27,10 @@ _CONFIG = {
 
 
 def serve(address: str, parent: int, folder: str, module: str = "") -> None:
-    """Work for a scheduler until it closes, or the parent process is gone.
+    """Work for the scheduler at an address until it closes, or the process `parent` is gone.
 
-    Parameters
-    ----------
-    address : str
-        Of the scheduler.
-    parent : int
-        Process id.
-    folder : str
-        Made here, and removed as soon as the worker has begun.
-    module : str
-        Imported before the worker asks for tasks, since they will need it; empty: none.
+    `folder` is made here, and removed as soon as the worker has begun. `module`, where it is not empty, is
+    imported before the worker asks for tasks, since they will need it.
     """
     os.mkdir(folder, mode=0o700)
     end_with_parent(parent, lambda: _remove(folder))
@@ -78,4 +70,8 @@ async def _started(address: str, folder: str) -> Any:
 
 
 def _remove(folder: str) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
+    """Remove the folder, also where a worker that starts, or its other thread, has hands in it meanwhile."""
+    for _ in range(20):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not os.path.exists(folder):
+            break

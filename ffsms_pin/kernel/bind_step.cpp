@@ -12,6 +12,9 @@ namespace ffsms {
 namespace {
 
 using View = nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>;  // in any order
+using Triple = Table<double, 3>;
+using Twist = Table<double, 6>;
+using Jacobian = Table<double, 6, -1>;
 
 Out array_of(const std::vector<double>& values) {
   Out out = new_array(values.size());
@@ -23,7 +26,7 @@ Out array_of(const std::vector<double>& values) {
 // (6, n), reaction, J* and J_m; then V (n, n); then places, twists, the end effector's attitude, and
 // the paper's entropy.
 nb::tuple step_state(const Tree& tree, const Table<double, 7>& root, const Vector& joints,
-                     const std::optional<Table<double, 6>>& momentum) {
+                     const std::optional<Twist>& momentum) {
   const int n = tree.n;
   expect(joints.shape(0) == static_cast<Size>(n), "an array has a wrong shape");
   Arm<double> arm;
@@ -69,7 +72,7 @@ nb::tuple step_state(const Tree& tree, const Table<double, 7>& root, const Vecto
 }
 
 // Least and greatest rates (2, n) at the step's end, of limits (4, n): lower, upper, velocity, acceleration.
-Out rate_bounds(const Matrix& limits, const Vector& joints, const Vector& rates, double dt) {
+Out rate_bounds(const Table<double, 4, -1>& limits, const Vector& joints, const Vector& rates, double dt) {
   const Size n = rates.shape(0);
   Out bounds = new_array(2, n);
   for (Size j = 0; j < n; ++j) {
@@ -84,9 +87,9 @@ Out rate_bounds(const Matrix& limits, const Vector& joints, const Vector& rates,
 
 // Unit vectors to the target and along the wanted motion, its side, the wanted spin, and the speed (13,): see
 // opt/step/state.py. J is J* (6, n), `rotation` the wanted attitude (3, 3).
-Out wanted_motion(const Vector& way, const std::optional<Matrix>& rotation, const Matrix& attitude,
-                  const Matrix& J, const Vector& rates, const Vector& drift, const Vector& acceleration,
-                  const Vector& side, double cosine, double time_left, double dt) {
+Out wanted_motion(const Triple& way, const std::optional<Rotation>& rotation, const Rotation& attitude,
+                  const Jacobian& J, const Vector& rates, const Twist& drift, const Vector& acceleration,
+                  const Triple& side, double cosine, double time_left, double dt) {
   const int n = static_cast<int>(rates.shape(0));
   const auto reached = [&](double left, const Vec3<double>& direction, int row) {
     return reached_speed(left, direction, J.data() + row * n, rates.data(), drift.data() + row,
@@ -126,9 +129,9 @@ Out wanted_motion(const Vector& way, const std::optional<Matrix>& rotation, cons
 
 // H (n + 2, n + 2), and g below it, of 1/2 x^T H x + g^T x: direction, speed, effort, change, slack, and the
 // end effector's spin, by their weights. J is J* (6, n).
-Out objective(const Matrix& J, const Matrix& V, const Vector& rates, const Vector& drift,
-              const Vector& direction, double speed, const std::optional<Vector>& spin,
-              const Vector& weights) {
+Out objective(const Jacobian& J, const Matrix& V, const Vector& rates, const Twist& drift,
+              const Triple& direction, double speed, const std::optional<Triple>& spin,
+              const Table<double, 6>& weights) {
   const int n = static_cast<int>(rates.shape(0)), size = n + 2;
   expect(n <= kMostJoints, "the kernel takes 1 to 64 joints");
   Out out = new_array(size + 1, size);

@@ -91,9 +91,10 @@ def plot_torque_bands(
 def _common_time(runs: Sequence[Tracking]) -> FloatArray:
     if not isinstance(runs, Sequence) or not runs:
         raise InvalidValue("runs", runs, "must hold at least one run")
-    t = runs[0].t
     for run in runs:
         check_kinds(tracking=run)
+    t = runs[0].t
+    for run in runs:
         if run.t.shape != t.shape or not np.allclose(run.t, t):
             raise InvalidValue("runs", len(run.t), "must all have the same instants")
     return t

@@ -25,10 +25,7 @@ __all__ = [
 
 
 def regular_target(path: str | os.PathLike[str]) -> Path:
-    """The file that a path leads to, through links; it need not be there.
-
-    `ResultError` says that something else than a regular file is.
-    """
+    """The file that a path leads to, through links, or will; `ResultError` where something else is there."""
     target = Path(os.path.realpath(path_like("path", path)))
     try:
         kind = stat.S_IFMT(target.lstat().st_mode)

@@ -24,7 +24,6 @@ from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
 from ffsms_pin.opt.horizon.spline import Grid, check_options
 from ffsms_pin.opt.limits.limit import tightened
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.terms.term import REFERENCE_TIME
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
 if TYPE_CHECKING:
@@ -264,11 +263,6 @@ class Search:
         """Whether there is a plan and no time for another."""
         limit = self.options.time_limit
         return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
-
-    @property
-    def time_scale(self) -> float:
-        """What costs that are given for motions up to 8 s are multiplied by."""
-        return max(1.0, self.problem.duration / REFERENCE_TIME)
 
     def _measured(self, problem: Problem, model: Model, p: FloatArray) -> Found:
         """The finished motion of control points (M, n) in a problem's steps."""

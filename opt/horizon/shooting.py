@@ -28,6 +28,7 @@ __all__ = [
     "halton",
     "joint_goals",
     "joint_range",
+    "least_squares",
     "least_time",
     "spread_postures",
     "straight_ends",
@@ -118,15 +119,19 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
         if k == iterations - 1 or (k >= 5 and np.median(distance) < 1e-3 * arm.length):
             break
         J = columns.transpose(2, 0, 1) * problem.free
-        Jt = np.swapaxes(J, 1, 2)
         # From a tenth of the arm's length on less damping: it converges fast, also to nearly singular ends.
         near = np.clip(np.sqrt(dot(error, error)) / (0.1 * arm.length), 1e-4, 1.0)
-        damping = DAMPING * (arm.length * near) ** 2
-        damped = J @ Jt + damping[:, None, None] * np.eye(len(error))
-        step = (Jt @ np.linalg.solve(damped, error.T[..., None]))[..., 0]
+        step = least_squares(J, error.T, DAMPING * (arm.length * near)[:, None, None] ** 2)
         step *= np.minimum(1.0, much / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
         goals = np.clip(goals + step, low + inset, high - inset)
     return JointGoals(goals, distance)
+
+
+def least_squares(J: FloatArray, wanted: FloatArray, damping: float | FloatArray) -> FloatArray:
+    """Least joint motion (K, n) with J u near to `wanted`, (m,) or (K, m)."""
+    rows, Jt = J.shape[1], np.swapaxes(J, 1, 2)
+    wanted = np.broadcast_to(wanted[..., None], (len(J), rows, 1))
+    return np.asarray((Jt @ np.linalg.solve(J @ Jt + damping * np.eye(rows), wanted))[..., 0])
 
 
 def straight_ends(

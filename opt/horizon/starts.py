@@ -15,7 +15,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals import Place
 from ffsms_pin.opt.horizon.control_qp import at_rest, braking
-from ffsms_pin.opt.horizon.shooting import DAMPING, GoalFromStart, joint_range
+from ffsms_pin.opt.horizon.shooting import DAMPING, GoalFromStart, joint_range, least_squares
 from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.motion.frame import RobotFrame
 from ffsms_pin.opt.motion.motions import apply_rates
@@ -77,7 +77,8 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
     # The base as it is turned where the tip is at the goal.
     joints, base = goals, end.base_attitude(arm.tip_rotation)
     J = missed_at(problem, end, problem.duration, joints, base)[1]
-    rates = [_least_squares(J, np.concatenate([velocity - problem.drift, spin]), problem)]
+    damping = DAMPING * problem.stack.length**2
+    rates = [least_squares(J, np.concatenate([velocity - problem.drift, spin]), damping)]
     times, places = [problem.duration], [goals]
     for t, place in reversed(approach):
         joints, base = _back(problem, joints, base, t, place)
@@ -110,12 +111,12 @@ def _back(
 ) -> tuple[FloatArray, FloatArray]:
     """From postures to those with the end effector at a place: Newton's method, the base reacting."""
     low, high = problem.sms.limits.lower, problem.sms.limits.upper
-    stuck = np.zeros(joints.shape, dtype=bool)
+    damping, stuck = DAMPING * problem.stack.length**2, np.zeros(joints.shape, dtype=bool)
     for _ in range(6):
         missed, J = missed_at(problem, place, t, joints, base)
         # A radian counts little: an arm that is stretched out at the goal may have to turn to go back.
         weights = np.repeat([1.0, 0.1 * problem.stack.length], [3, missed.shape[1] - 3])
-        step = _least_squares(weights[:, None] * J * ~stuck[:, None], weights * missed, problem)
+        step = least_squares(weights[:, None] * J * ~stuck[:, None], weights * missed, damping)
         step *= np.minimum(1.0, 0.2 / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
         wanted = joints + step
         stuck = (wanted < low) | (wanted > high)
@@ -124,14 +125,6 @@ def _back(
         base = np.einsum("xyk,yzk->xzk", base, exp3(apply_rates(spin, step.T)))
         joints = joints + step
     return joints, base
-
-
-def _least_squares(J: FloatArray, wanted: FloatArray, problem: Problem) -> FloatArray:
-    """Least joint motion (K, n) with J u near to `wanted`, (m,) or (K, m)."""
-    rows = J.shape[1]
-    square = J @ np.swapaxes(J, 1, 2) + DAMPING * problem.stack.length**2 * np.eye(rows)
-    solved = np.linalg.solve(square, np.broadcast_to(wanted[..., None], (len(J), rows, 1)))
-    return np.asarray((np.swapaxes(J, 1, 2) @ solved)[..., 0])
 
 
 def march_starts(problem: Problem, spline: RateSpline, steps: int) -> FloatArray:

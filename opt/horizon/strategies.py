@@ -21,9 +21,10 @@ from ffsms_pin.opt.horizon.shooting import spread_postures, straight_time, too_s
 from ffsms_pin.opt.horizon.spline import embedded
 from ffsms_pin.opt.horizon.starts import free_marches, march_starts, marched, moves_to, reference_stepper
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.terms.term import REFERENCE_TIME
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = ["QUICK", "STRATEGIES", "Strategy"]
+__all__ = ["QUICK", "STRATEGIES", "Strategy", "starts_within"]
 
 
 class Strategy(NamedTuple):
@@ -35,7 +36,8 @@ class Strategy(NamedTuple):
 
 def straight_if_near(search: Search) -> None:
     """Where const8 counts the start as arrived, the straight move: no way round for the cost's sake."""
-    if _is_near(search.problem):
+    goal = search.problem.goal
+    if starts_within(search.problem, goal.reach, goal.orientation_reach):
         search.shoot(search.problem.joints0[None])
         model = search.fine
         p = model.qp.within(moves_to(search.problem, model.spline, search.goals.joints)[0])
@@ -54,7 +56,8 @@ def straight_starts(
     """
     problem, options, first = search.problem, search.options, not search.drawn
     free, by_kappa = enough
-    most = search.time_scale * (free + by_kappa * (math.log(2.0) / problem.kappa) ** 2)
+    scale = max(1.0, problem.duration / REFERENCE_TIME)  # costs grow with the duration beyond that
+    most = scale * (free + by_kappa * (math.log(2.0) / problem.kappa) ** 2)
     if any(limit.obstacles for limit in problem.limits):
         most *= options.around_obstacles
     if not search.costed:
@@ -201,13 +204,13 @@ QUICK = (
 )
 
 
-def _is_near(problem: Problem) -> bool:
-    """Whether const8 counts the start as arrived."""
+def starts_within(problem: Problem, reach: float, orientation_reach: float) -> bool:
+    """Whether an arm that is to stay where its goal is starts so near to it [m, rad]."""
     if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
         return False
     start = problem.sms.at(problem.q0).end_effector_pose
     far, turned = problem.goal.place(problem.duration).error(start, problem.q0)
-    return bool(far <= problem.goal.reach and turned <= problem.goal.orientation_reach)
+    return bool(far <= reach and turned <= orientation_reach)
 
 
 def _is_hopeless(search: Search) -> bool:

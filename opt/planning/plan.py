@@ -19,6 +19,7 @@ from ffsms_pin.opt.horizon import SearchOptions, solve
 from ffsms_pin.opt.horizon.diagnosis import with_limits_said
 from ffsms_pin.opt.horizon.solve import refused
 from ffsms_pin.opt.horizon.starts import marched, reference_stepper
+from ffsms_pin.opt.horizon.strategies import starts_within
 from ffsms_pin.opt.limits import BaseLimits, Clearance, Limit, Obstacle
 from ffsms_pin.opt.planning.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms
@@ -152,14 +153,11 @@ def plan_problem(
 
 def _stand_still(problem: Problem) -> Trajectory | None:
     """The motion of an arm that is already there, within 1e-6 m and rad: none, whatever the cost charges."""
-    if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
-        return None
-    far = float(np.linalg.norm(problem.place_now.position - problem.tip0))
-    if not problem.goal.place(0.0).rests or far >= 1e-6:
+    if not (starts_within(problem, 1e-6, 1e-6) and problem.goal.place(0.0).rests):
         return None
     note = "the end effector is at its target from the start"
     still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)), note)
-    return still if still.orientation_error[0] < 1e-6 and still.clear else None
+    return still if still.clear else None
 
 
 def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajectory:

@@ -134,6 +134,7 @@ class Stepper:
         self, dt: float | None = None, sms: SpaceManipulator | None = None, reference: str | None = None
     ) -> Stepper:
         """A new stepper with the same settings, but for another step, robot or reference where given."""
+        instance("sms", sms, SpaceManipulator, optional=True)
         parts = self.kappa, self._given, self.terms, self.weights, reference or self.reference
         given = self.momentum, self.mode, self.wheel_total
         return Stepper(sms or self.sms, dt or self.dt, *parts, *given)

@@ -126,6 +126,8 @@ def test_wrong_shapes_are_refused() -> None:
         kernel.coupled(tree, np.zeros((4, 2)))
     with pytest.raises(ValueError, match="wrong shape"):
         kernel.velocity_slopes(tree, np.zeros((3, 2)), np.zeros((3, 3)))
+    with pytest.raises(TypeError, match="shape=\\(4, \\*\\)"):
+        kernel.rate_bounds(np.zeros((3, 3)), np.zeros(3), np.zeros(3), 0.01)
     turned = np.linspace(0.0, 1.0, 6).reshape(2, 3).T  # not one row after the other in memory
     np.testing.assert_array_equal(kernel.coupled(tree, turned), kernel.coupled(tree, turned.copy("C")))
     row = np.eye(1, 18)

@@ -151,7 +151,7 @@ class Clearance(Limit):
         every = stack.every(poses)
         found = stack.nearest(poses, every, near)
         slopes, placed = stack.slopes(poses, every, found)
-        G, least = np.ascontiguousarray(slopes.T), self.rate * (kept - found.distance)
+        G, least = slopes.T, self.rate * (kept - found.distance)
         if moved is not None:
             by = moved.slopes(placed)
             G += by[:, :-1]
