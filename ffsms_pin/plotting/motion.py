@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from ffsms_pin.checks import FloatArray, instance, matrix, one_of, whole
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.plotting.obstacles import draw_obstacle
 from ffsms_pin.plotting.series import check_kinds
@@ -109,7 +110,8 @@ def motion_sides(
 
 def _check(sms: Any, trajectory: Any, instants: Any, paths: Any, obstacles: Any) -> None:
     check_kinds(sms=sms, trajectory=trajectory)
-    whole("instants", instants, 1)
+    if whole("instants", instants, 1) > 1000:  # postures: more than a drawing shows
+        raise InvalidValue("instants", instants, "must not exceed 1000")
     instance("paths", paths, Mapping, optional=True)
     for name, points in (paths or {}).items():
         matrix(f"paths['{name}']", points, None, 3)
