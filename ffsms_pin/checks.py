@@ -104,11 +104,13 @@ def direction(name: str, value: ArrayLike) -> FloatArray:
     return frozen(along / length)
 
 
-def matrix(name: str, value: ArrayLike, rows: int, columns: int) -> FloatArray:
-    """Copy of `value` as a finite matrix of the given shape, no number beyond 1e9."""
+def matrix(name: str, value: ArrayLike, rows: int | None, columns: int | None) -> FloatArray:
+    """Copy of `value` as a finite matrix of that many rows and columns (None: any), no number beyond 1e9."""
     array = _floats(name, value)
-    if array.shape != (rows, columns):
-        raise InvalidValue(name, value, f"must have shape ({rows}, {columns}) but has {array.shape}")
+    if array.ndim != 2 or len(array) != (rows or len(array)) or array.shape[1] != (columns or array.shape[1]):
+        raise InvalidValue(
+            name, value, f"must have shape ({rows or 'k'}, {columns or 'n'}) but has {array.shape}"
+        )
     return _within(name, value, array)
 
 
@@ -128,12 +130,12 @@ def inertia(name: str, value: Any) -> FloatArray:
     return tensor
 
 
-def times(name: str, value: Any) -> FloatArray:
-    """Copy of `value` as finite times (K,) [s]."""
+def times(name: str, value: Any, unit: str = " [s]", largest: float = LARGEST) -> FloatArray:
+    """Copy of `value` as finite numbers (K,), times unless the unit says otherwise."""
     array = _floats(name, value)
     if array.ndim != 1:
-        raise InvalidValue(name, value, f"must have shape (K,) [s] but has shape {array.shape}")
-    return _within(name, value, array)
+        raise InvalidValue(name, value, f"must have shape (K,){unit} but has shape {array.shape}")
+    return _within(name, value, array, largest)
 
 
 def number(name: str, value: Any) -> float:
@@ -178,10 +180,12 @@ def step_count(name: str, duration: float, dt: float, most: int = MOST_STEPS) ->
     return max(1, round(duration / dt))
 
 
-def instance(name: str, value: Any, kind: type, optional: bool = False) -> None:
-    """Raise `InvalidValue` unless `value` is an object of the class, or None where that is allowed."""
+def instance(name: str, value: Any, kind: type | tuple[type, ...], optional: bool = False) -> None:
+    """Raise `InvalidValue` unless `value` is of the class, of one of them, or None where that is allowed."""
     if not (isinstance(value, kind) or (optional and value is None)):
-        raise InvalidValue(name, value, f"must be a {kind.__name__}{' or None' if optional else ''}")
+        names = [one.__name__ for one in (kind if isinstance(kind, tuple) else (kind,))]
+        wanted = " or a ".join(names) + (" or None" if optional else "")
+        raise InvalidValue(name, value, f"must be a {wanted}")
 
 
 def optional_callable(name: str, value: Any) -> None:

@@ -255,7 +255,7 @@ class Problem:
         """The motion of joint rates (N + 1, n) at nodes `dt` [s] apart, and in the middles between."""
         rows = len(rates) if dimensions("rates", rates) == 2 else 0
         rates = matrix("rates", rates, max(2, rows), self.sms.n)
-        step = self.dt if dt is None else dt
+        step = self.dt if dt is None else positive("dt", dt, "s")
         motion = rolled_out(self.sms, self.stack, self.q0, rates, step, self.momentum)
         return replace(motion, **given(self, self.goal, motion.times))
 

@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.actuation.wheels import ReactionWheels
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["check_inertia", "gyrostat"]
@@ -39,6 +39,8 @@ def gyrostat(model: Any, wheels: ReactionWheels) -> Any:
     pinocchio.Model
         q = [q of `model`; wheel angles (w,)], v = [v of `model`; wheel speeds (w,) against the base].
     """
+    instance("model", model, pin.Model)
+    instance("wheels", wheels, ReactionWheels)
     model = model.copy()
     base = model.inertias[1]
     model.inertias[1] = pin.Inertia(base.mass, base.lever, base.inertia - wheels.spin_inertia)

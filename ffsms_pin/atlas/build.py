@@ -19,7 +19,7 @@ from ffsms_pin.atlas.measures import AtlasWork, measured, unit_directions
 from ffsms_pin.atlas.packages import check_installed, xarray
 from ffsms_pin.atlas.sampling import BLOCK, Sampling
 from ffsms_pin.atlas.workspace import write_workspace
-from ffsms_pin.checks import instance, one_of, whole
+from ffsms_pin.checks import instance, one_of, optional_callable, whole
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, parts_folder, run
 from ffsms_pin.errors import ResultError
 from ffsms_pin.storage import check_readable, path_like, remove_leftovers, require_space
@@ -95,6 +95,7 @@ def atlas(
     instance("sms", sms, SpaceManipulator)
     one_of("over", over, ("joints", "workspace"))
     whole("cells", cells, 1)
+    optional_callable("progress", progress)
     target = Path(os.path.realpath(path_like("out", out)))
     if target.exists():
         raise ResultError(out, "is there already; remove it, or choose another name")

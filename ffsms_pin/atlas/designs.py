@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, positive, vector
+from ffsms_pin.checks import FloatArray, instance, positive, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -52,6 +52,7 @@ class Design:
         InvalidValue
             A factor is not above zero, or a joint carries no link of any length.
         """
+        instance("sms", sms, SpaceManipulator)
         if self.base_mass != 1.0:
             sms = with_base_mass(sms, sms.model.inertias[1].mass * positive("base_mass", self.base_mass))
         if self.base_inertia != 1.0:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ffsms_pin.atlas.sampling import Sampling
-from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.checks import FloatArray, instance, matrix, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.quantities import assistance, base_motion
@@ -67,6 +67,9 @@ def measured(
         `entropy`, `manipulability`, `base_translation` [m/m], `base_rotation` [rad/m], each (N,), and, with
         directions, `assistance` (N, d). See `ffsms_pin.system.batch.quantities`.
     """
+    instance("sms", sms, SpaceManipulator)
+    if not isinstance(directions, Sequence) or directions:
+        directions = tuple(map(tuple, matrix("directions", directions, None, 3).tolist()))
     batch = sms.batch(joints)
     C_bm, J_v = batch.C_bm.transpose(1, 2, 0), batch.J_star[:, :3].transpose(1, 2, 0)
     motion = base_motion(C_bm, J_v)

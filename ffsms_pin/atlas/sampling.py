@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from ffsms_pin.checks import FloatArray, one_of, whole
+from ffsms_pin.checks import FloatArray, instance, one_of, positive, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -63,8 +63,10 @@ class Sampling:
         InvalidValue
             A prismatic joint has no limits, or the grid would have fewer than two points on each joint.
         """
+        instance("sms", sms, SpaceManipulator)
         one_of("method", method, ("sobol", "grid"))
         rows, seed = whole("samples", samples, 1), whole("seed", seed, 0)
+        positive("samples", rows)  # and no more than 1e12
         lower, upper = sms.limits.lower.copy(), sms.limits.upper.copy()
         for j, name in enumerate(sms.joint_names):
             if not (math.isfinite(lower[j]) and math.isfinite(upper[j])):
@@ -93,6 +95,7 @@ class Sampling:
 
     def joints(self, rows: range) -> FloatArray:
         """Joint positions (len(rows), n) of consecutive rows [rad]."""
+        instance("rows", rows, range)
         share = self._grid(rows) if self.method == "grid" else self._net(rows)
         lower, upper = np.array(self.lower), np.array(self.upper)
         return np.asarray(lower + share * (upper - lower))

@@ -15,7 +15,7 @@ from ffsms_pin.atlas.designs import Design
 from ffsms_pin.atlas.measures import measured
 from ffsms_pin.atlas.sampling import Sampling
 from ffsms_pin.atlas.wheel_load import wheel_momentum_per_speed
-from ffsms_pin.checks import FloatArray, instance, number, positive, whole
+from ffsms_pin.checks import FloatArray, instance, number, one_of, positive, whole
 from ffsms_pin.engine import Chunks, Shard, run
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
@@ -68,9 +68,8 @@ class Sweep:
         motion : str
             A statistic that should be small.
         """
-        if motion not in self.statistics:
-            raise InvalidValue("motion", motion, f"must be one of {', '.join(self.statistics)}")
-        return pareto(self.statistics["reach"], self.statistics[motion])
+        small = self.statistics[one_of("motion", motion, self.statistics)]
+        return pareto(self.statistics["reach"], small)
 
 
 @dataclass(frozen=True)
@@ -195,10 +194,12 @@ def _axes(
     """The parameters as plain numbers, checked."""
     links = [f"{_LINK}{joint}" for joint in sms.joint_names]
     known = ["base_mass", "base_inertia", *_MOUNT, *links]
+    instance("parameters", parameters, Mapping)
     axes, count = [], 1
     for name, values in parameters.items():
         if name not in known:
             raise InvalidValue("parameters", name, f"must be one of {', '.join(known)}")
+        instance(name, values, (Sequence, np.ndarray))
         check = number if name in _MOUNT else positive
         axes.append((name, tuple(check(name, value) for value in values)))
         count *= len(values)

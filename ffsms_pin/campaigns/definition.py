@@ -115,7 +115,7 @@ class Campaign:
 
     def drawn(self, seed: int) -> dict[str, Any]:
         """What a seed draws, by key."""
-        return {draw.key: draw.value(seed) for draw in self.draws}
+        return {draw.key: draw.value(whole("seed", seed, 0)) for draw in self.draws}
 
     def scenario(self, seed: int) -> Scenario:
         """The scenario of one run.
@@ -125,6 +125,7 @@ class Campaign:
         InvalidScenario
             A draw has a key that the scenario does not have, or a value that it cannot use.
         """
+        whole("seed", seed, 0)
         content = copy.deepcopy(dict(self.content))
         for key, value in {**self._own_seeds(seed), **self.drawn(seed)}.items():
             if not _set(content, key.split("."), value):

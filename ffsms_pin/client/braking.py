@@ -64,6 +64,7 @@ class Braking:
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s]; at rest after the braking."""
+        t = checks.number("t", t)
         layout, times = self.robot.layout, self.t
         nothing = np.zeros(self.robot.n)
         if t >= times[-1]:

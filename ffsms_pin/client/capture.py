@@ -148,6 +148,7 @@ def rest_momentum(client: Client | ClientEstimate, com: ArrayLike) -> FloatArray
     ndarray, shape (6,)
         [linear; angular] about the servicer's centre of mass, inertial axes [kg m/s; kg m^2/s].
     """
+    checks.instance("client", client, (Client, ClientEstimate))
     own = client.momentum
     apart = client.start_pose.translation - checks.vector("com", com, 3, "m")
     return np.concatenate([-own[:3], -own[3:] - np.cross(apart, own[:3])])

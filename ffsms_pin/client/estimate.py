@@ -66,6 +66,9 @@ class ClientSensor:
 
 def measured(client: Client, t: float, sensor: ClientSensor, rng: np.random.Generator) -> Client:
     """The client as it is seen at a time t [s]; its own time zero is then."""
+    checks.instance("client", client, Client)
+    checks.instance("sensor", sensor, ClientSensor)
+    checks.instance("rng", rng, np.random.Generator)
     noise = sensor.deviations * rng.normal(size=12)
     pose = client.pose(t)
     pose.translation = pose.translation + noise[:3]
@@ -101,15 +104,15 @@ class ClientEstimate:
 
     def pose(self, t: float) -> pin.SE3:
         """See `Client.pose`."""
-        return self._body.pose(t - self._since)
+        return self._body.pose(checks.number("t", t) - self._since)
 
     def poses(self, times: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """See `Client.poses`."""
-        return self._body.poses(np.asarray(times, dtype=np.float64) - self._since)
+        return self._body.poses(checks.times("times", times) - self._since)
 
     def twist(self, t: float) -> FloatArray:
         """See `Client.twist`."""
-        return self._body.twist(t - self._since)
+        return self._body.twist(checks.number("t", t) - self._since)
 
     def client(self) -> Client:
         """As a client, whose time is that of the estimate."""
@@ -128,7 +131,8 @@ class ClientEstimate:
 
     def observe(self, seen: Client, t: float) -> None:
         """Take a measurement, which was made at time t [s], after the last one."""
-        self._predict(t)
+        checks.instance("seen", seen, Client)
+        self._predict(checks.number("t", t))
         body, R = self._body, self._body.start_pose.rotation
         turn = pin.log3(seen.start_pose.rotation @ R.T)
         shift = seen.start_pose.translation - body.start_pose.translation

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ffsms_pin.actuation import Thrusters
-from ffsms_pin.checks import FloatArray, frozen, instance, positive
+from ffsms_pin.checks import FloatArray, frozen, instance, positive, sized
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["PulseWidth"]
@@ -49,6 +49,7 @@ class PulseWidth:
 
     def apply(self, force: FloatArray) -> FloatArray:
         """The forces (k,) [N] of this control step, each zero or the largest; `force` (k,) [N] is wanted."""
+        force = sized("force", force, len(self._force))
         if self._step == 0:
             # The last period's wish decides on this period's pulse; at the very start the wish of now.
             wish = np.round(self._wanted + 1e-9)

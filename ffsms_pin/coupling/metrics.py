@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, times, whole
 
 __all__ = ["cosine", "cosine_of_triples", "entropy_of_values", "normalised_entropy"]
 
@@ -32,7 +31,7 @@ def normalised_entropy(sigma: ArrayLike, n: int) -> float:
         H_norm in [0, 1]: 0 when one direction carries all the coupling, 1 when all carry the same.
         With 0 log 0 = 0; zero for n = 1 and where there is no coupling at all.
     """
-    return entropy_of_values(np.asarray(sigma, dtype=np.float64).tolist(), n)
+    return entropy_of_values(times("sigma", sigma, "", math.inf).tolist(), whole("n", n, 1))
 
 
 def entropy_of_values(values: Sequence[float], n: int) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, number, one_of
+from ffsms_pin.checks import FloatArray, matrix, number, one_of
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["NULL_SPACE_TOLERANCE", "reaction_null_space"]
@@ -52,6 +52,7 @@ def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArr
     tolerance = number("tolerance", tolerance)
     if not 0.0 <= tolerance < 1.0:
         raise InvalidValue("tolerance", tolerance, "must be at least 0 and below 1")
+    C_bm = matrix("C_bm", C_bm, 6, None)
     _, sigma, Vt = np.linalg.svd(C_bm[_ROWS[of]])
     largest = np.linalg.norm(C_bm, 2)
     rank = int(np.count_nonzero(sigma > tolerance * largest))

@@ -11,7 +11,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, one_of, positive
+from ffsms_pin.checks import FloatArray, matrix, one_of, positive, vector
 
 __all__ = ["Rows", "scaled"]
 
@@ -45,7 +45,8 @@ def scaled(C_bm: FloatArray, characteristic_length: float, offset: FloatArray, r
     """
     length = positive("characteristic_length", characteristic_length, "m")
     one_of("rows", rows, _ROWS)
-    matrix = np.array(C_bm)
+    moved = matrix("C_bm", C_bm, 6, None)
+    offset = vector("offset", offset, 3, "m")
     # A point of the base at `offset` moves with v + omega x offset.
-    matrix[:3] = (matrix[:3] + np.cross(matrix[3:], offset, axisa=0, axisc=0)) / length
-    return matrix[_ROWS[rows]]
+    moved[:3] = (moved[:3] + np.cross(moved[3:], offset, axisa=0, axisc=0)) / length
+    return moved[_ROWS[rows]]

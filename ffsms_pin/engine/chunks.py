@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from ffsms_pin.checks import whole
+from ffsms_pin.checks import instance, whole
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["Chunks", "Shard", "halves"]
@@ -44,14 +44,14 @@ class Chunks:
     @classmethod
     def fitting(cls, rows: int, largest: int = 16) -> Chunks:
         """Chunks of rows that take long: so many that they share well, whatever the number of workers."""
-        return cls(rows, min(max(whole("rows", rows, 1) // _LEAST_CHUNKS, 1), largest))
+        return cls(rows, min(max(whole("rows", rows, 1) // _LEAST_CHUNKS, 1), whole("largest", largest, 1)))
 
     def __len__(self) -> int:
         return -(-self.rows // self.size)
 
     def rows_of(self, index: int) -> range:
         """The rows of a chunk."""
-        return range(index * self.size, min((index + 1) * self.size, self.rows))
+        return range(whole("index", index, 0) * self.size, min((index + 1) * self.size, self.rows))
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,7 @@ class Shard:
     @classmethod
     def read(cls, text: str) -> Shard:
         """The shard that a text as "3/16" names."""
+        instance("shard", text, str)
         found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
         if found is None:
             raise InvalidValue("shard", text, "must be written i/N, as 3/16")
@@ -83,7 +84,7 @@ class Shard:
 
     def has(self, index: int) -> bool:
         """Whether a chunk is this shard's: every `count`-th one is, so that slow regions are shared out."""
-        return index % self.count == self.number - 1
+        return whole("index", index, 0) % self.count == self.number - 1
 
 
 def halves(rows: range) -> tuple[range, range]:

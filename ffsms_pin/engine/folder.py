@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from ffsms_pin.checks import instance, whole
 from ffsms_pin.engine.chunks import Chunks
 from ffsms_pin.engine.task import load_table
 from ffsms_pin.errors import InvalidValue, ResultError
@@ -38,6 +39,9 @@ class ChunkFolder:
         things are that it does not depend on, as the path of a file whose content counts. `ResultError` where
         the folder cannot be written, or holds results of another specification.
         """
+        instance("chunks", chunks, Chunks)
+        instance("specification", specification, Mapping)
+        instance("where", where, Mapping, optional=True)
         content = _content(chunks, specification)
         try:
             (self.path / _CHUNKS).mkdir(parents=True, exist_ok=True)
@@ -45,7 +49,7 @@ class ChunkFolder:
             raise ResultError(self.path, f"cannot be written ({error.strerror})") from None
         check_writable(self.path / _CHUNKS / "writable")
         remove_leftovers(self.path / _CHUNKS)
-        content["where"] = dict(where or {})
+        content["where"] = {str(name): str(path) for name, path in (where or {}).items()}
         if not (self.path / SPECIFICATION).exists():
             self._write(content)
         there = self._read()
@@ -80,7 +84,7 @@ class ChunkFolder:
 
     def file(self, index: int) -> Path:
         """Where a chunk is, or will be."""
-        return self.path / _CHUNKS / f"{index:08d}.npz"
+        return self.path / _CHUNKS / f"{whole('index', index, 0):08d}.npz"
 
     def done(self) -> set[int]:
         """Indices of the chunks that are written."""
@@ -144,7 +148,8 @@ class ChunkFolder:
 
 def parts_folder(target: Path) -> Path:
     """Where the chunks of a result stand until it is written: beside it."""
-    return target.with_name(f"{target.name}.parts")
+    beside = path_like("target", target)
+    return beside.with_name(f"{beside.name}.parts")
 
 
 def _content(chunks: Chunks, specification: Mapping[str, Any]) -> dict[str, Any]:

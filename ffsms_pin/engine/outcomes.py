@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Generic, TypeVar
 
-from ffsms_pin.checks import instance, optional_callable
+from ffsms_pin.checks import instance, optional_callable, whole
 from ffsms_pin.engine.answers import Answer, answer, answers, copied, packed, unpacked
 from ffsms_pin.engine.cluster import Cluster, check_installed
 from ffsms_pin.engine.kept import kept
@@ -84,6 +84,8 @@ def all_results(
     found: Iterator[Outcome[T]], count: int, progress: Callable[[float], None] | None = None
 ) -> list[T]:
     """The results of `count` tasks; if any failed, `TasksFailed` carries the others."""
+    instance("found", found, Iterator)
+    whole("count", count, 1)
     optional_callable("progress", progress)
     results: list[Any] = []
     failures: dict[int, Exception] = {}

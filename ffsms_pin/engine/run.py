@@ -115,6 +115,7 @@ def collected(
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """One table of all rows, in their order; nothing is written. Arguments and errors are those of `run`."""
+    instance("chunks", chunks, Chunks)
     jobs = min(checked_jobs(jobs), len(chunks))
     progress = progress or _untold
     tables: dict[int, dict[str, Any]] = {}

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ffsms_pin.errors import FfsmsError, ResultError, TaskError
+from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError, TaskError
 from ffsms_pin.storage import load_arrays, save_arrays
 
 __all__ = ["KIND", "Table", "Work", "computed", "joined", "load_table", "save_table", "sent", "stored"]
@@ -24,7 +24,12 @@ Work: TypeAlias = Callable[[range], Table]
 
 def computed(work: Work, rows: range) -> dict[str, Any]:
     """The table of some rows, its columns as arrays of the right length; `TaskError` where it is none."""
-    table = {str(name): np.asarray(column) for name, column in work(rows).items()}
+    if not callable(work):
+        raise InvalidValue("work", work, "must be a function")
+    found = work(rows)
+    if not isinstance(found, Mapping):
+        raise TaskError(f"the work gave a {type(found).__name__}; it must give a table, arrays by name")
+    table = {str(name): np.asarray(column) for name, column in found.items()}
     for name, column in table.items():
         if column.dtype.hasobject or column.ndim == 0 or len(column) != len(rows):
             raise TaskError(
@@ -72,6 +77,8 @@ def _evidence(table: Table, rows: range, run: str) -> str:
 
 def joined(tables: Sequence[Table]) -> dict[str, Any]:
     """One table of several with the same columns, in their order."""
+    if not isinstance(tables, Sequence) or not tables or not all(isinstance(one, Mapping) for one in tables):
+        raise InvalidValue("tables", tables, "must be a sequence of tables")
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 

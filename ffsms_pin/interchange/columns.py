@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Problem, Trajectory
 from ffsms_pin.opt.goals import Position
@@ -14,29 +14,26 @@ from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["BASE", "TIME", "columns", "trajectory"]
+__all__ = ["BASE", "TIME", "check_motion", "columns", "trajectory"]
 
 TIME = "time [s]"
 BASE = ("base.x [m]", "base.y [m]", "base.z [m]", "base.qx", "base.qy", "base.qz", "base.qw")
 
 
+def check_motion(sms: SpaceManipulator, motion: Trajectory | Tracking) -> None:
+    """Raise `InvalidValue` unless this is a robot, and a motion of it."""
+    instance("sms", sms, SpaceManipulator)
+    instance("motion", motion, (Trajectory, Tracking))
+    if motion.q.shape[1] != sms.nq:
+        raise InvalidValue("motion", motion.q.shape, f"must be of this robot, whose q has {sms.nq} entries")
+
+
 def columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, FloatArray]:
     """The motion at its nodes: time, pose of the root frame, joint positions and rates, and more.
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-        The robot that moves; its joints name the columns.
-    motion : Trajectory or Tracking
-
-    Returns
-    -------
-    dict of str to ndarray, shape (N + 1,)
+    Columns (N + 1,) by name; the robot's joints name them.
     """
-    if not isinstance(motion, Trajectory | Tracking):
-        raise InvalidValue("motion", motion, "must be a Trajectory or a Tracking")
-    if motion.q.shape[1] != sms.nq:
-        raise InvalidValue("motion", motion.q.shape, f"must be of this robot, whose q has {sms.nq} entries")
+    check_motion(sms, motion)
     joints = np.stack([sms.joint_positions(q) for q in motion.q])
     found: dict[str, FloatArray] = {TIME: motion.t}
     found |= dict(zip(BASE, motion.q[:, :7].T, strict=True))
@@ -62,6 +59,7 @@ def trajectory(sms: SpaceManipulator, table: dict[str, FloatArray], source: str)
     InvalidValue
         A column is missing, the times are not in even steps from zero, or a number is not finite.
     """
+    instance("sms", sms, SpaceManipulator)
     wanted = [TIME, *BASE, *(f"{name}.{what}" for name in sms.joint_names for what in _OF_A_JOINT)]
     for name in wanted:
         if name not in table:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.checks import FloatArray, instance, positive, vector, whole
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.extras import require
 from ffsms_pin.simulation.integrators import rk4_step
@@ -65,12 +66,13 @@ class ReachEnv(gym.Env[Observation, Observation]):
         duration: float = 20.0,
         near: float = 0.02,
     ) -> None:
+        instance("sms", sms, SpaceManipulator)
         self.sms, self.limits = sms, sms.limits
         self.lower = np.maximum(self.limits.lower, -np.pi)
         self.upper = np.minimum(self.limits.upper, np.pi)
-        self.start = 0.5 * (self.lower + self.upper) if start is None else np.asarray(start, dtype=np.float64)
+        self.start = 0.5 * (self.lower + self.upper) if start is None else vector("start", start, sms.n)
         self.controller = ComputedTorque(sms) if controller is None else controller
-        self.dt, self.substeps = positive("dt", dt, "s"), max(int(substeps), 1)
+        self.dt, self.substeps = positive("dt", dt, "s"), whole("substeps", substeps, 1)
         self.duration, self.near = positive("duration", duration, "s"), positive("near", near, "m")
         self.action_space = gym.spaces.Box(-1.0, 1.0, (sms.n,), np.float32)
         self.observation_space = gym.spaces.Box(-np.inf, np.inf, (3 * sms.n + 9,), np.float32)
@@ -83,12 +85,13 @@ class ReachEnv(gym.Env[Observation, Observation]):
 
         The target is where a random straight move of the joints ends, so it can be reached.
         """
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else whole("seed", seed, 0))
+        instance("options", options, Mapping, optional=True)
         self.q = self.sms.configuration(self.start)
         self.v = np.zeros(self.sms.nv)
         self.q_d, self.qd_d, self.t = self.start.copy(), np.zeros(self.sms.n), 0.0
         if options and "target" in options:
-            self.target = np.asarray(options["target"], dtype=np.float64)
+            self.target = vector("target", options["target"], 3, "m")
         else:
             share = self.np_random.uniform(0.1, 0.9, self.sms.n)
             end = self.sms.configuration(self.lower + share * (self.upper - self.lower))
@@ -98,7 +101,7 @@ class ReachEnv(gym.Env[Observation, Observation]):
 
     def step(self, action: Observation) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Follow an action for `dt`."""
-        wanted = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0) * self.limits.velocity
+        wanted = np.clip(vector("action", action, self.sms.n), -1.0, 1.0) * self.limits.velocity
         h = self.dt / self.substeps
         for _ in range(self.substeps):
             before = self.qd_d

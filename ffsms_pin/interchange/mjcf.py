@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import positive
+from ffsms_pin.checks import instance, positive
 from ffsms_pin.interchange.joint_axes import joint_axes
 from ffsms_pin.system import SpaceManipulator
 
@@ -32,6 +32,7 @@ def to_mjcf(sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = Tru
     MuJoCo's `qpos` begins with the base's position and its quaternion (w, x, y, z); the linear part of its
     `qvel` has inertial axes, the angular part the base's own.
     """
+    instance("sms", sms, SpaceManipulator)
     positive("timestep", timestep, "s")
     model = sms.model
     axes = joint_axes(sms)

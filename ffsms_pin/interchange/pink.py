@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, positive, vector
+from ffsms_pin.checks import FloatArray, instance, number, positive, vector
 from ffsms_pin.extras import require
 from ffsms_pin.system import SpaceManipulator, State, base_reaction, dynamics
 
@@ -38,6 +38,7 @@ class FloatingConfiguration(pink.Configuration):  # type: ignore[misc]
     def __init__(
         self, sms: SpaceManipulator, state: State | ArrayLike, momentum: ArrayLike | None = None
     ) -> None:
+        instance("sms", sms, SpaceManipulator)
         q = state.q if isinstance(state, State) else vector("state", state, sms.nq)
         model = sms.model.copy()  # Pink adds attributes to it
         rates, torques = np.array(model.upperVelocityLimit), np.array(model.upperEffortLimit)
@@ -59,6 +60,7 @@ class FloatingConfiguration(pink.Configuration):  # type: ignore[misc]
         By the midpoint rule, whose error is of third order in `dt`; the base's entries in `velocity` are not
         used.
         """
+        dt = number("dt", dt)
         rates = vector("velocity", velocity, self.sms.nv)[6:]
         first = self.sms.velocity(self.q, rates, self.momentum)
         middle = pin.integrate(self.model, self.q, 0.5 * dt * first)
@@ -91,17 +93,20 @@ class MomentumTask(Task):  # type: ignore[misc]
     def __init__(
         self, sms: SpaceManipulator, dt: float, momentum: ArrayLike | None = None, cost: float = 1.0
     ) -> None:
+        instance("sms", sms, SpaceManipulator)
         super().__init__(cost=cost)
         self.sms, self.dt = sms, positive("dt", dt, "s")
         self.momentum = None if momentum is None else vector("momentum", momentum, 6)
 
     def compute_error(self, configuration: Any) -> FloatArray:
         """What the momentum moves the base by in a step, negative (6,) [m; rad]."""
+        instance("configuration", configuration, pink.Configuration)
         drift = self.sms.velocity(configuration.q, np.zeros(self.sms.n), self.momentum)[:6]
         return -self.dt * drift
 
     def compute_jacobian(self, configuration: Any) -> FloatArray:
         """[I, M_b^-1 M_bm] (6, 6 + n): the root's velocity less its reaction to the joints."""
+        instance("configuration", configuration, pink.Configuration)
         M = dynamics.inertia_matrix(self.sms, np.array(configuration.q))
         return np.hstack([np.eye(6), -base_reaction.root_reaction(M)])
 

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 
+from ffsms_pin.checks import instance, whole
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.system import SpaceManipulator
 
@@ -18,16 +19,12 @@ def to_joint_trajectory(sms: SpaceManipulator, plan: Trajectory, every: int = 1,
     Positions [rad], velocities [rad/s] and accelerations [rad/s^2] at the nodes; the message knows nothing of
     the base, which a controller of joints cannot command.
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    plan : Trajectory
-    every : int
-        Take each so many nodes, and the last one.
-    frame : str
-        `header.frame_id`.
+    Each `every`-th node is taken, and the last one; `frame` is `header.frame_id`.
     """
-    nodes = sorted({*range(0, len(plan.t), max(int(every), 1)), len(plan.t) - 1})
+    instance("sms", sms, SpaceManipulator)
+    instance("plan", plan, Trajectory)
+    instance("frame", frame, str)
+    nodes = sorted({*range(0, len(plan.t), whole("every", every, 1)), len(plan.t) - 1})
     acceleration = np.vstack([plan.joint_accelerations, np.zeros((1, sms.n))])
     lines = [
         "header:",

@@ -5,17 +5,16 @@ from __future__ import annotations
 import csv
 import io
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.extras import require
-from ffsms_pin.interchange.columns import columns, trajectory
+from ffsms_pin.interchange.columns import check_motion, columns, trajectory
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.simulation import Tracking
-from ffsms_pin.storage import LARGEST_DATA, check_readable, write_content
+from ffsms_pin.storage import LARGEST_DATA, check_readable, path_like, write_content
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["read_csv", "read_parquet", "to_csv", "to_dataframe", "to_parquet", "to_xarray"]
@@ -28,7 +27,7 @@ def to_csv(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(table)
     rows.writerows([repr(float(x)) for x in row] for row in zip(*table.values(), strict=True))
-    write_content(Path(path), text.getvalue())
+    write_content(path_like("path", path), text.getvalue())
 
 
 def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
@@ -38,6 +37,7 @@ def read_csv(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
     `ResultError` says that the file cannot be read, `InvalidValue` that a column is missing or holds
     something else than numbers in even time steps.
     """
+    path = path_like("path", path)
     try:
         check_readable(path, LARGEST_DATA)
         with open(path, newline="", encoding="utf-8") as file:
@@ -71,7 +71,7 @@ def to_parquet(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str |
 
     sink = io.BytesIO()
     pq.write_table(pa.table(columns(sms, motion)), sink)
-    write_content(Path(path), sink.getvalue())
+    write_content(path_like("path", path), sink.getvalue())
 
 
 def read_parquet(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Trajectory:
@@ -80,6 +80,7 @@ def read_parquet(sms: SpaceManipulator, path: str | os.PathLike[str]) -> Traject
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    path = path_like("path", path)
     try:
         check_readable(path, LARGEST_DATA)
         table = pq.read_table(path)
@@ -94,6 +95,7 @@ def to_xarray(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:
     require("cluster", "a dataset")
     import xarray as xr
 
+    check_motion(sms, motion)
     joints = np.stack([sms.joint_positions(q) for q in motion.q])
     data = {
         "position": (("time", "joint"), joints, {"units": "rad"}),

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance, number, positive, times
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.plotting.series import check_kinds
 from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, legend_above, line
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
@@ -35,16 +36,16 @@ def plot_bands(
         Of the vertical axis, with the unit.
     names : sequence of str
         Of the m quantities.
-    ax : Axes, optional
     share : float
         Of the runs that lie within the band at each instant.
-
-    Returns
-    -------
-    Axes
     """
+    share, t = number("share", share), times("t", t)
     if not 0.0 < share <= 1.0:
         raise InvalidValue("share", share, "must be above 0 and at most 1")
+    instance("names", names, (tuple, list))
+    instance("label", label, str)
+    if not isinstance(runs, np.ndarray) or runs.ndim not in (2, 3) or runs.shape[1] != len(t):
+        raise InvalidValue("runs", runs, f"must be an array (runs, {len(t)}) or (runs, {len(t)}, m)")
     values = runs.reshape(*runs.shape[:2], -1)
     low, middle, high = np.quantile(values, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share], axis=0)
     with applied():
@@ -72,7 +73,7 @@ def plot_error_bands(
     )
     with applied():
         if reach is not None:
-            ax.axhline(reach, color=NEUTRAL, **LIMIT)
+            ax.axhline(positive("reach", reach, "m"), color=NEUTRAL, **LIMIT)
         ax.set_ylim(bottom=0.0)
     return ax
 
@@ -81,14 +82,17 @@ def plot_torque_bands(
     sms: SpaceManipulator, runs: Sequence[Tracking], ax: Axes | None = None, share: float = 0.9
 ) -> Axes:
     """Joint torques over many runs."""
+    instance("sms", sms, SpaceManipulator)
     t = _common_time(runs)
     tau = np.array([run.tau for run in runs])
     return plot_bands(t[:-1], tau, "joint torque [N m]", sms.joint_names, ax, share)
 
 
 def _common_time(runs: Sequence[Tracking]) -> FloatArray:
-    if not runs:
+    if not isinstance(runs, Sequence) or not runs:
         raise InvalidValue("runs", runs, "must hold at least one run")
+    for run in runs:
+        check_kinds(tracking=run)
     t = runs[0].t
     for run in runs:
         if run.t.shape != t.shape or not np.allclose(run.t, t):

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.series import Series, plot_flown
+from ffsms_pin.plotting.series import Series, check_kinds, plot_flown
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.system import SpaceManipulator
@@ -64,6 +64,7 @@ def _plot(
     label: str,
     values: Callable[[SpaceManipulator, Motion, slice], FloatArray],
 ) -> Axes:
+    check_kinds(sms=sms, trajectory=trajectory, flown=flown)
     planned = Series(trajectory.t, values(sms, trajectory, slice(None)))
     if flown is None:
         return plot_flown(ax, planned, None, label, _XYZ)

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
-from ffsms_pin.plotting.series import plot_series
+from ffsms_pin.plotting.series import check_kinds, plot_series
 from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, legend_above
 
 __all__ = ["plot_assistance", "plot_cost", "plot_position_error"]
@@ -18,6 +18,7 @@ _SMALLEST = 1e-8  # of the largest cost
 
 def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The summand of the paper's J at every step; on a logarithmic scale where it spans decades."""
+    check_kinds(trajectory=trajectory)
     ax = plot_series(ax, trajectory.t[:-1], trajectory.cost, "cost [-]", steps=True)
     top = float(trajectory.cost.max())
     low = float(np.quantile(trajectory.cost, 0.1))
@@ -33,6 +34,7 @@ def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 def plot_assistance(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Coupling assistance cos(theta_a) at every step."""
+    check_kinds(trajectory=trajectory)
     ax = plot_series(
         ax, trajectory.t[:-1], trajectory.cos_theta, r"assistance $\cos\,\theta_a$ [-]", steps=True
     )
@@ -43,6 +45,7 @@ def plot_assistance(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 def plot_position_error(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Distance from the end effector to the target, and where const8 wants it from 0.9 T on."""
+    check_kinds(trajectory=trajectory)
     ax = plot_series(ax, trajectory.t, trajectory.position_error, "distance to target [m]")
     with applied():
         late = [ARRIVAL_SHARE * trajectory.duration, trajectory.duration]

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.series import Series, plot_flown, plot_series
+from ffsms_pin.plotting.series import Series, check_kinds, plot_flown, plot_series
 from ffsms_pin.plotting.style import applied, axes_or_new, line
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
@@ -21,18 +21,8 @@ _NO_RANK = 1e-9  # of the largest value: rounding
 
 
 def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: Axes | None = None) -> Axes:
-    """Singular values of C_bm over time, stacked: the wider a band, the more of the coupling it carries.
-
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    result : Trajectory or Tracking
-    ax : Axes, optional
-
-    Returns
-    -------
-    Axes
-    """
+    """Singular values of C_bm over time, stacked: the wider a band, the more of the coupling it carries."""
+    check_kinds(sms=sms, result=result)
     rows = _some(len(result.t))
     sigma = np.array([sms.at(result.q[k]).coupling.sigma for k in rows])
     t, edges = result.t[rows], np.cumsum(sigma, axis=1)
@@ -56,21 +46,13 @@ def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: A
 
 
 def plot_sigma(
-    sms: SpaceManipulator,
-    trajectory: Trajectory,
-    ax: Axes | None = None,
-    flown: Tracking | None = None,
+    sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
 ) -> Axes:
     """Singular values of C_bm over time, on a logarithmic scale where they span decades.
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    trajectory : Trajectory
-    ax : Axes, optional
-    flown : Tracking, optional
-        That motion is drawn where it differs from the plan, and the plan thin and pale.
+    With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
     """
+    check_kinds(sms=sms, trajectory=trajectory, flown=flown)
     planned, done = (None if one is None else _sigma(sms, one) for one in (trajectory, flown))
     assert planned is not None
     largest = float(planned.values.max())
@@ -96,20 +78,15 @@ def plot_entropy(
 ) -> Axes:
     """The paper's H_norm at every step: 0 where one direction carries all coupling, 1 where all share it.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-    ax : Axes, optional
-    sms : SpaceManipulator, optional
-        With `flown`: what moved.
-    flown : Tracking, optional
-        That motion is drawn where it differs from the plan, and the plan thin and pale.
+    With `flown`, a motion of `sms`, that is drawn where it differs from the plan, and the plan thin and pale.
     """
+    check_kinds(trajectory=trajectory, flown=flown)
     label = r"entropy $H_\mathrm{norm}$ [-]"
     top = float(trajectory.entropy.max())
     if sms is None or flown is None:
         ax = plot_series(ax, trajectory.t[:-1], trajectory.entropy, label, steps=True)
     else:
+        check_kinds(sms=sms, flown=flown)
         rows = _some(len(flown.t))
         found = np.array([[sms.at(flown.q[k]).coupling.entropy] for k in rows])
         planned = Series(trajectory.t[:-1], trajectory.entropy[:, None])

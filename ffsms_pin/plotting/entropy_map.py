@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.checks import FloatArray, instance, vector, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
+from ffsms_pin.plotting.series import check_kinds
 from ffsms_pin.plotting.style import applied, axes_or_new
 from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.system import SpaceManipulator
@@ -40,10 +41,15 @@ def entropy_grid(
     entropy : ndarray, shape (points, points)
         Rows of the second joint, columns of the first.
     """
-    i, j = joints
-    if i == j or not all(0 <= k < sms.n for k in (i, j)):
+    instance("sms", sms, SpaceManipulator)
+    if not isinstance(joints, tuple | list) or len(joints) != 2:
+        raise InvalidValue("joints", joints, "must be two joints")
+    i, j = (whole("joints", joint, 0) for joint in joints)
+    if i == j or max(i, j) >= sms.n:
         raise InvalidValue("joints", joints, f"must be two different joints of 0 to {sms.n - 1}")
     positions = np.zeros(sms.n) if at is None else vector("at", at, sms.n, "rad")
+    if whole("points", points, 2) > 1000:  # on an axis: more than a figure has pixels for
+        raise InvalidValue("points", points, "must not exceed 1000")
     first, second = (_range(sms, k, points) for k in (i, j))
     grid = np.tile(positions, (points, points, 1))
     grid[:, :, i], grid[:, :, j] = first, second[:, None]
@@ -65,14 +71,9 @@ def plot_entropy_map(
     ----------
     sms, joints, at, points
         As of `entropy_grid`.
-    ax : Axes, optional
     trajectory : Trajectory, optional
         Drawn as a line from its start (circle) to its end (dot). Where it moves other joints too, the map
         under it is only that of `at`.
-
-    Returns
-    -------
-    Axes
     """
     first, second, entropy = entropy_grid(sms, joints, at, points)
     units = [joint_units(sms)[k] for k in joints]
@@ -88,6 +89,7 @@ def plot_entropy_map(
         bar = ax.get_figure().colorbar(filled, ax=ax)  # type: ignore[union-attr]
         bar.set_label(r"entropy $H_\mathrm{norm}$ [-]")
         if trajectory is not None:
+            check_kinds(sms=sms, trajectory=trajectory)
             way = trajectory.joint_positions[:, list(joints)] * [unit.factor for unit in units]
             ax.plot(way[:, 0], way[:, 1], color="white", linewidth=2.6)
             ax.plot(way[:, 0], way[:, 1], color="black", linewidth=1.3)

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.plotting import base, coupling, coupling_over_time, joints, tracking
 from ffsms_pin.plotting.capture import plot_braking, plot_turning
@@ -20,7 +20,7 @@ from ffsms_pin.plotting.style import applied, share_legend, stack, subplots
 from ffsms_pin.plotting.wheels import plot_attitude, plot_wheel_torque, plot_wheels, wheels_turn
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.scenarios.tracked import end_effector_path
-from ffsms_pin.storage import write_atomically
+from ffsms_pin.storage import path_like, write_atomically
 
 __all__ = ["FIGURES", "figure", "figure_names", "save_figure", "save_figures", "save_formats"]
 
@@ -77,7 +77,7 @@ _DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] of one drawing, and of two side b
 _STILL = 1e-9  # [m/s, rad/s] of a base that is held, in a plan
 
 # Without a date, the same outcome gives the same file.
-_UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+_UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
 
 
 def _true_paths(outcome: Outcome) -> dict[str, FloatArray]:
@@ -107,9 +107,11 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
 
 def figure(outcome: Outcome, name: str) -> Figure:
     """One of `FIGURES`, or of those that the outcome has beside them (see `figure_names`), drawn."""
-    if name == "motion":
+    instance("outcome", outcome, Outcome)
+    known = {**FIGURES, **CAPTURE_FIGURES, **WHEEL_FIGURES}
+    if one_of("name", name, ["motion", *known]) == "motion":
         return _motion(outcome)
-    panels = {**FIGURES, **CAPTURE_FIGURES, **WHEEL_FIGURES}[name]
+    panels = known[name]
     result, axes = stack(len(panels))
     for panel, ax in zip(panels, axes, strict=True):
         panel(outcome, ax)
@@ -173,11 +175,14 @@ def save_figures(
     list of Path
         The files.
     """
+    instance("outcome", outcome, Outcome)
+    folder = path_like("folder", folder)
+    optional_callable("progress", progress)
     written = []
     names = figure_names(outcome)
     for count, name in enumerate(names, start=1):
         drawn = figure(outcome, name)
-        written += save_formats(drawn, Path(folder) / name, formats)
+        written += save_formats(drawn, folder / name, formats)
         if progress is not None:
             progress(count / len(names))
     return written
@@ -201,27 +206,20 @@ def _fit(drawn: Figure, panels: Sequence[Axes]) -> None:
 
 def save_figure(drawn: Figure, path: Path, ending: str) -> None:
     """Write one figure in the format `ending` ("pdf", "svg" or "png"), atomically."""
-    metadata = _UNDATED.get(ending)
+    instance("drawn", drawn, Figure)
+    metadata = _UNDATED[one_of("ending", ending, _UNDATED)]
     with applied():
         write_atomically(path, lambda file: drawn.savefig(file, format=ending, metadata=metadata))
 
 
 def save_formats(drawn: Figure, path: Path, formats: tuple[str, ...] = ("pdf", "png")) -> list[Path]:
-    """Write one figure in several formats, each file atomically; its panels are laid out once, for the first.
+    """Write one figure as files `path` with the endings of `formats` ("pdf", "svg", "png"), each atomically.
 
-    Parameters
-    ----------
-    drawn : Figure
-    path : Path
-        Without an ending.
-    formats : tuple of str
-        Endings: "pdf", "svg", "png".
-
-    Returns
-    -------
-    list of Path
-        The files.
+    Its panels are laid out once, for the first. The files are returned.
     """
+    instance("drawn", drawn, Figure)
+    instance("formats", formats, Sequence)
+    path = path_like("path", path)
     written, engine = [], drawn.get_layout_engine()
     try:
         for ending in formats:

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.series import Series, plot_flown
+from ffsms_pin.plotting.series import Series, check_kinds, plot_flown
 from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
@@ -35,6 +35,7 @@ def plot_joint_positions(
 
     With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
     """
+    check_kinds(sms=sms, trajectory=trajectory, flown=flown)
     factors, limits = joint_factors(sms), sms.limits
     planned = Series(trajectory.t, trajectory.joint_positions * factors)
     done = None if flown is None else Series(flown.t, _positions(sms, flown) * factors)
@@ -54,6 +55,7 @@ def plot_joint_rates(
 
     `flown` as for `plot_joint_positions`.
     """
+    check_kinds(sms=sms, trajectory=trajectory, flown=flown)
     factors, n = joint_factors(sms), sms.n
     planned = Series(trajectory.t, trajectory.joint_rates * factors)
     done = None if flown is None else Series(flown.t, flown.v[:, -n:] * factors)

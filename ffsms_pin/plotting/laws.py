@@ -17,14 +17,7 @@ _DEEPEST = 1e-5  # of the best law's largest error: what is below is rounding, o
 def plot_laws(comparison: LawComparison) -> Figure:
     """A figure with three panels over time, one line a law.
 
-    Parameters
-    ----------
-    comparison : LawComparison
-
-    Returns
-    -------
-    Figure
-        Distance to the target and largest joint error on logarithmic axes, and the torque effort so far.
+    Distance to the target and largest joint error on logarithmic axes, and the torque effort so far.
     """
     figure, (distance, error, effort) = stack(3)
     factors = joint_factors(comparison.sms)

@@ -13,9 +13,11 @@ from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from ffsms_pin.checks import FloatArray, one_of
+from ffsms_pin.checks import FloatArray, instance, matrix, one_of, whole
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.plotting.obstacles import draw_obstacle
+from ffsms_pin.plotting.series import check_kinds
 from ffsms_pin.plotting.style import ACCENT, applied, axes_or_new, line
 from ffsms_pin.system import SpaceManipulator
 
@@ -53,6 +55,7 @@ def plot_motion(
     along : {"x", "y", "z"}, optional
         The inertial axis along which one looks; default: that in which the motion spreads least.
     """
+    _check(sms, trajectory, instants, paths, obstacles)
     if along is not None:
         one_of("along", along, ("x", "y", "z"))
     paths = {} if paths is None else paths
@@ -98,10 +101,23 @@ def motion_sides(
     sms: SpaceManipulator, trajectory: Trajectory, paths: Mapping[str, FloatArray] | None = None
 ) -> tuple[str, ...]:
     """The inertial axes along which to look at a motion: one if it is planar, else two."""
+    _check(sms, trajectory, 6, paths, ())
     shown = _postures(sms, trajectory, 6)
     spread = _spread(trajectory, shown, {} if paths is None else paths)
     first, second = _narrowest(spread)
     return ("xyz"[first],) if spread[first] < _FLAT else ("xyz"[first], "xyz"[second])
+
+
+def _check(sms: Any, trajectory: Any, instants: Any, paths: Any, obstacles: Any) -> None:
+    check_kinds(sms=sms, trajectory=trajectory)
+    if whole("instants", instants, 1) > 1000:  # postures: more than a drawing shows
+        raise InvalidValue("instants", instants, "must not exceed 1000")
+    instance("paths", paths, Mapping, optional=True)
+    for name, points in (paths or {}).items():
+        matrix(f"paths['{name}']", points, None, 3)
+    instance("obstacles", obstacles, Sequence)
+    for obstacle in obstacles:
+        instance("obstacles", obstacle, Obstacle)
 
 
 def times_drawn(trajectory: Trajectory, paths: bool, instants: int = 6) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.style import (
     AS_PLANNED,
     LIMIT,
@@ -20,11 +22,28 @@ from ffsms_pin.plotting.style import (
     legend_above,
     line,
 )
+from ffsms_pin.simulation import Tracking
+from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Series", "plot_flown", "plot_series"]
+__all__ = ["Series", "check_kinds", "plot_flown", "plot_series"]
 
 _SAME = 0.02  # of the largest planned value: what differs by less is drawn once
 _ROWS = 1500  # of a recording: more than a panel has room for help nobody
+
+
+_KINDS: dict[str, Any] = {
+    "sms": SpaceManipulator, "trajectory": Trajectory, "tracking": Tracking, "result": (Trajectory, Tracking),
+    "flown": (Trajectory, Tracking), "open_loop": Tracking,
+}  # fmt: skip
+_OPTIONAL = ("flown", "open_loop")
+
+
+def check_kinds(**given: Any) -> None:
+    """Raise `InvalidValue` unless each argument is what its name says, and motions are of the robot."""
+    for name, value in given.items():
+        instance(name, value, _KINDS[name], optional=name in _OPTIONAL)
+        if "sms" in given and name != "sms" and value is not None and value.q.shape[1] != given["sms"].nq:
+            raise InvalidValue(name, value, "must be a motion of this robot")
 
 
 class Series(NamedTuple):

@@ -11,6 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 
+from ffsms_pin.checks import instance
+
 __all__ = [
     "ACCENT",
     "AS_PLANNED",
@@ -160,4 +162,5 @@ def stack(rows: int) -> tuple[Figure, list[Axes]]:
 
 def axes_or_new(ax: Axes | None) -> Axes:
     """The axes that were given, or those of a new figure."""
+    instance("ax", ax, Axes, optional=True)
     return ax if ax is not None else stack(1)[1][0]

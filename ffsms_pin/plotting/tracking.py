@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
-from ffsms_pin.plotting.series import plot_series
+from ffsms_pin.plotting.series import check_kinds, plot_series
 from ffsms_pin.scenarios.joints import slides
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
@@ -17,12 +18,14 @@ __all__ = ["plot_joint_error", "plot_joint_rate_error", "plot_torques", "plot_tr
 
 def plot_joint_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Joint position errors: measured less planned."""
+    check_kinds(sms=sms, tracking=tracking)
     label = f"joint error [{joint_unit_label(sms)}]"
     return plot_series(ax, tracking.t, tracking.joint_error * joint_factors(sms), label, sms.joint_names)
 
 
 def plot_joint_rate_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Joint rate errors: measured less planned."""
+    check_kinds(sms=sms, tracking=tracking)
     label = f"joint rate error [{joint_unit_label(sms)}/s]"
     values = tracking.joint_rate_error * joint_factors(sms)
     return plot_series(ax, tracking.t, values, label, sms.joint_names)
@@ -33,13 +36,9 @@ def plot_tracked_position_error(
 ) -> Axes:
     """Distance from the simulated end effector to the target.
 
-    Parameters
-    ----------
-    tracking : Tracking
-    ax : Axes, optional
-    open_loop : Tracking, optional
-        Where the motion was planned again in the loop: the plan made once, for comparison.
+    `open_loop` is what the plan made once came to, where the motion was planned again in the loop.
     """
+    check_kinds(tracking=tracking, open_loop=open_loop)
     label = "distance to target [m]"
     if open_loop is None:
         ax = plot_series(ax, tracking.t, tracking.position_error, label)
@@ -56,16 +55,13 @@ def plot_tracked_position_error(
 def plot_torques(
     sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None, limits: FloatArray | None = None
 ) -> Axes:
-    """Joint torques, each held for a control step.
+    """Joint torques, each held for a control step; `limits` (n,) [N m] are drawn dotted.
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    tracking : Tracking
-    ax : Axes, optional
-    limits : ndarray, shape (n,), optional
-        Limits to draw dotted [N m]. Slow motion needs little of them: with them, the curves look flat.
+    Slow motion needs little of them: with them, the curves look flat.
     """
+    check_kinds(sms=sms, tracking=tracking)
+    if limits is not None and not (isinstance(limits, np.ndarray) and limits.shape == (sms.n,)):
+        raise InvalidValue("limits", limits, f"must be an array of shape ({sms.n},) [N m]")
     sliding = slides(sms)
     unit = "N" if all(sliding) else "N or N m" if any(sliding) else "N m"
     return plot_series(

@@ -7,10 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ffsms_pin.actuation import ReactionWheels
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.series import plot_series
+from ffsms_pin.plotting.series import check_kinds, plot_series
 from ffsms_pin.plotting.style import applied, legend_above, line, stack
 from ffsms_pin.scenarios.modes import ModeComparison, Strategy
 from ffsms_pin.simulation import Tracking
@@ -32,6 +32,7 @@ _STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest
 
 def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Predicted spin momentum of each wheel; its largest dotted where a wheel uses half of it or more."""
+    check_kinds(sms=sms, trajectory=trajectory)
     momentum, wheels = trajectory.wheel_momentum, sms.wheels
     if wheels is None:
         return plot_series(ax, trajectory.t, np.zeros((len(trajectory.t), 0)), "wheel momentum [N m s]")
@@ -51,6 +52,7 @@ def plot_wheels(
 
     Wheels that do the same share a line. The limits are dotted, or told where they are far away.
     """
+    check_kinds(sms=sms, trajectory=trajectory, tracking=tracking)
     most, momentum = _wheels(sms).momentum, tracking.wheel_momentum
     groups = _alike(momentum)
     ax = _drawn(sms, ax, tracking.t, momentum, groups, most, "wheel momentum [N m s]")
@@ -73,6 +75,7 @@ def plot_wheels(
 
 def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
     """Motor torques of the wheels that turn; limits as in `plot_wheels`."""
+    check_kinds(sms=sms, tracking=tracking)
     torque, groups = tracking.wheel_torque, _alike(tracking.wheel_momentum)
     t = tracking.t[: len(torque)]
     return _drawn(sms, ax, t, torque, groups, _wheels(sms).torque, "wheel torque [N m]", steps=True)
@@ -130,11 +133,8 @@ def plot_modes(comparison: ModeComparison) -> Figure:
     """A figure with three panels over time, one line a strategy.
 
     Largest wheel momentum, base rotation, and distance to the target; turning back comes after the plan.
-
-    Parameters
-    ----------
-    comparison : ModeComparison
     """
+    instance("comparison", comparison, ModeComparison)
     figure, (momentum, rotation, distance) = stack(3)
     with applied():
         for i, (name, one) in enumerate(comparison.found.items()):

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
 
+from ffsms_pin.checks import instance, one_of
 from ffsms_pin.control import LAWS, JointLaw
 from ffsms_pin.control.reduced_dynamics import reduced_dynamics
-from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import METHODS, Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.closed_loop import Attempt, attempt, planned, prepared
 from ffsms_pin.scenarios.conditions import controller
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.run import StageProgress, stage
+from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers
 from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.system import SpaceManipulator
@@ -69,6 +69,9 @@ def compare(
     progress : callable, optional
         Called with a method's name and the share of its plan that is done, 0 to 1.
     """
+    check_call(scenario, progress)
+    if methods is not None:
+        instance("methods", methods, Sequence)
     sms = scenario.load()
     plans: dict[str, Trajectory] = {}
     times: dict[str, float] = {}
@@ -195,9 +198,10 @@ def compare_laws(
     InvalidValue
         A law of another name.
     """
+    check_call(scenario, progress)
+    instance("laws", laws, Sequence)
     for name in laws:
-        if name not in LAWS:
-            raise InvalidValue("laws", name, f"must be of {', '.join(LAWS)}")
+        one_of("laws", name, LAWS)
     sms = scenario.load()
     with scenario.named():
         q0 = scenario.start_configuration(sms)

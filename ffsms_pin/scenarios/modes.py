@@ -13,7 +13,7 @@ from ffsms_pin.opt import BaseLimits, Problem, SearchOptions, Trajectory
 from ffsms_pin.opt.planning.plan import plan_problem
 from ffsms_pin.scenarios.compare import why_not_reached
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.run import stage
+from ffsms_pin.scenarios.run import check_call, stage
 from ffsms_pin.studies.turn_back import Spent, spent, turn_back
 from ffsms_pin.system import SpaceManipulator
 
@@ -79,6 +79,7 @@ def compare_modes(scenario: Scenario, progress: Callable[[str, float], None] | N
     InvalidScenario
         There are neither wheels nor thrusters.
     """
+    check_call(scenario, progress)
     sms = scenario.load()
     if sms.wheels is None and sms.thrusters is None:
         raise InvalidScenario(scenario.source, "comparing modes needs a table [wheels] or [thrusters]")

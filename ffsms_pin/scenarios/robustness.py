@@ -14,12 +14,13 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, whole
 from ffsms_pin.engine import Chunks, Table, collected, joined, run
+from ffsms_pin.engine.run import checked_jobs
 from ffsms_pin.errors import TaskError, TasksFailed
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, planned, prepared, replanning
 from ffsms_pin.scenarios.conditions import control_steps, controller
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.run import StageProgress, stage
+from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 from ffsms_pin.scenarios.tracked import arrived, finite, wilson_interval
 from ffsms_pin.simulation import random_plants
 from ffsms_pin.storage import read_content
@@ -125,9 +126,8 @@ def robustness(
     DependencyMissing
         Several processes are asked for, and Dask is not installed.
     """
-    whole("plants", plants, 1)
-    whole("seed", seed, 0)
-    whole("jobs", 1 if jobs is None else jobs, 1)
+    check_call(scenario, progress)
+    plants, seed, jobs = whole("plants", plants, 1), whole("seed", seed, 0), checked_jobs(jobs)
     sms = scenario.load()
     shares = {"arm_mass": arm_mass, "base_mass": base_mass, "base_inertia": base_inertia}
     next(random_plants(sms, np.random.default_rng(seed), 1, **shares))  # shares out of range show up here

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.control import JointLaw
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Replanning, Trajectory
@@ -20,10 +21,19 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.simulation import Tracking, Watchdog
 from ffsms_pin.simulation.unfinished import check_stream
-from ffsms_pin.storage import check_writable, require_space
+from ffsms_pin.storage import check_writable, path_like, require_space
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Outcome", "StageProgress", "Timing", "expected_size", "run", "stage", "writes_files"]
+__all__ = [
+    "Outcome",
+    "StageProgress",
+    "Timing",
+    "check_call",
+    "expected_size",
+    "run",
+    "stage",
+    "writes_files",
+]
 
 _DOUBLE = 8  # [bytes]
 _PLAN_STEP = 0.01  # [s] `plan`'s default
@@ -104,9 +114,10 @@ def run(
     FfsmsError
         The robot cannot be loaded, the simulation does not stay finite, or its watchdog stops it.
     """
+    check_call(scenario, progress)
     sms = scenario.load()
     if folder is not None:
-        require_space(folder, expected_size(scenario, sms))
+        require_space(path_like("folder", folder), expected_size(scenario, sms))
     with scenario.named():
         files = _own_files(scenario, folder, allow_outside)
         q0 = scenario.start_configuration(sms)
@@ -138,6 +149,12 @@ def run(
         open_loop,
         capture,
     )
+
+
+def check_call(scenario: Scenario, progress: StageProgress | None) -> None:
+    """Raise `InvalidValue` unless this is a scenario, and a function to call or None."""
+    instance("scenario", scenario, Scenario)
+    optional_callable("progress", progress)
 
 
 def stage(progress: StageProgress | None, name: str) -> Callable[[float], None] | None:

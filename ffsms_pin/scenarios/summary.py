@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ffsms_pin.checks import instance
 from ffsms_pin.opt.limits.clearance.bodies import chosen_mode
 from ffsms_pin.opt.limits.clearance.clearance import clearance_stack
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
@@ -36,6 +37,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
     Every key of a quantity ends in its unit. Limits that do not exist are None. "Planned" numbers hold
     everywhere along the plan, not only at its nodes; clearances are sampled between nodes too.
     """
+    instance("outcome", outcome, Outcome)
     plan = outcome.trajectory
     late = plan.t >= ARRIVAL_SHARE * plan.duration - 1e-9
     joints = _joints(outcome)

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
@@ -185,8 +185,9 @@ def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
     E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209-212:
     (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n).
     """
-    if not 0 <= successes <= runs or runs < 1:
-        raise InvalidValue("successes", successes, f"must lie within 0 and the {runs} runs, at least one")
+    successes, runs = whole("successes", successes, 0), whole("runs", runs, 1)
+    if successes > runs:
+        raise InvalidValue("successes", successes, f"must not exceed the {runs} runs")
     p, square = successes / runs, _Z**2 / runs
     middle = (p + 0.5 * square) / (1.0 + square)
     half = _Z / (1.0 + square) * math.sqrt(p * (1.0 - p) / runs + 0.25 * square / runs)

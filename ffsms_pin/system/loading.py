@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import one_of, per_joint
+from ffsms_pin.checks import instance, one_of, per_joint
 from ffsms_pin.errors import (
     FfsmsWarning,
     InvalidUrdf,
@@ -108,13 +108,15 @@ def with_srdf(sms: SpaceManipulator, srdf: str | os.PathLike[str]) -> SpaceManip
     InvalidValue
         No such file.
     """
+    instance("sms", sms, SpaceManipulator)
     try:
         path = Path(srdf).expanduser()
     except TypeError:
         raise InvalidValue("srdf", srdf, "must be a path") from None
     if not os.path.isfile(path):
         raise InvalidValue("srdf", str(srdf), "must be a file")
-    assert isinstance(sms.description, Description)  # it was built from a URDF
+    if not isinstance(sms.description, Description):
+        raise InvalidValue("sms", sms, "must come from a URDF")
     return sms._variant(sms.model, description=replace(sms.description, srdf=path))
 
 

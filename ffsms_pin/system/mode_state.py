@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.coupling import decompose, normalised_entropy
+from ffsms_pin.coupling import decompose
+from ffsms_pin.coupling.metrics import entropy_of_values
 from ffsms_pin.system.base_reaction import mode_coupling
 from ffsms_pin.system.state import State
 
@@ -41,5 +42,5 @@ def coupling_of(state: State, mode: str) -> ModeCoupling:
     C_bm = mode_coupling(state.H_b, state.H_bm, mode)
     _, sigma, V = decompose(C_bm)
     return ModeCoupling(
-        C_bm, sigma, V, normalised_entropy(sigma, C_bm.shape[1]), state.J_b @ C_bm + state.J_m
+        C_bm, sigma, V, entropy_of_values(sigma.tolist(), C_bm.shape[1]), state.J_b @ C_bm + state.J_m
     )

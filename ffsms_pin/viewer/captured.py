@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ffsms_pin.checks import instance
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.scenarios.capture import whole_tracking
@@ -21,6 +22,7 @@ def view_capture(outcome: Outcome, **options: Any) -> View:
     InvalidValue
         The outcome has no capture.
     """
+    instance("outcome", outcome, Outcome)
     capture = outcome.capture
     if capture is None:
         raise InvalidValue("outcome", outcome.scenario.name, "has no capture")

@@ -17,7 +17,7 @@ from ffsms_pin.opt.horizon.spline import RateSpline
 from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing, apply_rates
-from ffsms_pin.opt.parts.reading import residuals_of
+from ffsms_pin.opt.parts.reading import asked, residuals_of
 from ffsms_pin.opt.problem import Problem, given
 from ffsms_pin.opt.terms.term import time_scale
 from ffsms_pin.system.batch.stacks import dot
@@ -192,7 +192,7 @@ def linearise(
         ease = weights.tie_break if term.smooths else 1.0
         squares = [add(one, ease, over_time) for one in residuals_of(term, seen)]
         smoothed = term.measures_cost and smoothing != EXACT
-        objective += term.cost(motions) if smoothed else sum(squares, np.zeros(count))
+        objective += asked(term, "cost", motions) if smoothed else sum(squares, np.zeros(count))
     at_goal = arrival(goal, motions)
     end = weights.end * time_scale(motions) / length**2
     for ones, factor in ((at_goal.end, end), (at_goal.tail, 0.1 * end)):

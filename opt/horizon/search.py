@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.opt.horizon.descent import (
     LAST_WEIGHTS,
     Candidates,
@@ -21,7 +21,7 @@ from ffsms_pin.opt.horizon.descent import (
     tighten,
 )
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
-from ffsms_pin.opt.horizon.spline import Grid
+from ffsms_pin.opt.horizon.spline import Grid, check_options
 from ffsms_pin.opt.limits.limit import tightened
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -97,6 +97,10 @@ class SearchOptions:
     march_steps: int = 30
     judged_steps: int = 1000
     without: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_options(self, but=("without",))
+        instance("without", self.without, (tuple, list))
 
 
 class Found(NamedTuple):

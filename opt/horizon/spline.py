@@ -9,17 +9,19 @@ Reference: C. de Boor, "A Practical Guide to Splines", 2001, ch. IX to XI.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray, frozen
+from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, whole
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.problem import ARRIVAL_SHARE
 
-__all__ = ["Grid", "Map", "RateSpline", "embedded", "gauss", "rate_spline"]
+__all__ = ["Grid", "Map", "RateSpline", "check_options", "embedded", "gauss", "rate_spline"]
 
 
 class Grid(NamedTuple):
@@ -31,6 +33,21 @@ class Grid(NamedTuple):
     intervals: int
     late: int
     gauss: int
+
+
+def check_options(options: Any, but: Sequence[str] = ()) -> None:
+    """Raise `InvalidValue` unless the fields of options are grids and numbers like their defaults."""
+    for field in fields(options):
+        value, default = getattr(options, field.name), field.default
+        if isinstance(default, Grid):
+            instance(field.name, value, Grid)
+            for name, count in value._asdict().items():
+                if whole(f"{field.name}.{name}", count, 1) > 100:
+                    raise InvalidValue(f"{field.name}.{name}", count, "must not exceed 100")
+        elif isinstance(default, int):
+            whole(field.name, value, 0)
+        elif field.name not in but and value is not default and str(value) != "inf":
+            at_least_zero(field.name, value)
 
 
 class Map(NamedTuple):

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance
+from ffsms_pin.errors import FfsmsError, PartError
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.goals.place import Place
@@ -175,7 +176,13 @@ def later(limit: _L, by: float) -> _L:
 def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
     """The limit for a robot (`Limit.for_robot`), with what it was told before."""
     told = {name: getattr(limit, name) for name in ("reserve", "began", "of_goal")}
-    made = limit.for_robot(sms)
+    try:
+        made = limit.for_robot(sms)
+    except FfsmsError:
+        raise
+    except Exception as error:
+        raise PartError(limit, "for_robot", f"failed with {type(error).__name__}: {error}") from error
+    instance("limit.for_robot", made, Limit)
     return made if all(getattr(made, name) == one for name, one in told.items()) else _changed(made, **told)
 
 

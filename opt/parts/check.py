@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance, positive, whole
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, prepared
 from ffsms_pin.opt.motion.feature import Feature, Indices
@@ -53,6 +53,9 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
     """
     if not isinstance(part, (Term, Limit)):
         raise InvalidValue("part", part, "must be an opt.Term or an opt.Limit")
+    instance("problem", problem, Problem)
+    positive("tolerance", tolerance)
+    whole("seed", seed, 0)
     if isinstance(part, Limit):
         part = prepared(part, problem.sms)
     if isinstance(part, AllOf):

@@ -24,8 +24,10 @@ __all__ = [
     "asked",
     "checked_parts",
     "formulas",
+    "objective_of",
     "residuals_of",
     "rows_of",
+    "share_of",
     "violation_of",
 ]
 
@@ -130,12 +132,30 @@ def rows_of(limit: Any, step: StepState) -> Rows | None:
     return rows
 
 
+def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | None:
+    """What a term adds to a step's objective; a `PartError` where it fails or has wrong shapes."""
+    found, n = asked(term, "step_objective", step), len(step.rates)
+    if found is None:
+        return None
+    if not isinstance(found, tuple) or [np.shape(one) for one in found] != [(n, n), (n,)]:
+        raise PartError(term, "step_objective", f"must give a matrix ({n}, {n}) and a vector ({n},), or None")
+    return found
+
+
 def violation_of(limit: Any, motion: Motions) -> Violation:
     """What a finished motion makes of a limit; a `PartError` where it fails or says something else."""
     found = asked(limit, "violation", motion)
     if not isinstance(found, Violation):
         raise PartError(limit, "violation", f"must return an opt.Violation; got {type(found).__name__}")
     return found
+
+
+def share_of(term: Any, motion: Motions) -> float:
+    """What a term comes to for a finished motion; a `PartError` where it fails or gives no number."""
+    found = asked(term, "share", motion)
+    if not isinstance(found, (int, float, np.number)):
+        raise PartError(term, "share", f"must return a number; got {type(found).__name__}")
+    return float(found)
 
 
 def formulas(part: Any, method: str, features: Features) -> list[Feature]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ffsms_pin.opt.horizon.spline import Grid
+from ffsms_pin.opt.horizon.spline import Grid, check_options
 
 __all__ = ["ReplanOptions"]
 
@@ -81,6 +81,9 @@ class ReplanOptions:
     dead_band: float | None = None
     settle: float = 0.1
     jerk: Any = None
+
+    def __post_init__(self) -> None:
+        check_options(self, but=("jerk",))
 
     def band(self, noise: float | None) -> float:
         """The dead band [m], for sensors of which `noise` [m] is known; None: they are perfect."""

@@ -9,8 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, vector
+from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, sized, vector, whole
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.starts import REFERENCE_WEIGHTS
 from ffsms_pin.opt.motion.actuated import wheel_total
@@ -144,8 +145,9 @@ class Replanning:
 
         An `InUse` says that another thread has begun.
         """
+        q, v = sized("q", q, self.problem.sms.nq), sized("v", v, self.problem.sms.nv)
         with self._thread:
-            step = int(t / self.problem.dt + 1e-6)
+            step = int(number("t", t) / self.problem.dt + 1e-6)
             if step != self._step:
                 self._take(step, q, v)
 
@@ -200,6 +202,8 @@ class Replanning:
 
         A limp joint is taken to stay where it is measured, anew at every re-plan.
         """
+        if whole("joint", joint, 0) >= self.problem.sms.n:
+            raise InvalidValue("joint", joint, f"must be below {self.problem.sms.n}")
         self._planner.without(joint)
         self._renew_stepper()
 

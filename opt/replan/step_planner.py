@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ffsms_pin.checks import positive
 from ffsms_pin.opt.limits import BaseLimits, Limit
 from ffsms_pin.opt.parts.reading import checked_parts
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms, step_limits
@@ -93,7 +94,7 @@ class StepPlanner(Stepper):
             sms.configuration(middle),
             target,
             duration,
-            min(self.dt, duration),
+            min(self.dt, positive("duration", duration, "s")),
             terms,
             self._given,
             momentum=self.momentum,

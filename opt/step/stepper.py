@@ -13,7 +13,7 @@ from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
-from ffsms_pin.opt.parts.reading import asked, rows_of
+from ffsms_pin.opt.parts.reading import objective_of, rows_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import braking, stoppable
 from ffsms_pin.opt.step.programme import (
@@ -91,6 +91,8 @@ class Stepper:
         wheel_total: ArrayLike | None = None,
     ) -> None:
         instance("sms", sms, SpaceManipulator)
+        instance("limits", limits, Sequence)
+        instance("terms", terms, Sequence)
         instance("weights", weights, StepWeights, optional=True)
         self.sms = sms
         self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)
@@ -122,15 +124,17 @@ class Stepper:
         terms: Sequence[Term] | None = None,
     ) -> Stepper:
         """A stepper that takes the steps of a problem; with other limits or terms where they are given."""
+        instance("problem", problem, Problem)
         limits = problem.limits if limits is None else limits
         terms = problem.terms if terms is None else terms
         given = problem.momentum, problem.mode, problem.wheel_total
-        return cls(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *given)
+        return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *given)
 
     def like(
         self, dt: float | None = None, sms: SpaceManipulator | None = None, reference: str | None = None
     ) -> Stepper:
         """A new stepper with the same settings, but for another step, robot or reference where given."""
+        instance("sms", sms, SpaceManipulator, optional=True)
         parts = self.kappa, self._given, self.terms, self.weights, reference or self.reference
         given = self.momentum, self.mode, self.wheel_total
         return Stepper(sms or self.sms, dt or self.dt, *parts, *given)
@@ -213,7 +217,7 @@ class Stepper:
         if prefer is not None:
             goal = nearest_to(prefer, step.V, self.weights)
         else:
-            objectives = (asked(term, "step_objective", step) for term in self.terms)
+            objectives = (objective_of(term, step) for term in self.terms)
             shares = [share for share in objectives if share is not None]
             goal = objective(step, wanted, self.weights, reference.price(step), shares)
         rows = [rows for limit in self.limits if (rows := rows_of(limit, step)) is not None]

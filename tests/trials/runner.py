@@ -33,7 +33,9 @@ def _one_process(kind: str, first: int, last: int, limit: float) -> Iterator[Ver
     """Verdicts until all are done, or until the process ends within a trial."""
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     path = os.pathsep.join([str(_TESTS), str(_TESTS.parent)])
-    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile("w+") as said:
+    with tempfile.TemporaryDirectory() as outer, tempfile.TemporaryFile("w+") as said:
+        folder = Path(outer, "in", "it")  # what is written to "../.." goes with it
+        folder.mkdir(parents=True)
         command = [sys.executable, "-m", "trials.child", kind, str(first), str(last), str(limit)]
         environment = os.environ | threads | {"PYTHONPATH": path}
         with subprocess.Popen(

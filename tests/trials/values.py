@@ -28,8 +28,10 @@ def bad_value(rng: random.Random, good: Any) -> Any:
     damaged: list[Callable[[], Any]] = []
     if isinstance(good, (int, float)) and not isinstance(good, bool):
         damaged = [lambda: rng.choice(NUMBERS), lambda: rng.choice(NUMBERS), lambda: rng.choice(WHOLE)]
-    elif isinstance(good, tuple) and good and np.array(good).dtype == object:
-        damaged = [lambda: _other_parts(rng, good)] * 2
+    elif isinstance(good, (list, tuple)) and good and not isinstance(np.ravel(good)[0], np.number):
+        damaged = [lambda: _other_parts(rng, tuple(good))] * 2
+    elif isinstance(good, dict) and good:
+        damaged = [lambda: {**good, rng.choice(list(good)): _thing(rng)}, lambda: {"no such thing": 1.0}]
     elif isinstance(good, (list, tuple, np.ndarray)):
         damaged = [lambda: _spoiled(rng, good), lambda: _spoiled(rng, good), lambda: _resized(rng, good)]
     elif isinstance(good, pin.SE3):

@@ -10,7 +10,7 @@ import pinocchio as pin
 from Basilisk.simulation import spacecraft, spinningBodyNDOFStateEffector
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, vector
+from ffsms_pin.checks import FloatArray, instance, vector
 from ffsms_pin.errors import UnsupportedJoint
 from ffsms_pin.interchange.joint_axes import joint_axes
 from ffsms_pin.system import SpaceManipulator
@@ -105,6 +105,8 @@ def to_basilisk(
         A joint slides, or a link of an arm carries two joints: chains of spinning bodies have neither.
         Several arms on one base are several chains.
     """
+    instance("sms", sms, SpaceManipulator)
+    instance("name", name, str)
     q = vector("q", q, sms.nq)
     v = np.zeros(sms.nv) if v is None else vector("v", v, sms.nv)
     chains = _chains(sms)

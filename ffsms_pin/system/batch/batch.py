@@ -8,7 +8,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import LARGEST, FloatArray, frozen
+from ffsms_pin.checks import LARGEST, FloatArray, frozen, instance
 from ffsms_pin.coupling.stacked import entropies, singular_values
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch import quantities
@@ -38,6 +38,7 @@ class Batch:
     _robot: Mechanism
 
     def __init__(self, robot: Mechanism, joints: ArrayLike) -> None:
+        instance("robot", robot, Mechanism)
         object.__setattr__(self, "_robot", robot)  # past the guard below
         object.__setattr__(self, "joints", frozen(_joints(joints, robot.n)))
 

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin import checks
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, number, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.convex_parts import convex_shape
 
@@ -92,9 +92,9 @@ class Obstacle:
 
     def distance(self, point: FloatArray, time: float) -> float:
         """From a point (3,) at a time [s], negative inside [m]; axes of what the obstacle is on."""
-        track = self.track(np.array([time]))
+        point, track = vector("point", point, 3, "m"), self.track(np.array([number("time", time)]))
         place = coal.Transform3s(track.rotations[0], track.positions[0])
-        here, result = coal.Transform3s(np.eye(3), np.asarray(point)), coal.DistanceResult()
+        here, result = coal.Transform3s(np.eye(3), point), coal.DistanceResult()
         ball = coal.Sphere(0.0)
         return float(coal.distance(ball, here, self.shape, place, coal.DistanceRequest(), result))
 
