@@ -35,14 +35,8 @@ class WheelAllocation:
         The wheels' momenta h against the base have to change so that -a h' - w x (a h) is the wanted torque.
         A motor also turns its wheel with the base: tau = h' + I a . w'.
 
-        Parameters
-        ----------
-        torque : ndarray, shape (3,)
-            Wanted on the base with the wheels standing still [N m], root axes.
-        spin, turn : ndarray, shape (3,)
-            Angular velocity [rad/s] and wanted acceleration [rad/s^2] of the base, root axes.
-        momentum : ndarray, shape (w,)
-            Of the wheels against the base [N m s].
+        `torque` (3,) is wanted on the base with the wheels standing still; `spin` (3,) [rad/s] and `turn`
+        (3,) [rad/s^2] are the base's, root axes; `momentum` (w,) [N m s] is the wheels', against the base.
         """
         wheels = self.wheels
         change = -self.changes(torque + np.cross(spin, wheels.total(momentum)))

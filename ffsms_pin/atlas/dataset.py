@@ -32,28 +32,14 @@ class Blocks:
     """A dataset with a row a sample, which several processes fill at once.
 
     A block of rows is one chunk of the Zarr file, so no two processes ever write to the same file, and a
-    block that is written again gives the same bytes.
-
-    Attributes
-    ----------
-    path : Path
-    rows : Chunks
-        How they are cut into blocks.
+    block that is written again gives the same bytes. `rows` says how they are cut into blocks.
     """
 
     path: Path
     rows: Chunks
 
     def make(self, example: Mapping[str, Any], coordinates: Mapping[str, Any]) -> None:
-        """Write the dataset without its values.
-
-        Parameters
-        ----------
-        example : mapping
-            A table of one row, as `measured` gives it: the names, the kinds of number and the shapes.
-        coordinates : mapping
-            Of the dataset.
-        """
+        """Write the dataset without its values: names, kinds and shapes are those of a table of one row."""
         variables = {
             name: (
                 _DIMENSIONS.get(name, ("sample",)),

@@ -15,18 +15,10 @@ __all__ = ["Body", "one_body"]
 
 
 class Body(NamedTuple):
-    """What a file says of one rigid body.
+    """What a file says of one rigid body, in root-link axes."""
 
-    Attributes
-    ----------
-    inertia : pinocchio.Inertia
-        Mass [kg], centre of mass [m] and rotational inertia about it [kg m^2], in root-link axes.
-    shapes : list of (coal geometry, pinocchio.SE3)
-        With placements in root-link axes: the collision shapes, or the visual ones where there are none.
-    """
-
-    inertia: Any
-    shapes: list[tuple[Any, Any]]
+    inertia: Any  # pinocchio.Inertia
+    shapes: list[tuple[Any, Any]]  # coal's, placed: the collision shapes, else the visual ones
 
 
 def one_body(path: Path, package_dirs: tuple[Path, ...] = ()) -> Body:

@@ -62,16 +62,9 @@ def welded(
 
 
 def body_motion(place: Any, lever: FloatArray, twist: FloatArray) -> Any:
-    """A body's twist (6,) as a pinocchio.Motion of a frame fixed to it.
+    """A body's twist (6,), of its centre of mass, as a pinocchio.Motion of a frame fixed to it.
 
-    Parameters
-    ----------
-    place : pinocchio.SE3
-        Of the frame, inertial axes.
-    lever : ndarray, shape (3,)
-        The body's centre of mass in that frame [m].
-    twist : ndarray, shape (6,)
-        Velocity of the centre of mass and angular velocity, inertial axes [m/s; rad/s].
+    The frame is at `place` (pinocchio.SE3), the centre of mass at `lever` (3,) in it [m].
     """
     linear = twist[:3] - np.cross(twist[3:], place.rotation @ lever)
     return pin.Motion(place.rotation.T @ linear, place.rotation.T @ twist[3:])

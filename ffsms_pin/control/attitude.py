@@ -71,23 +71,8 @@ def held_dynamics(
 ) -> tuple[FloatArray, FloatArray]:
     """What it takes to turn the base as wanted while the joints move as wanted, its place being free.
 
-    Of M v' + c = [0; T; tau], with v' = [a; turn; qdd], the first three rows give a: no force acts.
-
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    q, v : ndarray, shape (nq,), (6 + n,)
-    turn : ndarray, shape (3,)
-        Angular acceleration of the base [rad/s^2], root axes.
-    qdd : ndarray, shape (n,)
-        [rad/s^2]
-
-    Returns
-    -------
-    T : ndarray, shape (3,)
-        Torque on the base [N m], root axes.
-    tau : ndarray, shape (n,)
-        Joint torques [N m].
+    Of M v' + c = [0; T; tau], with v' = [a; turn; qdd], the first three rows give a: no force acts. The base
+    turns by `turn` (3,) [rad/s^2], root axes. Gives T (3,) on the base and tau (n,) [N m].
     """
     M, effects = dynamics.inertia_matrix(sms, q), dynamics.velocity_effects(sms, q, v)
     acceleration = np.concatenate([np.zeros(3), turn, qdd])

@@ -17,17 +17,9 @@ __all__ = ["entropies", "singular_values"]
 
 
 def singular_values(matrices: FloatArray) -> FloatArray:
-    """Singular values of a stack of matrices, the largest first.
+    """Singular values (min(m, n), B) of a stack of finite matrices (m, n, B), the largest first.
 
-    Parameters
-    ----------
-    matrices : ndarray, shape (m, n, B)
-        Components first, the stack last; finite.
-
-    Returns
-    -------
-    ndarray, shape (min(m, n), B)
-        To 1e-14 of the largest of each matrix; usually to 1e-15.
+    To 1e-14 of the largest of each matrix; usually to 1e-15.
     """
     m, n, *stack = matrices.shape
     wide = matrices if m <= n else matrices.swapaxes(0, 1)

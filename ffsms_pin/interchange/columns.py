@@ -51,8 +51,7 @@ def columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, F
 def trajectory(sms: SpaceManipulator, table: dict[str, FloatArray], source: str) -> Trajectory:
     """The trajectory whose joint rates a table holds, with the base moving as momentum conservation says.
 
-    The first row gives the configuration at the start, the rates everything after it; its target is where the
-    end effector ends.
+    The first row gives the start, the rates all that follows; its target is where the end effector ends.
 
     Raises
     ------

@@ -47,14 +47,7 @@ def check_kinds(**given: Any) -> None:
 
 
 class Series(NamedTuple):
-    """Values over time.
-
-    Attributes
-    ----------
-    t : ndarray, shape (k,)
-        [s]
-    values : ndarray, shape (k, m)
-    """
+    """Values (k, m) over times t (k,) [s]."""
 
     t: FloatArray
     values: FloatArray
@@ -120,16 +113,7 @@ def plot_flown(
     names: Sequence[str],
     limits: Sequence[FloatArray] = (),
 ) -> Axes:
-    """Draw what was flown, and thin and pale what was planned where that differs; else the plan alone.
-
-    Parameters
-    ----------
-    ax : Axes or None
-    planned : Series
-    flown : Series or None
-    label, names, limits
-        As for `plot_series`.
-    """
+    """Draw what was flown, and thin and pale what was planned where that differs; else the plan alone."""
     if flown is None or not _differs(planned, flown):
         return plot_series(ax, planned.t, planned.values, label, names, limits)
     rows = np.unique(np.linspace(0, len(flown.t) - 1, min(_ROWS, len(flown.t))).astype(int))

@@ -17,18 +17,7 @@ __all__ = ["facts"]
 def facts(
     frames: Frames, shown: dict[str, bool], speed: float, play: bool, seen: dict[str, Any]
 ) -> dict[str, Any]:
-    """The facts that `page.html` reads.
-
-    Parameters
-    ----------
-    frames : Frames
-    shown : dict
-        Whether each layer that the scene has is visible at first.
-    speed : float
-    play : bool
-    seen : dict
-        From where, as `camera_facts` says.
-    """
+    """The facts that `page.html` reads: `shown` says which layers are visible at first, `seen` from where."""
     readings: list[dict[str, Any]] = [
         {"label": "entropy", "unit": "", "digits": 3, "values": _short(frames.entropy)}
     ]

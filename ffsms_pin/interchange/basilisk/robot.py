@@ -46,16 +46,10 @@ class BasiliskRobot:
     def state(
         self, craft: Any, joints: list[list[Any]], falling: bool = False
     ) -> tuple[FloatArray, FloatArray]:
-        """Pinocchio's q (nq,) and v (6 + n,) from Basilisk's messages.
+        """Pinocchio's q (nq,) and v (6 + n,) from Basilisk's messages of the craft and of each arm's joints.
 
-        Parameters
-        ----------
-        craft : SCStatesMsgPayload
-        joints : list of list of HingedRigidBodyMsgPayload
-            For each arm those of its joints.
-        falling : bool
-            Relative to a frame that moves with the system's centre of mass and does not turn, as something in
-            orbit sees itself. Default: relative to Basilisk's inertial frame.
+        Relative to Basilisk's inertial frame; with `falling` to one that moves with the system's centre of
+        mass and does not turn, as something in orbit sees itself.
         """
         position, velocity = np.array(craft.r_BN_N), np.array(craft.v_BN_N)
         if falling:
