@@ -85,7 +85,7 @@ def all_results(
 ) -> list[T]:
     """The results of `count` tasks; if any failed, `TasksFailed` carries the others."""
     instance("found", found, Iterator)
-    whole("count", count, 1)
+    whole("count", count, 0)
     optional_callable("progress", progress)
     results: list[Any] = []
     failures: dict[int, Exception] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -211,10 +212,10 @@ def test_a_file_that_may_not_be_read(
     path = tmp_path / "a.urdf"
     path.write_text(PLANAR)
 
-    def denied(self: Path) -> bytes:
+    def denied(*_: object, **__: object) -> bytes:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "read_bytes", denied)
+    monkeypatch.setattr(builtins, "open", denied)
     refused(lambda: ffsms.load(path), InvalidUrdf, str(path), "Permission denied")
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -114,11 +116,10 @@ def test_wrong_numbers_of_replanning_are_refused(
     planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]
 ) -> None:
     problem = opt.Problem(planar, planar.configuration(START), [0.75, 0.5, 0.0], 6.0, 0.02)
-    for word, options in {
-        "jerk": ReplanOptions(jerk=[1.0, 2.0]),
-        "dead_band": ReplanOptions(dead_band=-1.0),
-    }.items():
-        refused(lambda options=options: opt.Replanning(problem, options=options), InvalidValue, word)
+    given: dict[str, Any] = {"jerk": [1.0, 2.0], "dead_band": -1.0}
+    for word, value in given.items():
+        made = partial(ReplanOptions, **{word: value})
+        refused(lambda made=made: opt.Replanning(problem, options=made()), InvalidValue, word)
     reference = opt.Replanning(problem)
     refused(lambda: reference.expect_noise(np.nan), InvalidValue, "distance")
 
