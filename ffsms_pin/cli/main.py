@@ -73,8 +73,7 @@ class _Parser(argparse.ArgumentParser):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line on arguments, by default those of the process; returns the exit code."""
     given = sys.argv[1:] if argv is None else list(argv)
-    words = _no_command(given)
-    if words:
+    if words := _no_command(given):
         return _failed(f"error: {words} (see ffsms-pin --help)", BAD_INPUT)
     try:
         arguments = parser().parse_args(given)
@@ -83,7 +82,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with _ended_by_sigterm():
             command = importlib.import_module(f"ffsms_pin.cli.{_COMMANDS[arguments.command].module}")
-            return int(command.run(arguments))
+            status = int(command.run(arguments))
+            sys.stdout.flush()
+            return status
+    except BrokenPipeError:  # whoever read has seen enough, as `head` has
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is written at exit
+        return 141  # of shells, for SIGPIPE
     except FfsmsError as error:
         options = vars(arguments)
         return _failed(f"error: {advised(str(error), '--{option} {value}', options)}", BAD_INPUT)

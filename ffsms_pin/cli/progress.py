@@ -102,10 +102,7 @@ def _clock(seconds: float) -> str:
 
 
 def _lines(console: Console) -> Callable[[str, float], None]:
-    """A line when a stage ends, and one every few seconds of a long stage.
-
-    Bad input is found at a stage's start, and then leaves its error alone.
-    """
+    """A line when a stage ends, and one every few seconds: bad input, found before, leaves its error alone."""
     started: dict[str, float] = {}
     told: dict[str, float] = {}
     ended: set[str] = set()

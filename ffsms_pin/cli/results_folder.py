@@ -40,10 +40,9 @@ def results_folder(out: Path, at_once: bool = False) -> Iterator[Path]:
 
     A folder that does not exist yet appears in one move. In one that does, the complete results arrive as
     one hidden folder, in one move, and from there each file replaces its namesake in one move: where a run is
-    killed meanwhile, the next one into this folder moves the rest before it starts. Hidden folders that runs
-    left when they were killed earlier are removed. Folders above are made as needed, and removed again on
-    failure; a link is followed. `at_once` makes `out` at the start, for a run that writes there while it goes
-    on: what it wrote stays.
+    killed meanwhile, the next one into this folder moves the rest before it starts. Hidden folders that
+    killed runs left are removed. Folders above are made as needed, and removed again on failure; a link is
+    followed. `at_once` makes `out` at the start, for a run that writes there meanwhile: that stays.
     """
     named, out = out, Path(os.path.realpath(out))
     made: list[Path] = []
