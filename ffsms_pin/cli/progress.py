@@ -102,7 +102,7 @@ def _clock(seconds: float) -> str:
 
 
 def _lines(console: Console) -> Callable[[str, float], None]:
-    """A line when a stage ends, and one every few seconds: bad input, found before, leaves its error alone."""
+    """A line when a stage ends, and one every few seconds; before that bad input leaves its error alone."""
     started: dict[str, float] = {}
     told: dict[str, float] = {}
     ended: set[str] = set()
