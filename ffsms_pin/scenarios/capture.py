@@ -116,8 +116,7 @@ def captured(
     compliant = scenario.contact.get("kind") == "compliant"
     coast = float(scenario.contact.get("time", _CONTACT)) if compliant else 0.0
     said = brake(planned, torque, share, coast=coast)
-    row = int(np.searchsorted(tracking.t, goal_time - 1e-9))
-    row = min(row, len(tracking.t) - 1)
+    row = min(int(np.searchsorted(tracking.t, goal_time - 1e-9)), len(tracking.t) - 1)
     t, q, v = float(tracking.t[row]), tracking.q[row], tracking.v[row]
     plant: SpaceManipulator = options["plant"]
     grasp = meeting(scenario.meet or {}, client)
@@ -153,7 +152,8 @@ def captured(
     braking = brake(model, torque, share)
     braking = replace(braking, duration=max(hold, float(braking.t[-1])))
     kept = {key: options[key] for key in _CONDITIONS if key in options}
-    kept["events"] = [replace(one, time=max(0.0, one.time - t)) for one in options.get("events", ())]
+    end, events = t + braking.duration, options.get("events", ())
+    kept["events"] = [replace(one, time=max(0.0, one.time - t)) for one in events if one.time <= end]
     kept["disturbances"] = [later(one, t) for one in options.get("disturbances", ())]
     flown = simulate(
         model.robot,
@@ -184,7 +184,7 @@ def captured(
     )
 
 
-# What goes on after the capture as before it; events are over, and the joined robot has laws of its own.
+# What goes on as before the capture, like faults and disturbances; the joined robot has laws of its own.
 _CONDITIONS = ("integrator", "friction", "actuator", "sensors", "estimator")
 
 

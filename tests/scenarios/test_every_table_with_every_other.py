@@ -162,3 +162,14 @@ def _triples() -> list[tuple[str, ...]]:
 def test_triples_of_tables(three: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words, expected = _ends_well(tmp_path, monkeypatch, set(three)), _refusal(set(three))
     assert expected in words if expected else words == ""
+
+
+def test_a_fault_after_the_end_of_a_capture_does_not_happen(tmp_path: Path) -> None:
+    text = _text({"client", "hold", "fault"}).replace("hold = 0.5", "hold = 3.0")
+    late = text.replace("time = 0.5\njoint", "time = 3.9\njoint")
+    assert late != text
+    path = tmp_path / "late.toml"
+    path.write_text(late + "[contact]\nafter = 0.5\n", encoding="utf-8")
+    outcome = run(scenario(path))
+    assert outcome.capture is not None
+    assert "locked" not in outcome.capture.tracking.note
