@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,12 @@ from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Model
 from ffsms_pin.opt.horizon.search import SearchOptions
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_range, spread_postures, straight_time, too_short
 from ffsms_pin.opt.horizon.starts import missed_at, moves_to
-from ffsms_pin.opt.parts.inequality import AllOf, Inequality
+from ffsms_pin.opt.limits.limit import Limit, Violation
+from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = ["explain", "keep_limits", "reach_range", "with_limits_said", "within_workspace"]
@@ -39,15 +43,20 @@ def with_limits_said(
     return replace(plan, note="; ".join(filter(None, said)))
 
 
-class _Nothing(AllOf):
+class _Nothing(Limit):
     """Asks for nothing, in the place of the limit of this name."""
 
     def __init__(self, name: str) -> None:
         self.name = name
 
-    @property
-    def parts(self) -> list[Inequality]:
+    def rows(self, step: StepState) -> None:
+        return None
+
+    def residual(self, m: Features) -> list[Any]:
         return []
+
+    def violation(self, motion: Motions) -> Violation:
+        return Violation()
 
 
 def explain(
