@@ -207,10 +207,8 @@ class PartPairs:
         distance, points, left, seen = kernel.near_parts(
             self.arm.tree, *poses, columns, at, most, *self._table
         )
-        if not left:
-            return Nearest(distance, points)
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
         for (v, candidates), placed in zip(left, seen, strict=True):
+            request, result = coal.DistanceRequest(), coal.DistanceResult()
             second, least = coal.Transform3s(placed[:3], placed[3]), distance[v]
             for bound, pair in candidates:
                 if bound >= least:
