@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.opt.horizon.descent import (
     LAST_WEIGHTS,
-    Candidates,
-    Model,
     arrival_error,
     corrected_goal,
     take_down,
     tighten,
 )
+from ffsms_pin.opt.horizon.merit import Candidates, Model, linearise
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
 from ffsms_pin.opt.horizon.spline import Grid, check_options
 from ffsms_pin.opt.limits.limit import tightened
@@ -232,7 +231,7 @@ class Search:
             motion = tighten(model, motion)
             found = self.keep(model, motion.p[0])
             goal, broken = corrected_goal(problem, model.goal, found.plan), found.plan.broken
-            if (goal is None and not broken) or motion.at.end_share[0] > 1.0 or motion.at.late_share[0] > 1.0:
+            if (goal is None and not broken) or motion.end_share[0] > 1.0 or motion.late_share[0] > 1.0:
                 break
             aim = model.problem
             if broken:
@@ -240,7 +239,7 @@ class Search:
                 limits = [tightened(one, broken.get(one.name, -spare) + spare) for one in aim.limits]
                 aim = replace(aim, limits=limits)
             model = replace(model, problem=aim, goal=goal or model.goal)
-            motion = Candidates.start(model, motion.p, LAST_WEIGHTS, motion.damping)
+            motion = linearise(model, motion.p, LAST_WEIGHTS, motion.damping)
         self.fresh.append(found)
 
     def keep(self, model: Model, p: FloatArray) -> Found:
@@ -277,7 +276,7 @@ class Search:
             self.found = [full if one is best else one for one in self.found]
             if self.ranking.arrives(best.plan) and not self.ranking.arrives(full.plan):
                 self._judged = self.problem
-                self.finish(best.model, Candidates.start(best.model, best.p[None], LAST_WEIGHTS, 0.03))
+                self.finish(best.model, linearise(best.model, best.p[None], LAST_WEIGHTS, 0.03))
         return best
 
 

@@ -10,7 +10,7 @@ from horizon_parts import planar_problem
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.descent import Model
+from ffsms_pin.opt.horizon.merit import Model
 from ffsms_pin.opt.horizon.search import Found, Ranking, SearchOptions
 
 
