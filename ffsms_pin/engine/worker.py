@@ -15,8 +15,6 @@ from typing import Any
 
 __all__ = ["NOT_STARTED", "serve"]
 
-_EVERY = 1.0  # [s] between two looks at the parent
-_ORPHANED = 1  # exit status, that nobody is left to read
 NOT_STARTED = 71  # exit status of a worker that could not begin
 
 _CONFIG = {
@@ -93,8 +91,8 @@ def _end_with_parent(parent: int, last: Callable[[], None]) -> None:
 
 def _watch(parent: int, last: Callable[[], None]) -> None:
     while os.getppid() == parent:
-        time.sleep(_EVERY)
+        time.sleep(1.0)
     try:
         last()
     finally:
-        os._exit(_ORPHANED)
+        os._exit(1)  # nobody is left to read it

@@ -1,21 +1,18 @@
-"""The satellite that an arm is mounted on, and its shapes."""
+"""The satellite that an arm is mounted on."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-import coal
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, positive, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.models.composition import BODY_COLOUR, PANEL_COLOUR, panel_boxes
 
-__all__ = ["SatelliteBase", "satellite_shapes"]
+__all__ = ["SatelliteBase"]
 
 
 @dataclass(frozen=True)
@@ -77,25 +74,3 @@ def _positives(name: str, value: ArrayLike, count: int) -> tuple[float, ...]:
     if min(numbers) <= 0.0:
         raise InvalidValue(name, value, "must be above zero [m]")
     return numbers
-
-
-def satellite_shapes(base: SatelliteBase, joint: int, frame: int) -> tuple[Any, Any]:
-    """Visual and collision shapes of a satellite: its box; its panels are drawn only.
-
-    Parameters
-    ----------
-    base : SatelliteBase
-    joint, frame : int
-        Pinocchio's indices of the free-flyer and of the base frame.
-    """
-    visual, collision = pin.GeometryModel(), pin.GeometryModel()
-    boxes = [(base.size, (0.0, 0.0, 0.0), BODY_COLOUR)]
-    boxes += [(size, centre, PANEL_COLOUR) for size, centre in panel_boxes(base)]
-    for k, (size, centre, colour) in enumerate(boxes):
-        place = pin.SE3(np.eye(3), np.array(centre))
-        item = pin.GeometryObject(f"satellite_{k}", joint, frame, place, coal.Box(*size))
-        item.meshColor = np.array(colour)
-        visual.addGeometryObject(item)
-        if k == 0:
-            collision.addGeometryObject(item.copy())
-    return visual, collision
