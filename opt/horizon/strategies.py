@@ -115,7 +115,7 @@ def within_limits(search: Search) -> None:
     """Where none of those found arrives: the nearest, taken back within the limits."""
     if not search.fresh or search.arrived():
         return
-    nearest = search.ranking.best(search.fresh)
+    nearest = search.best(search.fresh)
     if nearest.plan.broken:
         model = replace(nearest.model, problem=search.problem, goal=search.problem.goal)
         motion = linearise(model, nearest.p[None], LAST_WEIGHTS)
