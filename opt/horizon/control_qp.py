@@ -167,5 +167,6 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
         add("acceleration", 0.8, spline.acceleration_points, -bounds.acceleration, bounds.acceleration)
         add("position", 0.3, spline.position_points, low + guard, high - guard)
     if not spline.free_end:
-        add("rest", 1.0, spline.last_rate, -at_rest(problem), at_rest(problem))
+        at_end = Map(spline.rates.free[-1:], spline.rates.fixed[-1:])
+        add("rest", 1.0, at_end, -at_rest(problem), at_rest(problem))
     return found

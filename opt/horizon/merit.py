@@ -182,7 +182,7 @@ def motions_of(
     return Motions(
         stack=stack,
         times=spline.times,
-        weights=spline.over_time,
+        weights=spline.weights,
         limit_weights=spline.limit_weights,
         last_tenth=spline.last_tenth,
         joints=joints,

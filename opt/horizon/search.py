@@ -237,9 +237,8 @@ class Search:
 
     def keep_plan(self, plan: Trajectory) -> None:
         """Keep a motion that was made in another way, with the nearest control points."""
-        maps = self.fine.spline.rates_at(_nodes(self.problem))
-        wanted = plan.joint_rates - maps.fixed[:, None] * self.problem.joint_rates
-        self.found.append(Found(plan, np.linalg.lstsq(maps.free, wanted, rcond=None)[0], self.fine))
+        p = self.fine.spline.nearest(_nodes(self.problem), plan.joint_rates, self.problem.joint_rates)
+        self.found.append(Found(plan, p, self.fine))
 
     def arrived(self, cost: float = np.inf) -> bool:
         """Whether there is a plan that arrives, as cheap as this [s]."""

@@ -145,8 +145,7 @@ def replanned(
 def _first(model: Model, start: float, last: JointPlan) -> FloatArray:
     """Control points (M, n): the last plan's rates at the sites of the new spline, put within the limits."""
     problem, spline = model.problem, model.spline
-    wanted = last.rates_at(start + spline.sites) - spline.at_sites.fixed[:, None] * problem.joint_rates
-    p = np.linalg.solve(spline.at_sites.free, wanted)
+    p = spline.through(last.rates_at(start + spline.sites), problem.joint_rates)
     p[:, ~problem.free] = 0.0
     # The nearest control points that the limits allow.
     return p + model.qp.solve(np.eye(p.size), np.zeros(p.size), p)
