@@ -129,7 +129,7 @@ def test_active_limits_are_named(planar: ffsms.SpaceManipulator) -> None:
 def test_no_limits_no_rows_but_rest(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, limits=[])
     qp = ControlQP(problem, spline_of(problem))
-    assert {kind for kind, _ in qp.labels} == {"rest"}
+    assert qp.kinds == ["rest"]
     assert qp.moving == 0
     free = ControlQP(problem, spline_of(problem, free_end=True))
-    assert free.labels == []
+    assert free.kinds == []
