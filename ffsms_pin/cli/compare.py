@@ -9,7 +9,7 @@ from rich.console import Console
 from ffsms_pin.cli.output import Rows, output_console, say, side_by_side
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_results
-from ffsms_pin.plotting.comparison import plot_comparison
+from ffsms_pin.plotting.comparisons import plot_comparison
 from ffsms_pin.scenarios import scenario
 from ffsms_pin.scenarios.compare import compare, comparison_numbers
 

@@ -14,7 +14,7 @@ from ffsms_pin.cli.output import output_console, say
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_results
 from ffsms_pin.control import LAWS
-from ffsms_pin.plotting.laws import plot_laws
+from ffsms_pin.plotting.comparisons import plot_laws
 from ffsms_pin.scenarios import compare_laws, scenario
 from ffsms_pin.scenarios.compare import law_numbers
 

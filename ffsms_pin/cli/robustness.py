@@ -14,7 +14,7 @@ from ffsms_pin.cli.output import output_console, say
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_results
 from ffsms_pin.engine import parts_folder
-from ffsms_pin.plotting.robustness import plot_robustness
+from ffsms_pin.plotting.comparisons import plot_robustness
 from ffsms_pin.scenarios import robustness, scenario
 from ffsms_pin.scenarios.robustness import robustness_numbers
 
