@@ -25,7 +25,7 @@ from ffsms_pin.checks import (
 )
 from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import Goal, Place, as_goal
+from ffsms_pin.opt.goals import Goal, as_goal
 from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits, Limit, Obstacle, TorqueLimits, WheelLimits
 from ffsms_pin.opt.limits.limit import prepared
 from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
@@ -284,12 +284,6 @@ class Problem:
         """Position of the end effector at the start (3,) [m]."""
         return np.asarray(self.com0 + self.rotation0 @ self.arm0.rho[:, 0])
 
-    @cached_property
-    def place_now(self) -> Place:
-        """The goal's place at the deadline in inertial axes; one on the base as seen from the start."""
-        place: Place = self.goal.place(self.duration).at(self.q0)
-        return place
-
     @property
     def asked_momentum(self) -> FloatArray | None:
         """The total momentum (6,) that the goal asks for; None: any."""
@@ -304,7 +298,8 @@ class Problem:
     @cached_property
     def mean_speed(self) -> float:
         """Mean speed of a straight way to the target, of 2 cm at least [m/s]: the scale of speeds."""
-        return max(float(np.linalg.norm(self.place_now.position - self.tip0)), 0.02) / self.duration
+        place = self.goal.place(self.duration).at(self.q0)  # one on the base as seen from the start
+        return max(float(np.linalg.norm(place.position - self.tip0)), 0.02) / self.duration
 
 
 def given(problem: Problem, goal: Goal, times: FloatArray) -> dict[str, Any]:

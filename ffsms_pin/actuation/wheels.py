@@ -1,4 +1,4 @@
-"""Reaction wheels of a satellite."""
+"""Reaction wheels of a satellite, and the gyrostat that it is with them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.actuation.rows import directions, one_each
-from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.checks import FloatArray, instance, positive
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["ReactionWheels"]
+__all__ = ["ReactionWheels", "check_inertia", "gyrostat"]
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
@@ -107,3 +108,49 @@ def _names(given: Any, count: int) -> tuple[str, ...]:
     if len(names) != count or not all(isinstance(name, str) for name in names):
         raise InvalidValue("wheels.names", given, f"must be {count} texts")
     return names
+
+
+def gyrostat(model: Any, wheels: ReactionWheels) -> Any:
+    """A copy of the model with the wheels as its last joints.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        With a free-flyer as its first joint; its base's inertia counts the wheels as standing still.
+    wheels : ReactionWheels
+
+    Returns
+    -------
+    pinocchio.Model
+        q = [q of `model`; wheel angles (w,)], v = [v of `model`; wheel speeds (w,) against the base].
+    """
+    instance("model", model, pin.Model)
+    instance("wheels", wheels, ReactionWheels)
+    model = model.copy()
+    base = model.inertias[1]
+    model.inertias[1] = pin.Inertia(base.mass, base.lever, base.inertia - wheels.spin_inertia)
+    origin = np.zeros(3)
+    for i, (axis, inertia) in enumerate(zip(wheels.axes, wheels.inertia, strict=True)):
+        place = pin.SE3(_turn_z_to(axis), origin)
+        joint = model.addJoint(1, pin.JointModelRZ(), place, f"{wheels.names[i]} of the base")
+        model.inertias[joint] = pin.Inertia(0.0, origin, np.diag([0.0, 0.0, float(inertia)]))
+    return model
+
+
+def check_inertia(model: Any, wheels: ReactionWheels) -> None:
+    """Raise `InvalidValue` where the wheels' spin inertias exceed what the base has."""
+    rest = model.inertias[1].inertia - wheels.spin_inertia
+    if np.linalg.eigvalsh(rest)[0] <= 0.0:
+        raise InvalidValue(
+            "wheels.inertia",
+            wheels.inertia,
+            "must leave the base an inertia: the base's counts the wheels, and is smaller than theirs",
+        )
+
+
+def _turn_z_to(axis: FloatArray) -> FloatArray:
+    """A rotation matrix (3, 3) whose third column is the unit vector `axis`."""
+    start = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    x = np.cross(start, axis)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(axis, x), axis])

@@ -14,9 +14,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ffsms_pin.atlas.dataset import Blocks, BlockWork
+from ffsms_pin.atlas.dataset import Blocks, BlockWork, check_installed, xarray
 from ffsms_pin.atlas.measures import AtlasWork, measured, unit_directions
-from ffsms_pin.atlas.packages import check_installed, xarray
 from ffsms_pin.atlas.sampling import BLOCK, Sampling
 from ffsms_pin.atlas.workspace import write_workspace
 from ffsms_pin.checks import instance, one_of, optional_callable, whole

@@ -1,21 +1,24 @@
-"""An atlas over the joints as an xarray dataset in Zarr: made empty once, then filled block by block."""
+"""An atlas over the joints as an xarray dataset in Zarr: made empty once, then filled block by block.
+
+Below: the packages that it needs, and what its quantities are called.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ffsms_pin.atlas.labels import long_name, unit
 from ffsms_pin.atlas.measures import AtlasWork
-from ffsms_pin.atlas.packages import xarray
 from ffsms_pin.engine import Chunks
-from ffsms_pin.errors import ResultError
+from ffsms_pin.errors import DependencyMissing, ResultError
 
-__all__ = ["FORMAT", "BlockWork", "Blocks", "save"]
+__all__ = ["FORMAT", "BlockWork", "Blocks", "check_installed", "long_name", "save", "unit", "xarray"]
 
 # Of the file: what every version of the two packages from 2024 on reads and writes.
 FORMAT = 2
@@ -113,3 +116,49 @@ def _opened(path: Path) -> Any:
     import zarr  # takes a third of a second, and only atlases need it
 
     return zarr.open_group(path, mode="r+")
+
+
+_NAMES_AND_UNITS = {
+    "joints": ("joint position", "rad"),
+    "end_effector": ("end effector from the base's centre of mass, base axes", "m"),
+    "sigma": ("singular value of C_bm", "m/rad, rad/rad"),
+    "entropy": ("entropy of the coupling", "1"),
+    "manipulability": ("manipulability of J*", "volume of twists per rad"),
+    "base_translation": ("base translation per end-effector metre", "m/m"),
+    "base_rotation": ("base rotation per end-effector metre", "rad/m"),
+    "assistance": ("coupling assistance", "1"),
+    "count": ("samples in the cell", "1"),
+}
+_NUMBERED = re.compile(r"(sigma|assistance)_(\d+)")
+
+
+def long_name(name: str) -> str:
+    """A quantity in words; `sigma_1` is the first of several."""
+    found = _NUMBERED.fullmatch(name)
+    return f"{_NAMES_AND_UNITS[found[1]][0]} {found[2]}" if found else _NAMES_AND_UNITS[name][0]
+
+
+def unit(name: str) -> str:
+    """A quantity's unit."""
+    found = _NUMBERED.fullmatch(name)
+    return _NAMES_AND_UNITS[found[1] if found else name][1]
+
+
+def check_installed() -> None:
+    """Raise `DependencyMissing` where xarray or zarr is not installed, without importing them."""
+    if find_spec("xarray") is None or find_spec("zarr") is None:
+        raise DependencyMissing("xarray or zarr", "an atlas", "cluster")
+
+
+def xarray() -> Any:
+    """The module xarray, with zarr beside it.
+
+    Raises
+    ------
+    DependencyMissing
+        One of them is not installed.
+    """
+    check_installed()
+    import xarray
+
+    return xarray

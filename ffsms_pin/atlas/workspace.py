@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.atlas.dataset import save
-from ffsms_pin.atlas.labels import long_name, unit
+from ffsms_pin.atlas.dataset import long_name, save, unit, xarray
 from ffsms_pin.atlas.measures import SCALARS
-from ffsms_pin.atlas.packages import xarray
 from ffsms_pin.checks import FloatArray
 
 __all__ = ["STATISTICS", "Cells", "write_workspace"]

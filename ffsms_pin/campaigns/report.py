@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.campaigns.columns import METRICS, OUTCOMES
-from ffsms_pin.campaigns.merging import runs_file
+from ffsms_pin.campaigns.running import runs_file
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import DependencyMissing, ResultError
 from ffsms_pin.scenarios.tracked import wilson_interval

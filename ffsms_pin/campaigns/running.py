@@ -1,20 +1,26 @@
-"""`campaign`: many runs of one scenario into a folder; `replayed_scenario`: one of them again."""
+"""`campaign`: many runs of one scenario into a folder; `replayed_scenario`: one of them again.
+
+`merge` makes one table of the folder.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO, Any
 
 from ffsms_pin.campaigns.definition import Campaign
 from ffsms_pin.campaigns.single import CampaignRuns
 from ffsms_pin.checks import instance, whole
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, run
 from ffsms_pin.engine.cluster import ALLOWED_FAILURES
-from ffsms_pin.errors import InvalidValue, ResultError
+from ffsms_pin.errors import DependencyMissing, InvalidValue, ResultError
 from ffsms_pin.extras import require
 from ffsms_pin.scenarios import Scenario
+from ffsms_pin.storage import write_atomically
 
-__all__ = ["campaign", "campaign_of", "replayed_scenario"]
+__all__ = ["campaign", "campaign_of", "merge", "replayed_scenario", "runs_file"]
 
 
 def campaign(
@@ -99,3 +105,69 @@ def replayed_scenario(folder: str | os.PathLike[str], seed: int, *, allow_import
         last = found.seed + found.runs - 1
         raise InvalidValue("seed", seed, f"must be one of the campaign's, {found.seed} to {last}")
     return found.scenario(seed)
+
+
+_GROUP = 65536  # rows of a row group: large enough to be read fast, small enough for any memory
+
+
+def runs_file(folder: str | os.PathLike[str]) -> Path:
+    """Where the table of a campaign is."""
+    return ChunkFolder(folder).path / "runs.parquet"
+
+
+def merge(folder: str | os.PathLike[str], *, partial: bool = False) -> Path:
+    """Make one Parquet file of a campaign's chunks, one row a run, in their order.
+
+    Its memory does not depend on the number of runs. The chunks stay.
+
+    Parameters
+    ----------
+    folder : path
+    partial : bool
+        Whether to take the runs that are done where others are missing.
+
+    Returns
+    -------
+    Path
+        The file, DIR/runs.parquet.
+
+    Raises
+    ------
+    ResultError
+        Runs are missing, a chunk is damaged, or the file cannot be written.
+    DependencyMissing
+        pyarrow is not installed.
+    """
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError:
+        raise DependencyMissing("pyarrow", "a campaign's table", "cluster") from None
+    groups = _groups(ChunkFolder(folder), partial, pa)
+    path = runs_file(folder)
+
+    def write(file: IO[bytes]) -> None:
+        writer: Any = None
+        try:
+            for group in groups:
+                if writer is None:
+                    writer = parquet.ParquetWriter(file, group.schema)
+                writer.write_table(group)
+        finally:
+            if writer is not None:
+                writer.close()
+
+    write_atomically(path, write)
+    return path
+
+
+def _groups(place: ChunkFolder, partial: bool, pa: Any) -> Iterator[Any]:
+    """Arrow tables of many chunks each."""
+    waiting: list[Any] = []
+    for table in place.tables(partial):
+        waiting.append(pa.table({name: pa.array(column) for name, column in table.items()}))
+        if sum(len(one) for one in waiting) >= _GROUP:
+            yield pa.concat_tables(waiting).combine_chunks()
+            waiting = []
+    if waiting:
+        yield pa.concat_tables(waiting).combine_chunks()

@@ -14,7 +14,7 @@ PACKAGED_OR_FILE = "a packaged one, as case-2, or a scenario file (TOML)"
 class Command(NamedTuple):
     """One command of `ffsms-pin`; its module is imported when it runs: --help should not wait for it."""
 
-    module: str  # below ffsms_pin.cli; its `run` takes the arguments and returns the exit code
+    function: str  # "module:name" below ffsms_pin.cli: it takes the arguments and returns the exit code
     help: str
     description: str
     add_arguments: Callable[[ArgumentParser], None]

@@ -81,8 +81,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(stop.code or 0)
     try:
         with _ended_by_sigterm():
-            command = importlib.import_module(f"ffsms_pin.cli.{_COMMANDS[arguments.command].module}")
-            status = int(command.run(arguments))
+            module, _, name = _COMMANDS[arguments.command].function.partition(":")
+            command = getattr(importlib.import_module(f"ffsms_pin.cli.{module}"), name)
+            status = int(command(arguments))
             sys.stdout.flush()
             return status
     except BrokenPipeError:  # whoever read has seen enough, as `head` has

@@ -128,7 +128,7 @@ def _docs(parser: ArgumentParser) -> None:
 
 ROBOT_COMMANDS = {
     "atlas": Command(
-        "atlas",
+        "atlas:run",
         "sample a robot's coupling over its joints or its workspace",
         """\
 Sample a robot's configurations and measure at each: singular values and entropy of the coupling,
@@ -142,7 +142,7 @@ example: ffsms-pin atlas planar_3r --over workspace --samples 1000000 --out plan
         resumes=True,
     ),
     "sweep": Command(
-        "sweep",
+        "sweep:run",
         "measure changed designs of a robot",
         """\
 Change a robot's design, and measure each combination: reach, base motion for a metre of the end effector,
@@ -160,7 +160,7 @@ example: ffsms-pin sweep planar_3r --vary base_mass=0.5,1,2,4 --vary link:joint_
         resumes=True,
     ),
     "info": Command(
-        "info",
+        "info:run",
         "show a robot",
         """\
 Show a robot: masses, joint limits, how well conditioned its base inertia is, and its dynamic coupling.
@@ -170,7 +170,7 @@ example: ffsms-pin info planar_3r --joints-deg 1 1 1
         _info,
     ),
     "inspect": Command(
-        "inspect",
+        "inspect:run",
         "look for faults in a URDF file, and mend them",
         """\
 Look through a URDF file: masses and inertias link by link, joint limits, and everything that is wrong.
@@ -185,7 +185,7 @@ examples:
         "0 the file, or the mended one, loads; 1 it does not; 2 bad input, or it cannot be mended",
     ),
     "view": Command(
-        "view",
+        "view:run",
         "animate results in the browser, as one HTML file",
         """\
 Show what `ffsms-pin run` wrote: the satellite and its arm in motion, with the coupling drawn on them, and
@@ -203,7 +203,7 @@ Recording needs Chromium or Chrome, which draws without a window, and pip instal
         _view,
     ),
     "docs": Command(
-        "docs",
+        "docs:run",
         "show a page of the documentation",
         """\
 Show a page of the documentation, as it came with this version; without a name, the list of pages.

@@ -101,7 +101,7 @@ def _merge(parser: ArgumentParser) -> None:
 
 SCENARIO_COMMANDS = {
     "quickstart": Command(
-        "quickstart",
+        "quickstart:run",
         "write a notebook to begin with",
         """\
 Write a notebook with a first robot, plan, simulation and film into the current folder.
@@ -113,7 +113,7 @@ examples:
         _quickstart,
     ),
     "run": Command(
-        "run",
+        "run:run",
         "plan and track a scenario, write results",
         """\
 Plan a scenario and follow it in closed loop, under whatever conditions it sets: a plant that is not the
@@ -129,7 +129,7 @@ One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign
         "written; 2 bad input, or the run was stopped",
     ),
     "scenario": Command(
-        "scenario",
+        "scenario:run",
         "a packaged scenario file as text, or the JSON Schema of scenario files",
         """\
 Print a packaged scenario file, to be changed and run, or the JSON Schema of scenario files, with which
@@ -145,7 +145,7 @@ An editor that reads schemas of TOML (Even Better TOML, Taplo) takes it by a fir
         _scenario,
     ),
     "compare": Command(
-        "compare",
+        "comparisons:methods",
         "plan a scenario by every method, side by side",
         """\
 Plan a scenario by every method, print one table, and write comparison.json and one figure.
@@ -155,7 +155,7 @@ example: ffsms-pin compare case-2
         _compare,
     ),
     "compare-modes": Command(
-        "compare_modes",
+        "comparisons:modes",
         "a task with the base held by wheels, and floating, side by side",
         """\
 Do a scenario's task with the attitude held by its wheels (or thrusters) all the time, and floating: with
@@ -167,7 +167,7 @@ example: ffsms-pin compare-modes mine.toml
         lambda parser: add_scenario(parser, "-modes", "a scenario file (TOML) with wheels or thrusters"),
     ),
     "laws": Command(
-        "laws",
+        "comparisons:laws",
         "follow a scenario under every control law, side by side",
         """\
 Follow a scenario's motion under every control law: same plant, sensors, disturbances and start. The law of
@@ -180,7 +180,7 @@ example: ffsms-pin laws wrong-model
         "0 done, however well the laws did; 2 bad input",
     ),
     "robustness": Command(
-        "robustness",
+        "comparisons:plants",
         "follow a scenario on random plants, planned again and planned once",
         """\
 Follow a scenario's motion on random plants, with all else as the scenario says: once planned again in the
@@ -195,7 +195,7 @@ example: ffsms-pin robustness case-1 --plants 50 --jobs 2
         resumes=True,
     ),
     "campaign": Command(
-        "campaign",
+        "campaign:run",
         "run a scenario many times with drawn plants, targets, noise and faults",
         """\
 Run a scenario many times in closed loop, with plants, targets, noise and faults drawn from the distributions
@@ -214,7 +214,7 @@ examples:
         resumes=True,
     ),
     "merge": Command(
-        "merge",
+        "campaign:run_merge",
         "make the table of a campaign that was run in shards",
         """\
 Make one table of a campaign's chunks (DIR/runs.parquet), a report (report.json) and figures.

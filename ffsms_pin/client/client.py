@@ -1,4 +1,4 @@
-"""A client: the satellite that is to be met, a free rigid body in torque-free motion."""
+"""A client: the satellite that is to be met, a free rigid body in torque-free motion, from a URDF too."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from numpy.typing import ArrayLike
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client.torque_free import Rotation, torque_free
-from ffsms_pin.client.urdf import one_body
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.system.loading import folders
+from ffsms_pin.system.shapes import Description
+from ffsms_pin.system.urdf_file import UrdfFile
 
-__all__ = ["Client", "Shape"]
+__all__ = ["Body", "Client", "Shape", "one_body"]
 
 
 class Shape(NamedTuple):
@@ -185,3 +186,36 @@ def _shape(item: Any) -> Shape:
     if not isinstance(geometry, coal.CollisionGeometry):
         raise InvalidValue("shapes", item, "must hold coal geometries, or pairs of one and a pinocchio.SE3")
     return Shape(geometry, _placement("placement of a shape", placement))
+
+
+class Body(NamedTuple):
+    """What a file says of one rigid body, in root-link axes."""
+
+    inertia: Any  # pinocchio.Inertia
+    shapes: list[tuple[Any, Any]]  # coal's, placed: the collision shapes, else the visual ones
+
+
+def one_body(path: Path, package_dirs: tuple[Path, ...] = ()) -> Body:
+    """The body that all links of a URDF make up.
+
+    Raises
+    ------
+    InvalidUrdf, InvalidInertia, UnsupportedJoint
+        As for a robot, or because a joint moves: a client is one body.
+    GeometryError
+        A shape that cannot be read.
+    """
+    urdf = UrdfFile(path)
+    moving = [joint.name for joint in urdf.joints if joint.moves]
+    if moving:
+        raise InvalidUrdf(path, f"a client is one rigid body: make its joints fixed ({', '.join(moving)})")
+    try:
+        model = pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
+    except Exception as error:  # whatever the parser objects to that the checks before it did not
+        raise InvalidUrdf(path, f"Pinocchio cannot build a model from it ({error})") from None
+    description = Description(urdf.full_text(), path, package_dirs)
+    found = description.geometry(model, "collision")
+    if not found.ngeoms:
+        found = description.geometry(model, "visual")
+    shapes = [(item.geometry, pin.SE3(item.placement)) for item in found.geometryObjects]
+    return Body(pin.Inertia(model.inertias[1]), shapes)

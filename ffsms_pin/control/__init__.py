@@ -1,14 +1,13 @@
 """Control: joint torques that make a free-floating arm follow a joint motion, and laws of the base."""
 
 from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView
-from ffsms_pin.control.computed_torque import ComputedTorque
 from ffsms_pin.control.coordinated import Coordinated
 from ffsms_pin.control.dumping import MomentumDump
 from ffsms_pin.control.gains import check_time_constants
 from ffsms_pin.control.law import JointLaw
 from ffsms_pin.control.modulation import PulseWidth
 from ffsms_pin.control.passivity import PassivitySlidingMode
-from ffsms_pin.control.pd import PD
+from ffsms_pin.control.pd import PD, ComputedTorque
 from ffsms_pin.control.quaternion_feedback import QuaternionFeedback
 from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics
 from ffsms_pin.control.sliding_mode import SlidingModeController

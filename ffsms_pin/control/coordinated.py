@@ -11,9 +11,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.control.attitude import held_dynamics
 from ffsms_pin.control.base_command import BaseCommand, BaseView
 from ffsms_pin.control.dumping import MomentumDump
-from ffsms_pin.control.gains import gain_matrix
+from ffsms_pin.control.gains import gain_matrix, time_constants
 from ffsms_pin.control.law import JointLaw, Motion
-from ffsms_pin.control.poles import time_constants
 from ffsms_pin.control.quaternion_feedback import QuaternionFeedback
 from ffsms_pin.system import SpaceManipulator
 

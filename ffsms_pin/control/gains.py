@@ -1,4 +1,4 @@
-"""Gains: how they are given, and what they imply."""
+"""Gains: how they are given, what they imply, and the poles that they place."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ffsms_pin.checks import (
 )
 from ffsms_pin.errors import InvalidValue, SlowGains
 
-__all__ = ["check_time_constants", "gain_matrix", "gain_text", "positives", "torque_limits"]
+__all__ = ["check_time_constants", "gain_matrix", "gain_text", "positives", "time_constants", "torque_limits"]
 
 
 class _Timed(Protocol):
@@ -123,3 +123,13 @@ def gain_text(gain: ArrayLike) -> str:
     if values.ndim == 1 and values.size and not np.all(values == values[0]):
         return "[" + ", ".join(f"{x:g}" for x in values) + "]"
     return f"{values.ravel()[0]:g}"
+
+
+def time_constants(H: FloatArray, K_d: FloatArray, K_p: FloatArray) -> FloatArray:
+    """Time constants -1 / Re(pole) (2 n,) [s], ascending, of H x'' + K_d x' + K_p x = 0."""
+    n = H.shape[0]
+    A = np.zeros((2 * n, 2 * n))
+    A[:n, n:] = np.eye(n)
+    A[n:, :n] = -np.linalg.solve(H, K_p)
+    A[n:, n:] = -np.linalg.solve(H, K_d)
+    return np.sort(-1.0 / np.linalg.eigvals(A).real)

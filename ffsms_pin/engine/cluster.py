@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import IO, Any
 from uuid import uuid4
 
-from ffsms_pin.engine.interrupts import put_off
-from ffsms_pin.engine.quiet import quiet
+from ffsms_pin.engine.interrupts import put_off, quiet
 from ffsms_pin.engine.worker import NOT_STARTED
 from ffsms_pin.errors import ClusterError, DependencyMissing, InvalidValue
 

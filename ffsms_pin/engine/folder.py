@@ -6,7 +6,8 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -94,13 +95,14 @@ class ChunkFolder:
         except OSError as error:
             raise ResultError(self.path, f"cannot be read ({error.strerror})") from None
 
-    def sound(self, index: int) -> bool:
-        """Whether a chunk's file is whole, and holds the rows that it should."""
-        try:
-            self._load(index, self._read())
-        except ResultError:
-            return False
-        return True
+    def sound(self, indices: Iterable[int]) -> set[int]:
+        """Of these chunks those whose file is whole, and holds the rows that it should."""
+        there, found = self._read(), set()
+        for index in indices:
+            with suppress(ResultError):
+                self._load(index, there)
+                found.add(index)
+        return found
 
     def _load(self, index: int, there: Mapping[str, Any]) -> dict[str, Any]:
         rows = Chunks(there["rows"], there["size"]).rows_of(index)

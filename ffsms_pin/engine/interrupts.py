@@ -1,16 +1,26 @@
-"""`put_off`: Ctrl-C waits for the end of a block, where the KeyboardInterrupt cannot be lost."""
+"""What Dask must not lose, and what it must not say.
+
+`put_off`: Ctrl-C waits for the end of a block, where the KeyboardInterrupt cannot be lost.
+`quiet`: Dask's log says nothing of lost connections, since what matters is an error of ours.
+"""
 
 from __future__ import annotations
 
+import logging
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from threading import current_thread, main_thread
+from threading import Lock, current_thread, main_thread
 from types import FrameType
 
-__all__ = ["put_off"]
+__all__ = ["put_off", "quiet"]
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
+_OFF = logging.CRITICAL + 1
+_lock = Lock()
+_users = 0
+_before: list[int] = []  # levels, while there are users
 
 
 @contextmanager
@@ -53,3 +63,24 @@ def put_off(wake: Callable[[], object] | None = None) -> Iterator[None]:
                 signal.signal(number, handler)
         for number, frame in came:
             handlers[number](number, frame)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Switch the loggers off, until the last of several uses at a time has ended, in whatever order."""
+    global _users
+    loggers = [logging.getLogger(name) for name in _LOGGERS]
+    with _lock:
+        if _users == 0:
+            _before[:] = [logger.level for logger in loggers]
+        _users += 1
+        for logger in loggers:
+            logger.setLevel(_OFF)
+    try:
+        yield
+    finally:
+        with _lock:
+            _users -= 1
+            if _users == 0:
+                for logger, level in zip(loggers, _before, strict=True):
+                    logger.setLevel(level)

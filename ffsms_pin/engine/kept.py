@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from threading import Lock, Timer
 
 from ffsms_pin.engine.cluster import Cluster, started
-from ffsms_pin.engine.quiet import quiet
+from ffsms_pin.engine.interrupts import quiet
 
 __all__ = ["end_kept", "kept"]
 

@@ -1,15 +1,19 @@
-"""`outcomes`: many independent tasks, results in order, memory bounded, one failure harms no other task."""
+"""`outcomes`: many independent tasks, results in order, memory bounded, one failure harms no other task.
+
+Each works on copies of its own, and gives a result or the error that it raised.
+"""
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing
+from copy import deepcopy
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Generic, TypeVar
 
 from ffsms_pin.checks import instance, optional_callable, whole
-from ffsms_pin.engine.answers import Answer, answer, answers, copied, packed, unpacked
 from ffsms_pin.engine.cluster import Cluster, check_installed
 from ffsms_pin.engine.kept import kept
 from ffsms_pin.engine.run import checked_jobs
@@ -21,6 +25,10 @@ __all__ = ["Outcome", "all_results", "outcomes"]
 
 T = TypeVar("T")
 Work = Callable[[Any, Any], T]
+# What is the same for all tasks: `work(shared, task)`, and `shared`.
+Common = tuple[Callable[[Any, Any], Any], Any]
+# Result and error of a task; one of them is None.
+Answer = tuple[Any, Exception | None]
 
 # A chunk is at most this share of what is done already, so that the last ones end together.
 SHARE = 1.0 / 64.0
@@ -101,9 +109,9 @@ def all_results(
 
 
 def _here(work: Work[T], shared: Any, tasks: Iterable[Any]) -> Generator[Outcome[T], None, None]:
-    common = copied((work, shared))
+    common = _copied((work, shared))
     for index, task in enumerate(tasks):
-        yield Outcome(index, *answer(common, lambda task=task: copied(task)))  # type: ignore[misc]
+        yield Outcome(index, *_answer(common, lambda task=task: _copied(task)))  # type: ignore[misc]
 
 
 @dataclass(frozen=True)
@@ -132,7 +140,7 @@ def _over(
                 following += 1
 
     def handed(chunk: _Chunk) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return sent, (answers, common, chunk.tasks)
+        return sent, (_answers, common, chunk.tasks)
 
     with kept(jobs) as cluster:
         while True:
@@ -143,7 +151,7 @@ def _over(
                     if isinstance(found, Killed):
                         killed.append(chunk)
                     else:
-                        early[chunk.first] = [unpacked(data) for data in found]
+                        early[chunk.first] = [_unpacked(data) for data in found]
                         yield from ready()
             if not killed:
                 return
@@ -156,7 +164,7 @@ def _chunks(tasks: Iterable[Any], jobs: int, largest: int) -> Iterator[_Chunk]:
     """Chunks of tasks; they grow with the number handed out."""
     rest, first = iter(tasks), 0
     while chunk := list(islice(rest, min(largest, 1 + int(SHARE * first / jobs)))):
-        yield _Chunk(first, [packed(task) for task in chunk])
+        yield _Chunk(first, [_packed(task) for task in chunk])
         first += len(chunk)
 
 
@@ -171,8 +179,75 @@ def _until(killed: list[_Chunk], chunks: Iterator[_Chunk]) -> Iterator[_Chunk]:
 
 def _alone(cluster: Cluster, common: bytes, task: bytes) -> Answer:
     """What comes of a task that was on its way to a worker that died, with nothing else on its way."""
-    ((_, found),) = spread(cluster, [task], lambda one: (sent, (answers, common, [one])))
+    ((_, found),) = spread(cluster, [task], lambda one: (sent, (_answers, common, [one])))
     if isinstance(found, Killed):
         return None, TaskError("the process that worked on it died (out of memory?)")
     (data,) = found
-    return unpacked(data)
+    return _unpacked(data)
+
+
+@dataclass(frozen=True)
+class _Unsent:
+    """Stands for a task or a result that cannot be pickled."""
+
+    error: TaskError
+
+
+def _copied(thing: Any) -> Any:
+    """A copy that shares nothing with the original.
+
+    cloudpickle copies what functions remember too, as on the way to a worker. Where it is not installed there
+    are no workers that would have to come to the same, and functions stay what they are.
+    """
+    try:
+        import cloudpickle
+    except ImportError:
+        return deepcopy(thing)
+    return pickle.loads(cloudpickle.dumps(thing))
+
+
+def _packed(thing: Any) -> bytes:
+    """A task or an answer as bytes; what cannot be pickled becomes its error."""
+    import cloudpickle
+
+    try:
+        data: bytes = cloudpickle.dumps(thing)
+    except Exception as error:  # whatever its class makes of being copied
+        data = pickle.dumps(_Unsent(_told(error)))
+    return data
+
+
+def _answers(common: Common, tasks: list[bytes]) -> list[bytes]:
+    """In a worker: what became of some tasks."""
+    return [_packed(_answer(common, lambda data=data: pickle.loads(data))) for data in tasks]  # type: ignore[misc]
+
+
+def _answer(common: Common, task: Callable[[], Any]) -> Answer:
+    """What became of the task that a function gives."""
+    work, shared = common
+    try:
+        own = task()
+        if isinstance(own, _Unsent):
+            return None, own.error
+        return work(shared, own), None
+    except Exception as error:
+        return None, _portable(error)
+
+
+def _unpacked(data: bytes) -> Answer:
+    """The answer that a worker sent."""
+    found = pickle.loads(data)
+    return (None, found.error) if isinstance(found, _Unsent) else found
+
+
+def _portable(error: Exception) -> Exception:
+    """The error, or its text where it does not survive being sent."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:  # likewise
+        return _told(error)
+    return error
+
+
+def _told(error: Exception) -> TaskError:
+    return TaskError(f"{type(error).__name__}: {error}")

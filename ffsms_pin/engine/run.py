@@ -13,7 +13,7 @@ from ffsms_pin.checks import instance, optional_callable, whole
 from ffsms_pin.engine.chunks import Chunks, Shard
 from ffsms_pin.engine.cluster import ALLOWED_FAILURES, MOST_JOBS, Cluster, connected, embedded, usable_cores
 from ffsms_pin.engine.folder import ChunkFolder
-from ffsms_pin.engine.halving import Lost, chunk_results
+from ffsms_pin.engine.spread import Lost, chunk_results
 from ffsms_pin.engine.task import Work, computed, joined, save_table, stored
 from ffsms_pin.errors import InvalidValue, ResultError
 
@@ -92,7 +92,7 @@ def run(
     place = ChunkFolder(folder)
     place.open(chunks, specification, where)
     mine = [index for index in range(len(chunks)) if shard is None or shard.has(index)]
-    done = {index for index in place.done().intersection(mine) if place.sound(index)}
+    done = place.sound(place.done().intersection(mine))
     rest = [index for index in mine if index not in done]
     total = sum(len(chunks.rows_of(index)) for index in mine)
     finished = total - sum(len(chunks.rows_of(index)) for index in rest)

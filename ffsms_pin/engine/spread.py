@@ -1,27 +1,36 @@
-"""Tasks over a cluster: a few ahead of what is done, workers that die, and tasks that kill them."""
+"""Tasks over a cluster: a few ahead of what is done, workers that die, and tasks that kill them.
+
+Where workers died over a chunk of rows, halving it finds the rows to blame.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any
 from uuid import uuid4
 
+from ffsms_pin.engine.chunks import Chunks, halves
 from ffsms_pin.engine.cluster import Cluster
 from ffsms_pin.engine.interrupts import put_off
-from ffsms_pin.errors import ClusterError
+from ffsms_pin.engine.task import Table, Work, computed, joined, sent
+from ffsms_pin.errors import ClusterError, TaskError
 
-__all__ = ["Killed", "Submit", "spread"]
+__all__ = ["KILLED", "Killed", "Lost", "Submit", "chunk_results", "spread"]
 
 AHEAD = 4  # tasks a worker that the scheduler holds: so many ride out a slow one, and N does not matter
 _LOOK = 0.5  # [s] between two looks at the workers
 _FETCH = 5.0  # [s] for a result to come from its worker
 _PATIENCE = 60.0  # [s] without any worker
 
+KILLED = "killed its worker"
+
+# The table that stands for a row (its number, what happened) that kills its worker.
+Lost = Callable[[int, str], Table]
 # Submits one task: given its arguments, a function and the rest of its arguments.
 Submit = Callable[[Any], tuple[Callable[..., Any], tuple[Any, ...]]]
 
@@ -133,3 +142,49 @@ def _result(cluster: Cluster, future: Any) -> Any:
     if isinstance(error, KilledWorker):
         return Killed()
     raise error
+
+
+def chunk_results(
+    cluster: Cluster,
+    work: Work,
+    chunks: Chunks,
+    indices: Iterable[int],
+    function: Callable[..., Any],
+    others: Callable[[int], tuple[Any, ...]],
+    lost: Lost | None,
+) -> Iterator[tuple[int, Any]]:
+    """Chunks, each with what `function(work, rows, *others(index))` gave, or the table that halving found.
+
+    Those whose workers died come when all others are done.
+    """
+    import cloudpickle
+
+    packed: bytes = cloudpickle.dumps(work)
+    suspects: list[int] = []
+
+    def task(index: int) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        return sent, (function, packed, chunks.rows_of(index), *others(index))
+
+    for index, result in spread(cluster, indices, task):
+        if isinstance(result, Killed):
+            suspects.append(index)
+        else:
+            yield index, result
+    for index in suspects:
+        yield index, _halved(cluster, packed, chunks.rows_of(index), lost)
+
+
+def _halved(cluster: Cluster, packed: bytes, rows: range, lost: Lost | None) -> dict[str, Any]:
+    """The table of rows that were given up; each part is alone on the cluster: no other task is to blame.
+
+    `TaskError` where one row kills its worker, and there is nothing to stand for it.
+    """
+    ((_, result),) = spread(cluster, [rows], lambda part: (sent, (computed, packed, part)))
+    if not isinstance(result, Killed):
+        return dict(result)
+    if len(rows) > 1:
+        return joined([_halved(cluster, packed, part, lost) for part in halves(rows)])
+    if lost is None:
+        raise TaskError(f"row {rows.start} {KILLED} (out of memory, or a crash in compiled code)")
+    table = lost(rows.start, KILLED)
+    return computed(lambda _: table, rows)

@@ -6,11 +6,12 @@ import asyncio
 import importlib
 import os
 import shutil
+import threading
+import time
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
-
-from ffsms_pin.parent import end_with_parent
 
 __all__ = ["NOT_STARTED", "serve"]
 
@@ -33,7 +34,7 @@ def serve(address: str, parent: int, folder: str, module: str = "") -> None:
     imported before the worker asks for tasks, since they will need it.
     """
     os.mkdir(folder, mode=0o700)
-    end_with_parent(parent, lambda: _remove(folder))
+    _end_with_parent(parent, lambda: _remove(folder))
     if module:
         with suppress(Exception):  # the task itself says what is wrong with it
             importlib.import_module(module)
@@ -75,3 +76,23 @@ def _remove(folder: str) -> None:
         shutil.rmtree(folder, ignore_errors=True)
         if not os.path.exists(folder):
             break
+
+
+def _end_with_parent(parent: int, last: Callable[[], None]) -> None:
+    """End this process soon after its parent has ended, however that came about, and call `last` just before.
+
+    A process whose parent was killed is not told: it would wait for work that nobody sends, and hold memory
+    and semaphores. A thread looks every second whose child this process is; when that changes, the process
+    ends at once, without the clean-up that might wait for the parent. `parent` is its process id as it knows
+    it itself: it may be gone before this is called.
+    """
+    threading.Thread(target=_watch, args=(parent, last), name="end-with-parent", daemon=True).start()
+
+
+def _watch(parent: int, last: Callable[[], None]) -> None:
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    try:
+        last()
+    finally:
+        os._exit(1)  # nobody is left to read it

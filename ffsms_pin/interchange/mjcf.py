@@ -1,17 +1,16 @@
-"""The free-floating system as a MuJoCo model, number by number from Pinocchio's."""
+"""The free-floating system as a MuJoCo model, number by number from Pinocchio's; its joints' axes."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import instance, positive
-from ffsms_pin.interchange.joint_axes import joint_axes
+from ffsms_pin.checks import FloatArray, instance, positive
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["to_mjcf"]
+__all__ = ["JointAxis", "joint_axes", "to_mjcf"]
 
 
 def to_mjcf(sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = True) -> str:
@@ -84,3 +83,23 @@ def _place(pose: Any) -> str:
 
 def _numbers(values: Any) -> str:
     return " ".join(repr(float(x)) for x in np.ravel(values))
+
+
+class JointAxis(NamedTuple):
+    """Whether a joint slides, and its axis (3,) in the joint's frame; otherwise it turns about the axis."""
+
+    slides: bool
+    axis: FloatArray
+
+
+def joint_axes(sms: SpaceManipulator) -> list[JointAxis]:
+    """The axes of the n actuated joints, in order."""
+    model = sms.model
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    found = []
+    for j in range(2, model.njoints):
+        column = pin.getJointJacobian(model, data, j, pin.LOCAL)[:, model.joints[j].idx_v]
+        slides = not column[3:].any()
+        found.append(JointAxis(slides, np.array(column[:3] if slides else column[3:])))
+    return found

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import number, per_joint
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, UnsupportedJoint
 from ffsms_pin.models.base import SatelliteBase
-from ffsms_pin.models.satellite_shapes import satellite_shapes
+from ffsms_pin.models.composition import satellite_shapes
 from ffsms_pin.storage import check_readable, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.joints import JointLayout

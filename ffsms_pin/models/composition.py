@@ -1,4 +1,4 @@
-"""One URDF out of a satellite's body and an arm's file."""
+"""One URDF out of a satellite's body and an arm's file; the body's own shapes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import coal
+import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.errors import InvalidUrdf
@@ -14,7 +16,7 @@ from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_edit import INERTIA_KEYS, words
 from ffsms_pin.system.urdf_elements import read_robot
 
-__all__ = ["BODY_COLOUR", "PANEL_COLOUR", "compose", "panel_boxes"]
+__all__ = ["BODY_COLOUR", "PANEL_COLOUR", "compose", "panel_boxes", "satellite_shapes"]
 
 Triple = tuple[float, float, float]
 BODY_COLOUR, PANEL_COLOUR = (0.80, 0.78, 0.72, 1.0), (0.10, 0.15, 0.40, 1.0)  # red, green, blue, opacity
@@ -97,3 +99,25 @@ def _unused(name: str, taken: list[str]) -> str:
     while name in taken:
         name += "_"
     return name
+
+
+def satellite_shapes(base: SatelliteBase, joint: int, frame: int) -> tuple[Any, Any]:
+    """Visual and collision shapes of a satellite: its box; its panels are drawn only.
+
+    Parameters
+    ----------
+    base : SatelliteBase
+    joint, frame : int
+        Pinocchio's indices of the free-flyer and of the base frame.
+    """
+    visual, collision = pin.GeometryModel(), pin.GeometryModel()
+    boxes = [(base.size, (0.0, 0.0, 0.0), BODY_COLOUR)]
+    boxes += [(size, centre, PANEL_COLOUR) for size, centre in panel_boxes(base)]
+    for k, (size, centre, colour) in enumerate(boxes):
+        place = pin.SE3(np.eye(3), np.array(centre))
+        item = pin.GeometryObject(f"satellite_{k}", joint, frame, place, coal.Box(*size))
+        item.meshColor = np.array(colour)
+        visual.addGeometryObject(item)
+        if k == 0:
+            collision.addGeometryObject(item.copy())
+    return visual, collision

@@ -1,11 +1,10 @@
 """Simulation: a plant under forward dynamics, in closed loop with a controller and a reference."""
 
-from ffsms_pin.simulation.actuator import Actuator
+from ffsms_pin.simulation.actuator import Actuator, JointFriction
 from ffsms_pin.simulation.closed_loop import simulate
 from ffsms_pin.simulation.disturbances import Wrench
 from ffsms_pin.simulation.estimator import Estimator
 from ffsms_pin.simulation.events import Capture, JointFault
-from ffsms_pin.simulation.friction import JointFriction
 from ffsms_pin.simulation.integrators import INTEGRATORS
 from ffsms_pin.simulation.interfaces import Controller, Reference
 from ffsms_pin.simulation.many import simulate_each, simulate_many

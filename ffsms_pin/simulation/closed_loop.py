@@ -15,11 +15,10 @@ from ffsms_pin.errors import InvalidValue, ResultError, SimulationDiverged, Simu
 from ffsms_pin.simulation import base_actuators
 from ffsms_pin.simulation import disturbances as outside
 from ffsms_pin.simulation import events as happening
-from ffsms_pin.simulation.actuator import Actuator
+from ffsms_pin.simulation.actuator import Actuator, JointFriction
 from ffsms_pin.simulation.disturbances import Wrench
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
 from ffsms_pin.simulation.events import Event, JointFault
-from ffsms_pin.simulation.friction import JointFriction
 from ffsms_pin.simulation.integrators import integrator as integrator_named
 from ffsms_pin.simulation.interfaces import Controller, Reference
 from ffsms_pin.simulation.loop_checks import (

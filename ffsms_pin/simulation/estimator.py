@@ -13,13 +13,12 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, at_least_zero
-from ffsms_pin.simulation.kalman import PositionAndRate
 from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import root_reaction
 from ffsms_pin.system.dynamics import inertia_matrix
 
-__all__ = ["Estimator", "RunningEstimator", "place_deviation"]
+__all__ = ["Estimator", "PositionAndRate", "RunningEstimator", "place_deviation"]
 
 _SETTLED = 5.0  # [s] after so long a filter's gains hardly change any more
 
@@ -186,3 +185,77 @@ def place_deviation(
     # Each axis of the place; two of the three attitude errors move a lever; J_m is the arm alone.
     joints = joint * float(np.linalg.norm(state.J_m[:3]))
     return math.sqrt(3.0 * shift**2 + 2.0 * (turn * lever) ** 2 + joints**2)
+
+
+_SURPRISE = 5.0  # standard deviations; noise goes beyond once in a million measurements
+
+
+class PositionAndRate:
+    """Covariance and gains of the state (p, r), p' = r, r' = known + white noise, with p and r measured.
+
+    The gains depend on the noise and on time alone, so one filter serves all joints, or all axes.
+
+    Parameters
+    ----------
+    position_noise, rate_noise : float
+        Standard deviations of the two measurements, [x] and [x/s]; zero for a perfect one.
+    acceleration_noise : float
+        Square root of the spectral density of what changes the rate beside the known part [x/s^1.5].
+    """
+
+    def __init__(self, position_noise: float, rate_noise: float, acceleration_noise: float) -> None:
+        self._R_p, self._R_r = position_noise**2, rate_noise**2
+        self._density = acceleration_noise**2
+        # The first measurement is the first estimate.
+        self._pp, self._pr, self._rr = self._R_p, 0.0, self._R_r
+
+    @property
+    def deviation(self) -> tuple[float, float]:
+        """Standard deviations of the present estimate of p and r."""
+        return max(self._pp, 0.0) ** 0.5, max(self._rr, 0.0) ** 0.5
+
+    def predict(self, dt: float) -> None:
+        """Let `dt` [s] pass."""
+        pp, pr, rr, S = self._pp, self._pr, self._rr, self._density
+        self._pp = pp + 2.0 * dt * pr + dt * dt * rr + S * dt**3 / 3.0
+        self._pr = pr + dt * rr + 0.5 * S * dt * dt
+        self._rr = rr + S * dt
+
+    def doubt(self, rate_error: float) -> None:
+        """Trust the sensors alone where a measured rate is further from the predicted one than by noise.
+
+        The model is wrong then by more than was counted on: a body was captured, say.
+
+        Parameters
+        ----------
+        rate_error : float
+            The largest difference between measured and predicted rates.
+        """
+        if self._R_r > 0.0 and rate_error * rate_error > _SURPRISE**2 * (self._rr + self._R_r):
+            self._pp, self._pr = max(self._pp, self._R_p), 0.0
+            self._rr = max(self._rr, rate_error * rate_error)
+
+    def gains(self) -> tuple[float, float, float, float]:
+        """Take in a measurement of both.
+
+        Returns
+        -------
+        tuple of float
+            Gains K_pp, K_pr, K_rp, K_rr: p += K_pp e_p + K_pr e_r and r += K_rp e_p + K_rr e_r, where e_p and
+            e_r are the measurements less what was predicted.
+        """
+        pp, pr, rr, R_p, R_r = self._pp, self._pr, self._rr, self._R_p, self._R_r
+        if R_p == 0.0 and R_r == 0.0:
+            self._pp = self._pr = self._rr = 0.0
+            return 1.0, 0.0, 0.0, 1.0
+        a, c = pp + R_p, rr + R_r
+        determinant = a * c - pr * pr
+        if determinant <= 0.0:  # nothing is uncertain
+            return 0.0, 0.0, 0.0, 0.0
+        K_pp = (pp * c - pr * pr) / determinant
+        K_pr = pr * R_p / determinant
+        K_rp = pr * R_r / determinant
+        K_rr = (rr * a - pr * pr) / determinant
+        # After the update K R is the covariance: exact, symmetric, and never below zero.
+        self._pp, self._pr, self._rr = K_pp * R_p, K_pr * R_r, K_rr * R_r
+        return K_pp, K_pr, K_rp, K_rr

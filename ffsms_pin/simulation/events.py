@@ -10,7 +10,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, dimensions, matrix, number, one_of, positive, vector
-from ffsms_pin.client.welding import body_motion, welded
+from ffsms_pin.client.capture import body_motion, welded
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 

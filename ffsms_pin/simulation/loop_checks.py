@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.simulation.actuator import Actuator
+from ffsms_pin.simulation.actuator import Actuator, JointFriction
 from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
-from ffsms_pin.simulation.friction import JointFriction
 from ffsms_pin.simulation.interfaces import Reference
 from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.simulation.watchdog import Watchdog

@@ -46,10 +46,10 @@ class ControlQP:
 
     p (M n,) is flattened with the joints last. `labels` say what each row limits ("rate", "acceleration",
     "position" or "rest") and the joint's index; rows for rest at the end come after the first `moving` ones.
-    `start` (M, n) are control points that must stay allowed; default: those of an arm that brakes.
+    The control points of an arm that brakes stay allowed.
     """
 
-    def __init__(self, problem: Problem, spline: RateSpline, start: FloatArray | None = None) -> None:
+    def __init__(self, problem: Problem, spline: RateSpline) -> None:
         n, size = problem.sms.n, spline.size
         self._free = np.flatnonzero(np.tile(problem.free, size))
         kinds = [_Rows("", np.empty((0, size)), *np.empty((2, 0, n))), *_rows(problem, spline)]
@@ -60,7 +60,7 @@ class ControlQP:
         upper = np.vstack([one.upper for one in kinds]).ravel() - 10.0 * _TOLERANCE
         self.moving = len(self.labels) - (0 if spline.free_end else n)
         # A start at its limit, or beyond: it must stay feasible.
-        at = self._along(braking(problem, spline) if start is None else start)
+        at = self._along(braking(problem, spline))
         self.lower = np.minimum(np.maximum(lower, -UNBOUNDED), at)
         self.upper = np.maximum(np.minimum(upper, UNBOUNDED), at)
         self._free_rows = self.rows[:, self._free]
@@ -68,7 +68,7 @@ class ControlQP:
     def within(self, p: FloatArray) -> FloatArray:
         """Control points shortened onto the limits; that they come to rest is left to the descent."""
         at = self._along(p)[: self.moving]
-        return p * min(1.0, self.share(at, self.lower[: self.moving], self.upper[: self.moving]))
+        return p * self.share(at, self.lower[: self.moving], self.upper[: self.moving])
 
     def solve(self, hessian: FloatArray, gradient: FloatArray, p: FloatArray) -> FloatArray:
         """Minimise 1/2 x^T hessian x + gradient^T x over x, shaped like p (M, n); locked joints stay."""
@@ -124,16 +124,14 @@ class ControlQP:
         at, lower, upper = self._along(p), self.lower, self.upper
         touched = (at > upper - 1e-4 * np.abs(upper)) | (at < lower + 1e-4 * np.abs(lower))
         found = [self.labels[k] for k in np.flatnonzero(touched) if self.labels[k][0] != "rest"]
-        return sorted(set(found), key=lambda label: -found.count(label))
+        return sorted(dict.fromkeys(found), key=lambda label: -found.count(label))
 
     @staticmethod
     def share(move: FloatArray, low: FloatArray, high: FloatArray) -> float:
         """The largest share of a step that keeps the limits."""
-        room = np.ones_like(move)
-        over, under = move > np.maximum(high, 0.0), move < np.minimum(low, 0.0)
-        room[over] = high[over] / move[over]
-        room[under] = low[under] / move[under]
-        return max(0.0, float(room.min(initial=1.0)))
+        beyond = (move > np.maximum(high, 0.0)) | (move < np.minimum(low, 0.0))
+        bound = np.where(move > 0.0, high, low)
+        return max(0.0, float((bound[beyond] / move[beyond]).min(initial=1.0)))
 
 
 def at_rest(problem: Problem) -> FloatArray:

@@ -78,18 +78,17 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
     joints, base = goals, end.base_attitude(arm.tip_rotation)
     J = missed_at(problem, end, problem.duration, joints, base)[1]
     damping = DAMPING * problem.stack.length**2
-    rates = [least_squares(J, np.concatenate([velocity - problem.drift, spin]), damping)]
-    times, places = [problem.duration], [goals]
+    at_goal = least_squares(J, np.concatenate([velocity - problem.drift, spin]), damping)
+    times, places = [0.0, *(t for t, _ in approach), problem.duration], [goals]
     for t, place in reversed(approach):
         joints, base = _back(problem, joints, base, t, place)
-        times.insert(0, t)
         places.insert(0, joints)
-    for i in range(len(approach) - 1, -1, -1):
-        before = max(i - 1, 0)
-        rates.insert(0, (places[i + 1] - places[before]) / (times[i + 1] - times[before]))
-    times.insert(0, 0.0)
     places.insert(0, np.broadcast_to(problem.joints0, goals.shape))
-    rates.insert(0, np.broadcast_to(problem.joint_rates, goals.shape))
+    rates = [np.broadcast_to(problem.joint_rates, goals.shape)]
+    for i in range(1, len(places) - 1):
+        before = max(i - 1, 1)
+        rates.append((places[i + 1] - places[before]) / (times[i + 1] - times[before]))
+    rates.append(at_goal)
 
     instants = (np.arange(60) + 0.5) * problem.duration / 60
     wanted = CubicHermiteSpline(times, places, rates)(instants, 1)

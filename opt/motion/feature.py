@@ -17,7 +17,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.slopes import DERIVATIVES, FLAT
 
-__all__ = ["OWN", "Feature", "Indices", "Slopes", "Where", "during", "lost_slopes", "root_of_size"]
+__all__ = ["OWN", "Feature", "Indices", "Slopes", "Where", "lost_slopes", "root_of_size"]
 
 Indices: TypeAlias = NDArray[np.signedinteger[Any]]
 
@@ -164,12 +164,12 @@ class Feature(NDArrayOperatorsMixin):
 
     def during(self, span: slice) -> Feature:
         """The same at some of its instants, one after the other; of all motions."""
-        value, slopes, where = self._during(span)
-        return Feature(value, slopes, where)
 
-    def _during(self, span: slice) -> tuple[FloatArray, Slopes, Where]:
+        def slopes() -> dict[str, FloatArray]:  # those that are alike at all times as they are
+            return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in self.slopes.items()}
+
         instants = np.arange(self.value.shape[-1]) if self.where is None else self.where[1]
-        return self.value[..., span], during(lambda: self.slopes, span), (None, instants[span])
+        return Feature(self.value[..., span], slopes, (None, instants[span]))
 
     def dot(self, other: Any) -> Feature:
         """Scalar product with a vector (3,), or with another feature."""
@@ -228,16 +228,6 @@ def root_of_size(x: Feature, rounding: float) -> Feature:
     """
     result: Feature = x / np.sqrt(np.hypot(x, rounding) + rounding)
     return result
-
-
-def during(slopes: Slopes, span: slice) -> Slopes:
-    """Slopes at some instants; those that are alike at all times as they are."""
-
-    def there() -> dict[str, FloatArray]:
-        found = slopes() if callable(slopes) else slopes
-        return {name: x if x.shape[-1] == 1 else x[..., span] for name, x in found.items()}
-
-    return there
 
 
 def _add(found: dict[str, FloatArray], name: str, slope: FloatArray) -> None:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.motion.feature import Feature, Slopes, Where, during
+from ffsms_pin.opt.motion.feature import Feature, Slopes, Where
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, skew
 from ffsms_pin.system.mechanism import frame_index
@@ -116,8 +116,9 @@ class Frame(Feature):
 
     def during(self, span: slice) -> Frame:
         """The same at some of its instants, one after the other; of all motions."""
-        value, slopes, where = self._during(span)
-        return Frame(value, self.rotation[..., span], slopes, during(lambda: self._turn.slopes, span), where)
+        place, turn = super().during(span), self._turn.during(span)
+        rotation = self.rotation[..., span]
+        return Frame(place.value, rotation, lambda: place.slopes, lambda: turn.slopes, place.where)
 
     def moving_on(self, velocity: Feature, spin: Feature, by: FloatArray) -> Frame:
         """The frame so much later (S, K) [s], going straight on."""

@@ -44,11 +44,11 @@ class JointPlan:
 
     @classmethod
     def of_rates(
-        cls, start: float, dt: float, joints: FloatArray, rates: FloatArray, *ends: float
+        cls, start: float, dt: float, joints: FloatArray, rates: FloatArray, miss: float
     ) -> JointPlan:
-        """From the joints (n,) at the first node and the rates (N + 1, n); then the other fields."""
+        """From the joints (n,) at the first node and the rates (N + 1, n)."""
         travel = np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)
-        return cls(start, dt, joints + np.vstack([np.zeros(len(joints)), travel]), rates, *ends)
+        return cls(start, dt, joints + np.vstack([np.zeros(len(joints)), travel]), rates, miss)
 
     @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
@@ -138,8 +138,8 @@ def replanned(
     rates[0] = problem.joint_rates
     ends = motions_of(problem, spline, motion.p)
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
-    found = miss, float(motion.damping[0]), float(motion.at.limit_share[0])
-    return JointPlan.of_rates(start, problem.dt, joints, rates, *found)
+    plan = JointPlan.of_rates(start, problem.dt, joints, rates, miss)
+    return replace(plan, damping=float(motion.damping[0]), excess=float(motion.at.limit_share[0]))
 
 
 def _first(model: Model, start: float, last: JointPlan) -> FloatArray:
@@ -162,7 +162,6 @@ class RestPlanner:
     def __init__(self, problem: Problem, options: ReplanOptions, given: Trajectory | None = None) -> None:
         self._problem, self._options, self._given = problem, options, given
         self._estimate, self.robot = ReactionEstimate(problem.sms, problem.mode), problem.sms
-        self._known: FloatArray = np.ones(problem.sms.n + 1)
         self._base_start: FloatArray | None = None
         self._next_search = 0.0
         self.wheel_total: FloatArray | None = None
@@ -193,9 +192,8 @@ class RestPlanner:
         The goal is the problem's, as far as the arm can come to it.
         """
         begun, options, whole, last = time.perf_counter(), self._options, self._problem, self.current
-        factors = self._estimate.solve()
-        if np.abs(factors - self._known).max() > options.changed:
-            self._known, self.robot = factors, self._estimate.robot()
+        if np.abs(self._estimate.solve() - self._estimate.factors).max() > options.changed:
+            self.robot = self._estimate.robot()
         locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
         base_start = q[:7] if self._base_start is None else self._base_start
         rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked, goal, self.wheel_total)

@@ -18,8 +18,8 @@ from ffsms_pin.atlas.designs import (
     with_link_length,
     with_mount_moved,
 )
+from ffsms_pin.atlas.measures import wheel_momentum_per_speed
 from ffsms_pin.atlas.sweep import pareto
-from ffsms_pin.atlas.wheel_load import wheel_momentum_per_speed
 from ffsms_pin.cli import main
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.models import SatelliteBase, mount

@@ -17,7 +17,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.control import ComputedTorque
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation import Capture, Estimator, Sensors, perturb, simulate
-from ffsms_pin.simulation.kalman import PositionAndRate
+from ffsms_pin.simulation.estimator import PositionAndRate
 
 Array = NDArray[np.float64]
 SENSORS = Sensors(

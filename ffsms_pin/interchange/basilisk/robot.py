@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, vector
 from ffsms_pin.errors import UnsupportedJoint
-from ffsms_pin.interchange.joint_axes import joint_axes
+from ffsms_pin.interchange.mjcf import joint_axes
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["BasiliskRobot", "to_basilisk"]

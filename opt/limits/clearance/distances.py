@@ -203,12 +203,12 @@ class PartPairs:
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`, in axes of the first body; no points where nothing is below `near`."""
         columns, at = where
-        most = np.ascontiguousarray(np.broadcast_to(near, columns.shape), dtype=np.float64)
+        most: Any = near if np.shape(near) == columns.shape else np.full(columns.shape, near)
         distance, points, left, seen = kernel.near_parts(
             self.arm.tree, *poses, columns, at, most, *self._table
         )
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
         for (v, candidates), placed in zip(left, seen, strict=True):
+            request, result = coal.DistanceRequest(), coal.DistanceResult()
             second, least = coal.Transform3s(placed[:3], placed[3]), distance[v]
             for bound, pair in candidates:
                 if bound >= least:
