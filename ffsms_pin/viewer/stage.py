@@ -9,10 +9,8 @@ import numpy as np
 from meshcat.visualizer import Visualizer
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.viewer.colours import BACKGROUND, as_number
-from ffsms_pin.viewer.film import Film
-from ffsms_pin.viewer.meshes import Mesh
-from ffsms_pin.viewer.scene import Scene
+from ffsms_pin.viewer.meshes import BACKGROUND, Mesh, as_number
+from ffsms_pin.viewer.scene import Film, Scene
 
 __all__ = ["ROOT", "Stage"]
 
