@@ -60,7 +60,7 @@ def _merged(folder: Path, partial: bool = False) -> None:
     write_content(folder / "report.json", numbers + "\n")
     if installed("plot"):
         from ffsms_pin.plotting import save_formats
-        from ffsms_pin.plotting.campaigns import plot_campaign
+        from ffsms_pin.plotting.comparisons import plot_campaign
 
         save_formats(plot_campaign(found), folder / "report")
     else:

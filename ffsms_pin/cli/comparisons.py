@@ -18,9 +18,7 @@ from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_results
 from ffsms_pin.control import LAWS
 from ffsms_pin.engine import parts_folder
-from ffsms_pin.plotting.comparison import plot_comparison
-from ffsms_pin.plotting.laws import plot_laws
-from ffsms_pin.plotting.robustness import plot_robustness
+from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_robustness
 from ffsms_pin.plotting.wheels import plot_modes
 from ffsms_pin.scenarios import Scenario, compare_laws, robustness, scenario
 from ffsms_pin.scenarios.compare import compare, comparison_numbers, law_numbers

@@ -17,7 +17,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
-from ffsms_pin.plotting.robustness import plot_robustness
+from ffsms_pin.plotting.comparisons import plot_robustness
 from ffsms_pin.scenarios import Robustness, robustness, scenario
 from ffsms_pin.scenarios.robustness import METHODS, robustness_numbers
 
