@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client.capture import AfterCapture
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.dynamics import floating_torque
@@ -109,6 +110,8 @@ def brake(
     torques = (
         limits.torque if torque_limit is None else checks.per_joint("torque_limit", torque_limit, robot.n)
     )
+    if not (torques > 0.0).all():
+        raise InvalidValue("torque_limit", torque_limit, "must be positive")
     share = checks.positive("share", share)
     hold = checks.at_least_zero("hold", hold, "s")
     coast = checks.at_least_zero("coast", coast, "s")

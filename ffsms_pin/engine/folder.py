@@ -97,6 +97,7 @@ class ChunkFolder:
 
     def sound(self, indices: Iterable[int]) -> set[int]:
         """Of these chunks those whose file is whole, and holds the rows that it should."""
+        instance("indices", indices, Iterable)
         there, found = self._read(), set()
         for index in indices:
             with suppress(ResultError):

@@ -116,6 +116,7 @@ def collected(
 ) -> dict[str, Any]:
     """One table of all rows, in their order; nothing is written. Arguments and errors are those of `run`."""
     instance("chunks", chunks, Chunks)
+    optional_callable("progress", progress)
     jobs = min(checked_jobs(jobs), len(chunks))
     progress = progress or _untold
     tables: dict[int, dict[str, Any]] = {}

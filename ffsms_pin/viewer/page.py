@@ -7,14 +7,14 @@ import gzip
 import html
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import ASSISTANCE_STOPS, COLOURS, USAGE_STOPS
@@ -102,9 +102,10 @@ def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
         return set(DEFAULT)
     if isinstance(show, str):
         show = tuple(LAYERS) if show == "all" else (show,)
+    instance("show", show, Iterable)
     chosen = list(show)
     for name in chosen:
-        if name not in LAYERS:
+        if not isinstance(name, str) or name not in LAYERS:
             raise InvalidValue("show", name, f"knows 'all', {', '.join(LAYERS)}")
     return set(chosen)
 

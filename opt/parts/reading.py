@@ -242,4 +242,4 @@ def _differences(part: Any, method: str, i: int, features: Features) -> Callable
 
 def _plain(x: Any) -> FloatArray:
     """Features may stand where arrays are asked for: their values count."""
-    return x.value if isinstance(x, Feature) else x
+    return x.value if isinstance(x, Feature) else np.asarray(x)
