@@ -21,10 +21,10 @@ from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_robustness
 from ffsms_pin.plotting.wheels import plot_modes
 from ffsms_pin.scenarios import Scenario, compare_laws, robustness, scenario
-from ffsms_pin.scenarios.compare import compare, comparison_numbers, law_numbers
-from ffsms_pin.scenarios.modes import compare_modes, mode_numbers
-from ffsms_pin.scenarios.robustness import robustness_numbers
+from ffsms_pin.scenarios.comparisons import compare, compare_modes, comparison_numbers, law_numbers
+from ffsms_pin.scenarios.plants import robustness_numbers
 from ffsms_pin.scenarios.run import StageProgress
+from ffsms_pin.studies.modes import mode_numbers
 
 __all__ = ["laws", "methods", "modes", "plants"]
 

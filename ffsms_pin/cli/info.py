@@ -13,7 +13,7 @@ from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.cli.output import limit_text, output_console, range_text, say
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.models import load
-from ffsms_pin.scenarios.joints import joint_units, slides
+from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["run"]
@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _posture(sms: SpaceManipulator, joints_deg: Sequence[float] | None) -> FloatArray:
     if joints_deg is not None:
-        if any(slides(sms)):
+        if not sms.layout.turns.all():
             raise InvalidValue("--joints-deg", list(joints_deg), "cannot be used: a joint slides")
         return np.radians(vector("--joints-deg", joints_deg, sms.n, "deg"))
     lower, upper = sms.limits.lower, sms.limits.upper
