@@ -16,8 +16,8 @@ from ffsms_pin.scenarios.closed_loop import Attempt, attempt, planned, prepared
 from ffsms_pin.scenarios.conditions import controller
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
+from ffsms_pin.studies.extremes import plan_numbers, why_not_reached
 from ffsms_pin.studies.modes import Strategy, strategies
-from ffsms_pin.studies.plans import plan_numbers, why_not_reached
 from ffsms_pin.studies.tracked import arrived, joint_error_numbers
 from ffsms_pin.system import SpaceManipulator
 

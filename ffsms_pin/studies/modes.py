@@ -11,7 +11,7 @@ import numpy as np
 
 from ffsms_pin.opt import BaseLimits, Problem, SearchOptions, Trajectory
 from ffsms_pin.opt.planning.plan import plan_problem
-from ffsms_pin.studies.plans import why_not_reached
+from ffsms_pin.studies.extremes import why_not_reached
 from ffsms_pin.studies.turn_back import Spent, spent, turn_back
 from ffsms_pin.system import SpaceManipulator
 
