@@ -15,6 +15,7 @@ from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable
 from ffsms_pin.opt import Obstacle
 from ffsms_pin.plotting import coupling, joints
 from ffsms_pin.plotting.motion import motion_sides, plot_motion, times_drawn
+from ffsms_pin.plotting.series import near_limits
 from ffsms_pin.plotting.style import applied, share_legend, stack, subplots
 from ffsms_pin.plotting.wheels import (
     plot_attitude,
@@ -101,13 +102,10 @@ def _obstacles(outcome: Outcome) -> list[Obstacle]:
 
 def _torques(outcome: Outcome, ax: Axes) -> Axes:
     """Torques, with their limits where the motion comes near them; else a word on how far away they are."""
-    limit, tau = outcome.controller.torque_limit, outcome.tracking.tau
-    used = float((np.abs(tau) / limit).max(initial=0.0))
-    if used > joints.FAR_FROM_LIMITS:
-        return joints.plot_torques(outcome.sms, outcome.tracking, ax, limit)
-    ax = joints.plot_torques(outcome.sms, outcome.tracking, ax)
-    if used > 0.0:
-        ax.set_ylabel(f"{ax.get_ylabel()}\nat most {100 * used:.2g} % of the limits")
+    limit = outcome.controller.torque_limit
+    note, near = near_limits(outcome.tracking.tau, limit, "")
+    ax = joints.plot_torques(outcome.sms, outcome.tracking, ax, limit if near else None)
+    ax.set_ylabel(ax.get_ylabel() + note)
     return ax
 
 

@@ -11,14 +11,13 @@ from matplotlib.axes import Axes
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.series import Series, check_kinds, plot_flown, plot_series, thinned
+from ffsms_pin.plotting.series import Series, check_kinds, near_limits, plot_flown, plot_series, thinned
 from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
-    "FAR_FROM_LIMITS",
     "joint_factors",
     "joint_unit_label",
     "plot_base_angular_velocity",
@@ -33,7 +32,6 @@ __all__ = [
     "plot_tracked_position_error",
 ]
 
-FAR_FROM_LIMITS = 0.2  # share of the limits below which they are not drawn: the curves would look flat
 _NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
 
 
@@ -80,14 +78,8 @@ def plot_joint_rates(
     done = None if flown is None else Series(flown.t, flown.v[:, -n:] * factors)
     limit = sms.limits.velocity * factors
     values = planned.values if done is None else np.vstack([planned.values, done.values])
-    used = float((np.abs(values) / limit).max(initial=0.0))
-    label = f"joint rate [{joint_unit_label(sms)}/s]"
-    if used >= FAR_FROM_LIMITS:
-        return plot_flown(ax, planned, done, label, sms.joint_names, (-limit, limit))
-    ax = plot_flown(ax, planned, done, label, sms.joint_names)
-    if used > 0.0:
-        ax.set_ylabel(f"{label}\nat most {100.0 * used:.2g} % of the limits")
-    return ax
+    label, limits = near_limits(values, limit, f"joint rate [{joint_unit_label(sms)}/s]")
+    return plot_flown(ax, planned, done, label, sms.joint_names, limits)
 
 
 def _positions(sms: SpaceManipulator, flown: Tracking) -> FloatArray:

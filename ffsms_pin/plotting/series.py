@@ -29,6 +29,7 @@ from ffsms_pin.system import SpaceManipulator
 __all__ = [
     "Series",
     "check_kinds",
+    "near_limits",
     "plot_bands",
     "plot_error_bands",
     "plot_flown",
@@ -139,6 +140,17 @@ def plot_flown(
 def thinned(count: int, most: int = 1500) -> NDArray[np.intp]:
     """At most `most` of `count` rows, the first and the last among them: a panel has no room for more."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
+
+
+def near_limits(values: FloatArray, limit: FloatArray, label: str) -> tuple[str, tuple[FloatArray, ...]]:
+    """The label of values (k, m), and the limits (m,) to draw with them.
+
+    With limits of which little is used the curves would look flat: there the label says how much it is.
+    """
+    used = float((np.abs(values) / limit).max(initial=0.0))
+    if used > 0.2:
+        return label, (-limit, limit)
+    return (f"{label}\nat most {100.0 * used:.2g} % of the limits" if used > 0.0 else label), ()
 
 
 def scale_decades(ax: Axes, least: float, largest: float, ratio: float, smallest: float) -> bool:

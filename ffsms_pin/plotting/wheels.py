@@ -14,7 +14,7 @@ from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
-from ffsms_pin.plotting.series import check_kinds, plot_series
+from ffsms_pin.plotting.series import check_kinds, near_limits, plot_series
 from ffsms_pin.plotting.style import applied, legend_above, line, stack
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.scenarios.comparisons import ModeComparison
@@ -34,7 +34,6 @@ __all__ = [
     "wheels_turn",
 ]
 
-_NEAR = 0.2  # share of the limits from which they are drawn: else the curves would look flat
 _STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same
 
 
@@ -107,12 +106,9 @@ def _drawn(
     """One line a group of wheels (K, w), with limits (w,) dotted where they are near."""
     names = _wheels(sms).names
     first = [group[0] for group in groups]
-    used = float((np.abs(values) / most).max(initial=0.0))
-    near = most[first] if used > _NEAR else np.full(len(first), np.inf)
-    if 0.0 < used <= _NEAR:
-        label = f"{label}\nat most {100 * used:.2g} % of the limits"
+    label, limits = near_limits(values, most, label)
     labels = [names[g[0]] + (f" and {len(g) - 1} more" if len(g) > 1 else "") for g in groups]
-    return plot_series(ax, t, values[:, first], label, labels, (near, -near), steps)
+    return plot_series(ax, t, values[:, first], label, labels, [one[first] for one in limits], steps)
 
 
 def _wheels(sms: SpaceManipulator) -> ReactionWheels:

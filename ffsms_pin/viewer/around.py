@@ -29,11 +29,10 @@ def add_target(stage: Stage, frames: Frames, reach: float) -> None:
     assert frames.target is not None
     radius = max(reach, 0.022 * stage.size)
     stage.ball("target", radius, COLOURS["target"])
-    stage.place("target", frames.target[0])
     if np.ptp(frames.target, axis=0).max() > 0.0:
-        for t, place in zip(frames.t, frames.target, strict=True):
-            with stage.scene.filming(stage.film, float(t - frames.t[0])):
-                stage.place("target", place)
+        stage.follow("target", frames.t, frames.target)
+    else:
+        stage.place("target", frames.target[0])
 
 
 def add_path(
@@ -108,13 +107,9 @@ def add_actuators(stage: Stage, frames: Frames) -> None:
         for i, (place, push) in enumerate(zip(sms.thrusters.places, sms.thrusters.directions, strict=True)):
             stage.mesh(f"thrusters/{i}", nozzle(_NOZZLE * edge), COLOURS["thruster"])
             stage.place(f"thrusters/{i}", place, along_z(-push))  # it opens to where the jet goes
+    attitudes = np.array([pin.XYZQUATToSE3(q[:7]).rotation for q in frames.q])
     for name in drawn:
-        for k, t in enumerate(frames.t):
-            pose = pin.XYZQUATToSE3(frames.q[k, :7])
-            if k == 0:
-                stage.place(name, pose.translation, pose.rotation)
-            with stage.scene.filming(stage.film, float(t - frames.t[0])):
-                stage.place(name, pose.translation, pose.rotation)
+        stage.follow(name, frames.t, frames.q[:, :3], attitudes)
 
 
 def _on_faces(sms: SpaceManipulator, edge: float) -> FloatArray:
@@ -144,14 +139,15 @@ def add_obstacles(stage: Stage, frames: Frames, obstacles: Sequence[Obstacle]) -
         name = f"obstacles/{i}"
         stage.mesh(name, hull(outline(obstacle.shape)), COLOURS["obstacle"], opacity=0.6)
         track = obstacle.track(frames.t)
-        poses = [pin.SE3(R, p) for R, p in zip(track.rotations, track.positions, strict=True)]
+        positions, rotations = track.positions, track.rotations
         if obstacle.on_base:
-            poses = [pin.XYZQUATToSE3(q[:7]) * pose for q, pose in zip(frames.q, poses, strict=True)]
-        stage.place(name, poses[0].translation, poses[0].rotation)
+            bases = [pin.XYZQUATToSE3(q[:7]) for q in frames.q]
+            positions = np.array([base.act(p) for base, p in zip(bases, positions, strict=True)])
+            rotations = np.array([base.rotation @ R for base, R in zip(bases, rotations, strict=True)])
         if obstacle.moves or obstacle.on_base:
-            for t, pose in zip(frames.t, poses, strict=True):
-                with stage.scene.filming(stage.film, float(t - frames.t[0])):
-                    stage.place(name, pose.translation, pose.rotation)
+            stage.follow(name, frames.t, positions, rotations)
+        else:
+            stage.place(name, positions[0], rotations[0])
 
 
 _BALL = 0.1  # [m] radius of a client that has no shape
@@ -195,10 +191,7 @@ def add_client(stage: Stage, frames: Frames, client: Body, obstacles: Sequence[O
         line = tube(np.array([np.zeros(3), end]), 0.004 * stage.size, sides=6)
         stage.mesh(f"client/axes/{'xyz'[axis]}", line, colour, flat=True)
     positions, attitudes = client.poses(frames.t)
-    stage.place("client", positions[0], attitudes[0])
-    for t, position, attitude in zip(frames.t, positions, attitudes, strict=True):
-        with stage.scene.filming(stage.film, float(t - frames.t[0])):
-            stage.place("client", position, attitude)
+    stage.follow("client", frames.t, positions, attitudes)
 
 
 def _among(one: tuple[Any, Any], others: Sequence[tuple[Any, Any]]) -> bool:
