@@ -17,8 +17,8 @@ from robustness import DURATION, problem  # type: ignore[import-not-found]
 
 from ffsms_pin import opt
 from ffsms_pin.control import ComputedTorque
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Model
-from ffsms_pin.opt.horizon.merit import linearise
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS
+from ffsms_pin.opt.horizon.merit import Model, linearise
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.simulation import random_plants, simulate
 
@@ -50,7 +50,7 @@ def linearisation(whole: opt.Problem) -> float:
     taken = []
     for _ in range(20):
         begun = time.perf_counter()
-        linearise(whole, model.goal, model.spline, p, LAST_WEIGHTS)
+        linearise(model, p, LAST_WEIGHTS)
         taken.append(time.perf_counter() - begun)
     return float(np.median(taken))
 

@@ -58,13 +58,14 @@ def spline_of(problem: Problem, grid: Grid = COARSE, free_end: bool = False) -> 
 
 def integrated(spline: RateSpline, values: FloatArray) -> FloatArray:
     """Integrals (K, ...) from the start of values (K, ...) at the instants, by the spline's quadrature."""
-    count, gauss = spline.integral_over.shape
-    parts = values[: len(spline.weights)].reshape(count, gauss, *values.shape[1:])
-    within = np.einsum("mij,mj...->mi...", spline.integral_to_points, parts)
-    over = np.einsum("mj,mj...->m...", spline.integral_over, parts)
+    to_points, over_all, late = spline.quadrature
+    count, gauss = over_all.shape
+    parts = values[: over_all.size].reshape(count, gauss, *values.shape[1:])
+    within = np.einsum("mij,mj...->mi...", to_points, parts)
+    over = np.einsum("mj,mj...->m...", over_all, parts)
     before = np.concatenate([np.zeros_like(over[:1]), np.cumsum(over, axis=0)])
     points = (before[:-1, None] + within).reshape(-1, *values.shape[1:])
-    return np.concatenate([points, before[[spline.late_interval, -1]]])
+    return np.concatenate([points, before[[late, -1]]])
 
 
 def node_rates(problem: Problem, spline: RateSpline, p: FloatArray) -> FloatArray:

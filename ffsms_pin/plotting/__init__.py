@@ -5,25 +5,31 @@ from ffsms_pin.extras import require
 require("plot", "drawing figures")
 
 # ruff: noqa: E402  # the check comes first, so that its message is the one that is seen
-from ffsms_pin.plotting.bands import plot_bands, plot_error_bands, plot_torque_bands
-from ffsms_pin.plotting.base import (
+from ffsms_pin.plotting.coupling import (
+    entropy_grid,
+    plot_assistance,
+    plot_cost,
+    plot_entropy,
+    plot_entropy_map,
+    plot_position_error,
+    plot_sigma,
+    plot_sigma_bands,
+)
+from ffsms_pin.plotting.figures import FIGURES, figure, save_figure, save_figures, save_formats
+from ffsms_pin.plotting.joints import (
     plot_base_angular_velocity,
     plot_base_position,
     plot_base_rotation,
     plot_base_velocity,
-)
-from ffsms_pin.plotting.coupling import plot_assistance, plot_cost, plot_position_error
-from ffsms_pin.plotting.coupling_over_time import plot_entropy, plot_sigma, plot_sigma_bands
-from ffsms_pin.plotting.entropy_map import entropy_grid, plot_entropy_map
-from ffsms_pin.plotting.figures import FIGURES, figure, save_figure, save_figures, save_formats
-from ffsms_pin.plotting.joints import plot_joint_positions, plot_joint_rates
-from ffsms_pin.plotting.motion import motion_sides, plot_motion
-from ffsms_pin.plotting.tracking import (
     plot_joint_error,
+    plot_joint_positions,
     plot_joint_rate_error,
+    plot_joint_rates,
     plot_torques,
     plot_tracked_position_error,
 )
+from ffsms_pin.plotting.motion import motion_sides, plot_motion
+from ffsms_pin.plotting.series import plot_bands, plot_error_bands, plot_torque_bands
 from ffsms_pin.plotting.wheels import plot_modes, plot_wheel_momentum, plot_wheel_torque, plot_wheels
 
 __all__ = [

@@ -1,19 +1,33 @@
-"""What the plan is made to do: the paper's cost, coupling assistance, and the distance left."""
+"""What the plan is made to do, how the coupling changes along it, and where in joint space it is large."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import ArrayLike
 
+from ffsms_pin.checks import FloatArray, instance, vector, whole
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
-from ffsms_pin.plotting.series import check_kinds, plot_series
-from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, legend_above
+from ffsms_pin.plotting.series import Series, check_kinds, plot_flown, plot_series, scale_decades, thinned
+from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, legend_above, line
+from ffsms_pin.scenarios.joints import joint_units
+from ffsms_pin.simulation import Tracking
+from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["plot_assistance", "plot_cost", "plot_position_error"]
-
-_DECADES = 100.0  # the largest cost over that of a quiet step, from which a linear scale shows one peak only
-_SMALLEST = 1e-8  # of the largest cost
+__all__ = [
+    "entropy_grid",
+    "plot_assistance",
+    "plot_cost",
+    "plot_entropy",
+    "plot_entropy_map",
+    "plot_position_error",
+    "plot_sigma",
+    "plot_sigma_bands",
+]
 
 
 def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -22,11 +36,7 @@ def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     ax = plot_series(ax, trajectory.t[:-1], trajectory.cost, "cost [-]", steps=True)
     top = float(trajectory.cost.max())
     low = float(np.quantile(trajectory.cost, 0.1))
-    if top > _DECADES * low:
-        ax.set_yscale("log")
-        # What is smaller still comes from rounding, and zeros have no place on the scale.
-        ax.set_ylim(max(low, _SMALLEST * top) / 3.0, 2.0 * top)
-    else:
+    if not scale_decades(ax, low, top, ratio=100.0, smallest=1e-8):
         room = top if top > 0.0 else 1.0
         ax.set_ylim(-0.05 * room, 1.05 * room)
     return ax
@@ -53,3 +63,174 @@ def plot_position_error(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         ax.set_ylim(bottom=0.0)
         legend_above(ax, ["r_th from 0.9 T on"])
     return ax
+
+
+_INSTANTS = 400  # of a motion, at most: the coupling is computed at each
+_NO_RANK = 1e-9  # of the largest value: rounding
+
+
+def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: Axes | None = None) -> Axes:
+    """Singular values of C_bm over time, stacked: the wider a band, the more of the coupling it carries."""
+    check_kinds(sms=sms, result=result)
+    t, sigma = _sigma(sms, result)
+    edges = np.cumsum(sigma, axis=1)
+    with applied():
+        ax = axes_or_new(ax)
+        lower = np.zeros(len(t))
+        for i in range(sigma.shape[1]):
+            # Paler and paler: the order is seen in grey, too.
+            strength = 0.85 * 0.6**i
+            colour = line(0)["color"]
+            ax.fill_between(t, lower, edges[:, i], color=colour, alpha=strength, linewidth=0.0)
+            ax.plot(t, edges[:, i], color=colour, linewidth=0.8)
+            ax.fill_between([], [], color=colour, alpha=strength, label=rf"$\sigma_{{{i + 1}}}$")
+            lower = edges[:, i]
+        ax.set_xlabel("time [s]")
+        ax.set_ylabel("singular values of $C_{bm}$,\nstacked [m/rad, rad/rad]")
+        ax.margins(x=0.0)
+        ax.set_ylim(bottom=0.0)
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=sigma.shape[1], borderaxespad=0.2)
+    return ax
+
+
+def plot_sigma(
+    sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Tracking | None = None
+) -> Axes:
+    """Singular values of C_bm over time, on a logarithmic scale where they span decades.
+
+    With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
+    """
+    check_kinds(sms=sms, trajectory=trajectory, flown=flown)
+    planned, done = (None if one is None else _sigma(sms, one) for one in (trajectory, flown))
+    assert planned is not None
+    largest = float(planned.values.max())
+    there = planned.values.max(axis=0) > _NO_RANK * largest  # a planar arm has three directions, not six
+    names = [rf"$\sigma_{{{i + 1}}}$" for i in np.flatnonzero(there)]
+    planned = Series(planned.t, planned.values[:, there])
+    done = None if done is None else Series(done.t, done.values[:, there])
+    ax = plot_flown(ax, planned, done, "singular values of $C_{bm}$\n[m/rad, rad/rad]", names)
+    least = float(planned.values.min())
+    if not scale_decades(ax, least, largest, ratio=30.0, smallest=1e-5):
+        ax.set_ylim(0.0, 1.1 * largest)
+    return ax
+
+
+def plot_entropy(
+    trajectory: Trajectory,
+    ax: Axes | None = None,
+    sms: SpaceManipulator | None = None,
+    flown: Tracking | None = None,
+) -> Axes:
+    """The paper's H_norm at every step: 0 where one direction carries all coupling, 1 where all share it.
+
+    With `flown`, a motion of `sms`, that is drawn where it differs from the plan, and the plan thin and pale.
+    """
+    check_kinds(trajectory=trajectory, flown=flown)
+    label = r"entropy $H_\mathrm{norm}$ [-]"
+    top = float(trajectory.entropy.max())
+    if sms is None or flown is None:
+        ax = plot_series(ax, trajectory.t[:-1], trajectory.entropy, label, steps=True)
+    else:
+        check_kinds(sms=sms, flown=flown)
+        rows = thinned(len(flown.t), _INSTANTS)
+        found = np.array([[sms.at(flown.q[k]).coupling.entropy] for k in rows])
+        planned = Series(trajectory.t[:-1], trajectory.entropy[:, None])
+        done = Series(flown.t[rows], found)
+        ax = plot_flown(ax, planned, done, label, ())
+        top = max(top, float(found.max()))
+    ax.set_ylim(0.0, min(1.0, 1.15 * max(top, 0.05)))
+    return ax
+
+
+def _sigma(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Series:
+    rows = thinned(len(motion.t), _INSTANTS)
+    return Series(motion.t[rows], np.array([sms.at(motion.q[k]).coupling.sigma for k in rows]))
+
+
+def entropy_grid(
+    sms: SpaceManipulator, joints: tuple[int, int], at: ArrayLike | None = None, points: int = 41
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Entropy over two joints; it does not depend on where the base is.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    joints : tuple of int
+        The two joints, counted from 0; each runs over its limits, or one turn where it has none.
+    at : array_like, shape (n,), optional
+        Positions of the other joints [rad]; default zero.
+    points : int
+        On each axis.
+
+    Returns
+    -------
+    first, second : ndarray, shape (points,)
+        Joint positions [rad].
+    entropy : ndarray, shape (points, points)
+        Rows of the second joint, columns of the first.
+    """
+    instance("sms", sms, SpaceManipulator)
+    if not isinstance(joints, tuple | list) or len(joints) != 2:
+        raise InvalidValue("joints", joints, "must be two joints")
+    i, j = (whole("joints", joint, 0) for joint in joints)
+    if i == j or max(i, j) >= sms.n:
+        raise InvalidValue("joints", joints, f"must be two different joints of 0 to {sms.n - 1}")
+    positions = np.zeros(sms.n) if at is None else vector("at", at, sms.n, "rad")
+    if whole("points", points, 2) > 1000:  # on an axis: more than a figure has pixels for
+        raise InvalidValue("points", points, "must not exceed 1000")
+    first, second = (_range(sms, k, points) for k in (i, j))
+    grid = np.tile(positions, (points, points, 1))
+    grid[:, :, i], grid[:, :, j] = first, second[:, None]
+    entropy = sms.batch(grid.reshape(-1, sms.n)).entropy.reshape(points, points)
+    return first, second, entropy
+
+
+def plot_entropy_map(
+    sms: SpaceManipulator,
+    joints: tuple[int, int] = (1, 2),
+    at: ArrayLike | None = None,
+    ax: Axes | None = None,
+    points: int = 41,
+    trajectory: Trajectory | None = None,
+) -> Axes:
+    """Map of the entropy over two joints, and the way of a trajectory over it.
+
+    Parameters
+    ----------
+    sms, joints, at, points
+        As of `entropy_grid`.
+    trajectory : Trajectory, optional
+        Drawn as a line from its start (circle) to its end (dot). Where it moves other joints too, the map
+        under it is only that of `at`.
+    """
+    first, second, entropy = entropy_grid(sms, joints, at, points)
+    units = [joint_units(sms)[k] for k in joints]
+    x, y = first * units[0].factor, second * units[1].factor
+    with applied():
+        ax = axes_or_new(ax)
+        top = math.ceil(10.0 * float(entropy.max()) + 1e-9) / 10.0
+        levels = np.linspace(0.0, top, round(20 * top) + 1)
+        filled = ax.contourf(x, y, entropy, levels=levels, cmap="cividis")
+        filled.set_edgecolor("face")  # no hairlines between the levels in vector files
+        drawn = ax.contour(x, y, entropy, levels=levels[::2], colors="black", linewidths=0.5, alpha=0.55)
+        ax.clabel(drawn, fmt="%.1f", fontsize=7)
+        bar = ax.get_figure().colorbar(filled, ax=ax)  # type: ignore[union-attr]
+        bar.set_label(r"entropy $H_\mathrm{norm}$ [-]")
+        if trajectory is not None:
+            check_kinds(sms=sms, trajectory=trajectory)
+            way = trajectory.joint_positions[:, list(joints)] * [unit.factor for unit in units]
+            ax.plot(way[:, 0], way[:, 1], color="white", linewidth=2.6)
+            ax.plot(way[:, 0], way[:, 1], color="black", linewidth=1.3)
+            ax.plot(*way[0], "o", color="black", markerfacecolor="white", markersize=6)
+            ax.plot(*way[-1], "o", color="black", markersize=6)
+        ax.grid(False)
+        for set_label, k, unit in ((ax.set_xlabel, 0, units[0]), (ax.set_ylabel, 1, units[1])):
+            set_label(f"{sms.joint_names[joints[k]]} [{unit.name}]")
+    return ax
+
+
+def _range(sms: SpaceManipulator, joint: int, points: int) -> FloatArray:
+    lower, upper = float(sms.limits.lower[joint]), float(sms.limits.upper[joint])
+    if not (math.isfinite(lower) and math.isfinite(upper)):
+        lower, upper = -math.pi, math.pi
+    return np.linspace(lower, upper, points)

@@ -13,14 +13,21 @@ from matplotlib.figure import Figure
 
 from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable
 from ffsms_pin.opt import Obstacle
-from ffsms_pin.plotting import base, coupling, coupling_over_time, joints, tracking
-from ffsms_pin.plotting.capture import plot_braking, plot_turning
+from ffsms_pin.plotting import coupling, joints
 from ffsms_pin.plotting.motion import motion_sides, plot_motion, times_drawn
+from ffsms_pin.plotting.series import near_limits
 from ffsms_pin.plotting.style import applied, share_legend, stack, subplots
-from ffsms_pin.plotting.wheels import plot_attitude, plot_wheel_torque, plot_wheels, wheels_turn
+from ffsms_pin.plotting.wheels import (
+    plot_attitude,
+    plot_braking,
+    plot_turning,
+    plot_wheel_torque,
+    plot_wheels,
+    wheels_turn,
+)
 from ffsms_pin.scenarios import Outcome
-from ffsms_pin.scenarios.tracked import end_effector_path
 from ffsms_pin.storage import path_like, write_atomically
+from ffsms_pin.studies.tracked import end_effector_path
 
 __all__ = ["FIGURES", "figure", "figure_names", "save_figure", "save_figures", "save_formats"]
 
@@ -34,24 +41,24 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
     "coupling": (
         lambda o, ax: coupling.plot_cost(o.trajectory, ax),
         lambda o, ax: coupling.plot_assistance(o.trajectory, ax),
-        lambda o, ax: coupling_over_time.plot_entropy(o.trajectory, ax, o.sms, o.tracking),
-        lambda o, ax: coupling_over_time.plot_sigma(o.sms, o.trajectory, ax, o.tracking),
+        lambda o, ax: coupling.plot_entropy(o.trajectory, ax, o.sms, o.tracking),
+        lambda o, ax: coupling.plot_sigma(o.sms, o.trajectory, ax, o.tracking),
         lambda o, ax: coupling.plot_position_error(o.trajectory, ax),
     ),
     "base-linear": (
-        lambda o, ax: base.plot_base_position(o.sms, o.trajectory, ax, o.tracking),
-        lambda o, ax: base.plot_base_velocity(o.sms, o.trajectory, ax, o.tracking),
+        lambda o, ax: joints.plot_base_position(o.sms, o.trajectory, ax, o.tracking),
+        lambda o, ax: joints.plot_base_velocity(o.sms, o.trajectory, ax, o.tracking),
     ),
     "base-angular": (
-        lambda o, ax: base.plot_base_rotation(o.sms, o.trajectory, ax, o.tracking),
-        lambda o, ax: base.plot_base_angular_velocity(o.sms, o.trajectory, ax, o.tracking),
+        lambda o, ax: joints.plot_base_rotation(o.sms, o.trajectory, ax, o.tracking),
+        lambda o, ax: joints.plot_base_angular_velocity(o.sms, o.trajectory, ax, o.tracking),
     ),
     "tracking-joints": (
-        lambda o, ax: tracking.plot_joint_error(o.sms, o.tracking, ax),
-        lambda o, ax: tracking.plot_joint_rate_error(o.sms, o.tracking, ax),
+        lambda o, ax: joints.plot_joint_error(o.sms, o.tracking, ax),
+        lambda o, ax: joints.plot_joint_rate_error(o.sms, o.tracking, ax),
     ),
     "tracking-torques": (
-        lambda o, ax: tracking.plot_tracked_position_error(
+        lambda o, ax: joints.plot_tracked_position_error(
             o.tracking, ax, None if o.open_loop is None else o.open_loop.tracking
         ),
         lambda o, ax: _torques(o, ax),
@@ -95,13 +102,10 @@ def _obstacles(outcome: Outcome) -> list[Obstacle]:
 
 def _torques(outcome: Outcome, ax: Axes) -> Axes:
     """Torques, with their limits where the motion comes near them; else a word on how far away they are."""
-    limit, tau = outcome.controller.torque_limit, outcome.tracking.tau
-    used = float((np.abs(tau) / limit).max(initial=0.0))
-    if used > joints.FAR_FROM_LIMITS:
-        return tracking.plot_torques(outcome.sms, outcome.tracking, ax, limit)
-    ax = tracking.plot_torques(outcome.sms, outcome.tracking, ax)
-    if used > 0.0:
-        ax.set_ylabel(f"{ax.get_ylabel()}\nat most {100 * used:.2g} % of the limits")
+    limit = outcome.controller.torque_limit
+    note, near = near_limits(outcome.tracking.tau, limit, "")
+    ax = joints.plot_torques(outcome.sms, outcome.tracking, ax, limit if near else None)
+    ax.set_ylabel(ax.get_ylabel() + note)
     return ax
 
 

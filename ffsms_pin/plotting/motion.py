@@ -1,4 +1,4 @@
-"""One drawing of the whole motion: base box, arm at several instants, path, target."""
+"""One drawing of the whole motion: base box, arm at several instants, path, target, obstacles."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from scipy.spatial import ConvexHull
 from ffsms_pin.checks import FloatArray, instance, matrix, one_of, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Obstacle, Trajectory
-from ffsms_pin.plotting.obstacles import draw_obstacle
 from ffsms_pin.plotting.series import check_kinds
 from ffsms_pin.plotting.style import ACCENT, applied, axes_or_new, line
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.convex_parts import outline
 
-__all__ = ["motion_sides", "plot_motion", "times_drawn"]
+__all__ = ["draw_obstacle", "motion_sides", "plot_motion", "times_drawn"]
 
 _FLAT = 1e-9  # [m] a motion that spreads less than this along an axis is planar
 _TARGET = "#D55E00"
@@ -196,3 +196,29 @@ class _Posture:
             self.joints[:, axes[0]], self.joints[:, axes[1]], linestyle="none", marker="o", markersize=4,
             color="white", markeredgecolor=ACCENT, alpha=strength, zorder=3,
         )  # fmt: skip
+
+
+_COLOUR = "#A03030"
+
+
+def draw_obstacle(ax: Axes, axes: list[int], obstacle: Obstacle, trajectory: Trajectory) -> None:
+    """The outline of an obstacle on two of the inertial axes; where it moves, at the start (pale) and end."""
+    rows = (0, -1) if obstacle.moves or obstacle.on_base else (-1,)
+    for row in rows:
+        points = _points(obstacle, trajectory, row)[:, axes]
+        corners = points[ConvexHull(points).vertices]
+        strength = 0.25 if row == 0 else 0.6
+        ax.add_patch(
+            Polygon(corners, closed=True, facecolor=_COLOUR, edgecolor=_COLOUR, alpha=strength, zorder=1)
+        )
+        ax.update_datalim(corners)
+
+
+def _points(obstacle: Obstacle, trajectory: Trajectory, row: int) -> FloatArray:
+    """Points (k, 3) of its surface at a node, inertial axes."""
+    track = obstacle.track(trajectory.t[[row]])
+    points = outline(obstacle.shape) @ track.rotations[0].T + track.positions[0]
+    if not obstacle.on_base:
+        return np.asarray(points)
+    base = pin.XYZQUATToSE3(trajectory.q[row, :7])
+    return np.asarray(points @ base.rotation.T + base.translation)

@@ -1,4 +1,4 @@
-"""The one way a quantity is drawn over time."""
+"""Quantities over time: of one motion, planned and flown, and of many runs as a band."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
-from ffsms_pin.checks import FloatArray, instance
+from ffsms_pin.checks import FloatArray, instance, number, positive, times
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.style import (
@@ -25,10 +26,20 @@ from ffsms_pin.plotting.style import (
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Series", "check_kinds", "plot_flown", "plot_series"]
+__all__ = [
+    "Series",
+    "check_kinds",
+    "near_limits",
+    "plot_bands",
+    "plot_error_bands",
+    "plot_flown",
+    "plot_series",
+    "plot_torque_bands",
+    "scale_decades",
+    "thinned",
+]
 
 _SAME = 0.02  # of the largest planned value: what differs by less is drawn once
-_ROWS = 1500  # of a recording: more than a panel has room for help nobody
 
 
 _KINDS: dict[str, Any] = {
@@ -116,7 +127,7 @@ def plot_flown(
     """Draw what was flown, and thin and pale what was planned where that differs; else the plan alone."""
     if flown is None or not _differs(planned, flown):
         return plot_series(ax, planned.t, planned.values, label, names, limits)
-    rows = np.unique(np.linspace(0, len(flown.t) - 1, min(_ROWS, len(flown.t))).astype(int))
+    rows = thinned(len(flown.t))
     ax = plot_series(ax, flown.t[rows], flown.values[rows], label, names, limits)
     with applied():
         for i in range(planned.values.shape[1]):
@@ -126,6 +137,34 @@ def plot_flown(
     return ax
 
 
+def thinned(count: int, most: int = 1500) -> NDArray[np.intp]:
+    """At most `most` of `count` rows, the first and the last among them: a panel has no room for more."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
+
+
+def near_limits(values: FloatArray, limit: FloatArray, label: str) -> tuple[str, tuple[FloatArray, ...]]:
+    """The label of values (k, m), and the limits (m,) to draw with them.
+
+    With limits of which little is used the curves would look flat: there the label says how much it is.
+    """
+    used = float((np.abs(values) / limit).max(initial=0.0))
+    if used > 0.2:
+        return label, (-limit, limit)
+    return (f"{label}\nat most {100.0 * used:.2g} % of the limits" if used > 0.0 else label), ()
+
+
+def scale_decades(ax: Axes, least: float, largest: float, ratio: float, smallest: float) -> bool:
+    """A logarithmic scale where `largest` is more than `ratio` times `least`; whether it is one.
+
+    What is below `smallest` times the largest value comes from rounding and falls out of the panel.
+    """
+    if largest <= ratio * least:
+        return False
+    ax.set_yscale("log")
+    ax.set_ylim(max(least, smallest * largest) / 3.0, 2.0 * largest)
+    return True
+
+
 def _differs(planned: Series, flown: Series) -> bool:
     """Whether two motions differ by more than a line's width, as long as both last."""
     both = planned.t <= flown.t[-1] + 1e-9
@@ -133,3 +172,86 @@ def _differs(planned: Series, flown: Series) -> bool:
     largest = float(np.abs(planned.values).max(initial=0.0))
     apart = float(np.abs(np.array(found).T - planned.values[both]).max(initial=0.0))
     return apart > max(_SAME * largest, 1e-9)
+
+
+def plot_bands(
+    t: FloatArray,
+    runs: FloatArray,
+    label: str,
+    names: Sequence[str] = (),
+    ax: Axes | None = None,
+    share: float = 0.9,
+) -> Axes:
+    """Draw median and band of runs over time.
+
+    Parameters
+    ----------
+    t : ndarray, shape (k,)
+        [s]
+    runs : ndarray, shape (runs, k) or (runs, k, m)
+    label : str
+        Of the vertical axis, with the unit.
+    names : sequence of str
+        Of the m quantities.
+    share : float
+        Of the runs that lie within the band at each instant.
+    """
+    share, t = number("share", share), times("t", t)
+    if not 0.0 < share <= 1.0:
+        raise InvalidValue("share", share, "must be above 0 and at most 1")
+    instance("names", names, (tuple, list))
+    instance("label", label, str)
+    if not isinstance(runs, np.ndarray) or runs.ndim not in (2, 3) or runs.shape[1] != len(t):
+        raise InvalidValue("runs", runs, f"must be an array (runs, {len(t)}) or (runs, {len(t)}, m)")
+    values = runs.reshape(*runs.shape[:2], -1)
+    low, middle, high = np.quantile(values, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share], axis=0)
+    with applied():
+        ax = axes_or_new(ax)
+        for i in range(values.shape[2]):
+            look = line(i)
+            ax.fill_between(t, low[:, i], high[:, i], color=look["color"], alpha=0.22, linewidth=0.0)
+            ax.plot(t, middle[:, i], label=names[i] if names else None, **look)
+        ax.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * share:g} % of {len(values)} runs")
+        ax.set_xlabel("time [s]")
+        ax.set_ylabel(label)
+        ax.margins(x=0.0)
+        labels = ax.get_legend_handles_labels()[1]
+        legend_above(ax, labels)
+    return ax
+
+
+def plot_error_bands(
+    runs: Sequence[Tracking], ax: Axes | None = None, share: float = 0.9, reach: float | None = None
+) -> Axes:
+    """Distance from the end effector to the target over many runs; `reach` [m] is drawn dotted."""
+    t = _common_time(runs)
+    ax = plot_bands(
+        t, np.array([run.position_error for run in runs]), "distance to target [m]", ax=ax, share=share
+    )
+    with applied():
+        if reach is not None:
+            ax.axhline(positive("reach", reach, "m"), color=NEUTRAL, **LIMIT)
+        ax.set_ylim(bottom=0.0)
+    return ax
+
+
+def plot_torque_bands(
+    sms: SpaceManipulator, runs: Sequence[Tracking], ax: Axes | None = None, share: float = 0.9
+) -> Axes:
+    """Joint torques over many runs."""
+    instance("sms", sms, SpaceManipulator)
+    t = _common_time(runs)
+    tau = np.array([run.tau for run in runs])
+    return plot_bands(t[:-1], tau, "joint torque [N m]", sms.joint_names, ax, share)
+
+
+def _common_time(runs: Sequence[Tracking]) -> FloatArray:
+    if not isinstance(runs, Sequence) or not runs:
+        raise InvalidValue("runs", runs, "must hold at least one run")
+    for run in runs:
+        check_kinds(tracking=run)
+    t = runs[0].t
+    for run in runs:
+        if run.t.shape != t.shape or not np.allclose(run.t, t):
+            raise InvalidValue("runs", len(run.t), "must all have the same instants")
+    return t

@@ -1,8 +1,11 @@
-"""What wheels take up: along a plan, and with coupling used and fought side by side."""
+"""What wheels take up along a run, and a capture over time."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -10,23 +13,27 @@ from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.plotting.series import check_kinds, plot_series
+from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
+from ffsms_pin.plotting.series import check_kinds, near_limits, plot_series
 from ffsms_pin.plotting.style import applied, legend_above, line, stack
-from ffsms_pin.scenarios.modes import ModeComparison, Strategy
+from ffsms_pin.scenarios import Outcome
+from ffsms_pin.scenarios.comparisons import ModeComparison
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_motion
+from ffsms_pin.studies.modes import Strategy
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
     "plot_attitude",
+    "plot_braking",
     "plot_modes",
+    "plot_turning",
     "plot_wheel_momentum",
     "plot_wheel_torque",
     "plot_wheels",
     "wheels_turn",
 ]
 
-_NEAR = 0.2  # share of the limits from which they are drawn: else the curves would look flat
 _STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same
 
 
@@ -99,12 +106,9 @@ def _drawn(
     """One line a group of wheels (K, w), with limits (w,) dotted where they are near."""
     names = _wheels(sms).names
     first = [group[0] for group in groups]
-    used = float((np.abs(values) / most).max(initial=0.0))
-    near = most[first] if used > _NEAR else np.full(len(first), np.inf)
-    if 0.0 < used <= _NEAR:
-        label = f"{label}\nat most {100 * used:.2g} % of the limits"
+    label, limits = near_limits(values, most, label)
     labels = [names[g[0]] + (f" and {len(g) - 1} more" if len(g) > 1 else "") for g in groups]
-    return plot_series(ax, t, values[:, first], label, labels, (near, -near), steps)
+    return plot_series(ax, t, values[:, first], label, labels, [one[first] for one in limits], steps)
 
 
 def _wheels(sms: SpaceManipulator) -> ReactionWheels:
@@ -164,3 +168,48 @@ def _momentum(one: Strategy) -> tuple[np.ndarray, np.ndarray]:
         t = np.concatenate([t, t[-1] + one.after.t])
         largest = np.concatenate([largest, np.abs(one.after.momentum).max(axis=1, initial=0.0)])
     return t, largest
+
+
+_SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
+
+
+def plot_turning(outcome: Outcome, ax: Axes) -> Any:
+    """Angular velocity of the base from the rigid capture on [deg/s]; dashed: as said before the flight."""
+    capture = outcome.capture
+    if capture is None:
+        return ax
+    tracking = capture.tracking
+    turns = pin.Quaternion
+    rates = np.degrees(
+        [turns(q[3:7]).toRotationMatrix() @ v[3:6] for q, v in zip(tracking.q, tracking.v, strict=True)]
+    )
+    offset = 0.0 if capture.contact is None else float(capture.contact.t[-1])
+    t = tracking.t + offset
+    rest = t[t >= capture.planned_braking]
+    said = np.degrees(capture.planned_rest.twists(rest - capture.planned_braking)[:, 3:])
+    names = [f"$\\omega_{axis}$" for axis in "xyz"]
+    ax = plot_series(ax, t, rates, "base rate [deg/s]", names)
+    with applied():
+        for i in range(3):
+            ax.plot(rest, said[:, i], label="as said before" if i == 0 else None, **_SAID)
+        legend_above(ax, [*names, "as said before"])
+        ax.set_xlabel("time since the contact [s]")
+        ax.set_xlim(left=0.0)
+    return ax
+
+
+def plot_braking(outcome: Outcome, ax: Axes) -> Any:
+    """Joint rates from the rigid capture on."""
+    capture = outcome.capture
+    if capture is None:
+        return ax
+    offset = 0.0 if capture.contact is None else float(capture.contact.t[-1])
+    ax = plot_series(
+        ax,
+        capture.tracking.t + offset,
+        capture.tracking.v[:, 6 : 6 + outcome.sms.n] * joint_factors(outcome.sms),
+        f"joint rate [{joint_unit_label(outcome.sms)}/s]",
+        outcome.sms.joint_names,
+    )
+    ax.set_xlabel("time since the contact [s]")
+    return ax

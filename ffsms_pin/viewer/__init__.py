@@ -6,11 +6,10 @@ require("view", "the viewer")
 
 # ruff: noqa: E402  # the check comes first, so that its message is the one that is seen
 from ffsms_pin.viewer._meshcat import meshcat  # first of all
-from ffsms_pin.viewer.cameras import CAMERAS
-from ffsms_pin.viewer.captured import view_capture
-from ffsms_pin.viewer.layers import LAYERS
+from ffsms_pin.viewer.frames import CAMERAS
 from ffsms_pin.viewer.live import LiveView
-from ffsms_pin.viewer.opened import View, view
+from ffsms_pin.viewer.opened import View, view, view_capture
+from ffsms_pin.viewer.page import LAYERS
 
 __all__ = ["CAMERAS", "LAYERS", "LiveView", "View", "view", "view_capture"]
 

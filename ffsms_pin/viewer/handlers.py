@@ -1,8 +1,11 @@
-"""What the live page's server answers: the page, its two scripts, and a WebSocket that only sends."""
+"""What the live page's server answers, and to whom: a page, its scripts, and a WebSocket that only sends."""
 
 from __future__ import annotations
 
 import asyncio
+import hmac
+import secrets
+from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Any
 
@@ -11,10 +14,54 @@ from tornado.iostream import IOStream
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from ffsms_pin.viewer.access import Access
-from ffsms_pin.viewer.scene_log import SceneLog
+from ffsms_pin.viewer.scene import SceneLog
 
-__all__ = ["LiveServer"]
+__all__ = ["LOOPBACK", "Access", "LiveServer"]
+
+LOOPBACK = ("127.0.0.1", "::1")
+_LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")  # as a browser writes them
+
+
+@dataclass(frozen=True)
+class Access:
+    """The rules of one server.
+
+    Parameters
+    ----------
+    port : int
+        That the server listens on.
+    any_host : bool
+        Whether a request may call the server by any name; otherwise only by a name of the loopback
+        interface with the server's port. A page of another site that had its own name point to this machine
+        (DNS rebinding) sends its own name and is refused.
+
+    Attributes
+    ----------
+    token : str
+        Random, 192 bits; part of the address of the page. Who does not know it gets nothing.
+    """
+
+    port: int
+    any_host: bool = False
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(24), repr=False)
+
+    def knows_token(self, given: str) -> bool:
+        """Whether the token is right; takes the same time wherever the first wrong character is."""
+        return hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode())
+
+    def allows_host(self, host: str | None) -> bool:
+        """Whether a request with this Host header may be answered."""
+        if not host:
+            return False
+        return self.any_host or host.lower() in {f"{name}:{self.port}" for name in _LOOPBACK_NAMES}
+
+    def allows_origin(self, origin: str | None, host: str | None) -> bool:
+        """Whether a WebSocket may be opened by a page from `origin`: only by our own, from this `host`.
+
+        A request without an Origin does not come from a browser and is refused too.
+        """
+        return self.allows_host(host) and origin is not None and origin.lower() == f"http://{host}".lower()
+
 
 _PERIOD = 1.0 / 60.0  # [s] between two looks for new commands, while a page is open
 _MOST_CONNECTIONS = 64  # at a time; each costs this process a file descriptor

@@ -13,9 +13,8 @@ from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.errors import FfsmsWarning
 from ffsms_pin.simulation.interfaces import Reference
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.viewer.coupling_layer import CouplingLayer
 from ffsms_pin.viewer.frames import Frames, Target, surroundings, target_function
-from ffsms_pin.viewer.margins import LimitLayer
+from ffsms_pin.viewer.overlays import CouplingLayer, LimitLayer
 from ffsms_pin.viewer.robot import Robot
 from ffsms_pin.viewer.server import Server, open_browser
 from ffsms_pin.viewer.stage import Stage

@@ -5,30 +5,38 @@ from __future__ import annotations
 import html
 import os
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import umsgpack
 
-from ffsms_pin.checks import positive
+from ffsms_pin.checks import instance, positive
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.opt.trajectory import REACH
+from ffsms_pin.scenarios import Outcome
+from ffsms_pin.scenarios.capture import whole_tracking
+from ffsms_pin.scenarios.client_motion import client_motion
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import write_content
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.viewer.actuators import add_actuators
-from ffsms_pin.viewer.cameras import FREE, camera_facts, camera_place, checked_camera
-from ffsms_pin.viewer.client import Body, add_client
-from ffsms_pin.viewer.drawing import draw_motion
-from ffsms_pin.viewer.facts import facts
-from ffsms_pin.viewer.frames import Frames, Result, Target, surroundings
-from ffsms_pin.viewer.layers import LAYERS, chosen_layers
-from ffsms_pin.viewer.obstacles import add_obstacles
-from ffsms_pin.viewer.page import page
+from ffsms_pin.viewer.around import Body, add_actuators, add_client, add_obstacles
+from ffsms_pin.viewer.frames import (
+    FREE,
+    Frames,
+    Result,
+    Target,
+    camera_facts,
+    camera_place,
+    checked_camera,
+    surroundings,
+)
+from ffsms_pin.viewer.page import LAYERS, chosen_layers, facts, page
 from ffsms_pin.viewer.recording import record
+from ffsms_pin.viewer.robot import draw_motion
 from ffsms_pin.viewer.server import Server, open_browser
 from ffsms_pin.viewer.stage import Stage
 
-__all__ = ["View", "view"]
+__all__ = ["View", "view", "view_capture"]
 
 _KAPPA = 10.0  # where no plan says another one
 
@@ -265,3 +273,21 @@ class View:
             f'<iframe srcdoc="{html.escape(self.html())}" style="width: 100%; height: 480px; border: none">'
         )
         return f"{frame}</iframe>"
+
+
+def view_capture(outcome: Outcome, **options: Any) -> View:
+    """The scene of a scenario that captures a client; `options` are those of `view`.
+
+    Raises
+    ------
+    InvalidValue
+        The outcome has no capture.
+    """
+    instance("outcome", outcome, Outcome)
+    capture = outcome.capture
+    if capture is None:
+        raise InvalidValue("outcome", outcome.scenario.name, "has no capture")
+    whole = whole_tracking(outcome.tracking, capture)
+    client = client_motion(outcome.plant, outcome.tracking, capture)
+    around = outcome.scenario.obstacles(client)
+    return view(outcome.plant, whole, outcome.trajectory, obstacles=around, client=client, **options)

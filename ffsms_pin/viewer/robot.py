@@ -1,4 +1,4 @@
-"""The robot itself, drawn by Pinocchio's visualizer, and pale copies of it at the start and the end."""
+"""The robot itself, drawn by Pinocchio's visualizer, pale copies of it, and its whole motion."""
 
 from __future__ import annotations
 
@@ -13,10 +13,13 @@ from pinocchio.visualize import MeshcatVisualizer
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import GeometryError
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.viewer.colours import rgb
+from ffsms_pin.viewer.around import add_base_trail, add_path, add_target
+from ffsms_pin.viewer.frames import Frames
+from ffsms_pin.viewer.meshes import COLOURS, rgb
+from ffsms_pin.viewer.overlays import ClearanceLayer, CouplingLayer, LimitLayer
 from ffsms_pin.viewer.stage import Stage
 
-__all__ = ["Robot", "plain_shapes", "visual_shapes"]
+__all__ = ["Robot", "draw_motion", "plain_shapes", "visual_shapes"]
 
 _BODY, _ARM = (0.80, 0.78, 0.72, 1.0), (0.20, 0.42, 0.63, 1.0)
 _GHOST_OPACITY = 0.22
@@ -118,3 +121,30 @@ def _simplified(shapes: Any) -> Any:
             pin.GeometryObject(item.name, item.parentJoint, item.placement, shape, "", 0.985 * scale)
         )
     return light
+
+
+def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, reach: float) -> None:
+    """Put everything into the scene, then film it frame by frame."""
+    sms = frames.sms
+    robot = Robot(stage, sms, "robot")
+    for name, row in (("start", 0), ("end", -1)):
+        Robot(stage, sms, name, COLOURS[name]).display(frames.q[row])
+    if frames.target is not None:
+        add_target(stage, frames, reach)
+    if plan is not None:
+        add_path(stage, "planned path", plan.tips, plan.assistance if plan.target is not None else None)
+    if tracked:
+        add_path(stage, "tracked path", frames.tips, None, width=0.4)
+    add_base_trail(stage, frames)
+    layers: list[Any] = [CouplingLayer(stage, frames), LimitLayer(stage, frames)]
+    if sms.base_size is not None:
+        layers.append(ClearanceLayer(stage, frames))
+    for k, t in enumerate(frames.t):
+        if k == 0:  # where nothing plays, the scene stands at the start
+            robot.display(frames.q[0])
+            for layer in layers:
+                layer.show(frames, 0)
+        with stage.scene.filming(stage.film, float(t - frames.t[0])):
+            robot.display(frames.q[k])
+            for layer in layers:
+                layer.show(frames, k)

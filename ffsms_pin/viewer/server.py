@@ -28,9 +28,8 @@ from typing import Any
 import umsgpack
 
 from ffsms_pin.errors import InvalidValue, ViewerError
-from ffsms_pin.viewer.access import LOOPBACK, Access
-from ffsms_pin.viewer.handlers import LiveServer
-from ffsms_pin.viewer.scene_log import SceneLog
+from ffsms_pin.viewer.handlers import LOOPBACK, Access, LiveServer
+from ffsms_pin.viewer.scene import SceneLog
 
 __all__ = ["Server", "open_browser"]
 

@@ -9,10 +9,8 @@ import numpy as np
 from meshcat.visualizer import Visualizer
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.viewer.colours import BACKGROUND, as_number
-from ffsms_pin.viewer.film import Film
-from ffsms_pin.viewer.meshes import Mesh
-from ffsms_pin.viewer.scene import Scene
+from ffsms_pin.viewer.meshes import BACKGROUND, Mesh, as_number
+from ffsms_pin.viewer.scene import Film, Scene
 
 __all__ = ["ROOT", "Stage"]
 
@@ -116,6 +114,19 @@ class Stage:
         matrix[:3, :3] = (np.eye(3) if rotation is None else rotation) * size
         matrix[:3, 3] = position
         self.root[name].set_transform(matrix)
+
+    def follow(
+        self, name: str, times: FloatArray, positions: FloatArray, rotations: FloatArray | None = None
+    ) -> None:
+        """Place a node as at the first of times (k,) [s], and film it through all of them.
+
+        Its positions are (k, 3), its rotations (k, 3, 3).
+        """
+        turned = [None] * len(times) if rotations is None else rotations
+        self.place(name, positions[0], turned[0])
+        for t, position, rotation in zip(times, positions, turned, strict=True):
+            with self.scene.filming(self.film, float(t - times[0])):
+                self.place(name, position, rotation)
 
     def tint(self, name: str, colour: FloatArray) -> None:
         """Give a mesh another colour: at once, or while the scene is filming, from that frame on."""

@@ -10,6 +10,7 @@ using recursive LDL^T updates", IEEE Transactions on Automatic Control 67 (2022)
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import daqp
@@ -44,26 +45,30 @@ class _Rows(NamedTuple):
 class ControlQP:
     """Steps x that keep the control points p + x of a spline within the limits, lower <= rows p <= upper.
 
-    p (M n,) is flattened with the joints last. `labels` say what each row limits ("rate", "acceleration",
-    "position" or "rest") and the joint's index; rows for rest at the end come after the first `moving` ones.
-    The control points of an arm that brakes stay allowed.
+    p (M n,) is flattened with the joints last. There is a row for every joint of each of the `kinds` ("rate",
+    "acceleration", "position" or "rest"); those for rest at the end come after the first `moving` ones. The
+    control points of an arm that brakes stay allowed.
     """
 
     def __init__(self, problem: Problem, spline: RateSpline) -> None:
         n, size = problem.sms.n, spline.size
+        self._joints = n
         self._free = np.flatnonzero(np.tile(problem.free, size))
         kinds = [_Rows("", np.empty((0, size)), *np.empty((2, 0, n))), *_rows(problem, spline)]
         self._matrix = np.vstack([one.matrix for one in kinds])
-        self.rows = np.kron(self._matrix, np.eye(n))
-        self.labels = [(one.kind, i) for one in kinds for _ in one.matrix for i in range(n)]
+        self.kinds = [one.kind for one in kinds for _ in one.matrix]
         lower = np.vstack([one.lower for one in kinds]).ravel() + 10.0 * _TOLERANCE
         upper = np.vstack([one.upper for one in kinds]).ravel() - 10.0 * _TOLERANCE
-        self.moving = len(self.labels) - (0 if spline.free_end else n)
+        self.moving = n * (len(self.kinds) - self.kinds.count("rest"))
         # A start at its limit, or beyond: it must stay feasible.
         at = self._along(braking(problem, spline))
         self.lower = np.minimum(np.maximum(lower, -UNBOUNDED), at)
         self.upper = np.maximum(np.minimum(upper, UNBOUNDED), at)
-        self._free_rows = self.rows[:, self._free]
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        """The matrix of all rows, for the control points of joints that are free; few steps need it."""
+        return np.asarray(np.kron(self._matrix, np.eye(self._joints))[:, self._free])
 
     def within(self, p: FloatArray) -> FloatArray:
         """Control points shortened onto the limits; that they come to rest is left to the descent."""
@@ -101,7 +106,7 @@ class ControlQP:
         With `factor`, the U of hessian = U^T U, z = U (x - unbounded) is to be least, under the rows that the
         arm touches and that the unconstrained minimum breaks, then those that z breaks too.
         """
-        rows, touched = self._free_rows, 100.0 * _TOLERANCE
+        rows, touched = self.rows, 100.0 * _TOLERANCE
         chosen = (move > high) | (move < low) | (high < touched) | (low > -touched)
         # Of order one: the solver's tolerances are absolute.
         factor = factor * np.sqrt(len(factor) / float(np.sum(factor * factor)))
@@ -123,7 +128,8 @@ class ControlQP:
         """Kind and joint of the limits that control points p touch, most often touched first."""
         at, lower, upper = self._along(p), self.lower, self.upper
         touched = (at > upper - 1e-4 * np.abs(upper)) | (at < lower + 1e-4 * np.abs(lower))
-        found = [self.labels[k] for k in np.flatnonzero(touched) if self.labels[k][0] != "rest"]
+        places = np.argwhere(touched[: self.moving].reshape(-1, p.shape[1]))
+        found = [(self.kinds[k], int(joint)) for k, joint in places]
         return sorted(dict.fromkeys(found), key=lambda label: -found.count(label))
 
     @staticmethod
@@ -167,5 +173,6 @@ def _rows(problem: Problem, spline: RateSpline) -> list[_Rows]:
         add("acceleration", 0.8, spline.acceleration_points, -bounds.acceleration, bounds.acceleration)
         add("position", 0.3, spline.position_points, low + guard, high - guard)
     if not spline.free_end:
-        add("rest", 1.0, spline.last_rate, -at_rest(problem), at_rest(problem))
+        at_end = Map(spline.rates.free[-1:], spline.rates.fixed[-1:])
+        add("rest", 1.0, at_end, -at_rest(problem), at_rest(problem))
     return found

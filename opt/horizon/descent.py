@@ -8,26 +8,19 @@ Talwalkar, "Non-stochastic best arm identification and hyperparameter optimizati
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.goals.near import end_errors
-from ffsms_pin.opt.horizon.control_qp import ControlQP
-from ffsms_pin.opt.horizon.merit import Linearisation, Weights, linearise
-from ffsms_pin.opt.horizon.spline import Grid, RateSpline, embedded, rate_spline
+from ffsms_pin.opt.horizon.merit import Candidates, Model, Weights, linearise
+from ffsms_pin.opt.horizon.spline import embedded
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
-from ffsms_pin.opt.terms.term import REFERENCE_TIME
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = [
     "LAST_WEIGHTS",
-    "Candidates",
-    "Model",
     "arrival_error",
     "corrected_goal",
     "descend",
@@ -41,84 +34,25 @@ __all__ = [
 _LACK = 0.5  # share of a limit's margin at which a motion has landed
 
 
-@dataclass(frozen=True, eq=False)
-class Model:
-    """A problem on one spline, with the solver of its steps; `goal` is the problem's, or near it."""
-
-    problem: Problem
-    goal: Goal
-    spline: RateSpline
-    qp: ControlQP
-
-    @classmethod
-    def make(cls, problem: Problem, grid: Grid) -> Model:
-        """The problem on a spline so fine."""
-        moving = not problem.goal.place(problem.duration).rests
-        spline = rate_spline(problem.steps, problem.dt, grid, moving)
-        return cls(problem, problem.goal, spline, ControlQP(problem, spline))
-
-    def linearise(self, p: FloatArray, weights: Weights, below: float | FloatArray = np.inf) -> Linearisation:
-        """Motions of control points (S, M, n); see `merit.linearise`."""
-        return linearise(self.problem, self.goal, self.spline, p, weights, below)
-
-    @property
-    def time(self) -> float:
-        """Scale of times: 1 for a motion of 8 s."""
-        return self.problem.duration / REFERENCE_TIME
-
-
-@dataclass
-class Candidates:
-    """Motions under way: control points (S, M, n), their linearisations and dampings (S,).
-
-    A damping is that of a motion of 8 s, like the weights.
-    """
-
-    p: FloatArray
-    at: Linearisation
-    damping: FloatArray
-
-    @classmethod
-    def start(
-        cls, model: Model, p: FloatArray, weights: Weights, damping: float | FloatArray = 0.03
-    ) -> Candidates:
-        """Motions linearised under these weights; the default damping is that of stages after the first."""
-        return cls(p.copy(), model.linearise(p, weights), np.broadcast_to(damping, len(p)).astype(np.float64))
-
-    def take(self, index: Any) -> Candidates:
-        """The motions at an index."""
-        return Candidates(self.p[index], self.at.take(index), self.damping[index])
-
-    def join(self, other: Candidates) -> Candidates:
-        """These motions and then the others."""
-        damping = np.concatenate([self.damping, other.damping])
-        return Candidates(np.concatenate([self.p, other.p]), self.at.join(other.at), damping)
-
-
 def descend(model: Model, motions: Candidates, weights: Weights, iterations: int) -> Candidates:
     """Iterate, all motions in step; those that stall drop out. Changes `motions` and returns it."""
     diagonal, live = np.arange(motions.p[0].size), np.arange(len(motions.p))
     for left in reversed(range(iterations)):
-        hessian, gradient = motions.at.hessian[live], motions.at.gradient[live]
-        damped = hessian.copy()
-        damped[:, diagonal, diagonal] += model.time**3 * motions.damping[live, None]
-        solved = zip(damped, gradient, motions.p[live], strict=True)
+        now = motions.take(live)
+        damped = now.hessian.copy()
+        damped[:, diagonal, diagonal] += model.time**3 * now.damping[:, None]
+        solved = zip(damped, now.gradient, now.p, strict=True)
         steps = np.stack([model.qp.solve(H, g, p) for H, g, p in solved])
-        flat = steps.reshape(gradient.shape)
-        expected = -np.einsum("si,si->s", flat, 2.0 * gradient + (hessian @ flat[..., None])[..., 0])
-        trial, below = motions.p[live] + steps, motions.at.merit[live]
+        flat = steps.reshape(now.gradient.shape)
+        expected = -np.einsum("si,si->s", flat, 2.0 * now.gradient + (now.hessian @ flat[..., None])[..., 0])
         # What follows begins under other weights, or is the end: the last iteration needs no derivatives.
-        new = model.linearise(trial, weights, below if left else -np.inf)
-        gain = below - new.merit
+        new = linearise(model, now.p + steps, weights, below=now.merit if left else -np.inf)
+        gain = now.merit - new.merit
         better = gain > 0.0
-        if better.all() and len(live) == len(motions.p):
-            motions.p, motions.at = trial, new
-        else:
-            motions.p[live[better]] = trial[better]
-            motions.at.put(live[better], new.take(better))
+        motions.put(live[better], new.take(better))
         ratio = gain / np.maximum(expected, 1e-15)
         factor = np.where(~better, 6.0, np.where(ratio > 0.7, 0.2, np.where(ratio > 0.3, 0.5, 2.0)))
-        damping = np.maximum(motions.damping[live] * factor, 1e-6)
+        damping = np.maximum(now.damping * factor, 1e-6)
         motions.damping[live] = damping
         # Motions drop out that gain less than a thousandth, or whose step fails even under so much damping.
         little = gain < 1e-3 * (new.merit + 1e-4 * model.time)
@@ -142,9 +76,9 @@ _LATER = (3, _weights(1e3, 0.03, 0.01)), (3, _weights(1e4, 0.03, 0.002)), (5, LA
 def take_down(model: Model, p: FloatArray) -> Candidates:
     """A few iterations with starts (S, M, n), and a few more with the best of them."""
     first, then = _weights(1e2, 0.3, 0.03), _weights(1e2, 0.1, 0.03)
-    motions = distinct_best(model, Candidates.start(model, p, first, 0.3), len(p))
+    motions = distinct_best(model, linearise(model, p, first, 0.3), len(p))
     motions = distinct_best(model, descend(model, motions, first, 3), 6)
-    return descend(model, Candidates.start(model, motions.p, then, motions.damping), then, 2)
+    return descend(model, linearise(model, motions.p, then, motions.damping), then, 2)
 
 
 def follow(
@@ -160,8 +94,7 @@ def follow(
         p = distinct_best(model, motions, most).p
         if k == 1:
             model, p = fine, embedded(coarse.spline, fine.spline, p, fine.problem.joint_rates)
-        motions = Candidates.start(model, p, weights)
-        motions = descend(model, motions, weights, repeats * iterations)
+        motions = descend(model, linearise(model, p, weights), weights, repeats * iterations)
     return distinct_best(fine, motions, keep[-1])
 
 
@@ -173,8 +106,8 @@ def distinct_best(model: Model, motions: Candidates, keep: int) -> Candidates:
     """
     chosen: list[int] = []
     places = model.spline.travel.free @ motions.p
-    beyond = np.maximum(motions.at.blocked_share - 1.0, 0.0)
-    worth = motions.at.merit + 0.3 * motions.at.objective + beyond**2
+    beyond = np.maximum(motions.blocked_share - 1.0, 0.0)
+    worth = motions.merit + 0.3 * motions.objective + beyond**2
     for i in np.argsort(worth, kind="stable"):
         if all(np.max(np.abs(places[i] - places[j])) > 0.05 for j in chosen):
             chosen.append(int(i))
@@ -187,21 +120,20 @@ def tighten(model: Model, motion: Candidates) -> Candidates:
     """Make goal and limits stiffer, up to five times, where the terms pull harder than they do."""
     weights = LAST_WEIGHTS
     for _ in range(5):
-        at = motion.at
-        if at.limit_share[0] <= _LACK and at.end_share[0] <= 0.8 and at.late_share[0] <= 0.975:
+        if motion.limit_share[0] <= _LACK and motion.end_share[0] <= 0.8 and motion.late_share[0] <= 0.975:
             break
         weights = weights.stiffer()
-        motion = descend(model, Candidates.start(model, motion.p, weights, motion.damping), weights, 4)
+        motion = descend(model, linearise(model, motion.p, weights, motion.damping), weights, 4)
     return motion
 
 
 def prefer_limits(model: Model, motion: Candidates) -> Candidates:
     """Where limits and goal cannot both be had: within the limits, as near to the goal as they allow."""
     for softer in (1e-1, 1e-2, 1e-3, 1e-4):
-        if motion.at.limit_share[0] <= _LACK:
+        if motion.limit_share[0] <= _LACK:
             break
         weights = LAST_WEIGHTS._replace(end=softer * LAST_WEIGHTS.end, limits=10.0 * LAST_WEIGHTS.limits)
-        motion = descend(model, Candidates.start(model, motion.p, weights), weights, 15)
+        motion = descend(model, linearise(model, motion.p, weights), weights, 15)
     return motion
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Model
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS
+from ffsms_pin.opt.horizon.merit import Model, linearise
 from ffsms_pin.opt.horizon.search import SearchOptions
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_range, spread_postures, straight_time, too_short
 from ffsms_pin.opt.horizon.starts import missed_at, moves_to
@@ -202,7 +203,7 @@ def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
     way = goals - problem.joints0
     done = spline.position_points.of(p, problem.joint_rates)[:, -1]
     p *= np.divide(way, done, out=np.ones_like(way), where=np.abs(done) > 1e-6)[:, None]
-    return np.asarray(model.linearise(p, LAST_WEIGHTS, -np.inf).limit_share <= 1.0)
+    return np.asarray(linearise(model, p, LAST_WEIGHTS, below=-np.inf).limit_share <= 1.0)
 
 
 def _time_within_reach(problem: Problem, least: float, most: float) -> str:

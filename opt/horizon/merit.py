@@ -5,6 +5,7 @@ Terms, goal and limits contribute residuals; this file only stacks them.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,16 +14,27 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.goals.near import arrivals, beyond
-from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.horizon.control_qp import ControlQP
+from ffsms_pin.opt.horizon.spline import Grid, RateSpline, rate_spline
 from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing, apply_rates
 from ffsms_pin.opt.parts.reading import asked, residuals_of
 from ffsms_pin.opt.problem import Problem, given
-from ffsms_pin.opt.terms.term import time_scale
+from ffsms_pin.opt.terms.term import REFERENCE_TIME, time_scale
 from ffsms_pin.system.batch.stacks import dot
 
-__all__ = ["Arrival", "Linearisation", "Weighted", "Weights", "arrival", "linearise", "motions_of", "sums"]
+__all__ = [
+    "Arrival",
+    "Candidates",
+    "Model",
+    "Weighted",
+    "Weights",
+    "arrival",
+    "linearise",
+    "motions_of",
+    "sums",
+]
 
 
 class Weights(NamedTuple):
@@ -45,16 +57,40 @@ class Weights(NamedTuple):
         return self._replace(end=factor * self.end, limits=factor * self.limits)
 
 
-class Linearisation(NamedTuple):
-    """S motions: every array has S rows, so that rows can be taken, replaced and joined.
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A problem on one spline, with the solver of its steps; `goal` is the problem's, or near it."""
 
-    `merit` and `objective` (S,): the weighted sum of squares, and the terms alone, not smoothed and not
-    eased. `gradient` (S, Mn) and `hessian` (S, Mn, Mn): half of the merit's, Gauss-Newton, zero where not
-    asked for. The largest part of the goal at the deadline as a share of its tolerance (S,), and in the last
-    tenth of its reach; the largest residual as a share of the limit's margin, of all limits and of those that
-    block.
+    problem: Problem
+    goal: Goal
+    spline: RateSpline
+    qp: ControlQP
+
+    @classmethod
+    def make(cls, problem: Problem, grid: Grid) -> Model:
+        """The problem on a spline so fine."""
+        moving = not problem.goal.place(problem.duration).rests
+        spline = rate_spline(problem.steps, problem.dt, grid, moving)
+        return cls(problem, problem.goal, spline, ControlQP(problem, spline))
+
+    @property
+    def time(self) -> float:
+        """Scale of times: 1 for a motion of 8 s."""
+        return self.problem.duration / REFERENCE_TIME
+
+
+class Candidates(NamedTuple):
+    """S motions under way: every array has S rows, so that rows can be taken, replaced and joined.
+
+    `p` (S, M, n) are the control points, `damping` (S,) that of a motion of 8 s, like the weights. `merit`
+    and `objective` (S,): the weighted sum of squares, and the terms alone, not smoothed and not eased.
+    `gradient` (S, Mn) and `hessian` (S, Mn, Mn): half of the merit's, Gauss-Newton, zero where not asked for.
+    The largest part of the goal at the deadline as a share of its tolerance (S,), and in the last tenth of
+    its reach; the largest residual as a share of the limit's margin, of all limits and of those that block.
     """
 
+    p: FloatArray
+    damping: FloatArray
     merit: FloatArray
     objective: FloatArray
     gradient: FloatArray
@@ -64,18 +100,18 @@ class Linearisation(NamedTuple):
     limit_share: FloatArray
     blocked_share: FloatArray
 
-    def take(self, index: Any) -> Linearisation:
+    def take(self, index: Any) -> Candidates:
         """The motions at an index."""
-        return Linearisation(*(rows[index] for rows in self))
+        return Candidates(*(rows[index] for rows in self))
 
-    def put(self, index: Any, other: Linearisation) -> None:
+    def put(self, index: Any, other: Candidates) -> None:
         """Replace the motions at an index."""
         for rows, new in zip(self, other, strict=True):
             rows[index] = new
 
-    def join(self, other: Linearisation) -> Linearisation:
+    def join(self, other: Candidates) -> Candidates:
         """These motions and then the others."""
-        return Linearisation(*(np.concatenate(both) for both in zip(self, other, strict=True)))
+        return Candidates(*(np.concatenate(both) for both in zip(self, other, strict=True)))
 
 
 class Arrival(NamedTuple):
@@ -146,7 +182,7 @@ def motions_of(
     return Motions(
         stack=stack,
         times=spline.times,
-        weights=spline.over_time,
+        weights=spline.weights,
         limit_weights=spline.limit_weights,
         last_tenth=spline.last_tenth,
         joints=joints,
@@ -164,20 +200,21 @@ def motions_of(
 
 
 def linearise(
-    problem: Problem,
-    goal: Goal,
-    spline: RateSpline,
+    model: Model,
     p: FloatArray,
     weights: Weights,
+    damping: float | FloatArray = 0.03,
     below: float | FloatArray = np.inf,
-) -> Linearisation:
-    """Residuals of motions with control points p (S, M, n), squared and linearised.
+) -> Candidates:
+    """Motions with control points p (S, M, n): residuals, squared and linearised.
 
-    `goal` is near the problem's. Motions whose merit is not below `below`, (S,) or one, get no derivatives.
+    The default damping is that of stages after the first. Motions whose merit is not below `below`, (S,) or
+    one, get no derivatives.
     """
-    length, (count, *_), size = problem.stack.length, p.shape, p[0].size
+    problem, goal, (count, *_), size = model.problem, model.goal, p.shape, p[0].size
+    length = problem.stack.length
     smoothing = Smoothing(weights.fade_speed, weights.fade_distance * length)
-    motions = motions_of(problem, spline, p, smoothing, goal)
+    motions = motions_of(problem, model.spline, p, smoothing, goal)
     over_time, limits_time, seen = motions.weights, motions.limit_weights, Features(motions)
     merit, objective, lack, blocked = np.zeros((4, count))
     weighted: list[Weighted] = []
@@ -208,9 +245,10 @@ def linearise(
     gradient, hessian = np.zeros((count, size)), np.zeros((count, size, size))
     good = np.flatnonzero(merit < below)
     if good.size:
-        gradient[good], hessian[good] = sums(spline, motions, good, weighted)
+        gradient[good], hessian[good] = sums(model.spline, motions, good, weighted)
     shares = at_goal.end_share, at_goal.late_share, lack, blocked
-    return Linearisation(merit, objective, gradient, hessian, *shares)
+    dampings = np.broadcast_to(damping, count).astype(np.float64)
+    return Candidates(p.copy(), dampings, merit, objective, gradient, hessian, *shares)
 
 
 def _largest(residual: Feature, margin: float) -> tuple[Indices, FloatArray]:

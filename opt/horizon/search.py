@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.opt.horizon.descent import (
     LAST_WEIGHTS,
-    Candidates,
-    Model,
     arrival_error,
     corrected_goal,
     take_down,
     tighten,
 )
+from ffsms_pin.opt.horizon.merit import Candidates, Model, linearise
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
 from ffsms_pin.opt.horizon.spline import Grid, check_options
 from ffsms_pin.opt.limits.limit import tightened
@@ -29,7 +28,7 @@ from ffsms_pin.opt.trajectory import Trajectory, measure
 if TYPE_CHECKING:
     from ffsms_pin.opt.horizon.strategies import Strategy
 
-__all__ = ["Found", "Ranking", "Search", "SearchOptions", "cost_of"]
+__all__ = ["Found", "Search", "SearchOptions", "cost_of"]
 
 
 @dataclass(frozen=True)
@@ -104,12 +103,11 @@ class SearchOptions:
 
 
 class Found(NamedTuple):
-    """A finished motion, its control points (M, n) on a model's spline; `in_full`: in the problem's steps."""
+    """A finished motion, and its control points (M, n) on a model's spline."""
 
     plan: Trajectory
     p: FloatArray
     model: Model
-    in_full: bool = True
 
 
 def cost_of(problem: Problem, plan: Trajectory) -> float:
@@ -117,48 +115,8 @@ def cost_of(problem: Problem, plan: Trajectory) -> float:
     return sum(plan.shares[term.name] for term in problem.cost_terms or problem.terms)
 
 
-class Ranking:
-    """Ranks finished motions of one problem."""
-
-    def __init__(self, problem: Problem, options: SearchOptions) -> None:
-        self._problem, self._options = problem, options
-        self._rests = problem.goal.place(problem.duration).rests
-
-    def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
-        """Whether a plan fails, whether it arrives poorly, and by how much it misses."""
-        error = arrival_error(self._problem.goal, plan)
-        if not plan.reached:
-            return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
-        rates, options = plan.joint_rates, self._options
-        moving = self._rests and float(np.abs(rates[-1]).max()) > options.rest_rate
-        turns = int(np.sum(rates[1:-1] * rates[2:] < -options.least_reversal))
-        chatters = turns > options.most_reversals * self._problem.sms.n
-        return False, error > self._problem.goal.tolerance or moving or chatters, error
-
-    def arrives(self, plan: Trajectory) -> bool:
-        """Whether a plan reaches its goal within the tolerance, at rest where that is asked for."""
-        return self.misses(plan)[:2] == (False, False)
-
-    def best(self, found: Sequence[Found]) -> Found:
-        """Of those that arrive and cost about as little as any, the one of least effort.
-
-        Effort is the share of the tie-breakers (`Term.tie_breaker`). Where none arrives: that misses least.
-        """
-        arrived = [one for one in found if self.arrives(one.plan)]
-        if not arrived:
-            return min(found, key=lambda one: self.misses(one.plan))
-        costs = [self._share(one.plan, tie_breakers=False) for one in arrived]
-        most = min(costs) + self._options.cost_tolerance
-        alike = [one for one, cost in zip(arrived, costs, strict=True) if cost <= most]
-        return min(alike, key=lambda one: self._share(one.plan, tie_breakers=True))
-
-    def _share(self, plan: Trajectory, tie_breakers: bool) -> float:
-        """What the terms of one kind come to together."""
-        return sum(plan.shares[one.name] for one in self._problem.terms if one.tie_breaker == tie_breakers)
-
-
 class Search:
-    """The search for one problem; keeps what a diagnosis needs. Arguments as for `solve`."""
+    """The search for one problem: finds motions, ranks them, keeps what a diagnosis needs; see `solve`."""
 
     def __init__(
         self,
@@ -173,7 +131,7 @@ class Search:
         self._report = progress or (lambda share: None)
         self.coarse = Model.make(problem, self.options.coarse)
         self.fine = Model.make(problem, self.options.fine)
-        self.ranking = Ranking(problem, self.options)
+        self._rests = problem.goal.place(problem.duration).rests
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
         self.drawn = 0  # postures, for these goals
         # Control points (K, M, n) on the coarse spline, and what was made of them.
@@ -199,9 +157,38 @@ class Search:
         self._report(1.0)
         return self._best_in_full().plan
 
-    def best(self) -> Found:
-        """The best finished motion so far."""
-        return self.ranking.best(self.found)
+    def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
+        """Whether a plan fails, whether it arrives poorly, and by how much it misses."""
+        error = arrival_error(self.problem.goal, plan)
+        if not plan.reached:
+            return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
+        rates, options = plan.joint_rates, self.options
+        moving = self._rests and float(np.abs(rates[-1]).max()) > options.rest_rate
+        turns = int(np.sum(rates[1:-1] * rates[2:] < -options.least_reversal))
+        chatters = turns > options.most_reversals * self.problem.sms.n
+        return False, error > self.problem.goal.tolerance or moving or chatters, error
+
+    def arrives(self, plan: Trajectory) -> bool:
+        """Whether a plan reaches its goal within the tolerance, at rest where that is asked for."""
+        return self.misses(plan)[:2] == (False, False)
+
+    def best(self, found: Sequence[Found] | None = None) -> Found:
+        """Of motions (default: all) that arrive and cost about as little as any, the one of least effort.
+
+        Effort is the share of the tie-breakers (`Term.tie_breaker`). Where none arrives: that misses least.
+        """
+        found = self.found if found is None else found
+        arrived = [one for one in found if self.arrives(one.plan)]
+        if not arrived:
+            return min(found, key=lambda one: self.misses(one.plan))
+        costs = [self._share(one.plan, tie_breakers=False) for one in arrived]
+        most = min(costs) + self.options.cost_tolerance
+        alike = [one for one, cost in zip(arrived, costs, strict=True) if cost <= most]
+        return min(alike, key=lambda one: self._share(one.plan, tie_breakers=True))
+
+    def _share(self, plan: Trajectory, tie_breakers: bool) -> float:
+        """What the terms of one kind come to together."""
+        return sum(plan.shares[one.name] for one in self.problem.terms if one.tie_breaker == tie_breakers)
 
     def binding(self) -> list[tuple[str, int]]:
         """Joint limits that the best plan touches: kind and joint."""
@@ -232,7 +219,7 @@ class Search:
             motion = tighten(model, motion)
             found = self.keep(model, motion.p[0])
             goal, broken = corrected_goal(problem, model.goal, found.plan), found.plan.broken
-            if (goal is None and not broken) or motion.at.end_share[0] > 1.0 or motion.at.late_share[0] > 1.0:
+            if (goal is None and not broken) or motion.end_share[0] > 1.0 or motion.late_share[0] > 1.0:
                 break
             aim = model.problem
             if broken:
@@ -240,7 +227,7 @@ class Search:
                 limits = [tightened(one, broken.get(one.name, -spare) + spare) for one in aim.limits]
                 aim = replace(aim, limits=limits)
             model = replace(model, problem=aim, goal=goal or model.goal)
-            motion = Candidates.start(model, motion.p, LAST_WEIGHTS, motion.damping)
+            motion = linearise(model, motion.p, LAST_WEIGHTS, motion.damping)
         self.fresh.append(found)
 
     def keep(self, model: Model, p: FloatArray) -> Found:
@@ -250,14 +237,13 @@ class Search:
 
     def keep_plan(self, plan: Trajectory) -> None:
         """Keep a motion that was made in another way, with the nearest control points."""
-        maps = self.fine.spline.rates_at(_nodes(self.problem))
-        wanted = plan.joint_rates - maps.fixed[:, None] * self.problem.joint_rates
-        self.found.append(Found(plan, np.linalg.lstsq(maps.free, wanted, rcond=None)[0], self.fine))
+        p = self.fine.spline.nearest(_nodes(self.problem), plan.joint_rates, self.problem.joint_rates)
+        self.found.append(Found(plan, p, self.fine))
 
     def arrived(self, cost: float = np.inf) -> bool:
         """Whether there is a plan that arrives, as cheap as this [s]."""
         plans = (one.plan for one in self.found)
-        return any(cost_of(self.problem, one) <= cost for one in plans if self.ranking.arrives(one))
+        return any(cost_of(self.problem, one) <= cost for one in plans if self.arrives(one))
 
     def out_of_time(self) -> bool:
         """Whether there is a plan and no time for another."""
@@ -268,16 +254,16 @@ class Search:
         """The finished motion of control points (M, n) in a problem's steps."""
         rates = model.spline.rates_at(_nodes(problem)).of(p, problem.joint_rates)
         rates[0] = problem.joint_rates
-        return Found(measure(problem, rates), p, model, in_full=problem is self.problem)
+        return Found(measure(problem, rates), p, model)
 
     def _best_in_full(self) -> Found:
         """The best finished motion, measured in full; where that no longer arrives it is landed again."""
-        while not (best := self.best()).in_full:
+        while len((best := self.best()).plan.t) <= self.problem.steps:
             full = self._measured(self.problem, best.model, best.p)
             self.found = [full if one is best else one for one in self.found]
-            if self.ranking.arrives(best.plan) and not self.ranking.arrives(full.plan):
+            if self.arrives(best.plan) and not self.arrives(full.plan):
                 self._judged = self.problem
-                self.finish(best.model, Candidates.start(best.model, best.p[None], LAST_WEIGHTS, 0.03))
+                self.finish(best.model, linearise(best.model, best.p[None], LAST_WEIGHTS, 0.03))
         return best
 
 

@@ -57,9 +57,8 @@ def solve(
     def again(other: Problem) -> Trajectory:
         return Search(other, options).run(QUICK)
 
-    search = None
+    search = Search(problem, options, progress)
     try:
-        search = Search(problem, options, progress)
         plan = search.run(STRATEGIES)
         if not _finite(plan):
             raise FloatingPointError("the motion found is not a number")
@@ -70,7 +69,7 @@ def solve(
     except (*_NUMERICAL, PartError) as error:
         if isinstance(error, PartError) and not isinstance(error.__cause__, _NUMERICAL):
             raise  # a mistake in a part
-        plan = _before_failure(problem, search, error)
+        plan = _before_failure(search, error)
     notes = [note for note in (plan.note, _momentum_note(problem)) if note]
     return replace(plan, note="; ".join(notes))
 
@@ -165,15 +164,14 @@ def _momentum_note(problem: Problem) -> str:
     )
 
 
-def _before_failure(problem: Problem, search: Search | None, error: Exception) -> Trajectory:
+def _before_failure(search: Search, error: Exception) -> Trajectory:
     """The best motion found before the numbers failed; without any, the arm stays where it is."""
-    words = "the arm stays where it is"
-    found = [] if search is None else [one for one in search.found if _finite(one.plan)]
-    if search is not None and found:
-        search.found = found
-        plan, words = search.best().plan, "this is the best motion found before"
+    problem, found = search.problem, [one for one in search.found if _finite(one.plan)]
+    if found:
+        plan, words = search.best(found).plan, "this is the best motion found before"
     else:
         plan = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
+        words = "the arm stays where it is"
     note = f"the search ended in a numerical failure ({error}): {words}"
     return replace(plan, note="; ".join(filter(None, [note, plan.note])))
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,11 +66,13 @@ class RateSpline:
     """Knots, instants (Q + 2,), and the linear maps from control points.
 
     `rates`, `travel` and `accelerations` lead to the joint rates, their integral and their slope at Q
-    quadrature points, then at 0.9 T and T. `weights` (Q,) are of the quadrature over time; m intervals are
-    integrated from their start to their g points (m, g, g), and over all of them (m, g); `late_interval`
-    begins at 0.9 T. The `..._points` lead to the control points of accelerations, positions (from the start)
-    and rates. p^T `squared_acceleration` p is the integral of the squared acceleration of a motion from rest.
-    `sites` (M,) are the free control points' places in time, `at_sites` the rates there.
+    quadrature points, then at 0.9 T and T, the `times`. There `weights` (Q + 2,) are of integrals over time,
+    zero for the last two; of limits (`limit_weights`) these count as if they were all the time. `last_tenth`
+    are the indices of points after 0.9 T, and of 0.9 T itself. `quadrature` is what the kernel integrates
+    with: over m intervals from their start to their g points (m, g, g), over all of them (m, g), and the
+    interval that begins at 0.9 T. The `..._points` lead to the control points of accelerations, positions
+    (from the start) and rates. p^T `squared_acceleration` p is the integral of the squared acceleration of a
+    motion from rest. `sites` (M,) are the free control points' places in time, `at_sites` the rates there.
     """
 
     knots: FloatArray
@@ -79,9 +81,9 @@ class RateSpline:
     accelerations: Map
     times: FloatArray
     weights: FloatArray
-    integral_to_points: FloatArray
-    integral_over: FloatArray
-    late_interval: int
+    limit_weights: FloatArray
+    last_tenth: NDArray[np.intp]
+    quadrature: tuple[FloatArray, FloatArray, int]
     acceleration_points: Map
     position_points: Map
     rate_points: Map
@@ -95,35 +97,19 @@ class RateSpline:
         """Number of control points that are free, M."""
         return int(self.rates.free.shape[1])
 
-    @property
-    def last_rate(self) -> Map:
-        """Joint rates at T."""
-        return Map(self.rates.free[-1:], self.rates.fixed[-1:])
-
-    @property
-    def quadrature(self) -> tuple[FloatArray, FloatArray, int]:
-        """What the kernel integrates over time with."""
-        return self.integral_to_points, self.integral_over, self.late_interval
-
-    @cached_property
-    def over_time(self) -> FloatArray:
-        """The weights, and zeros for 0.9 T and T (Q + 2,)."""
-        return np.append(self.weights, [0.0, 0.0])
-
-    @cached_property
-    def limit_weights(self) -> FloatArray:
-        """The weights for limits (Q + 2,): 0.9 T and T count as if they were all the time."""
-        return np.append(self.weights, [self.times[-1]] * 2)
-
-    @cached_property
-    def last_tenth(self) -> NDArray[np.intp]:
-        """Indices of the quadrature's points after 0.9 T, and of 0.9 T itself."""
-        count = len(self.weights)
-        return np.append(np.flatnonzero(self.times[:count] > self.times[count]), count)
-
     def rates_at(self, times: FloatArray) -> Map:
         """Joint rates at any times (k,)."""
         return _cut(_curve(self.knots)(times), self.free_end)
+
+    def through(self, rates: FloatArray, rates0: FloatArray) -> FloatArray:
+        """Control points (..., M, n) of joint rates (..., M, n) at the sites, rates0 (n,) at the start."""
+        wanted = rates - self.at_sites.fixed[:, None] * rates0
+        return np.asarray(np.linalg.solve(self.at_sites.free, wanted))
+
+    def nearest(self, times: FloatArray, rates: FloatArray, rates0: FloatArray) -> FloatArray:
+        """Control points (..., M, n) whose joint rates come nearest to these (..., k, n) at times (k,)."""
+        maps = self.rates_at(times)
+        return np.asarray(np.linalg.pinv(maps.free) @ (rates - maps.fixed[:, None] * rates0))
 
 
 @lru_cache(maxsize=64)
@@ -156,6 +142,7 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
     spans = np.diff(stops)
     times = np.concatenate([(stops[:-1, None] + spans[:, None] * nodes).ravel(), [late_start, duration]])
     whole, part = spans[:, None] * shares, spans[:, None, None] * inner
+    late = grid.intervals + 2
 
     curve = _curve(knots)
     slope, integral, count = curve.derivative(), curve.antiderivative(), len(knots) - 3
@@ -171,10 +158,10 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
         travel=_cut(integral(times), free_end),
         accelerations=_cut(slope(times), free_end),
         times=times,
-        weights=whole.ravel(),
-        integral_to_points=part,
-        integral_over=whole,
-        late_interval=grid.intervals + 2,
+        weights=np.append(whole, [0.0, 0.0]),
+        limit_weights=np.append(whole, [duration, duration]),
+        last_tenth=np.arange(late * grid.gauss, whole.size + 1),
+        quadrature=(part, whole, late),
         acceleration_points=accelerations,
         position_points=_cut(integral.c[1 : count + 1], free_end),
         rate_points=_cut(np.eye(count)[1 : None if free_end else -1], free_end),
@@ -187,8 +174,7 @@ def rate_spline(steps: int, dt: float, grid: Grid, free_end: bool = False) -> Ra
 
 def embedded(coarse: RateSpline, fine: RateSpline, p: FloatArray, rates0: FloatArray) -> FloatArray:
     """Control points (..., M, n) of the fine spline that agrees with the coarse one at its sites."""
-    there = coarse.rates_at(fine.sites).of(p, rates0) - fine.at_sites.fixed[:, None] * rates0
-    return np.asarray(np.linalg.solve(fine.at_sites.free, there))
+    return fine.through(coarse.rates_at(fine.sites).of(p, rates0), rates0)
 
 
 def _cut(columns: FloatArray, free_end: bool) -> Map:

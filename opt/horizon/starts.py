@@ -92,7 +92,7 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
 
     instants = (np.arange(60) + 0.5) * problem.duration / 60
     wanted = CubicHermiteSpline(times, places, rates)(instants, 1)
-    return _fitted(problem, spline, instants, np.swapaxes(wanted, 0, 1))
+    return spline.nearest(instants, np.swapaxes(wanted, 0, 1), problem.joint_rates)
 
 
 def missed_at(
@@ -129,7 +129,7 @@ def _back(
 def march_starts(problem: Problem, spline: RateSpline, steps: int) -> FloatArray:
     """Control points (S, M, n) nearest to the marches of so many steps."""
     middles = (np.arange(steps) + 0.5) * problem.duration / steps
-    return _fitted(problem, spline, middles, cone_marches(problem, steps))
+    return spline.nearest(middles, cone_marches(problem, steps), problem.joint_rates)
 
 
 def cone_marches(problem: Problem, steps: int) -> FloatArray:
@@ -155,12 +155,6 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
         place.rotation,
         sides,
     )
-
-
-def _fitted(problem: Problem, spline: RateSpline, times: FloatArray, rates: FloatArray) -> FloatArray:
-    """Control points (K, M, n) of the motions nearest to joint rates (K, T, n) at times (T,)."""
-    maps = spline.rates_at(times)
-    return np.asarray(np.linalg.pinv(maps.free) @ (rates - maps.fixed[:, None] * problem.joint_rates))
 
 
 def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:

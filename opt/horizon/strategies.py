@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, descend, follow, prefer_limits
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend, follow, prefer_limits
 from ffsms_pin.opt.horizon.diagnosis import keep_limits, within_workspace
+from ffsms_pin.opt.horizon.merit import Model, linearise
 from ffsms_pin.opt.horizon.search import Search, cost_of
 from ffsms_pin.opt.horizon.shooting import spread_postures, straight_time, too_short
 from ffsms_pin.opt.horizon.spline import embedded
@@ -41,7 +42,7 @@ def straight_if_near(search: Search) -> None:
         search.shoot(search.problem.joints0[None])
         model = search.fine
         p = model.qp.within(moves_to(search.problem, model.spline, search.goals.joints)[0])
-        search.finish(model, Candidates.start(model, p[None], LAST_WEIGHTS, 1.0))
+        search.finish(model, linearise(model, p[None], LAST_WEIGHTS, 1.0))
         search.settled = search.arrived()
 
 
@@ -106,7 +107,7 @@ def finest_spline(search: Search) -> None:
             continue
         model = Model.make(search.problem, search.options.finest)
         p = embedded(found.model.spline, model.spline, found.p, search.problem.joint_rates)
-        motion = Candidates.start(model, p[None], LAST_WEIGHTS)
+        motion = linearise(model, p[None], LAST_WEIGHTS)
         search.finish(model, descend(model, motion, LAST_WEIGHTS, search.options.last_iterations))
 
 
@@ -114,10 +115,10 @@ def within_limits(search: Search) -> None:
     """Where none of those found arrives: the nearest, taken back within the limits."""
     if not search.fresh or search.arrived():
         return
-    nearest = search.ranking.best(search.fresh)
+    nearest = search.best(search.fresh)
     if nearest.plan.broken:
         model = replace(nearest.model, problem=search.problem, goal=search.problem.goal)
-        motion = Candidates.start(model, nearest.p[None], LAST_WEIGHTS)
+        motion = linearise(model, nearest.p[None], LAST_WEIGHTS)
         search.keep(model, prefer_limits(model, motion).p[0])
 
 
@@ -156,7 +157,7 @@ def straight_moves_that_end_there(search: Search) -> None:
     weights = LAST_WEIGHTS.stiffer()
     for goal in goals[np.lexsort((times, poor))][:6]:
         p = model.qp.within(moves_to(problem, model.spline, goal[None])[0])
-        search.finish(model, descend(model, Candidates.start(model, p[None], weights, 1.0), weights, 10))
+        search.finish(model, descend(model, linearise(model, p[None], weights, 1.0), weights, 10))
         if search.arrived() or search.out_of_time():
             break
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Changed, Goal
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, descend
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend
 from ffsms_pin.opt.horizon.diagnosis import within_workspace
-from ffsms_pin.opt.horizon.merit import motions_of
+from ffsms_pin.opt.horizon.merit import Model, linearise, motions_of
 from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.solve import refused
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
@@ -127,26 +127,25 @@ def replanned(
     model = Model.make(problem, options.grid(share))
     spline = model.spline
     weights, p = LAST_WEIGHTS, _first(model, start, last)[None]
-    motion = descend(model, Candidates.start(model, p, weights, last.damping), weights, options.iterations)
+    motion = descend(model, linearise(model, p, weights, last.damping), weights, options.iterations)
     for _ in range(options.corrections):
-        if max(motion.at.end_share[0], motion.at.limit_share[0]) <= 0.5:
+        if max(motion.end_share[0], motion.limit_share[0]) <= 0.5:
             break
         weights = weights.stiffer()
-        motion = descend(model, Candidates.start(model, motion.p, weights, motion.damping), weights, 4)
+        motion = descend(model, linearise(model, motion.p, weights, motion.damping), weights, 4)
     nodes = np.arange(problem.steps + 1, dtype=np.float64) * problem.dt
     rates = spline.rates_at(nodes).of(motion.p[0], problem.joint_rates)
     rates[0] = problem.joint_rates
     ends = motions_of(problem, spline, motion.p)
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
     plan = JointPlan.of_rates(start, problem.dt, joints, rates, miss)
-    return replace(plan, damping=float(motion.damping[0]), excess=float(motion.at.limit_share[0]))
+    return replace(plan, damping=float(motion.damping[0]), excess=float(motion.limit_share[0]))
 
 
 def _first(model: Model, start: float, last: JointPlan) -> FloatArray:
     """Control points (M, n): the last plan's rates at the sites of the new spline, put within the limits."""
     problem, spline = model.problem, model.spline
-    wanted = last.rates_at(start + spline.sites) - spline.at_sites.fixed[:, None] * problem.joint_rates
-    p = np.linalg.solve(spline.at_sites.free, wanted)
+    p = spline.through(last.rates_at(start + spline.sites), problem.joint_rates)
     p[:, ~problem.free] = 0.0
     # The nearest control points that the limits allow.
     return p + model.qp.solve(np.eye(p.size), np.zeros(p.size), p)

@@ -34,15 +34,16 @@ def moved(
 def test_attitudes_are_products_of_rotations(rng: np.random.Generator) -> None:
     problem, spline, at = moved(TINY, None, rng)
     omega = apply_rates(at.arm.spin, at.rates)
-    count, gauss = spline.integral_over.shape
+    to_points, over_all, late_interval = spline.quadrature
+    count, gauss = over_all.shape
     for s in range(2):
         R, found = problem.rotation0, []
         for i in range(count):
-            if i == spline.late_interval:
+            if i == late_interval:
                 late = R
             own = omega[:, s, i * gauss : (i + 1) * gauss]
-            found += [R @ pin.exp3(own @ weights) for weights in spline.integral_to_points[i]]
-            R = R @ pin.exp3(own @ spline.integral_over[i])
+            found += [R @ pin.exp3(own @ weights) for weights in to_points[i]]
+            R = R @ pin.exp3(own @ over_all[i])
         wanted = np.stack([*found, late, R], axis=-1)
         np.testing.assert_allclose(at.base_attitude[:, :, s], wanted, rtol=0.0, atol=1e-13)
     assert not at.own_spin.any()

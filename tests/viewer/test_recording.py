@@ -20,7 +20,7 @@ from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ViewerError
 from ffsms_pin.opt.trajectory import measure
-from ffsms_pin.viewer import View, encoding, view
+from ffsms_pin.viewer import View, recording, view
 from ffsms_pin.viewer.frames import surroundings
 from ffsms_pin.viewer.pictures import browser_program
 
@@ -131,7 +131,7 @@ def test_what_cannot_be_recorded_is_said_before_a_browser_starts(
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(ViewerError, match="needs Chromium or Chrome"):
         scene.record(tmp_path / "film.gif")
-    monkeypatch.setattr(encoding, "find_spec", lambda name: None)
+    monkeypatch.setattr(recording, "find_spec", lambda name: None)
     with pytest.raises(DependencyMissing, match=r"pillow.*ffsms-pin\[record\]"):
         scene.record(tmp_path / "film.gif")
     with pytest.raises(DependencyMissing, match=r"imageio-ffmpeg.*ffsms-pin\[record\]"):

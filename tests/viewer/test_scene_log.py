@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ffsms_pin.viewer.scene_log import SceneLog
+from ffsms_pin.viewer.scene import SceneLog
 
 
 def test_a_new_page_gets_the_latest_in_order() -> None:

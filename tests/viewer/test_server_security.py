@@ -18,8 +18,8 @@ from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
 from ffsms_pin.errors import InvalidValue, ViewerError
-from ffsms_pin.viewer.access import Access
-from ffsms_pin.viewer.scene_log import SceneLog
+from ffsms_pin.viewer.handlers import Access
+from ffsms_pin.viewer.scene import SceneLog
 from ffsms_pin.viewer.server import Server
 
 OBJECT = umsgpack.packb({"type": "set_object", "path": "/a", "object": {}})

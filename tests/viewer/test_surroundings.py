@@ -118,7 +118,7 @@ def test_cameras(equipped: ffsms.SpaceManipulator, moved: opt.Trajectory) -> Non
     with pytest.raises(InvalidValue, match='"free" or "front" or "side" or "top" or "base"'):
         view(equipped, moved, camera="behind")
     centre, _ = surroundings(scene._frames)
-    from ffsms_pin.viewer.cameras import riding
+    from ffsms_pin.viewer.frames import riding
 
     stays = pin.SE3(np.eye(3), -centre) * pin.XYZQUATToSE3(moved.q[0, :7])
     for row, q in zip(riding(scene._frames, centre), moved.q, strict=True):

@@ -10,7 +10,7 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.descent import Model
+from ffsms_pin.opt.horizon.merit import Model
 from ffsms_pin.opt.horizon.search import SearchOptions
 from ffsms_pin.opt.horizon.shooting import joint_goals
 from ffsms_pin.opt.horizon.starts import moves_to

@@ -22,12 +22,12 @@ def test_steps_keep_the_limits_and_are_the_best_that_do(
     problem = moving_problem(planar) if moving else planar_problem(planar)
     spline = spline_of(problem, TINY)
     qp, size = ControlQP(problem, spline), 3 * spline.size
-    last = spline.last_rate.free[0]
+    last = spline.rates.free[-1]
     for _ in range(5):
         root = rng.normal(size=(size, size))
         H, g = root @ root.T + 0.1 * np.eye(size), 30.0 * rng.normal(size=size)
         p = qp.within(rng.uniform(-0.05, 0.05, (spline.size, 3)))
-        rest = spline.last_rate.of(p, problem.joint_rates)[0]
+        rest = spline.rates.of(p, problem.joint_rates)[-1]
         p = p - last[:, None] * rest / float(last @ last)
         x = qp.solve(H, g, p)
         rows = qp.rows @ (p + x).ravel()
@@ -129,7 +129,7 @@ def test_active_limits_are_named(planar: ffsms.SpaceManipulator) -> None:
 def test_no_limits_no_rows_but_rest(planar: ffsms.SpaceManipulator) -> None:
     problem = planar_problem(planar, limits=[])
     qp = ControlQP(problem, spline_of(problem))
-    assert {kind for kind, _ in qp.labels} == {"rest"}
+    assert qp.kinds == ["rest"]
     assert qp.moving == 0
     free = ControlQP(problem, spline_of(problem, free_end=True))
-    assert free.labels == []
+    assert free.kinds == []

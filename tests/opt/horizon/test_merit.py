@@ -12,24 +12,29 @@ from horizon_parts import moving_problem, node_rates, planar_problem, spline_of,
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.horizon.merit import Linearisation, Weights, linearise, motions_of
+from ffsms_pin.opt.horizon.control_qp import ControlQP
+from ffsms_pin.opt.horizon.merit import Candidates, Model, Weights, linearise, motions_of
 from ffsms_pin.opt.horizon.spline import RateSpline
 
 SOFT = Weights(1e2, 10.0, 1.0, 0.3, 0.03)
 STRAIGHT_STAGE = Weights(1.0, 1e3, 10.0)
 
 
+def model_of(problem: opt.Problem, spline: RateSpline) -> Model:
+    return Model(problem, problem.goal, spline, ControlQP(problem, spline))
+
+
 def check_gradient(
     problem: opt.Problem, spline: RateSpline, p: FloatArray, weights: Weights, rng: np.random.Generator
-) -> Linearisation:
+) -> Candidates:
     """The gradient against finite differences of the merit, at a dozen control points."""
-    at, h = linearise(problem, problem.goal, spline, p, weights), 1e-6
+    model, h = model_of(problem, spline), 1e-6
+    at = linearise(model, p, weights)
     for index in rng.choice(p.size, 12, replace=False):
         step = np.zeros(p.size)
         step[index] = h
         ahead, behind = (
-            linearise(problem, problem.goal, spline, p + sign * step.reshape(p.shape), weights, -np.inf)
-            for sign in (1.0, -1.0)
+            linearise(model, p + sign * step.reshape(p.shape), weights, below=-np.inf) for sign in (1.0, -1.0)
         )
         slope = float(ahead.merit[0] - behind.merit[0]) / (2.0 * h)
         assert 2.0 * at.gradient[0, index] == pytest.approx(slope, rel=1e-5, abs=1e-6)
@@ -54,7 +59,7 @@ def test_gradient_of_the_merit(
     assert at.limit_share[0] > 5.0  # in margins
     # What is not worth derivatives gets none; what is beside it gets its own.
     both = np.concatenate([1.1 * p, p])
-    pair = linearise(problem, problem.goal, spline, both, weights, np.array([0.0, np.inf]))
+    pair = linearise(model_of(problem, spline), both, weights, below=np.array([0.0, np.inf]))
     assert not pair.hessian[0].any()
     np.testing.assert_allclose(pair.hessian[1], at.hessian[0], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(pair.gradient[1], at.gradient[0], rtol=1e-9, atol=1e-12)
@@ -82,9 +87,9 @@ def test_lines_are_alike_whatever_stands_beside_them(
     problem = planar_problem(planar)
     spline = spline_of(problem)
     p = rng.uniform(-0.15, 0.15, (3, spline.size, 3))
-    together = linearise(problem, problem.goal, spline, p, SOFT)
+    together = linearise(model_of(problem, spline), p, SOFT)
     for i in range(3):
-        alone = linearise(problem, problem.goal, spline, p[[i]], SOFT)
+        alone = linearise(model_of(problem, spline), p[[i]], SOFT)
         taken = together.take([i])
         for name in (
             "merit",
@@ -111,7 +116,7 @@ def test_it_says_what_the_finished_motion_says(
     problem = planar_problem(planar, dt=0.005)
     spline = spline_of(problem, opt.SearchOptions().finest)
     p = 0.05 * rng.normal(size=(1, spline.size, 3)) + 0.1
-    at = linearise(problem, problem.goal, spline, p, Weights(1.0, 1.0))
+    at = linearise(model_of(problem, spline), p, Weights(1.0, 1.0))
     plan = told(problem, node_rates(problem, spline, p[0]))
     motions = motions_of(problem, spline, p)
     assert problem.cost_terms[0].cost(motions)[0] == pytest.approx(plan.shares["coupling"], rel=0.02)

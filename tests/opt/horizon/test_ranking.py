@@ -10,8 +10,8 @@ from horizon_parts import planar_problem
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.descent import Model
-from ffsms_pin.opt.horizon.search import Found, Ranking, SearchOptions
+from ffsms_pin.opt.horizon.merit import Model
+from ffsms_pin.opt.horizon.search import Found, Search, SearchOptions
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def chosen(problem: opt.Problem, plan: opt.Trajectory, shares: list[dict[str, fl
     options = SearchOptions()
     model = Model.make(problem, options.coarse)
     found = [Found(dataclasses.replace(plan, shares=one), np.zeros((1, 3)), model) for one in shares]
-    best = Ranking(problem, options).best(found)
+    best = Search(problem, options).best(found)
     return next(i for i, one in enumerate(found) if one is best)
 
 

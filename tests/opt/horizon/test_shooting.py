@@ -7,8 +7,8 @@ import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.opt.horizon.descent import Model
 from ffsms_pin.opt.horizon.diagnosis import keep_limits
+from ffsms_pin.opt.horizon.merit import Model
 from ffsms_pin.opt.horizon.search import SearchOptions
 from ffsms_pin.opt.horizon.shooting import joint_goals, spread_postures, straight_ends
 from ffsms_pin.opt.limits.clearance.bodies import BodyStack

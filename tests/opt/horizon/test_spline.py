@@ -33,7 +33,7 @@ def test_maps_of_the_spline(free_end: bool, rate0: float, rng: np.random.Generat
     ahead, behind = (of(spline.rates_at(spline.times + d)) for d in (h, -h))
     slopes = ((ahead - behind) / (2.0 * h))[inside]
     np.testing.assert_allclose(of(spline.accelerations)[inside], slopes, atol=1e-6)
-    assert of(spline.last_rate)[0] == pytest.approx(rate(6.0), abs=1e-12)
+    assert of(spline.rates)[-1] == pytest.approx(rate(6.0), abs=1e-12)
 
     # Control points bound the curves at every instant.
     t = np.linspace(0.0, borders[-1], 20001)
@@ -56,15 +56,15 @@ def test_maps_of_the_spline(free_end: bool, rate0: float, rng: np.random.Generat
 def test_the_quadrature_integrates() -> None:
     spline = rate_spline(300, 0.02, COARSE)
     assert spline.weights.sum() == pytest.approx(6.0)
-    count = len(spline.weights)
+    count = len(spline.weights) - 2
     np.testing.assert_allclose(spline.times[count:], [5.4, 6.0])
-    late = spline.late_interval * COARSE.gauss
+    late = spline.quadrature[2] * COARSE.gauss
     assert spline.times[late] > 5.4 > spline.times[late - 1]
     np.testing.assert_array_equal(spline.last_tenth, [*range(late, count), count])
     np.testing.assert_allclose(integrated(spline, spline.times**2), spline.times**3 / 3.0, atol=0.02)
     np.testing.assert_allclose(integrated(spline, spline.times), spline.times**2 / 2.0, atol=1e-12)
     # Limits watch 0.9 T and the deadline as well; integrals do not.
-    np.testing.assert_array_equal(spline.over_time[count:], [0.0, 0.0])
+    np.testing.assert_array_equal(spline.weights[count:], [0.0, 0.0])
     np.testing.assert_array_equal(spline.limit_weights[count:], [6.0, 6.0])
 
 

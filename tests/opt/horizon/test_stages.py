@@ -6,7 +6,8 @@ import numpy as np
 from horizon_parts import COARSE, planar_problem
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, Candidates, Model, distinct_best
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, distinct_best
+from ffsms_pin.opt.horizon.merit import Model, linearise
 from ffsms_pin.opt.horizon.starts import straight_moves
 
 
@@ -14,19 +15,19 @@ def test_a_motion_through_a_body_goes_on_after_the_others(planar: ffsms.SpaceMan
     problem = planar_problem(planar)
     model = Model.make(problem, COARSE)
     goals = problem.joints0 + np.array([[0.3, 0.0, 0.0], [0.0, 0.4, 0.0], [0.0, 0.4, 0.01], [0.0, 0.0, 0.5]])
-    motions = Candidates.start(model, straight_moves(problem, model.spline, goals), LAST_WEIGHTS)
-    motions.at.merit[:] = [1.0, 1.1, 1.2, 1.3]
-    motions.at.objective[:] = 0.0
-    motions.at.limit_share[:] = motions.at.blocked_share[:] = 0.0
+    motions = linearise(model, straight_moves(problem, model.spline, goals), LAST_WEIGHTS)
+    motions.merit[:] = [1.0, 1.1, 1.2, 1.3]
+    motions.objective[:] = 0.0
+    motions.limit_share[:] = motions.blocked_share[:] = 0.0
 
     def order(keep: int) -> list[float]:
-        return [float(one) for one in distinct_best(model, motions, keep).at.merit]
+        return [float(one) for one in distinct_best(model, motions, keep).merit]
 
     # The second and the third have come together.
     assert order(4) == [1.0, 1.1, 1.3]
     # A waypoint that is not passed yet, say, does not matter.
-    motions.at.limit_share[:] = [2.5, 0.9, 0.0, 1.2]
+    motions.limit_share[:] = [2.5, 0.9, 0.0, 1.2]
     assert order(4) == [1.0, 1.1, 1.3]
-    motions.at.blocked_share[:] = [2.5, 0.9, 0.0, 1.2]
+    motions.blocked_share[:] = [2.5, 0.9, 0.0, 1.2]
     assert order(3) == [1.1, 1.3, 1.0]
     assert order(1) == [1.1]

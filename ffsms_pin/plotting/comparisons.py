@@ -1,0 +1,229 @@
+"""Methods, laws, modes of the base and many plants side by side, and a campaign in one figure."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ffsms_pin.campaigns.report import Report
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
+from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, line, stack, subplots
+from ffsms_pin.scenarios.comparisons import Comparison, LawComparison
+from ffsms_pin.scenarios.plants import METHODS, Robustness
+from ffsms_pin.studies.extremes import base_motion
+from ffsms_pin.studies.tracked import wilson_interval
+
+__all__ = [
+    "plot_campaign",
+    "plot_comparison",
+    "plot_distance_bands",
+    "plot_final_error_shares",
+    "plot_final_errors",
+    "plot_laws",
+    "plot_robustness",
+    "plot_success_over",
+]
+
+
+def plot_comparison(comparison: Comparison) -> Figure:
+    """A figure with three panels over time, one line a method.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    """
+    figure, (distance, assistance, rotation) = stack(3)
+    with applied():
+        for i, (method, made) in enumerate(comparison.plans.items()):
+            label = method if made.reached else f"{method} (not reached)"
+            distance.plot(made.t, made.position_error, label=label, **line(i))
+            assistance.plot(made.t[:-1], made.cos_theta, **line(i))
+            turn = np.degrees(np.linalg.norm(base_motion(comparison.sms, made.q).rotation, axis=1))
+            rotation.plot(made.t, turn, **line(i))
+        distance.set_ylabel("distance to target [m]")
+        distance.set_ylim(bottom=0.0)
+        assistance.set_ylabel(r"assistance $\cos\,\theta_a$ [-]")
+        assistance.set_ylim(-1.08, 1.08)
+        rotation.set_ylabel("base rotation [deg]")
+        rotation.set_xlabel("time [s]")
+        distance.set_xlim(0.0, max(made.duration for made in comparison.plans.values()))
+        figure.legend(loc="outside upper center", ncols=2)
+    return figure
+
+
+_DEEPEST = 1e-5  # of the best law's largest error: what is below is rounding, or a start without error
+
+
+def plot_laws(comparison: LawComparison) -> Figure:
+    """A figure with three panels over time, one line a law.
+
+    Distance to the target and largest joint error on logarithmic axes, and the torque effort so far.
+    """
+    figure, (distance, error, effort) = stack(3)
+    factors = joint_factors(comparison.sms)
+    largest: list[float] = []
+    with applied():
+        for i, (law, (run, stopped)) in enumerate(comparison.runs.items()):
+            label = f"{law} (stopped)" if stopped else law
+            look = line(i)
+            distance.semilogy(run.t, run.position_error, label=label, **look)
+            if len(run.t) > 0:
+                errors = np.abs(run.joint_error * factors).max(axis=1)
+                largest.append(float(errors.max()))
+                error.semilogy(run.t, errors, **look)
+            if len(run.tau) > 0:
+                step = float(run.t[1] - run.t[0])
+                so_far = np.concatenate([[0.0], np.cumsum(np.square(run.tau).sum(axis=1)) * step])
+                effort.plot(run.t[: len(so_far)], so_far, **look)
+        reach = comparison.plan.reach
+        distance.axhline(reach, color=NEUTRAL, label=f"reach, {1e3 * reach:g} mm", **LIMIT)
+        distance.set_ylabel("distance to target [m]")
+        error.set_ylabel(f"largest joint\nerror [{joint_unit_label(comparison.sms)}]")
+        if any(largest):
+            error.set_ylim(bottom=_DEEPEST * min(value for value in largest if value > 0.0))
+        effort.set_ylabel("torque effort\nso far [N²m²s]")
+        effort.set_ylim(bottom=0.0)
+        effort.set_xlabel("time [s]")
+        effort.set_xlim(0.0, comparison.scenario.duration)
+        figure.legend(loc="outside upper center", ncols=3)
+    return figure
+
+
+_SHARE = 0.9  # of the plants within a band
+
+
+def plot_robustness(found: Robustness) -> Figure:
+    """A figure with two panels: distance to the target over time, and the distribution of what is left of it.
+
+    Parameters
+    ----------
+    found : Robustness
+    """
+    with applied():
+        figure = Figure(figsize=(5.2, 5.4), layout="constrained")
+        above, below = subplots(figure, 2)
+        plot_distance_bands(found, above)
+        plot_final_errors(found, below)
+        for ax in (above, below):  # one for both
+            legend = ax.get_legend()
+            if legend is not None:
+                legend.remove()
+        figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        figure.align_ylabels([above, below])
+    return figure
+
+
+def plot_distance_bands(found: Robustness, ax: Axes | None = None) -> Axes:
+    """Distance to the target over time: the median plant, and the band with 90 % of those still running."""
+    with applied():
+        ax = axes_or_new(ax)
+        for i, method in enumerate(METHODS):
+            low, middle, high = _quantiles(found.distance[method])
+            look = line(i)
+            ax.fill_between(found.t, low, high, color=look["color"], alpha=0.22, linewidth=0.0)
+            ax.semilogy(found.t, middle, label=method, **look)
+        count = len(found.arrived[METHODS[0]])
+        ax.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * _SHARE:g} % of {count} plants")
+        ax.axhline(found.plan.reach, color=NEUTRAL, label=_reach(found), **LIMIT)
+        ax.set_xlabel("time [s]")
+        ax.set_ylabel("distance to target [m]")
+        ax.margins(x=0.0)
+        ax.legend(loc="lower left")
+    return ax
+
+
+def plot_final_errors(found: Robustness, ax: Axes | None = None) -> Axes:
+    """Share of the plants that end nearer to the target than a distance; stopped runs never do."""
+    with applied():
+        ax = axes_or_new(ax)
+        for i, method in enumerate(METHODS):
+            errors = np.sort(found.final_errors(method))
+            share = np.arange(1, len(errors) + 1) / len(errors)
+            ended = np.isfinite(errors)
+            if not ended.any():
+                continue
+            errors, share = 1e3 * errors[ended], share[ended]
+            # From zero at the left edge of the first, and on at its height to the right edge.
+            ax.step([errors[0], *errors], [0.0, *share], where="post", label=method, **line(i))
+        ax.axvline(1e3 * found.plan.reach, color=NEUTRAL, label=_reach(found), **LIMIT)
+        ax.set_xscale("log")
+        ax.set_ylim(0.0, 1.02)
+        ax.set_xlabel("distance to target at the end [mm]")
+        ax.set_ylabel("share of the plants [-]")
+        ax.legend(loc="center right")
+    return ax
+
+
+def _reach(found: Robustness) -> str:
+    return f"reach, {1e3 * found.plan.reach:g} mm"
+
+
+def _quantiles(runs: FloatArray) -> FloatArray:
+    """Low, median and high (3, k) of runs (plants, k), at each instant of those that were not stopped yet."""
+    result = np.full((3, runs.shape[1]), np.nan)
+    for k in range(runs.shape[1]):
+        running = runs[:, k][np.isfinite(runs[:, k])]
+        if running.size:
+            result[:, k] = np.quantile(running, [0.5 - 0.5 * _SHARE, 0.5, 0.5 + 0.5 * _SHARE])
+    return result
+
+
+_PANELS = 5  # drawn values at most
+_BINS = 8
+_POINTS = 2000  # of a curve that are drawn
+
+
+def plot_campaign(found: Report) -> Figure:
+    """A figure with a panel for the final errors, and one for each of the first drawn numbers.
+
+    Parameters
+    ----------
+    found : Report
+    """
+    keys = list(found.draws)[:_PANELS]
+    with applied():
+        figure = Figure(figsize=(5.2, 2.4 * (1 + len(keys))), layout="constrained")
+        panels = subplots(figure, 1 + len(keys))
+        plot_final_error_shares(found, panels[0])
+        for key, ax in zip(keys, panels[1:], strict=True):
+            plot_success_over(found, key, ax)
+        figure.align_ylabels(panels)
+    return figure
+
+
+def plot_final_error_shares(found: Report, ax: Axes | None = None) -> Axes:
+    """Share of all runs that end nearer to the target than a distance; those without an end never do."""
+    with applied():
+        ax = axes_or_new(ax)
+        ended = np.isin(found.outcome, ("arrived", "missed")) & np.isfinite(found.final_errors)
+        errors = 1e3 * np.sort(found.final_errors[ended])
+        share = np.arange(1, len(errors) + 1) / found.runs
+        if len(errors):
+            chosen = np.unique(np.linspace(0, len(errors) - 1, _POINTS).astype(int))
+            ax.step(errors[chosen], share[chosen], where="post", **line(0))
+            if errors[0] > 0.0:
+                ax.set_xscale("log")
+        ax.set_ylim(0.0, 1.02)
+        ax.set_xlabel("distance to target at the end [mm]")
+        ax.set_ylabel("share of the runs [-]")
+    return ax
+
+
+def plot_success_over(found: Report, key: str, ax: Axes | None = None) -> Axes:
+    """Success rate over a drawn number, in bins of as many runs each, with 95 % intervals (Wilson)."""
+    with applied():
+        ax = axes_or_new(ax)
+        arrived, drawn = found.outcome == "arrived", found.draws[key]
+        bins = [part for part in np.array_split(np.argsort(drawn, kind="stable"), _BINS) if len(part)]
+        middles = np.array([np.median(drawn[part]) for part in bins])
+        rates = np.array([arrived[part].mean() for part in bins])
+        ends = np.array([wilson_interval(int(arrived[part].sum()), len(part)) for part in bins])
+        bars = np.abs(ends.T - rates)
+        ax.errorbar(middles, rates, yerr=bars, marker="o", markersize=3, capsize=2, **line(0))
+        ax.axhline(found.success, color=NEUTRAL, linewidth=0.8)
+        ax.set_ylim(-0.02, 1.04)
+        ax.set_xlabel(key)
+        ax.set_ylabel("success rate [-]")
+    return ax
