@@ -19,8 +19,8 @@ from wheels import LARGE, SMALL
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
-from ffsms_pin.scenarios.modes import STRATEGIES, mode_numbers, strategies
 from ffsms_pin.storage import write_content
+from ffsms_pin.studies.modes import STRATEGIES, mode_numbers, strategies
 
 Keep = Callable[[list[dict[str, Any]]], None]
 ARMS = {"planar_3r": (SMALL, 0.3), "satellite_panda": (LARGE, 0.5)}

@@ -14,8 +14,8 @@ from ffsms_pin.campaigns.columns import METRICS, OUTCOMES
 from ffsms_pin.campaigns.running import runs_file
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import DependencyMissing, ResultError
-from ffsms_pin.scenarios.tracked import wilson_interval
 from ffsms_pin.storage import check_readable
+from ffsms_pin.studies.tracked import wilson_interval
 
 __all__ = ["Report", "report", "report_numbers"]
 

@@ -7,8 +7,6 @@ import shlex
 import sys
 from pathlib import Path
 
-from rich.console import Console
-
 from ffsms_pin.atlas import atlas, open_atlas
 from ffsms_pin.cli.arguments import work_arguments
 from ffsms_pin.cli.output import say
@@ -26,7 +24,7 @@ def run(arguments: argparse.Namespace) -> int:
         require("plot", "figures of an atlas")
     sms = load(arguments.model, end_effector=arguments.end_effector)
     out = arguments.out or f"{Path(arguments.model).stem}-{arguments.over}.zarr"
-    with shown_progress(Console(stderr=True)) as progress:
+    with shown_progress() as progress:
         written = atlas(
             sms,
             out,

@@ -6,14 +6,12 @@ import argparse
 import json
 from pathlib import Path
 
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 import ffsms_pin.campaigns as campaigns
 from ffsms_pin.campaigns.report import report_numbers
 from ffsms_pin.cli.arguments import work_arguments
-from ffsms_pin.cli.output import output_console, say
+from ffsms_pin.cli.output import NO_FIGURES, new_table, output_console, say
 from ffsms_pin.cli.progress import counted_progress
 from ffsms_pin.cli.results_folder import chosen_folder
 from ffsms_pin.errors import ResultError
@@ -32,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.scenario, arguments.runs, arguments.seed, allow_import=arguments.allow_import
     )
     folder = chosen_folder(arguments.out, f"{chosen.source.stem}-campaign")
-    with counted_progress(Console(stderr=True), "runs") as progress:
+    with counted_progress("runs") as progress:
         place = campaigns.campaign(chosen, folder, progress=progress, **work)
     if arguments.shard is None:
         _merged(folder)
@@ -64,7 +62,7 @@ def _merged(folder: Path, partial: bool = False) -> None:
 
         save_formats(plot_campaign(found), folder / "report")
     else:
-        say("no figures: they need matplotlib (pip install 'ffsms-pin[plot]')")
+        say(NO_FIGURES)
     output_console().print(_table(found, folder.name))
     for row in found.worst[:_SHOWN]:
         error = row["final_error_m"]
@@ -76,9 +74,7 @@ def _merged(folder: Path, partial: bool = False) -> None:
 
 def _table(found: campaigns.Report, name: str) -> Table:
     low, high = (100.0 * share for share in found.interval)
-    table = Table(title=escape(f"{name}: {found.runs} runs"), title_justify="left")
-    for column in ("quantity", "5 %", "median", "95 %", "99 %"):
-        table.add_column(column, justify="left" if column == "quantity" else "right")
+    table = new_table(f"{name}: {found.runs} runs", "quantity", "5 %", "median", "95 %", "99 %")
     for label, key, factor in (
         ("final error \\[mm]", "final_error_m", 1e3),
         ("largest joint error \\[mrad]", "joint_error_max_rad", 1e3),

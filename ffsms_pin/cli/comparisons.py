@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rich import box
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ffsms_pin.cli.output import Rows, output_console, say, side_by_side
+from ffsms_pin.cli.output import Rows, new_table, output_console, say, side_by_side
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_results
 from ffsms_pin.control import LAWS
@@ -21,10 +20,10 @@ from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_robustness
 from ffsms_pin.plotting.wheels import plot_modes
 from ffsms_pin.scenarios import Scenario, compare_laws, robustness, scenario
-from ffsms_pin.scenarios.compare import compare, comparison_numbers, law_numbers
-from ffsms_pin.scenarios.modes import compare_modes, mode_numbers
-from ffsms_pin.scenarios.robustness import robustness_numbers
+from ffsms_pin.scenarios.comparisons import compare, compare_modes, comparison_numbers, law_numbers
+from ffsms_pin.scenarios.plants import robustness_numbers
 from ffsms_pin.scenarios.run import StageProgress
+from ffsms_pin.studies.modes import mode_numbers
 
 __all__ = ["laws", "methods", "modes", "plants"]
 
@@ -147,7 +146,7 @@ def _written(
     plot: Callable[[Found], Any],
 ) -> tuple[Found, dict[str, Any]]:
     """What was compared and its numbers, these and their figure written to the folder under a name."""
-    with results_folder(folder) as staging, shown_progress(Console(stderr=True)) as progress:
+    with results_folder(folder) as staging, shown_progress() as progress:
         found = compared(progress)
         numbers = numbers_of(found)
         write_results(staging / name, numbers, plot(found))
@@ -205,13 +204,8 @@ def _law_table(name: str, numbers: dict[str, dict[str, Any]]) -> Table:
 
 
 def _plant_table(numbers: dict[str, Any]) -> Table:
-    table = Table(
-        title=escape(f"{numbers['scenario']}: {numbers['plants']} random plants"), title_justify="left"
-    )
-    table.add_column("quantity")
     methods = numbers["methods"]
-    for method in methods:
-        table.add_column(method, justify="right")
+    table = new_table(f"{numbers['scenario']}: {numbers['plants']} random plants", "quantity", *methods)
     reach = f"{1e3 * numbers['reach_m']:g}"
     table.add_row(
         f"within {reach} mm at the end",

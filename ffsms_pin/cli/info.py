@@ -10,10 +10,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin.checks import FloatArray, vector
-from ffsms_pin.cli.output import limit_text, output_console, range_text, say
+from ffsms_pin.cli.output import limit_text, new_table, output_console, range_text, say
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.models import load
-from ffsms_pin.scenarios.joints import joint_units, slides
+from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["run"]
@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _posture(sms: SpaceManipulator, joints_deg: Sequence[float] | None) -> FloatArray:
     if joints_deg is not None:
-        if any(slides(sms)):
+        if not sms.layout.turns.all():
             raise InvalidValue("--joints-deg", list(joints_deg), "cannot be used: a joint slides")
         return np.radians(vector("--joints-deg", joints_deg, sms.n, "deg"))
     lower, upper = sms.limits.lower, sms.limits.upper
@@ -45,11 +45,8 @@ def _posture(sms: SpaceManipulator, joints_deg: Sequence[float] | None) -> Float
 
 
 def _bodies(sms: SpaceManipulator) -> Table:
-    table = Table(title="Bodies (with what is fixed to them)", title_justify="left")
-    table.add_column("body")
-    table.add_column(escape("mass [kg]"), justify="right")
-    table.add_column("share", justify="right")
-    table.add_column(escape("principal inertias [kg m²]"), justify="right")
+    heads = ("body", "mass [kg]", "share", "principal inertias [kg m²]")
+    table = new_table("Bodies (with what is fixed to them)", *heads)
     inertias = list(sms.model.inertias)[1:]
     total = sum(float(body.mass) for body in inertias)
     for j, body in enumerate(inertias, start=1):
@@ -66,10 +63,7 @@ def _bodies(sms: SpaceManipulator) -> Table:
 
 
 def _limits(sms: SpaceManipulator) -> Table:
-    table = Table(title="Joint limits", title_justify="left")
-    table.add_column("joint")
-    for name in ("position", "rate", "acceleration", "torque"):
-        table.add_column(name, justify="right")
+    table = new_table("Joint limits", "joint", "position", "rate", "acceleration", "torque")
     limits = sms.limits
     for i, (name, (unit, factor)) in enumerate(zip(sms.joint_names, joint_units(sms), strict=True)):
         base, moment = ("m", "N") if unit == "m" else ("rad", "N m")
@@ -95,9 +89,7 @@ def _coupling(sms: SpaceManipulator, posture: FloatArray) -> Table:
     state = sms.at(sms.configuration(posture))
     units = joint_units(sms)
     where = ", ".join(f"{x * factor:.3g} {unit}" for x, (unit, factor) in zip(posture, units, strict=True))
-    table = Table(title=escape(f"Dynamic coupling at joints ({where})"), title_justify="left")
-    table.add_column("quantity")
-    table.add_column("value", justify="right")
+    table = new_table(f"Dynamic coupling at joints ({where})", "quantity", "value")
     effector = ", ".join(f"{x:.5f}" for x in state.end_effector_pose.translation)
     base = ", ".join(f"{x:.5f}" for x in state.base_pose.translation)
     sigma = ", ".join(f"{value:.4g}" for value in state.coupling.sigma)

@@ -12,8 +12,19 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-__all__ = ["Rows", "desktop", "limit_text", "output_console", "range_text", "say", "side_by_side"]
+__all__ = [
+    "NO_FIGURES",
+    "Rows",
+    "desktop",
+    "limit_text",
+    "new_table",
+    "output_console",
+    "range_text",
+    "say",
+    "side_by_side",
+]
 
+NO_FIGURES = "no figures: they need matplotlib (pip install 'ffsms-pin[plot]')"
 _WIDTH = 100
 
 # What a table of things that are compared says of each, by the label of its line.
@@ -35,12 +46,18 @@ def say(*lines: str) -> None:
         output.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
+def new_table(title: str, first: str, *numbers: str) -> Table:
+    """A table of a first column of names and others of numbers; nothing in its heads is markup."""
+    table = Table(title=escape(title), title_justify="left")
+    table.add_column(escape(first))
+    for name in numbers:
+        table.add_column(escape(name), justify="right")
+    return table
+
+
 def side_by_side(title: str, numbers: Mapping[str, dict[str, Any]], rows: Rows) -> Table:
     """A column for each key of `numbers`, a line for each label of `rows`."""
-    table = Table(title=escape(title), title_justify="left")
-    table.add_column("quantity")
-    for name in numbers:
-        table.add_column(name, justify="right")
+    table = new_table(title, "quantity", *numbers)
     for label, value in rows.items():
         table.add_row(escape(label), *(value(one) for one in numbers.values()))
     return table

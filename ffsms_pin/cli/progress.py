@@ -23,8 +23,9 @@ _BETWEEN_LINES = 5.0  # [s] off a terminal: a log that is watched shows life, an
 
 
 @contextmanager
-def shown_progress(console: Console) -> Iterator[Callable[[str, float], None]]:
-    """Gives a function to call with a stage's name and the share of it that is done."""
+def shown_progress(console: Console | None = None) -> Iterator[Callable[[str, float], None]]:
+    """Gives a function to call with a stage's name and the share of it that is done; default: on stderr."""
+    console = Console(stderr=True) if console is None else console
     if not console.is_terminal:
         yield _lines(console)
         return
@@ -41,12 +42,13 @@ def shown_progress(console: Console) -> Iterator[Callable[[str, float], None]]:
 
 
 @contextmanager
-def counted_progress(console: Console, what: str) -> Iterator[Callable[[int, int], None]]:
+def counted_progress(what: str, console: Console | None = None) -> Iterator[Callable[[int, int], None]]:
     """Gives a function to call with the number of things done and of all; it tells the time left.
 
     `what` names the things, as "runs". The estimate counts what this call does: what was there before it took
     no time. Off a terminal there is a line for every tenth, and one every few seconds.
     """
+    console = Console(stderr=True) if console is None else console
     left = _TimeLeft()
     if not console.is_terminal:
         tenths: set[int] = set()

@@ -11,7 +11,7 @@ from typing import Any
 
 from rich.console import Console
 
-from ffsms_pin.cli.output import desktop, output_console, say
+from ffsms_pin.cli.output import NO_FIGURES, desktop, output_console, say
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder
 from ffsms_pin.cli.summary_table import summary_table
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     output_console().print(summary_table(numbers))
     say(f"results: {folder}")
     if arguments.figures and not installed("plot"):
-        errors.print("no figures: they need matplotlib (pip install 'ffsms-pin[plot]')", markup=False)
+        errors.print(NO_FIGURES, markup=False)
     if arguments.show:
         _show(folder, arguments.figures and installed("plot"))
     arrived = outcome.trajectory.reached and numbers["tracking"]["arrived"]

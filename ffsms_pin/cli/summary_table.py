@@ -8,17 +8,14 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from ffsms_pin.cli.output import limit_text, range_text
+from ffsms_pin.cli.output import limit_text, new_table, range_text
 
 __all__ = ["summary_table"]
 
 
 def summary_table(numbers: Mapping[str, Any]) -> Table:
     """Table of what `ffsms_pin.scenarios.summary` gives."""
-    table = Table(title=escape(f"{numbers['scenario']}: {numbers['robot']}"), title_justify="left")
-    table.add_column("quantity")
-    table.add_column("value", justify="right")
-    table.add_column("limit", justify="right")
+    table = new_table(f"{numbers['scenario']}: {numbers['robot']}", "quantity", "value", "limit")
     _add_plan(table, numbers)
     table.add_section()
     for name, words in numbers["conditions"].items():  # what the scenario says about its closed loop

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -33,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     sms = load(arguments.model, end_effector=arguments.end_effector, wheels=arguments.wheel)
     parameters = dict(_parameter(text) for text in arguments.vary)
     folder = chosen_folder(arguments.out, f"{Path(arguments.model).stem}-sweep")
-    with shown_progress(Console(stderr=True)) as progress:
+    with shown_progress() as progress:
         found = sweep(
             sms,
             parameters,

@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from ffsms_pin.cli.output import desktop, say
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.client import Client
@@ -45,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         camera=arguments.camera,
     )
     if arguments.record is not None:
-        with shown_progress(Console(stderr=True)) as progress:
+        with shown_progress() as progress:
             scene.record(
                 arguments.record,
                 fps=arguments.fps,

@@ -10,10 +10,10 @@ from ffsms_pin.campaigns.report import Report
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
 from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, line, stack, subplots
-from ffsms_pin.scenarios.compare import Comparison, LawComparison
-from ffsms_pin.scenarios.robustness import METHODS, Robustness
-from ffsms_pin.scenarios.tracked import wilson_interval
+from ffsms_pin.scenarios.comparisons import Comparison, LawComparison
+from ffsms_pin.scenarios.plants import METHODS, Robustness
 from ffsms_pin.studies.extremes import base_motion
+from ffsms_pin.studies.tracked import wilson_interval
 
 __all__ = [
     "plot_campaign",

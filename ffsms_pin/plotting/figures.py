@@ -26,8 +26,8 @@ from ffsms_pin.plotting.wheels import (
     wheels_turn,
 )
 from ffsms_pin.scenarios import Outcome
-from ffsms_pin.scenarios.tracked import end_effector_path
 from ffsms_pin.storage import path_like, write_atomically
+from ffsms_pin.studies.tracked import end_effector_path
 
 __all__ = ["FIGURES", "figure", "figure_names", "save_figure", "save_figures", "save_formats"]
 

@@ -12,7 +12,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.series import Series, check_kinds, near_limits, plot_flown, plot_series, thinned
-from ffsms_pin.scenarios.joints import joint_units, slides
+from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.system import SpaceManipulator
@@ -208,7 +208,7 @@ def plot_torques(
     check_kinds(sms=sms, tracking=tracking)
     if limits is not None and not (isinstance(limits, np.ndarray) and limits.shape == (sms.n,)):
         raise InvalidValue("limits", limits, f"must be an array of shape ({sms.n},) [N m]")
-    sliding = slides(sms)
+    sliding = ~sms.layout.turns
     unit = "N" if all(sliding) else "N or N m" if any(sliding) else "N m"
     return plot_series(
         ax,

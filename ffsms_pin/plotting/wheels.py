@@ -17,9 +17,10 @@ from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
 from ffsms_pin.plotting.series import check_kinds, near_limits, plot_series
 from ffsms_pin.plotting.style import applied, legend_above, line, stack
 from ffsms_pin.scenarios import Outcome
-from ffsms_pin.scenarios.modes import ModeComparison, Strategy
+from ffsms_pin.scenarios.comparisons import ModeComparison
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_motion
+from ffsms_pin.studies.modes import Strategy
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [

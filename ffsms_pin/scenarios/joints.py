@@ -14,7 +14,7 @@ from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios.keys import DEGREES
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["JointUnit", "joint_units", "joint_values", "slides", "within_limits"]
+__all__ = ["JointUnit", "joint_units", "joint_values", "within_limits"]
 
 
 class JointUnit(NamedTuple):
@@ -24,14 +24,11 @@ class JointUnit(NamedTuple):
     factor: float
 
 
-def slides(sms: SpaceManipulator) -> list[bool]:
-    """Whether each joint is prismatic."""
-    return [sms.model.joints[j].shortname().startswith("JointModelP") for j in range(2, sms.model.njoints)]
-
-
 def joint_units(sms: SpaceManipulator) -> list[JointUnit]:
     """Unit of each joint's position."""
-    return [JointUnit("m", 1.0) if slide else JointUnit("deg", math.degrees(1.0)) for slide in slides(sms)]
+    return [
+        JointUnit("deg", math.degrees(1.0)) if turns else JointUnit("m", 1.0) for turns in sms.layout.turns
+    ]
 
 
 def joint_values(
@@ -56,7 +53,7 @@ def joint_values(
         )
     if used == key:
         return array
-    if sliding := [name for name, slide in zip(sms.joint_names, slides(sms), strict=True) if slide]:
+    if sliding := [name for name, turns in zip(sms.joint_names, sms.layout.turns, strict=True) if not turns]:
         raise InvalidScenario(
             source,
             f"[{table}] {used} is in degrees, but {', '.join(sliding)} slides: write {key} "

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Mapping
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate
@@ -32,11 +32,13 @@ from ffsms_pin.opt import (
     Term,
     TorqueLimits,
 )
-from ffsms_pin.scenarios.contents import Contents
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.plan_tables import PACKAGED, is_own
 from ffsms_pin.scenarios.task import goal_of, made_obstacles, meeting, other_goals, waypoints
 from ffsms_pin.system import SpaceManipulator
+
+if TYPE_CHECKING:
+    from ffsms_pin.scenarios.definition import Scenario
 
 __all__ = ["planning_problem"]
 
@@ -48,70 +50,70 @@ Part = TypeVar("Part", Term, Limit)
 
 
 def planning_problem(
-    contents: Contents,
+    scenario: Scenario,
     sms: SpaceManipulator,
     q0: FloatArray,
     dt: float | None,
     client: Client | ClientEstimate | None,
 ) -> Problem:
     """What `Scenario.problem` gives, for a start q0 (nq,) and the client that is met, if any."""
-    plan = contents.plan
-    with contents.named():
-        goal = goal_of(contents.target, sms, q0) if client is None else meeting(contents.meet or {}, client)
+    plan = scenario.plan
+    with scenario.named():
+        goal = goal_of(scenario.target, sms, q0) if client is None else meeting(scenario.meet or {}, client)
         return Problem(
             sms,
             q0,
             goal,
-            contents.arrival,
+            scenario.arrival,
             plan.get("dt", 0.01) if dt is None else dt,
-            _terms(contents, goal),
-            [*_limits(contents, client), *_places(contents, sms, q0)],
-            contents.per_joint(sms, "start", "joint_rates"),
+            _terms(scenario, goal),
+            [*_limits(scenario, client), *_places(scenario, sms, q0)],
+            scenario.per_joint(sms, "start", "joint_rates"),
             plan.get("momentum"),
             plan.get("locked", ()),
             plan.get("mode", "floating"),
-            contents.simulation.get("wheel_momentum") if plan.get("mode") == "rotation-floating" else None,
+            scenario.simulation.get("wheel_momentum") if plan.get("mode") == "rotation-floating" else None,
         )
 
 
-def _terms(contents: Contents, goal: Goal) -> list[Term]:
+def _terms(scenario: Scenario, goal: Goal) -> list[Term]:
     """Those that are there by default or by keys of [plan], and those of [[term]]."""
-    plan = contents.plan
+    plan = scenario.plan
     terms: list[Term] = [Smooth()]
     if goal.coupled or "kappa" in plan:
         terms.insert(0, Coupling(plan.get("kappa", 10.0)))
     terms.append(Effort(plan["effort"]) if "effort" in plan else Effort())
     if plan.get("base", 0.0) > 0.0:
         terms.append(BaseTurn(plan["base"]))
-    own = [_made_part(contents, "term", i, row) for i, row in enumerate(contents.term, start=1)]
+    own = [_made_part(scenario, "term", i, row) for i, row in enumerate(scenario.term, start=1)]
     return _with_parts(terms, own)
 
 
-def _limits(contents: Contents, client: Client | ClientEstimate | None) -> list[Limit]:
+def _limits(scenario: Scenario, client: Client | ClientEstimate | None) -> list[Limit]:
     """Those that are there by default or by keys of [plan], and those of [[limit]]."""
-    around = made_obstacles(contents.source, contents.obstacle, client)
-    clear = Clearance(*contents.clearance, obstacles=around)
+    around = made_obstacles(scenario.source, scenario.obstacle, client)
+    clear = Clearance(*scenario.clearance, obstacles=around)
     limits: list[Limit] = [JointLimits(), TorqueLimits(), clear]
-    if "base_limits" in contents.plan:
-        limits.append(BaseLimits(**radians(contents.plan["base_limits"])))
+    if "base_limits" in scenario.plan:
+        limits.append(BaseLimits(**radians(scenario.plan["base_limits"])))
     own = [
-        clear if row["use"] == "clearance" else _made_part(contents, "limit", i, row)
-        for i, row in enumerate(contents.limit, start=1)
+        clear if row["use"] == "clearance" else _made_part(scenario, "limit", i, row)
+        for i, row in enumerate(scenario.limit, start=1)
     ]
     return _with_parts(limits, own)
 
 
-def _places(contents: Contents, sms: SpaceManipulator, q0: FloatArray) -> list[Limit]:
+def _places(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[Limit]:
     """Goals of other frames, and waypoints."""
-    for i, row in enumerate(contents.also, start=1):
+    for i, row in enumerate(scenario.also, start=1):
         if row["frame"] == sms.end_effector:
             raise InvalidScenario(
-                contents.source, f"[[also]] {i} frame = '{row['frame']}' is the end effector: use [target]"
+                scenario.source, f"[[also]] {i} frame = '{row['frame']}' is the end effector: use [target]"
             )
-    goals = other_goals(contents.also, sms, q0)
+    goals = other_goals(scenario.also, sms, q0)
     for one in goals:
         one.for_robot(sms)  # looks for the frame
-    return [*goals, *waypoints(contents.via, sms, q0)]
+    return [*goals, *waypoints(scenario.via, sms, q0)]
 
 
 def _with_parts(given: list[Part], more: list[Part]) -> list[Part]:
@@ -120,14 +122,14 @@ def _with_parts(given: list[Part], more: list[Part]) -> list[Part]:
     return [part for part in given if part.name not in names] + more
 
 
-def _made_part(contents: Contents, kind: str, number: int, values: Mapping[str, Any]) -> Any:
+def _made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, Any]) -> Any:
     """One term or limit of a file: the row `number` of [[kind]], from 1.
 
     Modules of a user's own are looked for in the file's folder first, and imported, which runs their code,
     only where the scenario allows it. `InvalidScenario`: the class is not there, is no term or limit, does
     not take the values, or may not be imported.
     """
-    source, use = contents.source, values["use"]
+    source, use = scenario.source, values["use"]
     title = f"[[{kind}]] {number} use = '{use}'"
     arguments = {key: value for key, value in values.items() if key != "use"}
     if not is_own(use):
@@ -135,7 +137,7 @@ def _made_part(contents: Contents, kind: str, number: int, values: Mapping[str, 
         return _called(source, title, part, radians(arguments))
     if not _IMPORT_PATH.fullmatch(use):
         raise InvalidScenario(source, f"{title} must be written package.module:Class")
-    if not contents.allow_import:
+    if not scenario.allow_import:
         raise InvalidScenario(
             source,
             f"{title} would run the code of that module: allow it, if you trust it, with --allow-import "

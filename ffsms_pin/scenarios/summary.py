@@ -16,14 +16,14 @@ from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.scenarios.run import Outcome
-from ffsms_pin.scenarios.tracked import (
+from ffsms_pin.studies.extremes import base_numbers, least_clearances, least_of_samples, position_range
+from ffsms_pin.studies.tracked import (
     arrived,
     finite,
     joint_error_numbers,
     planned_actuators,
     tracked_numbers,
 )
-from ffsms_pin.studies.extremes import base_numbers, least_clearances, least_of_samples, position_range
 from ffsms_pin.version import __version__
 
 __all__ = ["summary"]

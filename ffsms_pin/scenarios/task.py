@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import coal
 import numpy as np
@@ -15,12 +15,14 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.opt import Also, Goal, Meet, Moving, Obstacle, Pose, Position, Via
-from ffsms_pin.scenarios.contents import Contents
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.storage import LARGEST_DATA, check_readable
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import roll_out
 from ffsms_pin.system.mechanism import frame_index
+
+if TYPE_CHECKING:
+    from ffsms_pin.scenarios.definition import Scenario
 
 __all__ = ["goal_of", "made_client", "made_obstacles", "meeting", "other_goals", "sensor", "waypoints"]
 
@@ -99,7 +101,7 @@ def waypoints(rows: Sequence[Mapping[str, Any]], sms: SpaceManipulator, q0: Floa
     return found
 
 
-def made_client(scenario: Contents, sms: SpaceManipulator) -> Client:
+def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
     """The client of a scenario; its time zero is the start of the motion.
 
     Placed by `joints` its state is that at the deadline, its grasp where a straight joint-space move to these
@@ -133,7 +135,7 @@ def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> Meet:
     return Meet(client, _grasp(meet), **others)
 
 
-def sensor(scenario: Contents) -> ClientSensor | None:
+def sensor(scenario: Scenario) -> ClientSensor | None:
     """How the client is seen in the loop; None: where it is, is known."""
     given = None if scenario.client is None else scenario.client.get("sensor")
     return None if given is None else ClientSensor(**radians(given))

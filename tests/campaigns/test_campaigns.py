@@ -21,7 +21,7 @@ from ffsms_pin.errors import FfsmsError, InvalidScenario, InvalidValue, ResultEr
 from ffsms_pin.plotting.comparisons import plot_campaign
 from ffsms_pin.scenarios import run as run_alone
 from ffsms_pin.scenarios import scenario
-from ffsms_pin.scenarios.tracked import wilson_interval
+from ffsms_pin.studies.tracked import wilson_interval
 
 RUNS = 12
 

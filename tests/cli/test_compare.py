@@ -13,7 +13,8 @@ from scenario_files import IN_RADIANS, write
 from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.scenarios import scenario
-from ffsms_pin.scenarios.compare import Comparison, compare, comparison_numbers, why_not_reached
+from ffsms_pin.scenarios.comparisons import Comparison, compare, comparison_numbers
+from ffsms_pin.studies.extremes import why_not_reached
 
 SCENARIO = f"""{IN_RADIANS}\
 [plan]

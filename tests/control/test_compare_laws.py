@@ -15,7 +15,7 @@ from ffsms_pin.cli import main
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.plotting.comparisons import plot_laws
 from ffsms_pin.scenarios import LawComparison, compare_laws, scenario
-from ffsms_pin.scenarios.compare import law_numbers
+from ffsms_pin.scenarios.comparisons import law_numbers
 
 SCENARIO = f"""{IN_RADIANS}\
 [plan]

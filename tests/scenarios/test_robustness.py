@@ -19,9 +19,9 @@ from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.plotting.comparisons import plot_robustness
 from ffsms_pin.scenarios import Robustness, robustness, scenario
-from ffsms_pin.scenarios.robustness import METHODS, robustness_numbers
+from ffsms_pin.scenarios.plants import METHODS, robustness_numbers
 
-module = sys.modules["ffsms_pin.scenarios.robustness"]  # the package's attribute of that name is the function
+module = sys.modules["ffsms_pin.scenarios.plants"]
 
 SCENARIO = f"""{IN_RADIANS}\
 [plan]

@@ -10,8 +10,7 @@ import pytest
 from scenario_files import QUICK, write
 
 from ffsms_pin.errors import InvalidScenario, ResultError
-from ffsms_pin.scenarios import scenario, scenario_names
-from ffsms_pin.scenarios.contents import Contents
+from ffsms_pin.scenarios import Scenario, scenario, scenario_names
 from ffsms_pin.scenarios.definition import load_scenario, save_scenario
 
 MORE = """
@@ -33,7 +32,7 @@ def test_what_was_said_comes_back(tmp_path: Path) -> None:
     for one in (own, *(scenario(name) for name in scenario_names())):
         save_scenario(one, tmp_path / "scenario.json")
         again = load_scenario(tmp_path / "scenario.json")
-        for field in fields(Contents):
+        for field in fields(Scenario):
             if field.name != "source":
                 assert getattr(again, field.name) == getattr(one, field.name), field.name
         assert again.source == one.source.absolute()

@@ -17,8 +17,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.control import ComputedTorque, Coordinated, QuaternionFeedback, StationKeeping
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.scenarios.closed_loop import Held
-from ffsms_pin.scenarios.tracked import end_effector_deviation
 from ffsms_pin.simulation import Tracking
+from ffsms_pin.studies.tracked import end_effector_deviation
 
 RATES = (0.1, -0.15, 0.2)
 DRIFT = (0.3, -0.2, 0.0, 0.0, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Side by side on one scenario: the planning methods, and the control laws."""
+"""Side by side on one scenario: the planning methods, the modes of the base, and the control laws."""
 
 from __future__ import annotations
 
@@ -8,29 +8,28 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from ffsms_pin.checks import instance, one_of
 from ffsms_pin.control import LAWS, JointLaw
-from ffsms_pin.control.reduced_dynamics import reduced_dynamics
-from ffsms_pin.opt import METHODS, Trajectory
-from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
+from ffsms_pin.errors import InvalidScenario
+from ffsms_pin.opt import METHODS, SearchOptions, Trajectory
 from ffsms_pin.scenarios.closed_loop import Attempt, attempt, planned, prepared
 from ffsms_pin.scenarios.conditions import controller
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
-from ffsms_pin.scenarios.tracked import arrived, joint_error_numbers
-from ffsms_pin.studies.extremes import base_numbers
+from ffsms_pin.studies.extremes import plan_numbers, why_not_reached
+from ffsms_pin.studies.modes import Strategy, strategies
+from ffsms_pin.studies.tracked import arrived, joint_error_numbers
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
     "Comparison",
     "LawComparison",
+    "ModeComparison",
     "compare",
     "compare_laws",
+    "compare_modes",
     "comparison_numbers",
     "law_numbers",
-    "why_not_reached",
 ]
 
 
@@ -99,22 +98,10 @@ def _cannot(scenario: Scenario, method: str) -> str:
 
 
 def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
-    """One row a method, every key of a quantity ending in its unit.
-
-    `path_over_straight` is the length of the end effector's path over the straight line between its ends;
-    joint effort the integral of the squared joint rates, torque effort that of the torques H_q qdd + C_q.
-    """
+    """One row a method, as `plan_numbers` says it, with the time that planning took."""
     return {
         method: {
-            "reached": made.reached,
-            "final_error_m": float(made.position_error[-1]),
-            "cost_integral_s": made.cost_integral,
-            "joint_travel_rad": made.joint_travel,
-            "path_over_straight": made.path_ratio,
-            "joint_effort_rad2_per_s": _joint_effort(made),
-            "torque_effort_N2m2s": _torque_effort(comparison.sms, made),
-            **base_numbers(comparison.sms, made.q),
-            "peak_rate_rad_per_s": float(np.abs(made.joint_rates).max()),
+            **plan_numbers(comparison.sms, made),
             "planning_s": comparison.times[method],
             "note": why_not_reached(made) or made.note,
         }
@@ -122,39 +109,46 @@ def comparison_numbers(comparison: Comparison) -> dict[str, dict[str, Any]]:
     }
 
 
-def why_not_reached(made: Trajectory) -> str:
-    """Why a motion is not `reached`, in words: how far off it is, and its own note; empty where it is."""
-    if made.reached:
-        return ""
-    late = made.t >= ARRIVAL_SHARE * made.duration - 1e-9
-    found, farthest = [], float(made.position_error[late].max())
-    if farthest > made.reach:
-        end = float(made.position_error[-1])
-        found.append(
-            f"it is up to {1e3 * farthest:.3g} mm from the target in the last tenth of the time, where"
-            f" {1e3 * made.reach:.3g} mm are allowed, and ends {1e3 * end:.3g} mm off"
-        )
-    turned = float(made.orientation_error[late].max())
-    if turned > made.orientation_reach:
-        found.append(
-            f"it is turned by up to {np.degrees(turned):.3g} deg there, where"
-            f" {np.degrees(made.orientation_reach):.3g} deg are allowed"
-        )
-    return "; ".join(filter(None, [*found, made.note]))
+@dataclass(frozen=True, eq=False)
+class ModeComparison:
+    """One task in several ways.
+
+    Attributes
+    ----------
+    found : dict of str to Strategy
+        By name, as in `ffsms_pin.studies.modes.STRATEGIES`.
+    """
+
+    scenario: Scenario
+    sms: SpaceManipulator
+    found: dict[str, Strategy]
 
 
-def _joint_effort(made: Trajectory) -> float:
-    """Integral of the squared joint rates, exactly: they are linear between nodes."""
-    first, last = made.joint_rates[:-1], made.joint_rates[1:]
-    return float((first**2 + first * last + last**2).sum()) * made.dt / 3.0
+def compare_modes(scenario: Scenario, progress: Callable[[str, float], None] | None = None) -> ModeComparison:
+    """Do a scenario's task with the base's attitude held, and floating.
 
+    Everything is as planned; `tests/opt/planning/test_held_base.py` compares plans with simulations.
 
-def _torque_effort(sms: SpaceManipulator, made: Trajectory) -> float:
-    effort = 0.0
-    for k, acceleration in enumerate(made.joint_accelerations):
-        H_q, C_q = reduced_dynamics(sms, made.q[k], made.v[k])
-        effort += float(np.square(H_q @ acceleration + C_q).sum())
-    return effort * made.dt
+    Parameters
+    ----------
+    scenario : Scenario
+        With wheels, or with thrusters, which then hold and turn the base.
+    progress : callable, optional
+        Called with a strategy's name and the share of its plan that is done, 0 to 1.
+
+    Raises
+    ------
+    InvalidScenario
+        There are neither wheels nor thrusters.
+    """
+    check_call(scenario, progress)
+    sms = scenario.load()
+    if sms.wheels is None and sms.thrusters is None:
+        raise InvalidScenario(scenario.source, "comparing modes needs a table [wheels] or [thrusters]")
+    with scenario.named():
+        problem = scenario.problem(sms)
+        options = SearchOptions(time_limit=scenario.plan.get("time_limit"))
+        return ModeComparison(scenario, sms, strategies(problem, options, progress))
 
 
 @dataclass(frozen=True, eq=False)

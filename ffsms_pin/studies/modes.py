@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import BaseLimits, Problem, SearchOptions, Trajectory
 from ffsms_pin.opt.planning.plan import plan_problem
-from ffsms_pin.scenarios.compare import why_not_reached
-from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.run import check_call, stage
+from ffsms_pin.studies.extremes import why_not_reached
 from ffsms_pin.studies.turn_back import Spent, spent, turn_back
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
     "RESTORED_WITHIN",
     "STRATEGIES",
-    "ModeComparison",
     "Strategy",
-    "compare_modes",
     "mode_numbers",
     "strategies",
 ]
@@ -47,62 +43,26 @@ class Strategy(NamedTuple):
     carried: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class ModeComparison:
-    """One task in several ways.
-
-    Attributes
-    ----------
-    found : dict of str to Strategy
-        By name, as in `STRATEGIES`.
-    """
-
-    scenario: Scenario
-    sms: SpaceManipulator
-    found: dict[str, Strategy]
-
-
-def compare_modes(scenario: Scenario, progress: Callable[[str, float], None] | None = None) -> ModeComparison:
-    """Do a scenario's task with the base's attitude held, and floating.
-
-    Everything is as planned; `tests/opt/planning/test_held_base.py` compares plans with simulations.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        With wheels, or with thrusters, which then hold and turn the base.
-    progress : callable, optional
-        Called with a strategy's name and the share of its plan that is done, 0 to 1.
-
-    Raises
-    ------
-    InvalidScenario
-        There are neither wheels nor thrusters.
-    """
-    check_call(scenario, progress)
-    sms = scenario.load()
-    if sms.wheels is None and sms.thrusters is None:
-        raise InvalidScenario(scenario.source, "comparing modes needs a table [wheels] or [thrusters]")
-    with scenario.named():
-        problem = scenario.problem(sms)
-        options = SearchOptions(time_limit=scenario.plan.get("time_limit"))
-        return ModeComparison(scenario, sms, strategies(problem, options, progress))
-
-
 def strategies(
     problem: Problem,
     options: SearchOptions | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> dict[str, Strategy]:
-    """The same for any problem of a robot with wheels or thrusters, whatever its mode."""
+    """Plans for a problem of a robot with wheels or thrusters, whatever its mode, by `STRATEGIES`.
+
+    `progress` is called with a strategy's name and the share of its plan that is done, 0 to 1.
+    """
     sms = problem.sms
     held = replace(problem, mode="rotation-flying" if sms.wheels is None else "rotation-floating")
     floating = replace(problem, mode="floating", wheel_momentum=None)
     kept = [limit for limit in floating.limits if not isinstance(limit, BaseLimits)]
     restoring = replace(floating, limits=(*kept, BaseLimits(final_attitude=RESTORED_WITHIN)))
 
+    def report(name: str) -> Callable[[float], None] | None:
+        return None if progress is None else partial(progress, name)
+
     def made(name: str, problem: Problem) -> Trajectory:
-        return plan_problem(problem, "horizon", options, stage(progress, name))
+        return plan_problem(problem, "horizon", options, report(name))
 
     found: dict[str, Strategy] = {}
     found["held"] = _spent(sms, made("held", held))
@@ -111,7 +71,7 @@ def strategies(
     longer = held.lasting(held.duration + (0.0 if after is None else float(after.t[-1])))
     found["held-longer"] = _spent(sms, made("held-longer", longer))
     found["restored"] = _spent(sms, made("restored", restoring))
-    straight = plan_problem(floating, "resolved-rate", None, stage(progress, "straight"))
+    straight = plan_problem(floating, "resolved-rate", None, report("straight"))
     found["straight"] = _turned_back(sms, straight)
     return {name: found[name] for name in STRATEGIES}
 

@@ -21,9 +21,9 @@ from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, planned, prepar
 from ffsms_pin.scenarios.conditions import control_steps, controller
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
-from ffsms_pin.scenarios.tracked import arrived, finite, wilson_interval
 from ffsms_pin.simulation import random_plants
 from ffsms_pin.storage import read_content
+from ffsms_pin.studies.tracked import arrived, finite, wilson_interval
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 

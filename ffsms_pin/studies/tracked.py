@@ -13,7 +13,6 @@ from ffsms_pin.checks import FloatArray, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
-from ffsms_pin.scenarios.joints import slides
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.system import SpaceManipulator
@@ -166,7 +165,7 @@ def _tip(robot: SpaceManipulator, data: Any, q: FloatArray) -> FloatArray:
 
 def joint_error_numbers(sms: SpaceManipulator, tracking: Tracking) -> dict[str, float]:
     """Largest errors, apart for joints that turn and joints that slide."""
-    sliding = np.array(slides(sms))
+    sliding = ~sms.layout.turns
     position, rate = np.abs(tracking.joint_error), np.abs(tracking.joint_rate_error)
     numbers = {}
     for unit, chosen in (("rad", ~sliding), ("m", sliding)):
