@@ -17,6 +17,7 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client.torque_free import Rotation, torque_free
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
+from ffsms_pin.storage import path_like
 from ffsms_pin.system.loading import folders
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
@@ -127,7 +128,7 @@ class Client:
         ------
         InvalidUrdf, InvalidInertia, UnsupportedJoint, GeometryError, InvalidValue
         """
-        body = one_body(Path(path), folders(package_dirs))
+        body = one_body(path_like("path", path), folders(package_dirs))
         link = pin.SE3(np.eye(3), -body.inertia.lever)
         shapes = [(geometry, link * placement) for geometry, placement in body.shapes]
         return cls(body.inertia.mass, body.inertia.inertia, pose, twist, shapes, link)

@@ -98,11 +98,12 @@ def all_results(
     results: list[Any] = []
     failures: dict[int, Exception] = {}
     for outcome in found:
+        instance("found", outcome, Outcome)
         results.append(outcome.result)
         if outcome.error is not None:
             failures[outcome.index] = outcome.error
         if progress is not None:
-            progress(len(results) / count)
+            progress(len(results) / max(count, 1))
     if failures:
         raise TasksFailed(failures, results)
     return results

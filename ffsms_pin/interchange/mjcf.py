@@ -33,6 +33,7 @@ def to_mjcf(sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = Tru
     """
     instance("sms", sms, SpaceManipulator)
     positive("timestep", timestep, "s")
+    instance("actuators", actuators, bool)
     model = sms.model
     axes = joint_axes(sms)
     children: dict[int, list[int]] = {j: [] for j in range(model.njoints)}

@@ -45,7 +45,8 @@ def check_options(options: Any, but: Sequence[str] = ()) -> None:
                 if whole(f"{field.name}.{name}", count, 1) > 100:
                     raise InvalidValue(f"{field.name}.{name}", count, "must not exceed 100")
         elif isinstance(default, int):
-            whole(field.name, value, 0)
+            if whole(field.name, value, 0) > 1_000_000:  # starts and steps: more fit into no memory
+                raise InvalidValue(field.name, value, "must not exceed a million")
         elif field.name not in but and value is not default and str(value) != "inf":
             at_least_zero(field.name, value)
 
