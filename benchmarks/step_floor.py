@@ -37,13 +37,11 @@ MODELS = ("planar_3r", "satellite_panda")
 # Of a step: where what it calls stands, and by which names.
 PARTS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "checks of the arguments": (Stepper, ("_checked",)),
-    "state: J*, V, entropy": (stepper, ("StepState",)),
-    "direction and speed": (stepper, ("ideal_cosine", "wanted_motion")),
-    "objective": (stepper, ("objective",)),
+    "state: J*, V, entropy, bounds on the rates": (stepper, ("StepState",)),
     "rows of the joint limits": (JointLimits, ("rows",)),
     "rows of the clearances": (Clearance, ("rows",)),
     "rows of the box": (AlphaBox, ("rows",)),
-    "all rows in alpha, bounds": (stepper, ("programme_of",)),
+    "direction, objective, all rows in alpha": (stepper, ("ideal_cosine", "programme_of", "add_terms")),
     "ProxQP, its active rows solved exactly": (StepSolver, ("solve",)),
 }
 REST = "the rest: rates, cosine, cost; reading the clock"

@@ -13,7 +13,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.joints import AlphaBox
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.step.march import March, march
-from ffsms_pin.opt.step.state import StepState, rate_bounds
+from ffsms_pin.opt.step.programme import StepWeights, programme_of
+from ffsms_pin.opt.step.state import StepState, WantedMotion, rate_bounds
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import roll_out
 
@@ -94,6 +95,13 @@ class StepRows(StepLimit):
 
     def rows(self, step: StepState) -> Rows | None:
         return self._rows(step)
+
+
+def wanted_motion(
+    step: StepState, target: FloatArray, cosine: float, side: FloatArray, rotation: FloatArray | None = None
+) -> WantedMotion:
+    """Of a programme without limits."""
+    return programme_of(step, target, cosine, side, rotation, StepWeights(), [])[0]
 
 
 def make_stepper(

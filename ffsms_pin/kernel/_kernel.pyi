@@ -64,11 +64,14 @@ def step_state(
     tree: Tree, root: Array, joints: Array, momentum: Array | None, /
 ) -> tuple[Array, Array, Array]: ...
 def rate_bounds(limits: Array, joints: Array, rates: Array, dt: float, /) -> Array: ...
-def wanted_motion(
+def reference_speed(path_left: float, speed: float, time_left: float, dt: float, /) -> float: ...
+def ideal_cosine(entropy: float, kappa: float, /) -> float: ...
+def step_programme(
     way: Array,
     rotation: Array | None,
     attitude: Array,
     J: Array,
+    V: Array,
     rates: Array,
     drift: Array,
     acceleration: Array,
@@ -76,23 +79,10 @@ def wanted_motion(
     cosine: float,
     time_left: float,
     dt: float,
-    /,
-) -> Array: ...
-def reference_speed(path_left: float, speed: float, time_left: float, dt: float, /) -> float: ...
-def objective(
-    J: Array,
-    V: Array,
-    rates: Array,
-    drift: Array,
-    direction: Array,
-    speed: float,
-    spin: Array | None,
     weights: Array,
+    limits: Sequence[tuple[Array, Array, Array, float]],
     /,
-) -> Array: ...
-def stacked_rows(
-    V: Array, limits: Sequence[tuple[Array, Array, Array, float]], /
-) -> tuple[Array, Array, Array]: ...
+) -> tuple[Array, Array, tuple[Array, Array, Array]]: ...
 def refined(
     H: Array, g: Array, A: Array, low: Array, up: Array, z: Array, tolerance: float, /
 ) -> Pair | None: ...

@@ -86,7 +86,7 @@ Out rate_bounds(const Table<double, 4, -1>& limits, const Vector& joints, const 
 }
 
 // Unit vectors to the target and along the wanted motion, its side, the wanted spin, and the speed (13,): see
-// opt/step/state.py. J is J* (6, n), `rotation` the wanted attitude (3, 3).
+// `WantedMotion`. J is J* (6, n), `rotation` the wanted attitude (3, 3).
 Out wanted_motion(const Triple& way, const std::optional<Rotation>& rotation, const Rotation& attitude,
                   const Jacobian& J, const Vector& rates, const Twist& drift, const Vector& acceleration,
                   const Triple& side, double cosine, double time_left, double dt) {
@@ -124,42 +124,6 @@ Out wanted_motion(const Triple& way, const std::optional<Rotation>& rotation, co
   Writer write = {out.data(), 1};
   for (const Vec3<double>& one : {towards, direction, lateral, spin}) write.put(&one, 1);
   write.put(&speed, 1);
-  return out;
-}
-
-// H (n + 2, n + 2), and g below it, of 1/2 x^T H x + g^T x: direction, speed, effort, change, slack, and the
-// end effector's spin, by their weights. J is J* (6, n).
-Out objective(const Jacobian& J, const Matrix& V, const Vector& rates, const Twist& drift,
-              const Triple& direction, double speed, const std::optional<Triple>& spin,
-              const Table<double, 6>& weights) {
-  const int n = static_cast<int>(rates.shape(0)), size = n + 2;
-  expect(n <= kMostJoints, "the kernel takes 1 to 64 joints");
-  Out out = new_array(size + 1, size);
-  std::fill_n(out.data(), (size + 1) * size, 0.0);
-  double *H = out.data(), *g = H + size * size, row[kMostJoints + 1];
-  // J V alpha + drift is to be along the direction, or the wanted spin.
-  for (int r = 0; r < (spin ? 6 : 3); ++r) {
-    const double weight = weights(r < 3 ? 0 : 2), offset = r < 3 ? drift(r) : drift(r) - (*spin)(r - 3);
-    for (int c = 0; c < n; ++c) {
-      row[c] = 0.0;
-      for (int j = 0; j < n; ++j) row[c] += J(r, j) * V(j, c);
-    }
-    row[n] = r < 3 ? -direction(r) : 0.0;
-    for (int i = 0; i <= n; ++i) {
-      const double weighted = weight * row[i];
-      g[i] += weighted * offset;
-      for (int j = 0; j <= n; ++j) H[i * size + j] += weighted * row[j];
-    }
-  }
-  // V turns without stretching, so that |u| = |alpha|: effort and change are diagonal in alpha, too.
-  for (int i = 0; i < n; ++i) {
-    H[i * size + i] += weights(4) + weights(3);
-    for (int j = 0; j < n; ++j) g[i] -= weights(4) * rates(j) * V(j, i);
-  }
-  H[n * size + n] += weights(1);
-  g[n] -= weights(1) * speed;
-  H[(n + 1) * size + n + 1] += weights(5);
-  g[n + 1] += weights(5);
   return out;
 }
 
@@ -203,6 +167,46 @@ nb::tuple stacked_rows(const Matrix& V, const nb::sequence& limits) {
   return nb::make_tuple(rows, array_of(low), array_of(up));
 }
 
+// The wanted motion, H (n + 2, n + 2) with g below it, of 1/2 x^T H x + g^T x, and the rows. H weighs
+// direction, speed, effort, change, slack, and the end effector's spin.
+nb::tuple step_programme(const Triple& way, const std::optional<Rotation>& rotation, const Rotation& attitude,
+                         const Jacobian& J, const Matrix& V, const Vector& rates, const Twist& drift,
+                         const Vector& acceleration, const Triple& side, double cosine, double time_left,
+                         double dt, const Table<double, 6>& weights, const nb::sequence& limits) {
+  const int n = static_cast<int>(rates.shape(0)), size = n + 2;
+  expect(n <= kMostJoints, "the kernel takes 1 to 64 joints");
+  const Out wanted =
+      wanted_motion(way, rotation, attitude, J, rates, drift, acceleration, side, cosine, time_left, dt);
+  const double *direction = wanted.data() + 3, *spin = wanted.data() + 9, speed = wanted.data()[12];
+  Out goal = new_array(size + 1, size);
+  std::fill_n(goal.data(), (size + 1) * size, 0.0);
+  double *H = goal.data(), *g = H + size * size, row[kMostJoints + 1];
+  // J V alpha + drift is to be along the direction, or the wanted spin.
+  for (int r = 0; r < (rotation ? 6 : 3); ++r) {
+    const double weight = weights(r < 3 ? 0 : 2), offset = r < 3 ? drift(r) : drift(r) - spin[r - 3];
+    for (int c = 0; c < n; ++c) {
+      row[c] = 0.0;
+      for (int j = 0; j < n; ++j) row[c] += J(r, j) * V(j, c);
+    }
+    row[n] = r < 3 ? -direction[r] : 0.0;
+    for (int i = 0; i <= n; ++i) {
+      const double weighted = weight * row[i];
+      g[i] += weighted * offset;
+      for (int j = 0; j <= n; ++j) H[i * size + j] += weighted * row[j];
+    }
+  }
+  // V turns without stretching, so that |u| = |alpha|: effort and change are diagonal in alpha, too.
+  for (int i = 0; i < n; ++i) {
+    H[i * size + i] += weights(4) + weights(3);
+    for (int j = 0; j < n; ++j) g[i] -= weights(4) * rates(j) * V(j, i);
+  }
+  H[n * size + n] += weights(1);
+  g[n] -= weights(1) * speed;
+  H[(n + 1) * size + n + 1] += weights(5);
+  g[n + 1] += weights(5);
+  return nb::make_tuple(wanted, goal, stacked_rows(V, limits));
+}
+
 // The exact solution (x, z) of the equations of the active rows; None where it is not the programme's.
 nb::object refined(const Matrix& H, const Vector& g, const Matrix& A, const Vector& low, const Vector& up,
                    const Vector& z, double tolerance) {
@@ -244,10 +248,9 @@ void bind_step(nb::module_& m) {
   m.attr("ARRIVAL_POWER") = kArrivalPower;
   m.def("step_state", &step_state);
   m.def("rate_bounds", &rate_bounds);
-  m.def("wanted_motion", &wanted_motion);
   m.def("reference_speed", &reference_speed);
-  m.def("objective", &objective);
-  m.def("stacked_rows", &stacked_rows);
+  m.def("ideal_cosine", &ideal_cosine);
+  m.def("step_programme", &step_programme);
   m.def("refined", &refined);
 }
 

@@ -22,12 +22,10 @@ struct ConeMarch {
   const double* rotation;  // wanted of the end effector (3, 3), or null
 };
 
-// The cosine of no cost, log(exp(kappa (1 - H)) - 1) / kappa, within [-1, 1].
-inline double ideal_cosine(const Tree& tree, const Arm<double>& arm, double kappa) {
+inline double entropy_of(const Tree& tree, const Arm<double>& arm) {
   double gradient[kMostRows][kMostJoints], C[kMostRows][kMostJoints];
   for (int x = 0; x < 6; ++x) std::copy(arm.coupling[x], arm.coupling[x] + tree.n, C[x]);
-  const double x = std::fmax(kappa * (1.0 - entropy(6, tree.n, C, gradient)), 1e-9);
-  return std::fmin(std::fmax((x + std::log(-std::expm1(-x))) / kappa, -1.0), 1.0);
+  return entropy(6, tree.n, C, gradient);
 }
 
 // Least rates (n) with J u near to what is wanted (m), for J (m, n). Damping must not slow what can be done:
@@ -72,7 +70,7 @@ inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side,
     const Vec3<double> way = target - com - R * (arm.tip - arm.com);
     const double distance = std::sqrt(dot(way, way)) + 1e-12;
     const Vec3<double> d = (1.0 / distance) * way;
-    const double cosine = straight ? 1.0 : ideal_cosine(tree, arm, by.kappa);
+    const double cosine = straight ? 1.0 : ideal_cosine(entropy_of(tree, arm), by.kappa);
     side = side - dot(side, d) * d;
     side = (1.0 / (std::sqrt(dot(side, side)) + 1e-12)) * side;
     const Vec3<double> e = cosine * d + std::sqrt(std::fmax(1.0 - cosine * cosine, 0.0)) * side;

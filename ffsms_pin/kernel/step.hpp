@@ -66,6 +66,15 @@ inline double reached_speed(double path_left, const Vec3<double>& direction, con
   return std::min(reference_speed(path_left, now, time_left, dt), now + dt * gain);
 }
 
+// The cosine at which a step with this H_norm costs nothing, log(exp(kappa (1 - H_norm)) - 1) / kappa, or the
+// nearest one in [-1, 1]: see `ideal_cosine` of opt/terms/paper.py.
+inline double ideal_cosine(double entropy, double kappa) {
+  const double x = kappa * (1.0 - entropy);
+  if (!(x > 0.0)) return -1.0;
+  // log(exp(x) - 1) = x + log(1 - exp(-x)), without overflow.
+  return std::min(1.0, std::max(-1.0, (x + std::log(-std::expm1(-x))) / kappa));
+}
+
 // Unit vector across `towards`, as near to `hint` as possible; any, where that has no part across.
 inline Vec3<double> lateral_direction(const Vec3<double>& towards, const Vec3<double>& hint) {
   Vec3<double> across = hint - dot(hint, towards) * towards;

@@ -126,7 +126,10 @@ def rows_of(limit: Any, step: StepState) -> Rows | None:
     if not isinstance(rows, Rows):
         raise PartError(limit, "rows", f"must return opt.Rows or None; got {type(rows).__name__}")
     k, n = len(rows.lower), len(step.rates)
-    shapes = np.shape(rows.G), np.shape(rows.lower), np.shape(rows.upper)
+    try:
+        shapes = rows.G.shape, rows.lower.shape, rows.upper.shape
+    except AttributeError:  # no arrays
+        shapes = np.shape(rows.G), np.shape(rows.lower), np.shape(rows.upper)
     if shapes != ((k, n), (k,), (k,)):
         raise PartError(limit, "rows", f"must give G (k, {n}), lower (k,) and upper (k,); got {shapes}")
     return rows

@@ -29,9 +29,9 @@ __all__ = [
     "StepProblem",
     "StepSolver",
     "StepWeights",
+    "add_terms",
     "nearest_to",
     "new_solver",
-    "objective",
     "programme_of",
 ]
 
@@ -123,39 +123,39 @@ class Programme(NamedTuple):
         return StepProblem(self.H, self.g, self.A[:-2], self.low[:-2], self.up[:-2], lower, upper)
 
 
-def programme_of(goal: tuple[FloatArray, FloatArray], V: FloatArray, rows: Sequence[Rows]) -> Programme:
-    """The programme of an objective (H, g) with the rows of limits, then s >= 0 and slack >= 0.
+def programme_of(
+    step: StepState,
+    target: FloatArray,
+    cosine: float,
+    side: FloatArray,
+    rotation: FloatArray | None,
+    weights: StepWeights,
+    rows: Sequence[Rows],
+) -> tuple[WantedMotion, Programme]:
+    """The wanted motion and the programme, with the rows of limits, then s >= 0 and slack >= 0.
+
+    The motion leads to a target (3,) [m], and an attitude (3, 3), at the angle acos(cosine) to the way there.
+    `side` (3,) is a vector whose part across the way is the side to move on; zero: as the end effector moves.
 
     A row lower <= G u <= upper becomes lower <= G V alpha <= upper. Where it gives way, a side becomes a row
     of its own, G V alpha + give slack >= lower or G V alpha - give slack <= upper.
     """
-    return Programme(*goal, *kernel.stacked_rows(V, rows))
-
-
-def objective(
-    step: StepState,
-    wanted: WantedMotion,
-    weights: StepWeights,
-    effort: FloatArray | None = None,
-    terms: Sequence[tuple[FloatArray, FloatArray]] = (),
-) -> tuple[FloatArray, FloatArray]:
-    """What a step should come to: H and g of 1/2 x^T H x + g^T x.
-
-    `effort` (n, n) prices the redundant motion u^T effort u beside the identity; of `terms` each (W (n, n),
-    w (n,)) adds u^T W u / 2 - w^T u.
-    """
-    V, n = step.V, len(step.rates)
-    found = kernel.objective(
-        step.J_star, V, step.rates, step.tip_drift, wanted.direction, wanted.speed, wanted.spin, weights.table
+    given = step.J_star, step.V, step.rates, step.tip_drift, step.sms.limits.acceleration
+    when = cosine, step.time_left, step.dt
+    found, goal, stacked = kernel.step_programme(
+        target - step.tip, rotation, step.tip_rotation, *given, side, *when, weights.table, rows
     )
-    H, g = found[:-1], found[-1]
-    added = list(terms)
-    if effort is not None:  # instead of the identity
-        added.append((weights.effort * (effort - np.eye(n)), np.zeros(n)))
-    for matrix, vector in added:
-        H[:n, :n] += V.T.dot(matrix).dot(V)
-        g[:n] -= vector.dot(V)
-    return H, g
+    spin = None if rotation is None else found[9:12]
+    wanted = WantedMotion(found[:3], found[3:6], found[6:9], spin, float(found[12]))
+    return wanted, Programme(goal[:-1], goal[-1], *stacked)
+
+
+def add_terms(programme: Programme, V: FloatArray, terms: Sequence[tuple[FloatArray, FloatArray]]) -> None:
+    """Add to the objective, of each of `terms` (W (n, n), w (n,)), u^T W u / 2 - w^T u."""
+    n = len(V)
+    for matrix, vector in terms:
+        programme.H[:n, :n] += V.T.dot(matrix).dot(V)
+        programme.g[:n] -= vector.dot(V)
 
 
 def nearest_to(rates: FloatArray, V: FloatArray, weights: StepWeights) -> tuple[FloatArray, FloatArray]:

@@ -19,7 +19,7 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.motion.held import StepFeatures
 from ffsms_pin.system import JointLimits, SpaceManipulator
 
-__all__ = ["REFERENCES", "StepState", "WantedMotion", "rate_bounds", "wanted_motion"]
+__all__ = ["REFERENCES", "StepState", "WantedMotion", "rate_bounds"]
 
 
 class StepState:
@@ -34,8 +34,9 @@ class StepState:
     From these follow `reaction` (6, n), the root's velocity a joint rate, root axes; `J_star` and `J_arm`
     (6, n), the end effector's with the base reacting and held still, inertial axes; `V` (n, n) and `entropy`
     of the mode's C_bm; `tip` (3,) and `tip_rotation` (3, 3), inertial axes; `com` (3,), of the system, or of
-    the base where its place is held, root axes [m]; and `drift`, `tip_drift` (6,), the velocities of the root
-    and of the end effector that the momentum gives with the joints at rest.
+    the base where its place is held, root axes [m]; `drift`, `tip_drift` (6,), the velocities of the root
+    and of the end effector that the momentum gives with the joints at rest; and `bounds` on the joint rates
+    at the step's end (`rate_bounds`).
     """
 
     def __init__(
@@ -60,6 +61,7 @@ class StepState:
         self.reaction, self.J_star, self.J_arm = columns
         self.tip, self.com, self.drift, self.tip_drift = more[:3], more[3:6], more[6:12], more[12:18]
         self.tip_rotation, self.entropy = more[18:27].reshape(3, 3), float(more[27])
+        self.bounds = rate_bounds(self.joints, rates, sms.limits, dt)
 
     @cached_property
     def pose(self) -> Any:
@@ -70,11 +72,6 @@ class StepState:
     def wheels(self) -> ReactionWheels | None:
         """The wheels that hold the attitude, where wheels do."""
         return self.sms.wheels if self.mode == "rotation-floating" else None
-
-    @cached_property
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Bounds on the joint rates at the step's end (`rate_bounds`)."""
-        return rate_bounds(self.joints, self.rates, self.sms.limits, self.dt)
 
     @cached_property
     def features(self) -> StepFeatures:
@@ -109,24 +106,6 @@ class WantedMotion(NamedTuple):
     side: FloatArray
     spin: FloatArray | None
     speed: float
-
-
-def wanted_motion(
-    step: StepState,
-    target: FloatArray,
-    cosine: float,
-    side: FloatArray,
-    rotation: FloatArray | None = None,
-) -> WantedMotion:
-    """Motion to a target (3,) [m], and an attitude (3, 3), at the angle acos(cosine) to the way there.
-
-    `side` (3,) is a vector whose part across the way is the side to move on; zero: as the end effector moves.
-    """
-    limits, given = step.sms.limits, (step.J_star, step.rates, step.tip_drift)
-    way, when = target - step.tip, (cosine, step.time_left, step.dt)
-    found = kernel.wanted_motion(way, rotation, step.tip_rotation, *given, limits.acceleration, side, *when)
-    spin = None if rotation is None else found[9:12]
-    return WantedMotion(found[:3], found[3:6], found[6:9], spin, float(found[12]))
 
 
 class Reference(NamedTuple):

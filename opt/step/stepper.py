@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, number, one_of, positive, vector
-from ffsms_pin.coupling import cosine
+from ffsms_pin.coupling import cosine_of_triples
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
@@ -21,11 +21,11 @@ from ffsms_pin.opt.step.programme import (
     StepProblem,
     StepSolver,
     StepWeights,
+    add_terms,
     nearest_to,
-    objective,
     programme_of,
 )
-from ffsms_pin.opt.step.state import REFERENCES, StepState, WantedMotion, wanted_motion
+from ffsms_pin.opt.step.state import REFERENCES, StepState, WantedMotion
 from ffsms_pin.opt.terms.paper import ideal_cosine, step_cost
 from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system import SpaceManipulator
@@ -213,15 +213,18 @@ class Stepper:
         given = self.momentum, self.base_start, time, self.mode, self.wheel_total
         step = StepState(self.sms, q, rates, self.dt, time_left, *given)
         cosine_wanted = ideal_cosine(step.entropy, self.kappa) if reference.on_cone else 1.0
-        wanted = wanted_motion(step, target, cosine_wanted, self.side, rotation)
-        if prefer is not None:
-            goal = nearest_to(prefer, step.V, self.weights)
-        else:
-            objectives = (objective_of(term, step) for term in self.terms)
-            shares = [share for share in objectives if share is not None]
-            goal = objective(step, wanted, self.weights, reference.price(step), shares)
         rows = [rows for limit in self.limits if (rows := rows_of(limit, step)) is not None]
-        return step, wanted, programme_of(goal, step.V, rows)
+        wanted, programme = programme_of(step, target, cosine_wanted, self.side, rotation, self.weights, rows)
+        if prefer is not None:
+            H, g = nearest_to(prefer, step.V, self.weights)
+            return step, wanted, programme._replace(H=H, g=g)
+        shares = [share for term in self.terms if (share := objective_of(term, step)) is not None]
+        price = reference.price(step)
+        if price is not None:  # instead of the identity
+            n = self.sms.n
+            shares.append((self.weights.effort * (price - np.eye(n)), np.zeros(n)))
+        add_terms(programme, step.V, shares)
+        return step, wanted, programme
 
     def _solved(self, step: StepState, wanted: WantedMotion, programme: Programme) -> Step:
         """Solve a programme, remember its solution, and say what it comes to."""
@@ -241,8 +244,8 @@ class Stepper:
                 chosen = self._within(step, stoppable(self._in_braking, step, chosen, slower))
         else:
             chosen, self._last = self._within(step, braking(step)), None
-        velocity = step.J_star[:3].dot(chosen) + step.tip_drift[:3]
-        cos_theta = cosine(velocity, wanted.towards)
+        velocity = step.J_star.dot(chosen) + step.tip_drift
+        cos_theta = cosine_of_triples(velocity.tolist()[:3], wanted.towards.tolist())
         cost = step_cost(cos_theta, step.entropy, self.kappa)
         return Step(chosen.dot(V), chosen, cos_theta, step.entropy, cost, found.solved, slack)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ffsms_pin.checks import FloatArray, at_least_zero, number, positive
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.motion import Feature, Features, Motions
 from ffsms_pin.opt.motion.motions import EXACT
 from ffsms_pin.opt.terms.term import Term, WeightedTerm, time_scale
@@ -43,13 +44,7 @@ def ideal_cosine(entropy: float, kappa: float) -> float:
     C~ = 1 - H_norm gives log(exp(kappa (1 - H_norm)) - 1) / kappa: the paper asks the end effector to move on
     a cone around the direction to the target.
     """
-    kappa = positive("kappa", kappa)
-    x = kappa * (1.0 - number("entropy", entropy))
-    if x <= 0.0:
-        return -1.0
-    # log(exp(x) - 1) = x + log(1 - exp(-x)), without overflow.
-    cosine = (x + math.log(-math.expm1(-x))) / kappa
-    return min(1.0, max(-1.0, cosine))
+    return kernel.ideal_cosine(number("entropy", entropy), positive("kappa", kappa))
 
 
 @dataclass(frozen=True)

@@ -118,15 +118,16 @@ class BodyStack(ClearanceStack):
 
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`; parts are quicker than shapes, which measure what these leave."""
-        margins = self.margins[where[0]]
+        margins: Any = self.margins[where[0]] if self.obstacles else 0.0
         most = near + margins
         found = self._parts.nearest(poses, where, most)
         if self._refines and self.mode == "shapes":
+            most = np.broadcast_to(most, found.distance.shape)
             low = np.flatnonzero(found.distance < most)
             exact = self._shapes.nearest(poses, (where[0][low], where[1][low]), most[low])
             for values, better in zip(found, exact, strict=True):
                 values[low] = better
-        return found._replace(distance=found.distance - margins)
+        return Nearest(found.distance - margins, found.points)
 
     def refined(self, poses: Poses, where: Entries, values: FloatArray) -> FloatArray:
         """As `ClearanceStack.refined`: by the shapes."""

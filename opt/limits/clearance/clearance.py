@@ -14,7 +14,7 @@ from ffsms_pin.opt.limits.clearance.between import least_of
 from ffsms_pin.opt.limits.clearance.bodies import BodyStack, PointStack, chosen_mode
 from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Entries, Nearest, Poses
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, checked_obstacles
-from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacked
+from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.step.state import StepState
@@ -136,26 +136,25 @@ class Clearance(Limit):
         return stacked([self._rows(stack, step) for stack in self._stacks])
 
     def _rows(self, stack: ClearanceStack, step: StepState) -> Rows:
-        kept, limits = self.clearance + self.reserve + self.step_margin, step.sms.limits
+        kept, (least, greatest) = self.clearance + self.reserve + self.step_margin, step.bounds
         poses, moved = stack.at(step.q, step.time), None
         near: FloatArray | float = np.inf
         if stack.reaches is not None:
-            fastest = np.minimum(np.abs(step.rates) + limits.acceleration * step.dt, limits.velocity)
-            closing = stack.reaches @ fastest
-            if stack.passes.any():
+            fastest = np.maximum(greatest, -least)
+            closing = stack.reaches.dot(fastest)
+            if stack.obstacles and stack.passes.any():
                 moved = _Passing(stack, step, poses)
                 closing += moved.fastest(fastest)
             # Beyond this distance rates up to the fastest are too slow for a row to bind.
             near = kept + closing / self.rate
-        every = stack.every(poses)
-        found = stack.nearest(poses, every, near)
-        slopes, placed = stack.slopes(poses, every, found)
+        found = stack.nearest(poses, stack.once, near)
+        slopes, placed = stack.slopes(poses, stack.once, found)
         G, least = slopes.T, self.rate * (kept - found.distance)
         if moved is not None:
             by = moved.slopes(placed)
             G += by[:, :-1]
             least -= by[:, -1]
-        return Rows(G, least, np.full(len(least), UNBOUNDED), self.give)
+        return Rows(G, least, stack.unbounded, self.give)
 
     def residual(self, m: Features) -> list[Feature]:
         """What clearances lack of the asked one and the margin, in arm lengths."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 
 import coal
@@ -18,6 +19,7 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
+from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.system import SpaceManipulator
@@ -34,15 +36,13 @@ class Poses(NamedTuple):
     """Joints (n, B) of the arm; axes (3, 3, o, B) and origins (3, o, B) of obstacles, seen by the base."""
 
     joints: FloatArray
-    turns: FloatArray
-    origins: FloatArray
+    turns: FloatArray = np.empty((3, 3, 0, 0))
+    origins: FloatArray = np.empty((3, 0, 0))
 
     @classmethod
     def of(cls, joints: FloatArray) -> Poses:
         """Of an arm at joint positions (n, ...), without obstacles."""
-        flat = np.ascontiguousarray(joints).reshape(len(joints), -1)
-        count = flat.shape[1]
-        return cls(flat, np.empty((3, 3, 0, count)), np.empty((3, 0, count)))
+        return cls(np.ascontiguousarray(joints).reshape(len(joints), -1))
 
 
 class Nearest(NamedTuple):
@@ -117,6 +117,16 @@ class ClearanceStack(ABC):
         columns, at = where
         return kernel.distance_slopes(self.arm.tree, poses.joints, self.bodies, columns, at, found.points)
 
+    @cached_property
+    def once(self) -> Entries:
+        """All entries of one configuration."""
+        return np.arange(len(self.names)), np.zeros(len(self.names), dtype=np.int64)
+
+    @cached_property
+    def unbounded(self) -> FloatArray:
+        """No bound (m,), for the other side of rows."""
+        return np.full(len(self.names), UNBOUNDED)
+
     def every(self, poses: Poses) -> Entries:
         """All entries, configuration by configuration."""
         pairs, count = len(self.names), poses.joints.shape[1]
@@ -135,7 +145,7 @@ class ClearanceStack(ABC):
         """Bodies at one configuration q (nq,) and one time [s]."""
         joints = self.sms.layout.positions(q)[:, None]
         if not self.obstacles:
-            return Poses.of(joints)
+            return Poses(joints)
         R: Any = pin.Quaternion(q[3:7]).toRotationMatrix()
         return self._among(joints, np.array([time]), R[..., None], q[:3, None])
 
@@ -203,7 +213,7 @@ class PartPairs:
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`, in axes of the first body; no points where nothing is below `near`."""
         columns, at = where
-        most: Any = near if np.shape(near) == columns.shape else np.full(columns.shape, near)
+        most = near if isinstance(near, np.ndarray) else np.full(columns.shape, near)
         distance, points, left, seen = kernel.near_parts(
             self.arm.tree, *poses, columns, at, most, *self._table
         )

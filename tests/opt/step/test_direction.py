@@ -7,11 +7,12 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from step_parts import wanted_motion
 
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.step.state import REFERENCES, StepState, wanted_motion
+from ffsms_pin.opt.step.state import REFERENCES, StepState
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-1.0, 1.0))

@@ -13,7 +13,7 @@ from step_parts import StepJoints, StepRows, make_stepper
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
-from ffsms_pin.opt.step.programme import programme_of
+from ffsms_pin.opt.step.programme import StepWeights, programme_of
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.opt.terms.term import Term
@@ -49,16 +49,18 @@ def test_building_remembers_nothing(planar: ffsms.SpaceManipulator) -> None:
 def test_rows_with_two_sides_give_way_on_each() -> None:
     """Of two rows that are hard, and three that give way: one on both sides, one below, one above."""
     rng = np.random.default_rng(0)
-    V, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    sms = ffsms.load("planar_3r")
+    step = StepState(sms, sms.configuration(rng.normal(size=3)), np.zeros(3), 0.01, 5.0)
     hard = Rows(rng.normal(size=(2, 3)), np.array([-1.0, 0.5]), np.array([1.0, 0.7]))
     soft = Rows(
         rng.normal(size=(3, 3)), np.array([-1.0, 0.2, -UNBOUNDED]), np.array([1.0, UNBOUNDED, 0.3]), 0.5
     )
-    problem = programme_of((np.eye(5), np.zeros(5)), V, [hard, soft]).problem()
+    given = TARGET, 1.0, np.zeros(3), None, StepWeights()
+    problem = programme_of(step, *given, [hard, soft])[1].problem()
     for _ in range(50):
         alpha, slack = rng.normal(size=3), float(rng.uniform(0.0, 2.0))
         x = np.concatenate([alpha, [0.4], [slack]])
-        u = V @ alpha
+        u = step.V @ alpha
         gaps = [
             *(hard.lower - hard.G @ u),
             *(hard.G @ u - hard.upper),

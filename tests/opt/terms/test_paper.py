@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.terms.paper import ideal_cosine, soft_assistance, step_cost
 
 entropies = st.floats(0.0, 1.0)
@@ -40,6 +41,16 @@ def test_cost_vanishes_at_the_ideal_cosine_or_is_least_there(entropy: float, kap
         assert least < 1e-20
     for cos_theta in np.linspace(-1.0, 1.0, 21):
         assert step_cost(float(cos_theta), entropy, kappa) >= least - 1e-15
+
+
+@pytest.mark.parametrize("kappa", [15.0, 30.0, 200.0])
+@pytest.mark.parametrize("lack", [1e-8, 1e-11, 1e-14])
+def test_the_ideal_cosine_where_the_entropy_is_nearly_one(kappa: float, lack: float) -> None:
+    """The formula down to -1, and the one that the kernel's marches have."""
+    entropy = 1.0 - lack
+    expected = max(-1.0, math.log(math.expm1(kappa * (1.0 - entropy))) / kappa)
+    assert ideal_cosine(entropy, kappa) == pytest.approx(expected, abs=1e-12)
+    assert kernel.ideal_cosine(entropy, kappa) == ideal_cosine(entropy, kappa)
 
 
 @pytest.mark.parametrize("kappa", [1e3, 1e4, 1e6])
