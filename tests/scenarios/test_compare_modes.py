@@ -14,8 +14,7 @@ from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.scenarios import compare_modes, run, scenario
-from ffsms_pin.studies.modes import STRATEGIES, mode_numbers
-from ffsms_pin.studies.turn_back import held_torque, spent, turn_back
+from ffsms_pin.studies.modes import STRATEGIES, held_torque, mode_numbers, spent, turn_back
 
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 SCENARIO = """\
