@@ -183,8 +183,7 @@ def _alone(cluster: Cluster, common: bytes, task: bytes) -> Answer:
     ((_, found),) = spread(cluster, [task], lambda one: (sent, (_answers, common, [one])))
     if isinstance(found, Killed):
         return None, TaskError("the process that worked on it died (out of memory?)")
-    (data,) = found
-    return _unpacked(data)
+    return _unpacked(found[0])
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,6 @@ _FETCH = 5.0  # [s] for a result to come from its worker
 _PATIENCE = 60.0  # [s] without any worker
 
 KILLED = "killed its worker"
-
 # The table that stands for a row (its number, what happened) that kills its worker.
 Lost = Callable[[int, str], Table]
 # Submits one task: given its arguments, a function and the rest of its arguments.

@@ -79,8 +79,8 @@ def joined(tables: Sequence[Table]) -> dict[str, Any]:
     """One table of several with the same columns, in their order."""
     if not isinstance(tables, Sequence) or not tables or not all(isinstance(one, Mapping) for one in tables):
         raise InvalidValue("tables", tables, "must be a sequence of tables")
-    if any(set(one) != set(tables[0]) for one in tables):
-        raise InvalidValue("tables", [list(one) for one in tables], "must have the same columns")
+    if any(one.keys() != tables[0].keys() for one in tables):
+        raise InvalidValue("tables", tables, "must have the same columns")
     return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
 
 
