@@ -13,7 +13,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, as_goal, resting_place
 from ffsms_pin.opt.goals.near import BINDING, Near, arrivals
 from ffsms_pin.opt.goals.place import Place
-from ffsms_pin.opt.limits.limit import End
+from ffsms_pin.opt.limits.limit import End, Rows
 from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.frame import RobotFrame
@@ -144,10 +144,13 @@ class Via(Near):
         """How long until its time [s]; below zero without one."""
         return -1.0 if self.time is None else self.time - self.began - step.time
 
+    def rows(self, step: StepState) -> Rows | None:
+        """Rows until its time has come; none without a time."""
+        return super().rows(step) if self.due(step) >= 0.0 else None
+
     def asked(self, m: Features) -> list[tuple[Feature, float]]:
         """Likewise; nothing once its time has passed."""
-        passed = self.time is not None and self.time < self.began
-        return [] if passed or (m.step is not None and self.due(m.step) < 0.0) else super().asked(m)
+        return [] if self.time is not None and self.time < self.began else super().asked(m)
 
     def counted(self, m: Features) -> Features:
         """Each motion at the time, or where it is nearest: between instants it goes straight."""

@@ -135,13 +135,8 @@ class Stepper:
     ) -> Stepper:
         """A new stepper with the same settings, but for another step, robot or reference where given."""
         instance("sms", sms, SpaceManipulator, optional=True)
-        parts = (
-            self.kappa,
-            self._given,
-            self.terms,
-            self.weights,
-            self.reference if reference is None else reference,
-        )
+        reference = self.reference if reference is None else reference
+        parts = self.kappa, self._given, self.terms, self.weights, reference
         given = self.momentum, self.mode, self.wheel_total
         return Stepper(sms or self.sms, self.dt if dt is None else dt, *parts, *given)
 
