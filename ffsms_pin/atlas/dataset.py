@@ -28,6 +28,18 @@ _DIMENSIONS = {
     "sigma": ("sample", "mode"),
     "assistance": ("sample", "direction"),
 }
+_NAMES_AND_UNITS = {
+    "joints": ("joint position", "rad"),
+    "end_effector": ("end effector from the base's centre of mass, base axes", "m"),
+    "sigma": ("singular value of C_bm", "m/rad, rad/rad"),
+    "entropy": ("entropy of the coupling", "1"),
+    "manipulability": ("manipulability of J*", "volume of twists per rad"),
+    "base_translation": ("base translation per end-effector metre", "m/m"),
+    "base_rotation": ("base rotation per end-effector metre", "rad/m"),
+    "assistance": ("coupling assistance", "1"),
+    "count": ("samples in the cell", "1"),
+}
+_NUMBERED = re.compile(r"(sigma|assistance)_(\d+)")
 
 
 @dataclass(frozen=True)
@@ -116,20 +128,6 @@ def _opened(path: Path) -> Any:
     import zarr  # takes a third of a second, and only atlases need it
 
     return zarr.open_group(path, mode="r+")
-
-
-_NAMES_AND_UNITS = {
-    "joints": ("joint position", "rad"),
-    "end_effector": ("end effector from the base's centre of mass, base axes", "m"),
-    "sigma": ("singular value of C_bm", "m/rad, rad/rad"),
-    "entropy": ("entropy of the coupling", "1"),
-    "manipulability": ("manipulability of J*", "volume of twists per rad"),
-    "base_translation": ("base translation per end-effector metre", "m/m"),
-    "base_rotation": ("base rotation per end-effector metre", "rad/m"),
-    "assistance": ("coupling assistance", "1"),
-    "count": ("samples in the cell", "1"),
-}
-_NUMBERED = re.compile(r"(sigma|assistance)_(\d+)")
 
 
 def long_name(name: str) -> str:

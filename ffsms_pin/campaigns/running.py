@@ -22,6 +22,8 @@ from ffsms_pin.storage import write_atomically
 
 __all__ = ["campaign", "campaign_of", "merge", "replayed_scenario", "runs_file"]
 
+_GROUP = 65536  # rows of a row group: large enough to be read fast, small enough for any memory
+
 
 def campaign(
     of: Campaign,
@@ -105,9 +107,6 @@ def replayed_scenario(folder: str | os.PathLike[str], seed: int, *, allow_import
         last = found.seed + found.runs - 1
         raise InvalidValue("seed", seed, f"must be one of the campaign's, {found.seed} to {last}")
     return found.scenario(seed)
-
-
-_GROUP = 65536  # rows of a row group: large enough to be read fast, small enough for any memory
 
 
 def runs_file(folder: str | os.PathLike[str]) -> Path:

@@ -33,6 +33,10 @@ __all__ = [
     "trajectory",
 ]
 
+TIME = "time [s]"
+BASE = ("base.x [m]", "base.y [m]", "base.z [m]", "base.qx", "base.qy", "base.qz", "base.qw")
+_OF_A_JOINT = ("position [rad]", "rate [rad/s]")
+
 
 def to_csv(sms: SpaceManipulator, motion: Trajectory | Tracking, path: str | os.PathLike[str]) -> None:
     """Write a motion as CSV, one row a node; numbers keep all their digits."""
@@ -131,10 +135,6 @@ def to_xarray(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:
     return xr.Dataset(data, coordinates, attrs={"robot": sms.model.name, "end_effector": sms.end_effector})
 
 
-TIME = "time [s]"
-BASE = ("base.x [m]", "base.y [m]", "base.z [m]", "base.qx", "base.qy", "base.qz", "base.qw")
-
-
 def check_motion(sms: SpaceManipulator, motion: Trajectory | Tracking) -> None:
     """Raise `InvalidValue` unless this is a robot, and a motion of it."""
     instance("sms", sms, SpaceManipulator)
@@ -194,6 +194,3 @@ def trajectory(sms: SpaceManipulator, table: dict[str, FloatArray], source: str)
     problem = Problem(sms, q0, Position(here), float(t[-1]), float(t[-1]) / (len(t) - 1), limits=())
     end = measure(problem, rates).end_effector[-1]
     return measure(Problem(sms, q0, Position(end), problem.duration, problem.dt, limits=()), rates)
-
-
-_OF_A_JOINT = ("position [rad]", "rate [rad/s]")

@@ -26,6 +26,12 @@ __all__ = [
     "plot_success_over",
 ]
 
+_DEEPEST = 1e-5  # of the best law's largest error: what is below is rounding, or a start without error
+_SHARE = 0.9  # of the plants within a band
+_PANELS = 5  # drawn values at most
+_BINS = 8
+_POINTS = 2000  # of a curve that are drawn
+
 
 def plot_comparison(comparison: Comparison) -> Figure:
     """A figure with three panels over time, one line a method.
@@ -51,9 +57,6 @@ def plot_comparison(comparison: Comparison) -> Figure:
         distance.set_xlim(0.0, max(made.duration for made in comparison.plans.values()))
         figure.legend(loc="outside upper center", ncols=2)
     return figure
-
-
-_DEEPEST = 1e-5  # of the best law's largest error: what is below is rounding, or a start without error
 
 
 def plot_laws(comparison: LawComparison) -> Figure:
@@ -89,9 +92,6 @@ def plot_laws(comparison: LawComparison) -> Figure:
         effort.set_xlim(0.0, comparison.scenario.duration)
         figure.legend(loc="outside upper center", ncols=3)
     return figure
-
-
-_SHARE = 0.9  # of the plants within a band
 
 
 def plot_robustness(found: Robustness) -> Figure:
@@ -168,11 +168,6 @@ def _quantiles(runs: FloatArray) -> FloatArray:
         if running.size:
             result[:, k] = np.quantile(running, [0.5 - 0.5 * _SHARE, 0.5, 0.5 + 0.5 * _SHARE])
     return result
-
-
-_PANELS = 5  # drawn values at most
-_BINS = 8
-_POINTS = 2000  # of a curve that are drawn
 
 
 def plot_campaign(found: Report) -> Figure:

@@ -29,6 +29,9 @@ __all__ = [
     "plot_sigma_bands",
 ]
 
+_INSTANTS = 400  # of a motion, at most: the coupling is computed at each
+_NO_RANK = 1e-9  # of the largest value: rounding
+
 
 def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The summand of the paper's J at every step; on a logarithmic scale where it spans decades."""
@@ -63,10 +66,6 @@ def plot_position_error(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         ax.set_ylim(bottom=0.0)
         legend_above(ax, ["r_th from 0.9 T on"])
     return ax
-
-
-_INSTANTS = 400  # of a motion, at most: the coupling is computed at each
-_NO_RANK = 1e-9  # of the largest value: rounding
 
 
 def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: Axes | None = None) -> Axes:

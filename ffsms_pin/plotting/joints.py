@@ -33,6 +33,8 @@ __all__ = [
 ]
 
 _NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
+_XYZ = ("x", "y", "z")
+Motion: TypeAlias = Trajectory | Tracking
 
 
 def joint_unit_label(sms: SpaceManipulator) -> str:
@@ -85,12 +87,6 @@ def plot_joint_rates(
 def _positions(sms: SpaceManipulator, flown: Tracking) -> FloatArray:
     """Joint positions (k, n) [rad or m]."""
     return np.array([sms.joint_positions(q) for q in flown.q])
-
-
-_XYZ = ("x", "y", "z")
-
-
-Motion: TypeAlias = Trajectory | Tracking
 
 
 def plot_base_position(

@@ -25,6 +25,7 @@ __all__ = ["draw_obstacle", "motion_sides", "plot_motion", "times_drawn"]
 
 _FLAT = 1e-9  # [m] a motion that spreads less than this along an axis is planar
 _TARGET = "#D55E00"
+_COLOUR = "#A03030"
 
 
 def plot_motion(
@@ -196,9 +197,6 @@ class _Posture:
             self.joints[:, axes[0]], self.joints[:, axes[1]], linestyle="none", marker="o", markersize=4,
             color="white", markeredgecolor=ACCENT, alpha=strength, zorder=3,
         )  # fmt: skip
-
-
-_COLOUR = "#A03030"
 
 
 def draw_obstacle(ax: Axes, axes: list[int], obstacle: Obstacle, trajectory: Trajectory) -> None:

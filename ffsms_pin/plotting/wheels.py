@@ -35,6 +35,7 @@ __all__ = [
 ]
 
 _STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same
+_SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
 
 
 def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -168,9 +169,6 @@ def _momentum(one: Strategy) -> tuple[np.ndarray, np.ndarray]:
         t = np.concatenate([t, t[-1] + one.after.t])
         largest = np.concatenate([largest, np.abs(one.after.momentum).max(axis=1, initial=0.0)])
     return t, largest
-
-
-_SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
 
 
 def plot_turning(outcome: Outcome, ax: Axes) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -57,7 +57,7 @@ class Comparison:
 def compare(
     scenario: Scenario,
     methods: tuple[str, ...] | None = None,
-    progress: Callable[[str, float], None] | None = None,
+    progress: StageProgress | None = None,
 ) -> Comparison:
     """Plan a scenario's motion by each method: same robot, start, target, time, limits and clearances.
 
@@ -124,7 +124,7 @@ class ModeComparison:
     found: dict[str, Strategy]
 
 
-def compare_modes(scenario: Scenario, progress: Callable[[str, float], None] | None = None) -> ModeComparison:
+def compare_modes(scenario: Scenario, progress: StageProgress | None = None) -> ModeComparison:
     """Do a scenario's task with the base's attitude held, and floating.
 
     Everything is as planned; `tests/opt/planning/test_held_base.py` compares plans with simulations.

@@ -21,6 +21,7 @@ from ffsms_pin.system.dynamics import inertia_matrix
 __all__ = ["Estimator", "PositionAndRate", "RunningEstimator", "place_deviation"]
 
 _SETTLED = 5.0  # [s] after so long a filter's gains hardly change any more
+_SURPRISE = 5.0  # standard deviations; noise goes beyond once in a million measurements
 
 
 @dataclass(frozen=True)
@@ -185,9 +186,6 @@ def place_deviation(
     # Each axis of the place; two of the three attitude errors move a lever; J_m is the arm alone.
     joints = joint * float(np.linalg.norm(state.J_m[:3]))
     return math.sqrt(3.0 * shift**2 + 2.0 * (turn * lever) ** 2 + joints**2)
-
-
-_SURPRISE = 5.0  # standard deviations; noise goes beyond once in a million measurements
 
 
 class PositionAndRate:

@@ -22,6 +22,11 @@ __all__ = ["Body", "add_actuators", "add_base_trail", "add_client", "add_obstacl
 
 _MOST_POINTS = 240
 _INSTANTS = 7
+_WHEEL, _THICK = 0.16, 0.05  # radius and thickness of a disc, in shares of the base's smallest edge
+_NOZZLE = 0.14  # length of a nozzle, likewise
+_NO_BOX = 0.3  # smallest edge of a base without a box, in shares of the robot's size
+_BALL = 0.1  # [m] radius of a client that has no shape
+_INSIDE = 0.985  # an obstacle of the client's own shape would flicker on it
 
 
 def add_target(stage: Stage, frames: Frames, reach: float) -> None:
@@ -85,11 +90,6 @@ def _thinned(path: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
     return np.unique(np.searchsorted(length, at).clip(0, len(path) - 1))
 
 
-_WHEEL, _THICK = 0.16, 0.05  # radius and thickness of a disc, in shares of the base's smallest edge
-_NOZZLE = 0.14  # length of a nozzle, likewise
-_NO_BOX = 0.3  # smallest edge of a base without a box, in shares of the robot's size
-
-
 def add_actuators(stage: Stage, frames: Frames) -> None:
     """Draw the robot's wheels and thrusters, and film them with the base."""
     sms = frames.sms
@@ -148,10 +148,6 @@ def add_obstacles(stage: Stage, frames: Frames, obstacles: Sequence[Obstacle]) -
             stage.follow(name, frames.t, positions, rotations)
         else:
             stage.place(name, positions[0], rotations[0])
-
-
-_BALL = 0.1  # [m] radius of a client that has no shape
-_INSIDE = 0.985  # an obstacle of the client's own shape would flicker on it
 
 
 class Body(Protocol):

@@ -37,6 +37,20 @@ Result: TypeAlias = Trajectory | Tracking
 Target: TypeAlias = ArrayLike | Callable[[float], ArrayLike]
 
 MOST = 1800  # frames; a minute at 30 a second
+FREE, ON_BASE = "free", "base"
+# Direction to the camera from what it sees, inertial axes, by name; those of None are found for each scene.
+CAMERAS: Mapping[str, tuple[float, float, float] | None] = {
+    FREE: None,
+    "front": (1.0, 0.0, 0.0),
+    "side": (0.0, -1.0, 0.0),
+    "top": (0.0, -1e-3, 1.0),
+    ON_BASE: None,
+}
+# Distance of a camera in radii of what it should see. From 1.64 on it sees all of it in the worst case, which
+# directions along an axis come near to.
+_FREE_DISTANCE, _DISTANCE = 1.3, 1.65
+_FLAT = 1e-6  # [m] a motion that spreads less along z is planar, and best seen from above
+_ABOVE, _OBLIQUE = (-0.12, -0.75, 1.5), (1.0, -1.5, 0.95)
 
 
 @dataclass(frozen=True)
@@ -144,24 +158,6 @@ def surroundings(frames: Frames, others: FloatArray | None = None) -> tuple[Floa
     cloud = np.vstack(points)
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     return 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-3)
-
-
-FREE, ON_BASE = "free", "base"
-
-# Direction to the camera from what it sees, inertial axes, by name; those of None are found for each scene.
-CAMERAS: Mapping[str, tuple[float, float, float] | None] = {
-    FREE: None,
-    "front": (1.0, 0.0, 0.0),
-    "side": (0.0, -1.0, 0.0),
-    "top": (0.0, -1e-3, 1.0),
-    ON_BASE: None,
-}
-
-# Distance of a camera in radii of what it should see. From 1.64 on it sees all of it in the worst case, which
-# directions along an axis come near to.
-_FREE_DISTANCE, _DISTANCE = 1.3, 1.65
-_FLAT = 1e-6  # [m] a motion that spreads less along z is planar, and best seen from above
-_ABOVE, _OBLIQUE = (-0.12, -0.75, 1.5), (1.0, -1.5, 0.95)
 
 
 def checked_camera(name: str) -> str:

@@ -20,6 +20,20 @@ __all__ = ["LOOPBACK", "Access", "LiveServer"]
 
 LOOPBACK = ("127.0.0.1", "::1")
 _LOOPBACK_NAMES = ("127.0.0.1", "localhost", "[::1]")  # as a browser writes them
+_PERIOD = 1.0 / 60.0  # [s] between two looks for new commands, while a page is open
+_MOST_CONNECTIONS = 64  # at a time; each costs this process a file descriptor
+_LARGEST = 65_536  # [bytes] of a request; ours are far smaller
+_IDLE = 30.0  # [s] until a connection that asks nothing is closed
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",  # the address holds the token
+    "X-Content-Type-Options": "nosniff",
+    # Scripts come from this server only, and the browser refuses to evaluate any text as one.
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'unsafe-inline'; "
+        "img-src 'self' data: blob:; font-src data:; worker-src blob:; base-uri 'none'; form-action 'none'"
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -61,22 +75,6 @@ class Access:
         A request without an Origin does not come from a browser and is refused too.
         """
         return self.allows_host(host) and origin is not None and origin.lower() == f"http://{host}".lower()
-
-
-_PERIOD = 1.0 / 60.0  # [s] between two looks for new commands, while a page is open
-_MOST_CONNECTIONS = 64  # at a time; each costs this process a file descriptor
-_LARGEST = 65_536  # [bytes] of a request; ours are far smaller
-_IDLE = 30.0  # [s] until a connection that asks nothing is closed
-_HEADERS = {
-    "Cache-Control": "no-store",
-    "Referrer-Policy": "no-referrer",  # the address holds the token
-    "X-Content-Type-Options": "nosniff",
-    # Scripts come from this server only, and the browser refuses to evaluate any text as one.
-    "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; connect-src 'self'; style-src 'unsafe-inline'; "
-        "img-src 'self' data: blob:; font-src data:; worker-src blob:; base-uri 'none'; form-action 'none'"
-    ),
-}
 
 
 class LiveServer(HTTPServer):

@@ -51,6 +51,8 @@ COLOURS = {
 ASSISTANCE_STOPS = ("#8C3A00", "#B5B0A8", "#0072B2")
 # How much of a limit, or of a clearance, is used up: 0 to 1.
 USAGE_STOPS = ("#56B4E9", "#F0E442", "#D55E00")
+_SIDES = 20
+_SHARP = 200  # triangles; what has more is round
 
 
 def rgb(colour: str) -> FloatArray:
@@ -77,10 +79,6 @@ def _between(stops: tuple[str, ...], place: float) -> FloatArray:
     at = np.linspace(0.0, 1.0, len(stops))
     table = np.array([rgb(stop) for stop in stops])
     return np.array([np.interp(place, at, table[:, i]) for i in range(3)])
-
-
-_SIDES = 20
-_SHARP = 200  # triangles; what has more is round
 
 
 class Mesh(NamedTuple):

@@ -35,6 +35,7 @@ from ffsms_pin.viewer.stage import Stage
 __all__ = ["ClearanceLayer", "CouplingLayer", "LimitLayer", "limit_usage"]
 
 _LEAST_RATE = 1e-6  # [rad/s] slower joint motion has no direction to agree with
+_SAFE, _FREE = 0.01, 0.10  # [m] the paper's d_safe, and where room is plenty
 
 
 @dataclass(frozen=True)
@@ -143,9 +144,6 @@ def _faded(name: str, i: int) -> str:
     """The colour, paler for each further direction."""
     pale = 1.0 - (1.0 - rgb(COLOURS[name])) * 0.72**i
     return "#" + "".join(f"{round(255 * x):02X}" for x in pale)
-
-
-_SAFE, _FREE = 0.01, 0.10  # [m] the paper's d_safe, and where room is plenty
 
 
 class LimitLayer:

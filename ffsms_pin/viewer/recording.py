@@ -23,6 +23,8 @@ __all__ = ["ENCODERS", "Encoder", "record"]
 Put = Callable[[bytes], None]
 
 _COLOURS = 255  # of a gif; all pictures share them, so that what stands still does not flicker
+_MOST = 20_000  # pictures
+_SMALLEST, _LARGEST = 64, 4096  # [pixels]
 
 
 class Encoder(NamedTuple):
@@ -120,10 +122,6 @@ ENCODERS: Mapping[str, Encoder] = {
     ".mp4": Encoder(30.0, _check_mp4, _mp4),
 }
 """By the ending of the file."""
-
-
-_MOST = 20_000  # pictures
-_SMALLEST, _LARGEST = 64, 4096  # [pixels]
 
 
 def record(

@@ -20,6 +20,9 @@ __all__ = ["Film", "Scene", "SceneLog", "Sink", "decomposed"]
 
 _FLOAT32 = 0x17  # the extension type under which Meshcat's page reads an array of floats
 _STILL = 1e-7
+# What draws and moves things. Meshcat's page knows more commands, and one of them (`set_control`) evaluates
+# a text that comes with it: none of those ever leaves this process.
+_KINDS = ("set_object", "set_transform", "set_property", "set_animation", "delete")
 
 
 class Film:
@@ -179,11 +182,6 @@ class Scene:
                 node.properties[data["property"]] = packed
         if self._sink is not None:
             self._sink.forward(kind, path, data.get("property", ""), packed)
-
-
-# What draws and moves things. Meshcat's page knows more commands, and one of them (`set_control`) evaluates
-# a text that comes with it: none of those ever leaves this process.
-_KINDS = ("set_object", "set_transform", "set_property", "set_animation", "delete")
 
 
 class SceneLog:
