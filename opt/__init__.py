@@ -19,7 +19,7 @@ from ffsms_pin.opt.motion import Feature, Features, Motions
 from ffsms_pin.opt.parts.check import check
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.parts.reading import JointResidual, Residual
-from ffsms_pin.opt.planning.plan import METHODS, plan, plan_each, plan_many
+from ffsms_pin.opt.planning import METHODS, plan, plan_each, plan_many
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.replan.step_planner import StepPlanner

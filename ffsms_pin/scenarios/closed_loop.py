@@ -12,7 +12,7 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import SimulationDiverged, SimulationStopped
 from ffsms_pin.opt import AlphaBox, Limit, Replanning, SearchOptions, Trajectory, Via
-from ffsms_pin.opt.planning.plan import plan_problem
+from ffsms_pin.opt.planning import plan_problem
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.replanning import Watching, first_sight
 from ffsms_pin.scenarios.conditions import loop_options

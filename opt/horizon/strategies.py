@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend, follow, prefer_limits
-from ffsms_pin.opt.horizon.diagnosis import keep_limits, within_workspace
+from ffsms_pin.opt.horizon.diagnosis import keep_limits, too_short, within_workspace
+from ffsms_pin.opt.horizon.marches import free_marches, march_starts, marched
 from ffsms_pin.opt.horizon.merit import Model, linearise
 from ffsms_pin.opt.horizon.search import Search, cost_of
-from ffsms_pin.opt.horizon.shooting import spread_postures, straight_time, too_short
+from ffsms_pin.opt.horizon.shooting import moves_to, spread_postures, straight_time
 from ffsms_pin.opt.horizon.spline import embedded
-from ffsms_pin.opt.horizon.starts import free_marches, march_starts, marched, moves_to, reference_stepper
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.terms.term import REFERENCE_TIME
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -151,7 +151,7 @@ def straight_moves_that_end_there(search: Search) -> None:
     if search.hopeless or search.arrived():
         return
     problem, model, goals = search.problem, search.fine, search.goals.joints[search.there()]
-    times = np.array([straight_time(problem, goal) for goal in goals])
+    times = straight_time(problem, goals)
     # First those that keep the limits, then the quickest.
     poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
     weights = LAST_WEIGHTS.stiffer()
@@ -165,7 +165,7 @@ def straight_moves_that_end_there(search: Search) -> None:
 def straight_line(search: Search) -> None:
     """Where nothing else reaches: straight to the target by single steps, as method "resolved-rate" goes."""
     if not any(one.plan.reached for one in search.found) and _can_march(search.problem):
-        plan = marched(search.problem, reference_stepper(search.problem, "resolved-rate"))
+        plan = marched(search.problem, "resolved-rate")
         if plan.reached:
             search.keep_plan(plan)
 

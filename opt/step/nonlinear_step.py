@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, positive
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling import cosine
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.kernel import kernel
@@ -21,6 +22,7 @@ from ffsms_pin.system import SpaceManipulator
 __all__ = ["NonlinearStepper"]
 
 
+@dataclass(eq=False)
 class NonlinearStepper:
     """Minimise (C~ - (1 - H_norm))^2 over alpha at each step, under const1 to const8 (Eq. optimal_cost).
 
@@ -32,19 +34,16 @@ class NonlinearStepper:
     Arguments as for `Stepper`.
     """
 
-    def __init__(
-        self,
-        sms: SpaceManipulator,
-        dt: float,
-        kappa: float,
-        limits: Sequence[Limit],
-        mode: str = "floating",
-        wheel_total: FloatArray | None = None,
-    ) -> None:
-        self.sms, self.dt, self.kappa = sms, positive("dt", dt, "s"), positive("kappa", kappa)
-        self.limits = tuple(prepared(limit, sms) for limit in limits)
-        self.momentum: FloatArray | None = None
-        self.mode, self.wheel_total = mode, wheel_total
+    sms: SpaceManipulator
+    dt: float
+    kappa: float
+    limits: Sequence[Limit]
+    mode: str = "floating"
+    wheel_total: FloatArray | None = None
+    momentum: FloatArray | None = None  # it knows none
+
+    def __post_init__(self) -> None:
+        self.limits = tuple(prepared(limit, self.sms) for limit in self.limits)
 
     def advance(
         self,
