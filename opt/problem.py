@@ -78,10 +78,9 @@ class Problem:
     goal : array_like, shape (3,), pinocchio.SE3, callable, or Goal
         Where the end effector should be at the deadline, inertial axes: a position [m], a pose, a function of
         time [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`, `opt.Meet`.
-    duration : float
-        Time to the deadline [s]. The paper states none; 12 s is ours for its cases.
-    dt : float
-        Step of the finished motion [s]: the nearest of which a whole number makes up the duration.
+    duration, dt : float
+        Time to the deadline (the paper states none), and step of the finished motion [s]: the nearest of
+        which a whole number makes up the duration.
     terms : sequence of Term, optional
         Default: the paper's cost with kappa 10 (not where the goal sets the way, `Goal.coupled`), small
         accelerations, little travel.
@@ -125,8 +124,7 @@ class Problem:
     base_start: Any = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.sms, SpaceManipulator):
-            raise InvalidValue("sms", self.sms, "must be a SpaceManipulator, as ffsms_pin.load gives it")
+        instance("sms", self.sms, SpaceManipulator)
         sms, put = self.sms, partial(object.__setattr__, self)
         put("q0", frozen(sms.checked_configuration("q0", self.q0)))
         duration, dt = positive("duration", self.duration, "s"), positive("dt", self.dt, "s")
@@ -149,9 +147,8 @@ class Problem:
         put("limits", tuple(prepared(limit, sms) for limit in limits))
         rates = np.zeros(sms.n) if self.joint_rates is None else self.joint_rates
         put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s")))
-        if isinstance(self.locked, str) or not isinstance(self.locked, Sequence):
-            raise InvalidValue("locked", self.locked, "must be a sequence of joint names")
-        for name in self.locked:
+        instance("locked", self.locked, Sequence)
+        for name in self.locked:  # of a single text, its letters: no joints
             if name not in sms.joint_names:
                 raise InvalidValue("locked", name, f"must be a joint: {', '.join(sms.joint_names)}")
         put("locked", tuple(self.locked))
@@ -160,14 +157,11 @@ class Problem:
         if self.base_start is not None:
             put("base_start", frozen(vector("base_start", self.base_start, 7)))
         for bounds in (limit.joint_bounds for limit in self.limits if limit.joint_bounds is not None):
-            outside = bounds.violation(self.joints0)
-            if outside.any():
+            if (outside := bounds.violation(self.joints0)).any():
                 i = int(np.argmax(outside))
-                raise InvalidValue(
-                    f"q0: joint '{sms.joint_names[i]}'",
-                    round(float(self.joints0[i]), 6),
-                    f"must start within [{bounds.lower[i]:.6g}, {bounds.upper[i]:.6g}] rad",
-                )
+                name, value = f"q0: joint '{sms.joint_names[i]}'", round(float(self.joints0[i]), 6)
+                within = f"[{bounds.lower[i]:.6g}, {bounds.upper[i]:.6g}]"
+                raise InvalidValue(name, value, f"must start within {within} rad")
 
     def _checked_momentum(self) -> FloatArray | None:
         """Total momentum (6,), that given or what the goal asks for; None: zero."""
@@ -177,14 +171,13 @@ class Problem:
         free = MODES[self.mode]
         if len(free) < 6 and (momentum[3:].any() or 0 not in free):
             kept = "linear momentum only" if 0 in free else "none"
-            raise InvalidValue(
-                "momentum", momentum, f"must be {kept} in mode '{self.mode}': the base is held"
-            )
+            words = f"must be {kept} in mode '{self.mode}': the base is held"
+            raise InvalidValue("momentum", momentum, words)
         return frozen(momentum)
 
     def _checked_wheel_momentum(self) -> FloatArray:
         """Momenta (w,) of the wheels that hold the attitude [N m s]; none where none do."""
-        given, count = self.wheel_momentum, 0 if self.wheels is None else len(self.wheels)
+        given, count = self.wheel_momentum, len(self.wheels or ())
         if given is None or np.size(given) == 0:
             return frozen(np.zeros(count))
         if count == 0:

@@ -59,12 +59,10 @@ class Trajectory:
         Joint rates at the step's end in the basis V of the step's start.
     cos_theta, entropy, cost : ndarray, shape (N,)
         At the step's start, for the rates of its end; `cost` is the summand of the paper's J.
-    end_effector : ndarray, shape (N + 1, 3)
-        Its position [m].
+    end_effector, target, target_rotation : ndarray, shape (N + 1, 3), (3,) and (3, 3)
+        Positions [m]; the wanted attitude, NaN where any will do.
     position_error, orientation_error : ndarray, shape (N + 1,)
         From the end effector to the target [m], and to the wanted attitude [rad], zero where any will do.
-    target, target_rotation : ndarray, shape (3,) and (3, 3)
-        Position [m] and attitude, NaN where any will do.
     kappa, reach, orientation_reach : float
         Of C~; the paper's r_th [m], and the same for the angle [rad].
     note : str
@@ -236,10 +234,9 @@ class Trajectory:
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
         kinds = {one.name: str(one.type).partition("[")[0] for one in fields(cls)}
-        letters = {
-            name: {"bool": "b", "str": "U", "dict": "U"}.get(kind, "fiu") for name, kind in kinds.items()
-        }
-
+        of_kind = {"bool": "b", "str": "U", "dict": "U"}
+        letters = {name: of_kind.get(kind, "fiu") for name, kind in kinds.items()}
+        shapes = {name: _SHAPES.get(name, ()) for name in kinds}
         # Files from before there was momentum, or terms, clients, wheels or modes, have none of these.
         later = fields(cls)[list(kinds).index("contact_velocity") :]
         before = {one.name: one.default for one in later if one.default is not MISSING}
@@ -247,7 +244,6 @@ class Trajectory:
         before |= {"within_tolerance": np.nan, **dict.fromkeys(_JSON, "{}")}
 
         def check(heads: Mapping[str, Any]) -> None:
-            shapes = _SHAPES | {name: () for name in kinds if name not in _SHAPES}
             there = {name: one for name, one in shapes.items() if heads[name] is not before.get(name)}
             check_shapes(path, heads, there, letters)
 

@@ -22,8 +22,8 @@ from ffsms_pin.opt.horizon.shooting import (
     spread_postures,
     straight_time,
 )
+from ffsms_pin.opt.limits.limit import Limit, Violation
 from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
@@ -58,15 +58,20 @@ def with_limits_said(
     return noted(plan, *said)
 
 
-class _Nothing(AllOf):
+class _Nothing(Limit):
     """Asks for nothing, in the place of the limit of this name."""
 
     def __init__(self, name: str) -> None:
         self.name = name
 
-    @property
-    def parts(self) -> list[Inequality]:
+    def rows(self, step: Any) -> None:
+        return None
+
+    def residual(self, m: Any) -> list[Any]:
         return []
+
+    def violation(self, motion: Any) -> Violation:
+        return Violation()
 
 
 def refused(problem: Problem) -> Trajectory | None:

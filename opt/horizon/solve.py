@@ -62,7 +62,9 @@ def solve(
         if not plan.reached and within_workspace(problem):
             plan = with_limits_said(problem, plan, again)
         if not (plan.reached and plan.within_tolerance):
-            plan = explain(problem, plan, search.goals, search.binding(), lambda one: again(one).reached)
+            best = search.best()
+            binding = best.model.qp.active(best.p)
+            plan = explain(problem, plan, search.goals, binding, lambda one: again(one).reached)
     except (*_NUMERICAL, PartError) as error:
         if isinstance(error, PartError) and not isinstance(error.__cause__, _NUMERICAL):
             raise  # a mistake in a part

@@ -7,10 +7,8 @@ Each is a few lines on the same solver, and says itself whether it has anything 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,21 +16,14 @@ from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend, follow, prefer_
 from ffsms_pin.opt.horizon.diagnosis import keep_limits, too_short, within_workspace
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts, marched
 from ffsms_pin.opt.horizon.merit import Model, linearise
-from ffsms_pin.opt.horizon.search import Search, cost_of
+from ffsms_pin.opt.horizon.search import Search, Strategy
 from ffsms_pin.opt.horizon.shooting import moves_to, spread_postures, straight_time
 from ffsms_pin.opt.horizon.spline import embedded
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.terms.term import REFERENCE_TIME
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = ["QUICK", "STRATEGIES", "Strategy", "starts_within"]
-
-
-class Strategy(NamedTuple):
-    """A way to find starts or motions: its name, for `SearchOptions.without`, and what it does."""
-
-    name: str
-    run: Callable[[Search], None]
+__all__ = ["QUICK", "STRATEGIES", "starts_within"]
 
 
 def straight_if_near(search: Search) -> None:
@@ -102,7 +93,7 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
 def finest_spline(search: Search) -> None:
     """Plans that arrive but are not nearly free go on on the finest spline: the last tenth still costs."""
     for found in tuple(search.fresh):
-        cheap = not search.costed or cost_of(search.problem, found.plan) <= search.options.cost_tolerance
+        cheap = not search.costed or search.cost(found.plan) <= search.options.cost_tolerance
         if cheap or not found.plan.reached or search.out_of_time():
             continue
         model = Model.make(search.problem, search.options.finest)
@@ -131,7 +122,7 @@ def marches(search: Search) -> None:
     cost, tolerance = np.inf, options.cost_tolerance
     if search.arrived():
         best = search.best().plan
-        cost = cost_of(problem, best)
+        cost = search.cost(best)
         if any(limit.obstacles and limit.name in best.binding for limit in problem.limits):
             return  # a march stops at an obstacle that the plan goes round
         if cost <= tolerance and not _travels_far(search, best):
