@@ -25,20 +25,19 @@ class ReplanOptions:
         Splines of the rest of the motion: while more than half of the whole time is left, more than a tenth,
         less.
     cost_until : float
-        From this share of the whole time on the paper's cost is left out: it does not see speed, and only
-        stirs an arm that comes to rest.
+        While less than this share of the whole time is left, the paper's cost is left out: it does not see
+        speed, and only stirs an arm that comes to rest.
     iterations : int
         Of the descent. Two leave commands that jump with the last bits of what is measured.
     corrections : int
-        How many times four more are made, with ten times as stiff a goal and limits, where the plan meets its
-        goal or a limit by more than half of the tolerance or the margin.
+        How many times four more follow, with ten times as stiff a goal and limits, where the plan misses its
+        goal or breaks a limit by more than half of the tolerance or the margin.
     handover : float
-        [s] So long before the deadline, but no fewer than ten planning steps, single steps take over from the
-        plan: they close what error is left at every planning step. Where velocities are asked for, the last
-        plan is followed to its end, for a step knows a place only.
+        [s] So long before the deadline, but no fewer than ten planning steps, single steps take over: they
+        close what error is left. Where velocities are asked for the last plan is followed to its end, for a
+        step knows a place only.
     last_plan : float
-        [s] So long before the deadline the last plan is made where the goal must be met exactly
-        (`Goal.exact`).
+        [s] So long before the deadline the last plan is made of a goal that is met exactly (`Goal.exact`).
     changed : float
         An estimated mass is taken over when it has changed by this share.
     return_rate : float
@@ -46,8 +45,8 @@ class ReplanOptions:
     arrived_miss : float
         [m] A plan that ends within this arrives; a tenth of the paper's r_th, twice the tolerance of plans.
     follow_miss : float
-        [m] Where the plan ends further away, single steps would only push against what is in the way: the
-        plan is followed to its end.
+        [m] Where the plan ends further away it is followed to its end: single steps would only push against
+        what is in the way.
     search_again : float
         [s] Where the rest of a plan does not arrive or breaks a limit, a whole search is made, at most once
         in this time, and at most once in a quarter of the time left.
@@ -56,9 +55,8 @@ class ReplanOptions:
         away. Default: three times the noise with which its place is seen, from 0.1 to 1 mm; none with perfect
         sensors.
     settle : float
-        [s] With noisy or late sensors what error is left after the deadline is closed as if there were so
-        much time: more calmly than at once. With a limit on the jerk in five times that, also shortly before
-        the deadline.
+        [s] With noisy or late sensors what error is left after the deadline is closed as calmly as if there
+        were so much time; with a limit on the jerk in five times that, also shortly before the deadline.
     jerk : array_like, optional
         [rad/s^3] One number or (n,). Commanded accelerations change no faster, as far as the limits allow:
         these come first. Default: no limit.
@@ -92,10 +90,7 @@ class ReplanOptions:
         return 0.0 if noise is None else min(max(3.0 * noise, 1e-4), 1e-3)
 
     def rests(self, distance: float, noise: float | None, rested: bool) -> bool:
-        """Whether an arm rests at a distance [m] after the deadline, so that it does not chase noise.
-
-        It comes well inside the dead band before it rests, or it would rest at the edge.
-        """
+        """Whether an arm rests at a distance [m] after the deadline: first well inside the dead band."""
         return distance < self.band(noise) / (1.0 if rested else 3.0)
 
     def grid(self, share_left: float) -> Grid:
