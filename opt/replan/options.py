@@ -1,13 +1,17 @@
-"""The numbers of re-planning, each with its unit and why."""
+"""What re-planning is told: its numbers, each with its unit and why, and a term of its own."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-from ffsms_pin.opt.horizon.spline import Grid, check_options
+import numpy as np
 
-__all__ = ["ReplanOptions"]
+from ffsms_pin.opt.horizon.spline import Grid, check_options
+from ffsms_pin.opt.motion import Features
+from ffsms_pin.opt.terms.term import Term
+
+__all__ = ["Approach", "ReplanOptions"]
 
 _LONG, _MIDDLE, _SHORT = Grid(12, 5, 3), Grid(8, 4, 2), Grid(4, 3, 2)
 
@@ -98,3 +102,22 @@ class ReplanOptions:
         if share_left > 0.5:
             return self.long
         return self.middle if share_left > 0.1 else self.short
+
+
+@dataclass(frozen=True)
+class Approach(Term):
+    """With noisy sensors: the distance to the goal does not grow.
+
+    Near a configuration in which the arm cannot correct one direction, a way there and back would turn the
+    base a little, and bring the plan's end nearer by micrometres that the model's errors exceed. With the
+    default weight [s/m^2] a retreat of 1 cm in half a second weighs as much as a miss of half a millimetre.
+    """
+
+    weight: float = 100.0
+    name = "approach"
+
+    def residual(self, m: Features) -> Any:
+        """The speed with which the distance grows [m/s], zero where it shrinks."""
+        way = m.goal - m.tip
+        growth = -way.dot(m.velocity) / way.norm(1e-3)  # [m] nearer than that its direction is noise
+        return np.sqrt(self.weight) * np.maximum(growth, 0.0)

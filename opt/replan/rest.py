@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +18,15 @@ from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.solve import refused
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.limits.limit import later
-from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import ReactionEstimate
-from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.terms.term import Term
+from ffsms_pin.opt.replan.options import Approach, ReplanOptions
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["Approach", "JointPlan", "RestPlanner", "replanned", "rest_of"]
+__all__ = ["JointPlan", "RestPlanner", "replanned", "rest_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,25 +140,6 @@ def replanned(
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
     plan = JointPlan.of_rates(start, problem.dt, joints, rates, miss)
     return replace(plan, damping=float(motion.damping[0]), excess=float(motion.limit_share[0]))
-
-
-@dataclass(frozen=True)
-class Approach(Term):
-    """With noisy sensors: the distance to the goal does not grow.
-
-    Near a configuration in which the arm cannot correct one direction, a way there and back would turn the
-    base a little, and bring the plan's end nearer by micrometres that the model's errors exceed. With the
-    default weight [s/m^2] a retreat of 1 cm in half a second weighs as much as a miss of half a millimetre.
-    """
-
-    weight: float = 100.0
-    name = "approach"
-
-    def residual(self, m: Features) -> Any:
-        """The speed with which the distance grows [m/s], zero where it shrinks."""
-        way = m.goal - m.tip
-        growth = -way.dot(m.velocity) / way.norm(1e-3)  # [m] nearer than that its direction is noise
-        return np.sqrt(self.weight) * np.maximum(growth, 0.0)
 
 
 class RestPlanner:
