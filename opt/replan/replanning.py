@@ -13,7 +13,7 @@ from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_jo
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.starts import REFERENCE_WEIGHTS
-from ffsms_pin.opt.motion.actuated import wheel_total
+from ffsms_pin.opt.motion.mechanics import wheel_total
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions

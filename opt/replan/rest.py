@@ -19,7 +19,7 @@ from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.solve import refused
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.limits.limit import later
-from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
+from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import ReactionEstimate
 from ffsms_pin.opt.replan.options import Approach, ReplanOptions

@@ -12,7 +12,7 @@ import pinocchio as pin
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.held import StepFeatures
+from ffsms_pin.opt.motion.features import StepFeatures
 from ffsms_pin.system import JointLimits, SpaceManipulator
 
 __all__ = ["REFERENCES", "StepState", "rate_bounds"]
