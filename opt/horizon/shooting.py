@@ -16,8 +16,8 @@ from ffsms_pin.opt.horizon.control_qp import braking
 from ffsms_pin.opt.horizon.spline import RateSpline, gauss
 from ffsms_pin.opt.limits.limit import End
 from ffsms_pin.opt.motion.frame import Frame, RobotFrame
+from ffsms_pin.opt.motion.mechanics import velocity_slopes
 from ffsms_pin.opt.motion.motions import apply_rates
-from ffsms_pin.opt.motion.slopes import velocity_slopes
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system import JointLimits
 from ffsms_pin.system.batch.arm import ArmValues
@@ -81,7 +81,7 @@ def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
         spin = problem.arm0.inverse[..., 0] @ (turn.T @ problem.momentum[3:])
         turn = turn @ exp3(problem.duration * spin)
     origin = problem.com0 + problem.duration * problem.drift
-    wanted = [End(RobotFrame.tip(problem.stack), problem.goal.place(problem.duration))]
+    wanted = [End(RobotFrame.of(problem.stack), problem.goal.place(problem.duration))]
     wanted += [end for limit in problem.limits for end in limit.ends]
     return [
         _GoalFromStart(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)
@@ -273,7 +273,7 @@ def missed_at(
 ) -> tuple[FloatArray, FloatArray]:
     """What postures (K, n) on bases (3, 3, K) miss of a place at t [s] (K, 6), and slopes (K, 6, n)."""
     centre = problem.com0 + t * problem.drift
-    wanted = _GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.tip(problem.stack))
+    wanted = _GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.of(problem.stack))
     error, columns = wanted.missed(problem.stack.evaluate(joints.T), base)
     return error.T, columns.transpose(2, 0, 1) * problem.free
 
