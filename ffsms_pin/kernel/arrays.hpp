@@ -1,4 +1,5 @@
-// Arrays that cross the border between Python and the headers: of doubles, components first, the stack last.
+// What crosses the border between Python and the headers: arrays of doubles, components first, the stack
+// last.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -8,7 +9,7 @@
 #include <initializer_list>
 #include <stdexcept>
 
-#include "vec3.hpp"
+#include "arm.hpp"
 
 namespace ffsms {
 
@@ -46,59 +47,31 @@ Out new_array(Sizes... sizes) {
   return Out(data, sizeof...(sizes), shape, owner);
 }
 
-// Reads the rows of `count` numbers one after the other, at one configuration or at those of a pack.
-struct Reader {
-  const double* row;
-  Size count;
-
-  template <class T>
-  void next(T* values, int n) {
-    for (int j = 0; j < n; ++j, row += count) std::memcpy(&values[j], row, sizeof(T));
-  }
-};
-
-// Writes them.
-struct Writer {
-  double* row;
-  Size count;
-
-  template <class T>
-  void put(const T* values, int n) {
-    for (int j = 0; j < n; ++j, row += count) std::memcpy(row, &values[j], sizeof(T));
-  }
-  template <class T>
-  void put(const Vec3<T>* columns, int n) {
-    for (int x = 0; x < 3; ++x) {
-      for (int j = 0; j < n; ++j) put(&columns[j][x], 1);
-    }
-  }
-  template <class T>
-  void put(const Mat3<T>* matrices, int n) {
-    for (int x = 0; x < 3; ++x) {
-      for (int y = 0; y < 3; ++y) {
-        for (int j = 0; j < n; ++j) put(&matrices[j][x][y], 1);
-      }
-    }
-  }
-};
-
-// Calls use(work, k) with work for packs of a stack, then, where fewer are left, for one configuration at a
-// time.
-template <template <class> class Work, class Use>
-void along(Size count, const Use& use) {
-  Size k = 0;
-  if (count >= kLanes) {
-    Work<Pack> work;
-    for (; k + kLanes <= count; k += kLanes) use(work, k);
-  }
-  Work<double> work;
-  for (; k < count; ++k) use(work, k);
-}
-
 // What is bound, a file each.
-void bind_stacks(nb::module_& m);
 void bind_clearance(nb::module_& m);
 void bind_motions(nb::module_& m);
 void bind_step(nb::module_& m);
 
 }  // namespace ffsms
+
+namespace nanobind::detail {
+
+// What is made of doubles alone comes as a dense array of so many.
+template <class Kind>
+struct of_array {
+  NB_TYPE_CASTER(Kind, const_name("numpy.ndarray"))
+
+  bool from_python(handle given, uint8_t flags, cleanup_list* cleanup) noexcept {
+    make_caster<ffsms::In> array;
+    if (!array.from_python(given, flags, cleanup)) return false;
+    if (array.value.size() * sizeof(double) != sizeof value) return false;
+    std::memcpy(&value, array.value.data(), sizeof value);
+    return true;
+  }
+};
+template <class T>
+struct type_caster<ffsms::Vec3<T>> : of_array<ffsms::Vec3<T>> {};
+template <>
+struct type_caster<ffsms::Placed> : of_array<ffsms::Placed> {};
+
+}  // namespace nanobind::detail

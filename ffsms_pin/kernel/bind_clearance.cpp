@@ -25,14 +25,14 @@ struct ArmAt {
   bool move(Index k) {
     if (k == last) return false;
     double positions[kMostJoints];
-    Reader{joints.data() + k, joints.shape(1)}.next(positions, tree.n);
+    Reader<double>{joints.data() + k, joints.shape(1)}.next(positions, tree.n);
     pose(tree, positions, arm);
     last = k;
     return true;
   }
   // The base, a body of the arm, or an obstacle: these come after the joints, as the base sees them.
   Placed body(Index index) const {
-    if (index < 0) return {{{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}}, zero3<double>()};
+    if (index < 0) return {{{{{1.0, 0.0, 0.0}}, {{0.0, 1.0, 0.0}}, {{0.0, 0.0, 1.0}}}}, Vec3<double>{}};
     if (index < tree.n) return {arm.rotation[index], arm.origin[index]};
     Placed found;
     for (int x = 0; x < 3; ++x) {
@@ -61,10 +61,11 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
   const auto* corner = reinterpret_cast<const Vec3<double>*>(corners.data());
   const auto hull = [&](Index p) {
     const double* round = rounds.data() + 5 * p;
-    return Hull{corner + begins(p), begins(p + 1) - begins(p), round[0], round[1], vector_at(round + 2)};
+    return Hull{corner + begins(p), begins(p + 1) - begins(p), round[0], round[1],
+                of_numbers<Vec3<double>>(round + 2)};
   };
   std::vector<Placed> placed(bodies.shape(0)), seen;
-  std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), zero3<double>());
+  std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), Vec3<double>{});
   std::vector<std::pair<double, Index>> close;  // pairs of parts that may be near, and bounds
   const Size size = columns.shape(0);
   Out distance = new_array(size), points = new_array(size, 3, 3);
@@ -134,10 +135,10 @@ nb::tuple near_points(const Tree& tree, Matrix joints, Indices columns, Indices 
     const auto point = [&](Index i) {
       if (i < tree.n) return seen.arm.origin[i];
       const Placed last = seen.body(tree.last);
-      return last.origin + last.turn * tree.tip_in_last;
+      return last.origin + last.turn * tree.tip.origin;
     };
     const Index there = ends(columns(v), 0), here = ends(columns(v), 1);
-    Nearest found = {here < 0 ? zero3<double>() : point(here), point(there), zero3<double>()};
+    Nearest found = {here < 0 ? Vec3<double>{} : point(here), point(there), Vec3<double>{}};
     distance.data()[v] = here < 0 ? from_box(around, found) : from_point(found);
     std::memcpy(points.data() + 9 * v, &found, sizeof found);
   }

@@ -69,12 +69,12 @@ const Index* checked(const Indices& array, Size count, Size end, const char* nam
 Out attitudes(const Rotation& start, const Table<double, 3, -1>& omega, double dt) {
   const Size count = omega.shape(1);
   Out out = new_array(9, count);
-  const auto put = [&](const Mat3<double>& R, Size k) { Writer{out.data() + k, count}.put(&R, 1); };
-  Mat3<double> R = matrix_at(start.data());
+  const auto put = [&](const Mat3<double>& R, Size k) { Writer<double>{out.data() + k, count}.put(&R, 1); };
+  Mat3<double> R = of_numbers<Mat3<double>>(start.data());
   put(R, 0);
   for (Size k = 0; k + 2 < count; k += 2) {
     Vec3<double> w[3];
-    for (Size i = 0; i < 3; ++i) Reader{omega.data() + k + i, count}.next(w[i].v, 3);
+    for (Size i = 0; i < 3; ++i) Reader<double>{omega.data() + k + i, count}.next(w[i].v, 3);
     put(R * exp3((dt / 24.0) * (5.0 * w[0] + 8.0 * w[1] - w[2]) + (dt * dt / 48.0) * cross(w[0], w[1])),
         k + 1);
     R = R * exp3((dt / 6.0) * (w[0] + 4.0 * w[1] + w[2]) + (dt * dt / 12.0) * cross(w[0], w[2]));
@@ -92,12 +92,13 @@ Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
   const Size joints = static_cast<Size>(n), steps = accelerations.shape(1), nodes = steps + 1;
   expect(accelerations.shape(0) == joints && start.size() == 12 + 2 * joints, "an array has a wrong shape");
   Out out = new_array(rows, nodes);
-  Mat3<double> R = matrix_at(start.data());
-  const Vec3<double> linear = vector_at(momentum.data()), angular = vector_at(momentum.data() + 3);
+  Mat3<double> R = of_numbers<Mat3<double>>(start.data());
+  const Vec3<double> linear = of_numbers<Vec3<double>>(momentum.data()),
+                     angular = of_numbers<Vec3<double>>(momentum.data() + 3);
   double q[kMostJoints] = {}, u[kMostJoints] = {}, a[kMostJoints] = {};
   std::copy_n(start.data() + 12, n, q);
   std::copy_n(start.data() + 12 + n, n, u);
-  Writer{out.data(), nodes}.put(start.data(), rows);
+  Writer<double>{out.data(), nodes}.put(start.data(), rows);
   const auto half_a_step = [&] {
     for (int j = 0; j < n; ++j) {
       q[j] += 0.5 * dt * (u[j] + 0.25 * dt * a[j]);
@@ -106,9 +107,9 @@ Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
   };
   Arm<double> arm;
   Spin first = spin_at(tree, q, u, arm);
-  Vec3<double> com = vector_at(start.data() + 9) + R * arm.com;
+  Vec3<double> com = of_numbers<Vec3<double>>(start.data() + 9) + R * arm.com;
   for (Size k = 0; k < steps; ++k) {
-    Reader{accelerations.data() + k, steps}.next(a, n);
+    Reader<double>{accelerations.data() + k, steps}.next(a, n);
     half_a_step();
     const Spin middle = spin_at(tree, q, u, arm);
     half_a_step();
@@ -116,7 +117,7 @@ Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
     R = tumbled(R, first, middle, last, angular, dt);
     com += dt * tree.inverse_mass * linear;
     const Vec3<double> place = com - R * arm.com;
-    Writer write = {out.data() + k + 1, nodes};
+    Writer<double> write = {out.data() + k + 1, nodes};
     write.put(&R, 1);
     write.put(&place, 1);
     write.put(q, n);
@@ -142,22 +143,23 @@ Out spline_attitudes(const GivenQuadrature& quadrature, const In& omega, const I
   expect(omega.size() == 3 * count && count % K == 0 && inverse.size() == 9 * count,
          "an array has a wrong shape");
   Out out = new_array(12, count);
-  const Mat3<double> first = matrix_at(start.data());
-  std::vector<Vec3<double>> reaction(K), own(K, zero3<double>()), spins(K);
+  const Mat3<double> first = of_numbers<Mat3<double>>(start.data());
+  std::vector<Vec3<double>> reaction(K), own(K, Vec3<double>{}), spins(K);
   std::vector<Mat3<double>> turned(K), before(K), inverses(K);
   for (Size begin = 0; begin < count; begin += K) {
     for (Size k = 0; k < K; ++k) {
-      Reader{omega.data() + begin + k, count}.next(reaction[k].v, 3);
-      Reader{inverse.data() + begin + k, count}.next(inverses[k][0], 9);
+      Reader<double>{omega.data() + begin + k, count}.next(reaction[k].v, 3);
+      Reader<double>{inverse.data() + begin + k, count}.next(&inverses[k]);
     }
     if (momentum) {
-      drifting_attitudes(by, first, reaction.data(), inverses.data(), vector_at(momentum->data()),
-                         turned.data(), own.data(), spins.data(), before.data());
+      drifting_attitudes(by, first, reaction.data(), inverses.data(),
+                         of_numbers<Vec3<double>>(momentum->data()), turned.data(), own.data(), spins.data(),
+                         before.data());
     } else {
       base_attitudes(by, first, reaction.data(), turned.data());
     }
     for (Size k = 0; k < K; ++k) {
-      Writer write = {out.data() + begin + k, count};
+      Writer<double> write = {out.data() + begin + k, count};
       write.put(&turned[k], 1);
       write.put(&own[k], 1);
     }
@@ -258,7 +260,8 @@ Out cone_marches(const Tree& tree, int steps, double duration, double kappa, dou
   const ConeMarch by = {duration,      steps,         kappa,           mean_speed, damping,
                         joints.data(), places.data(), attitude.data(), turned};
   for (Size s = 0; s < count; ++s) {
-    cone_march(tree, by, vector_at(sides.data() + 3 * s), rates.data() + s * static_cast<Size>(steps) * n);
+    cone_march(tree, by, of_numbers<Vec3<double>>(sides.data() + 3 * s),
+               rates.data() + s * static_cast<Size>(steps) * n);
   }
   return rates;
 }

@@ -38,29 +38,30 @@ nb::tuple step_state(const Tree& tree, const Table<double, 7>& root, const Vecto
   Out columns = new_array(3, 6, n), basis = new_array(n, n), more = new_array(28);
   double A[kMostJoints * 6], V[kMostJoints * kMostJoints], sigma[kMostJoints];
   for (int j = 0; j < n; ++j) {
-    Writer write = {columns.data() + j, static_cast<Size>(n)};
-    const Vec3<double> turning = tree.joints[j].moves_tip ? arm.axis[j] : zero3<double>();
+    Writer<double> write = {columns.data() + j, static_cast<Size>(n)};
+    const Vec3<double> turning = tree.joints[j].moves_tip ? arm.axis[j] : Vec3<double>{};
     for (const Vec3<double>& column : {arm.root[j], arm.spin[j], R * arm.jstar[j],
                                        R * (arm.spin[j] + turning), R * arm.tip_velocity[j], R * turning}) {
       write.put(&column, 1);
     }
-    for (int i = 0; i < 6; ++i) A[j * 6 + i] = arm.coupling[i][j];
+    for (int i = 0; i < 6; ++i) A[j * 6 + i] = arm.coupling[i * n + j];
   }
   // Singular values depend on the reference point, the base's centre of mass, and not on the axes.
-  decompose(6, n, A, 6, V, sigma);
+  decompose(6, n, A, V, sigma);
   sort(n, sigma, V);
-  Writer rows = {basis.data(), 1};
+  Writer<double> rows = {basis.data(), 1};
   for (int i = 0; i < n; ++i) {
     for (int j = 0; j < n; ++j) rows.put(&V[j * n + i], 1);
   }
-  Vec3<double> spin = zero3<double>(), moving = spin;
+  Vec3<double> spin = Vec3<double>{}, moving = spin;
   if (momentum) {
     const Mat3<double> back = transposed(R);
-    spin = arm.inverse * (back * vector_at(momentum->data() + 3));
-    moving = (1.0 / tree.total_mass) * (back * vector_at(momentum->data())) + cross(arm.com, spin);
+    spin = arm.inverse * (back * of_numbers<Vec3<double>>(momentum->data() + 3));
+    moving =
+        (1.0 / tree.total_mass) * (back * of_numbers<Vec3<double>>(momentum->data())) + cross(arm.com, spin);
   }
-  Writer write = {more.data(), 1};
-  for (const Vec3<double>& one : {vector_at(root.data()) + R * arm.tip, arm.com, moving, spin,
+  Writer<double> write = {more.data(), 1};
+  for (const Vec3<double>& one : {of_numbers<Vec3<double>>(root.data()) + R * arm.tip, arm.com, moving, spin,
                                   R * (moving + cross(spin, arm.tip)), R * spin}) {
     write.put(&one, 1);
   }
@@ -95,8 +96,9 @@ Out wanted_motion(const Triple& way, const std::optional<Rotation>& rotation, co
     return reached_speed(left, direction, J.data() + row * n, rates.data(), drift.data() + row,
                          acceleration.data(), n, time_left, dt);
   };
-  Vec3<double> towards = vector_at(way.data()), lateral = vector_at(side.data());
-  Vec3<double> direction = zero3<double>(), spin = direction;
+  Vec3<double> towards = of_numbers<Vec3<double>>(way.data()),
+               lateral = of_numbers<Vec3<double>>(side.data());
+  Vec3<double> direction = Vec3<double>{}, spin = direction;
   const double distance = std::sqrt(dot(towards, towards));
   double speed = 0.0;
   if (distance < 1e-12) {
@@ -115,13 +117,14 @@ Out wanted_motion(const Triple& way, const std::optional<Rotation>& rotation, co
     speed = std::min(reached(distance / along, direction, 0), 0.5 * distance * along / dt);
   }
   if (rotation) {
-    const Vec3<double> turn = log3(matrix_at(rotation->data()) * transposed(matrix_at(attitude.data())));
+    const Vec3<double> turn = log3(of_numbers<Mat3<double>>(rotation->data()) *
+                                   transposed(of_numbers<Mat3<double>>(attitude.data())));
     const double angle = std::sqrt(dot(turn, turn));
     // Nearer than that it is rounding.
     if (angle >= 1e-12) spin = reached(angle, turn / angle, 3) * (turn / angle);
   }
   Out out = new_array(13);
-  Writer write = {out.data(), 1};
+  Writer<double> write = {out.data(), 1};
   for (const Vec3<double>& one : {towards, direction, lateral, spin}) write.put(&one, 1);
   write.put(&speed, 1);
   return out;

@@ -151,4 +151,36 @@ FFSMS_INLINE void sine_cosine(const T& x, T& sine, T& cosine) {
   cosine = select(far, each([](double lane) { return std::cos(lane); }, x), cosine);
 }
 
+// -- rows of numbers, `count` from one to the next: at one configuration, or at those of a pack
+
+// Reads values that are made of T alone, as Vec3: row by row all first components, then all second ones.
+template <class T>
+struct Reader {
+  const double* row;
+  std::size_t count;
+
+  template <class Value>
+  void next(Value* values, int n = 1) {
+    for (std::size_t c = 0; c < sizeof(Value) / sizeof(T); ++c) {
+      for (int j = 0; j < n; ++j, row += count)
+        std::memcpy(reinterpret_cast<T*>(values + j) + c, row, sizeof(T));
+    }
+  }
+};
+
+// Writes them.
+template <class T>
+struct Writer {
+  double* row;
+  std::size_t count;
+
+  template <class Value>
+  void put(const Value* values, int n = 1) {
+    for (std::size_t c = 0; c < sizeof(Value) / sizeof(T); ++c) {
+      for (int j = 0; j < n; ++j, row += count)
+        std::memcpy(row, reinterpret_cast<const T*>(values + j) + c, sizeof(T));
+    }
+  }
+};
+
 }  // namespace ffsms

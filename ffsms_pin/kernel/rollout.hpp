@@ -18,14 +18,12 @@ Mat3<T> exp3(const Vec3<T>& w) {
   sine_cosine(0.5 * angle, half, unused);
   half = half / angle;
   const T twice = 2.0 * half * half;
-  const Vec3<T> s = (sine / angle) * w;
   Mat3<T> out = outer(w, twice * w);
   const T diagonal = 1.0 - twice * square;
   out[0][0] += diagonal;
   out[1][1] += diagonal;
   out[2][2] += diagonal;
-  const Mat3<T> skew = {{{T{}, -s[2], s[1]}, {s[2], T{}, -s[0]}, {-s[1], s[0], T{}}}};
-  out += skew;
+  out += skew((sine / angle) * w);
   return out;
 }
 
@@ -39,7 +37,7 @@ struct Spin {
 inline Spin spin_at(const Tree& tree, const double* positions, const double* rates, Arm<double>& arm) {
   pose(tree, positions, arm);
   carry(tree, arm);
-  Vec3<double> linear = zero3<double>(), angular = zero3<double>(), spin, root;
+  Vec3<double> linear = Vec3<double>{}, angular = Vec3<double>{}, spin, root;
   for (int j = 0; j < tree.n; ++j) {
     momentum(tree, j, arm);
     linear += rates[j] * arm.linear[j];
@@ -61,7 +59,7 @@ inline Vec3<double> chart_rate(const Spin& spin, const Vec3<double>& u, const Ve
 inline Mat3<double> tumbled(const Mat3<double>& R, const Spin& start, const Spin& middle, const Spin& end,
                             const Vec3<double>& momentum, double dt) {
   const Vec3<double> h = transposed(R) * momentum;
-  const Vec3<double> k1 = chart_rate(start, zero3<double>(), h);
+  const Vec3<double> k1 = chart_rate(start, Vec3<double>{}, h);
   const Vec3<double> k2 = chart_rate(middle, 0.5 * dt * k1, h);
   const Vec3<double> k3 = chart_rate(middle, 0.5 * dt * k2, h);
   const Vec3<double> k4 = chart_rate(end, dt * k3, h);
@@ -88,7 +86,7 @@ inline void base_attitudes(const Quadrature& by, const Mat3<double>& start, cons
   for (int i = 0; i < by.intervals; ++i) {
     if (i == by.late) attitude[by.points()] = at;
     const auto turn = [&](const double* weights) {
-      Vec3<double> w = zero3<double>();
+      Vec3<double> w = Vec3<double>{};
       for (int e = 0; e < g; ++e) w += weights[e] * omega[i * g + e];
       return at * exp3(w);
     };

@@ -56,7 +56,7 @@ inline double reference_speed(double path_left, double speed, double time_left, 
 inline double reached_speed(double path_left, const Vec3<double>& direction, const double* J,
                             const double* rates, const double* drift, const double* acceleration, int n,
                             double time_left, double dt) {
-  double speed = dot(direction, vector_at(drift)), gain = 0.0;
+  double speed = dot(direction, of_numbers<Vec3<double>>(drift)), gain = 0.0;
   for (int j = 0; j < n; ++j) {
     const double along = dot(direction, Vec3<double>{{J[j], J[n + j], J[2 * n + j]}});
     speed += along * rates[j];
@@ -83,7 +83,7 @@ inline Vec3<double> lateral_direction(const Vec3<double>& towards, const Vec3<do
     for (int i = 1; i < 3; ++i) {
       if (std::fabs(towards[i]) < std::fabs(towards[k])) k = i;
     }
-    Vec3<double> axis = zero3<double>();
+    Vec3<double> axis = Vec3<double>{};
     axis[k] = 1.0;
     across = cross(towards, axis);
   }

@@ -73,6 +73,7 @@ struct SplineMaps {
 template <class T>
 struct Instant {
   Vec3<T> lever[kLevered];
+  Mat3<T> attitude;
 };
 template <class T>
 struct Column {
@@ -81,19 +82,11 @@ struct Column {
 };
 
 // One lane of what is made of packs alone.
-template <template <class> class Of>
-Of<double> lane(const Of<Pack>& packs, int i) {
-  constexpr int count = sizeof(Of<double>) / sizeof(double);
-  double all[count * kLanes], one[count];
-  std::memcpy(all, &packs, sizeof all);
-  for (int m = 0; m < count; ++m) one[m] = all[m * kLanes + i];
+template <template <class> class Of, class T>
+Of<double> lane(const Of<T>& packs, int i) {
   Of<double> out;
-  std::memcpy(&out, one, sizeof one);
+  Reader<double>{reinterpret_cast<const double*>(&packs) + i, sizeof(T) / sizeof(double)}.next(&out);
   return out;
-}
-template <template <class> class Of>
-Of<double> lane(const Of<double>& one, int) {
-  return one;
 }
 
 class Sums {
@@ -107,7 +100,6 @@ class Sums {
         size_(spline.size * tree.n),
         first_(static_cast<std::size_t>(quadrature.instants())),
         extent_(first_.size()),
-        attitudes_(first_.size()),
         instants_(first_.size()),
         columns_(first_.size() * static_cast<std::size_t>(n_)),
         turned_(3 * first_.size() * static_cast<std::size_t>(size_)),
@@ -178,23 +170,23 @@ class Sums {
       from += motion_ * quadrature_.instants() + begin;
       for (int i = 0; i < rows; ++i) std::memcpy(&values[i], from + i * motions_.stack, sizeof(T));
     };
-    T joints[kMostJoints], rates[kMostJoints], by_coupling[6][kMostJoints], by_entropy[kMostJoints] = {};
+    T joints[kMostJoints], rates[kMostJoints], by_coupling[6 * kMostJoints], by_entropy[kMostJoints] = {};
     Vec3<T> spin_slope[kMostJoints], tip_slope[kMostJoints], turning_slope[kMostJoints];
     Mat3<T> attitude;
     Vec3<T> base_spin;
     read(motions_.joints, joints, n_);
     read(motions_.rates, rates, n_);
-    read(motions_.attitude, attitude[0], 9);
+    read(motions_.attitude, &attitude[0][0], 9);
     read(motions_.own_spin, base_spin.v, 3);
     evaluate(tree_, joints, arm);
     velocity_slopes(tree_, arm, rates, spin_slope, tip_slope);
     turning_slopes(tree_, arm, rates, turning_slope);
     if (motions_.entropy_slope) {
-      for (int c = 0; c < 6; ++c) read(motions_.entropy_slope + c * n_ * motions_.stack, by_coupling[c], n_);
+      read(motions_.entropy_slope, by_coupling, 6 * n_);
       coupling_slopes(tree_, arm, by_coupling, by_entropy);
     }
     const int lanes = sizeof(T) / sizeof(double);
-    const Vec3<T> rho = arm.tip - arm.com, none = zero3<T>();
+    const Vec3<T> rho = arm.tip - arm.com, none = {};
     Vec3<T> velocity = cross(base_spin, rho), turning = none;
     for (int j = 0; j < n_; ++j) {
       const Vec3<T> carried = tree_.joints[j].moves_tip ? arm.axis[j] : none, &spin = arm.spin[j];
@@ -208,11 +200,10 @@ class Sums {
       velocity += rates[j] * arm.jstar[j];
       turning += rates[j] * carried;
     }
-    const Instant<T> at = {
-        {velocity, base_spin + turning, base_spin, rho, same<T>(tree_.base_com) - arm.com}};
+    const Instant<T> at = {{velocity, base_spin + turning, base_spin, rho, Vec3<T>(tree_.base_com) - arm.com},
+                           attitude};
     for (int i = 0; i < lanes; ++i) {
       instants_[begin + i] = lane(at, i);
-      attitudes_[begin + i] = lane(attitude, i);
     }
   }
 
@@ -251,8 +242,8 @@ class Sums {
     const double *travel = spline_.map[0] + k * spline_.size, *rates = spline_.map[1] + k * spline_.size;
     for (int j = 0; j < n_; ++j) {
       const Column<double>& column = columns_[k * n_ + j];
-      const Vec3<double> by_travel = attitudes_[k] * column.travel[kBaseSpin];
-      const Vec3<double> by_rate = attitudes_[k] * column.rate[kBaseSpin];
+      const Vec3<double> by_travel = instants_[k].attitude * column.travel[kBaseSpin];
+      const Vec3<double> by_rate = instants_[k].attitude * column.rate[kBaseSpin];
       for (int x = 0; x < 3; ++x) {
         double* row = out + x * size_;
         for (int m = 0, c = j; c < wide; ++m, c += n_)
@@ -270,13 +261,13 @@ class Sums {
   void find_slopes(const Residual& r, std::ptrdiff_t i, Own& own) {
     const std::ptrdiff_t k = r.instants[i], s = r.motion ? 0 : motion_;
     const Column<double>* columns = &columns_[k * n_];
-    const Mat3<double> to_base = transposed(attitudes_[k]);
+    const Mat3<double> to_base = transposed(instants_[k].attitude);
     for (int m = 0; m < 3; ++m) {
       const Strided &all = r.by[kJoints + m], &alone = r.by[kOwnJoint + m];
       for (int j = 0; j < n_; ++j) own.by[m][j] = all ? all(s, i, 0, j) : 0.0;
       if (alone) own.by[m][r.joint] += alone(s, i);
     }
-    Vec3<double> moment = zero3<double>();  // base axes
+    Vec3<double> moment = Vec3<double>{};  // base axes
     for (int v = 0; v < kVectors; ++v) {
       const Strided& by = r.by[v];
       if (!by) continue;
@@ -289,16 +280,16 @@ class Sums {
       for (int j = 0; j < n_; ++j) own.by[0][j] += r.by[kEntropy](s, i) * columns[j].entropy;
     }
     if (r.by[kCoupling]) {
-      double joints[kMostJoints], by_coupling[6][kMostJoints], gradient[kMostJoints];
+      double joints[kMostJoints], by_coupling[6 * kMostJoints], gradient[kMostJoints];
       for (int j = 0; j < n_; ++j) {
         joints[j] = motions_.joints[j * motions_.stack + motion_ * quadrature_.instants() + k];
-        for (int c = 0; c < 6; ++c) by_coupling[c][j] = r.by[kCoupling](s, i, c, j);
+        for (int c = 0; c < 6; ++c) by_coupling[c * n_ + j] = r.by[kCoupling](s, i, c, j);
       }
       evaluate(tree_, joints, arm_);
       coupling_slopes(tree_, arm_, by_coupling, gradient);
       for (int j = 0; j < n_; ++j) own.by[0][j] += gradient[j];
     }
-    own.turn = attitudes_[k] * moment;
+    own.turn = instants_[k].attitude * moment;
   }
 
   // The row of one value by the control points, kept until there are enough for a pass.
@@ -373,7 +364,6 @@ class Sums {
   const Quadrature& quadrature_;
   const int n_, size_;
   std::vector<int> first_, extent_;  // of the control points that matter at an instant
-  std::vector<Mat3<double>> attitudes_;
   std::vector<Instant<double>> instants_;
   std::vector<Column<double>> columns_;
   std::vector<double> turned_, change_, total_, rows_;
