@@ -22,7 +22,6 @@ using Table = nb::ndarray<const T, nb::shape<shape...>, nb::c_contig, nb::device
 using Vector = Table<double, -1>;
 using Matrix = Table<double, -1, -1>;
 using Rotation = Table<double, 3, 3>;
-using Index = std::int64_t;
 using Indices = Table<Index, -1>;
 using Out = nb::ndarray<nb::numpy, double, nb::c_contig>;
 static_assert(sizeof(Pack) == kLanes * sizeof(double), "a pack is what lies in memory");

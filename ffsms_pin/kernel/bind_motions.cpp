@@ -27,27 +27,15 @@ using GivenResidual =
   throw std::invalid_argument(name + " of a residual or a motion has a wrong shape");
 }
 
-// Sizes of an array along its axes; zero: it has no such axis. An axis of one repeats.
-struct Shape {
-  Size row, component, joint, motion, instant;
-};
-
-// The first row; `row` is how far the next one lies.
-Strided strided(const Slope& array, const Shape& shape, const char* name, std::ptrdiff_t& row) {
+// An array of these sizes; zero: it has no such axis. An axis of one repeats.
+Strided strided(const Slope& array, const Size (&sizes)[5], const char* name) {
+  Strided out = {array.data(), {}};
   Size axis = array.ndim();
-  const auto step = [&](Size size) -> std::ptrdiff_t {
-    if (size == 0) return 0;
-    if (axis == 0 || (array.shape(axis - 1) != size && array.shape(axis - 1) != 1)) wrong(name);
-    --axis;
-    return array.shape(axis) == 1 ? 0 : array.stride(axis);
-  };
-  Strided out;
-  out.data = array.data();
-  out.instant = step(shape.instant);
-  out.motion = step(shape.motion);
-  out.joint = step(shape.joint);
-  out.component = step(shape.component);
-  row = step(shape.row);
+  for (int i = 5; i-- > 0;) {
+    if (sizes[i] == 0) continue;
+    if (axis-- == 0 || (array.shape(axis) != sizes[i] && array.shape(axis) != 1)) wrong(name);
+    if (array.shape(axis) != 1) out.step[i] = array.stride(axis);
+  }
   if (axis != 0) wrong(name);
   return out;
 }
@@ -177,41 +165,26 @@ SplineMaps maps_of(const GivenMaps& given, Size instants) {
   return {static_cast<int>(travel.shape(1)), {travel.data(), rates.data(), accelerations.data()}};
 }
 
-// Residuals of one feature, each of its components.
-void add_residuals(const GivenResidual& given, Size n, Size motions, Size instants,
-                   std::vector<Residual>& out) {
+Residual residual_of(const GivenResidual& given, Size n, Size motions, Size instants) {
   const auto& [at, motion, weight, value, slopes] = given;
-  const Size count = weight.size(), S = motion ? 1 : motions;
-  const Size components = value.ndim() == 3 ? value.shape(0) : 0;
-  if (count == 0) return;
-  Residual first = {};
-  first.count = static_cast<std::ptrdiff_t>(count);
-  first.instants = checked(at, count, instants, "instants");
-  first.motion = motion ? checked(*motion, count, motions, "motion") : nullptr;
-  first.weight = weight.data();
-  std::ptrdiff_t value_step, steps[kSlopes] = {};
-  first.value = strided(value, {components, 0, 0, S, count}, "value", value_step);
+  const Size count = weight.size(), S = motion ? 1 : motions, rows = value.ndim() == 3 ? value.shape(0) : 0;
+  Residual out = {};
+  out.rows = std::max<Index>(static_cast<Index>(rows), 1);
+  out.count = static_cast<Index>(count);
+  out.instants = checked(at, count, instants, "instants");
+  out.motion = motion ? checked(*motion, count, motions, "motion") : nullptr;
+  out.weight = weight.data();
+  if (count == 0) return out;
+  out.value = strided(value, {rows, 0, 0, S, count}, "value");
   for (int i = 0; i < kSlopes; ++i) {
     const auto found = slopes.find(kNames[i]);
     if (found == slopes.end()) continue;
-    Shape shape = {components, 0, 0, S, count};
-    if (i < kVectors) shape.component = 3;
-    if (i == kCoupling) shape.component = 6;
-    if ((i >= kVectors && i < kOwnJoint) || i == kCoupling) shape.joint = n;
-    first.by[i] = strided(found->second, shape, kNames[i], steps[i]);
-    expect(i < kOwnJoint || i >= kEntropy || components == n,
-           "slopes by own joints are of one number a joint");
+    const bool all = (i >= kVectors && i < kOwnJoint) || i == kCoupling;
+    const Size components = i < kVectors ? 3 : i == kCoupling ? 6 : 0;
+    out.by[i] = strided(found->second, {rows, components, all ? n : 0, S, count}, kNames[i]);
+    expect(i < kOwnJoint || i >= kEntropy || rows == n, "slopes by own joints are of one number a joint");
   }
-  for (Size c = 0; c < std::max<Size>(components, 1); ++c) {
-    Residual one = first;
-    const auto row = static_cast<std::ptrdiff_t>(c);
-    one.joint = static_cast<int>(c);
-    one.value.data += row * value_step;
-    for (int i = 0; i < kSlopes; ++i) {
-      if (one.by[i]) one.by[i].data += row * steps[i];
-    }
-    out.push_back(one);
-  }
+  return out;
 }
 
 // Gradients (T, M n) and Hessians (T, M n, M n) of T chosen motions.
@@ -226,20 +199,17 @@ nb::tuple sums(const Tree& tree, const GivenMaps& maps, const GivenQuadrature& q
   if (joints.size() != n * S * K || rates.size() != joints.size() || attitude.size() != 9 * stack ||
       own_spin.size() != 3 * stack || (entropy_slope && entropy_slope->size() != 6 * n * stack))
     wrong("an array");
-  const MotionArrays arrays = {joints.data(),
-                               rates.data(),
-                               attitude.data(),
-                               own_spin.data(),
-                               entropy_slope ? entropy_slope->data() : nullptr,
-                               static_cast<std::ptrdiff_t>(stack)};
+  const double* entropy = entropy_slope ? entropy_slope->data() : nullptr;
+  const MotionArrays arrays = {joints.data(), rates.data(), attitude.data(), own_spin.data(), entropy, stack};
   std::vector<Residual> values;
-  for (const auto& one : residuals) add_residuals(one, n, S, K, values);
+  for (const auto& one : residuals) values.push_back(residual_of(one, n, S, K));
   const Size count = chosen.shape(0);
   checked(chosen, count, S, "a chosen motion");
   Out gradient = new_array(count, size), hessian = new_array(count, size, size);
   std::fill_n(gradient.data(), gradient.size(), 0.0);
   std::fill_n(hessian.data(), hessian.size(), 0.0);
-  Sums all(tree, arrays, spline, by);
+  std::vector<double> room(Sums::needed(tree, spline, by));
+  Sums all(tree, arrays, spline, by, room.data());
   for (Size i = 0; i < count; ++i)
     all.add(chosen(i), values, gradient.data() + i * size, hessian.data() + i * size * size);
   return nb::make_tuple(gradient, hessian);

@@ -22,6 +22,8 @@ using PairMask = bool;
 #define FFSMS_INLINE inline
 #endif
 
+using Index = std::int64_t;
+
 constexpr int kPairs = 4;
 constexpr int kLanes = kPairs * static_cast<int>(sizeof(Pair) / sizeof(double));
 
