@@ -16,6 +16,10 @@ struct Placed {
   Vec3<double> origin;  // [m]
 };
 
+struct Momentum {
+  Vec3<double> linear, angular;  // inertial axes, about the system's centre of mass [N s, N m s]
+};
+
 struct Body {
   double mass;           // [kg]
   Vec3<double> lever;    // to the centre of mass, in its own frame [m]

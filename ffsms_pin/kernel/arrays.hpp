@@ -5,9 +5,10 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <algorithm>
 #include <cstring>
-#include <initializer_list>
 #include <stdexcept>
+#include <vector>
 
 #include "arm.hpp"
 
@@ -21,7 +22,6 @@ template <class T, int... shape>                                      // -1: of 
 using Table = nb::ndarray<const T, nb::shape<shape...>, nb::c_contig, nb::device::cpu>;
 using Vector = Table<double, -1>;
 using Matrix = Table<double, -1, -1>;
-using Rotation = Table<double, 3, 3>;
 using Indices = Table<Index, -1>;
 using Out = nb::ndarray<nb::numpy, double, nb::c_contig>;
 static_assert(sizeof(Pack) == kLanes * sizeof(double), "a pack is what lies in memory");
@@ -46,6 +46,27 @@ Out new_array(Sizes... sizes) {
   return Out(data, sizeof...(sizes), shape, owner);
 }
 
+inline Out array_of(const double* values, Size count) {
+  Out out = new_array(count);
+  std::copy_n(values, count, out.data());
+  return out;
+}
+inline Out array_of(const std::vector<double>& values) { return array_of(values.data(), values.size()); }
+// Of a struct that is made of doubles alone.
+template <class Value>
+Out array_of(const Value& value) {
+  return array_of(reinterpret_cast<const double*>(&value), sizeof value / sizeof(double));
+}
+
+struct Box;
+struct RootPose;
+struct StepWeights;
+template <class Kind, class... Kinds>
+constexpr bool kOneOf = (std::is_same_v<Kind, Kinds> || ...);
+template <class Kind>
+constexpr bool kOfNumbers =
+    kOneOf<Kind, Vec3<double>, Mat3<double>, Placed, Momentum, Box, RootPose, StepWeights>;
+
 // What is bound, a file each.
 void bind_clearance(nb::module_& m);
 void bind_motions(nb::module_& m);
@@ -57,7 +78,7 @@ namespace nanobind::detail {
 
 // What is made of doubles alone comes as a dense array of so many.
 template <class Kind>
-struct of_array {
+struct type_caster<Kind, enable_if_t<ffsms::kOfNumbers<Kind>>> {
   NB_TYPE_CASTER(Kind, const_name("numpy.ndarray"))
 
   bool from_python(handle given, uint8_t flags, cleanup_list* cleanup) noexcept {
@@ -68,9 +89,5 @@ struct of_array {
     return true;
   }
 };
-template <class T>
-struct type_caster<ffsms::Vec3<T>> : of_array<ffsms::Vec3<T>> {};
-template <>
-struct type_caster<ffsms::Placed> : of_array<ffsms::Placed> {};
 
 }  // namespace nanobind::detail

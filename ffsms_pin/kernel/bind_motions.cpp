@@ -54,15 +54,15 @@ const Index* checked(const Indices& array, Size count, Size end, const char* nam
 // Attitudes (9, 2 N + 1) at the nodes and in the middles of N steps, of angular velocities (3, 2 N + 1) in
 // base axes there: Simpson's rule and one bracket, and over a first half the parabola through the same
 // points.
-Out attitudes(const Rotation& start, const Table<double, 3, -1>& omega, double dt) {
+Out attitudes(const Mat3<double>& start, const Table<double, 3, -1>& omega, double dt) {
   const Size count = omega.shape(1);
   Out out = new_array(9, count);
-  const auto put = [&](const Mat3<double>& R, Size k) { Writer<double>{out.data() + k, count}.put(&R, 1); };
-  Mat3<double> R = of_numbers<Mat3<double>>(start.data());
+  const auto put = [&](const Mat3<double>& R, Size k) { Writer<double>{out.data() + k, count}.put(&R); };
+  Mat3<double> R = start;
   put(R, 0);
   for (Size k = 0; k + 2 < count; k += 2) {
     Vec3<double> w[3];
-    for (Size i = 0; i < 3; ++i) Reader<double>{omega.data() + k + i, count}.next(w[i].v, 3);
+    for (Size i = 0; i < 3; ++i) Reader<double>{omega.data() + k + i, count}.next(&w[i]);
     put(R * exp3((dt / 24.0) * (5.0 * w[0] + 8.0 * w[1] - w[2]) + (dt * dt / 48.0) * cross(w[0], w[1])),
         k + 1);
     R = R * exp3((dt / 6.0) * (w[0] + 4.0 * w[1] + w[2]) + (dt * dt / 12.0) * cross(w[0], w[2]));
@@ -71,22 +71,22 @@ Out attitudes(const Rotation& start, const Table<double, 3, -1>& omega, double d
   return out;
 }
 
-// A system under joint accelerations (n, N), each held for dt, with momentum (6) in inertial axes, the
-// angular part about its centre of mass. States (12 + 2 n, N + 1) at the nodes: attitude and place of the
-// root, joint positions and rates; `start` is the first.
-Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
-             const Table<double, 6>& momentum, double dt) {
+// A system under joint accelerations (n, N), each held for dt, with momentum. States (12 + 2 n, N + 1) at the
+// nodes: attitude and place of the root, joint positions and rates; `start` is the first.
+Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations, const Momentum& momentum,
+             double dt) {
   const int n = tree.n, rows = 12 + 2 * n;
-  const Size joints = static_cast<Size>(n), steps = accelerations.shape(1), nodes = steps + 1;
-  expect(accelerations.shape(0) == joints && start.size() == 12 + 2 * joints, "an array has a wrong shape");
+  const Size steps = accelerations.shape(1), nodes = steps + 1;
+  expect(accelerations.shape(0) == static_cast<Size>(n), "an array has a wrong shape");
+  expect_size(start, static_cast<Size>(rows));
   Out out = new_array(rows, nodes);
-  Mat3<double> R = of_numbers<Mat3<double>>(start.data());
-  const Vec3<double> linear = of_numbers<Vec3<double>>(momentum.data()),
-                     angular = of_numbers<Vec3<double>>(momentum.data() + 3);
-  double q[kMostJoints] = {}, u[kMostJoints] = {}, a[kMostJoints] = {};
-  std::copy_n(start.data() + 12, n, q);
-  std::copy_n(start.data() + 12 + n, n, u);
   Writer<double>{out.data(), nodes}.put(start.data(), rows);
+  Placed root;
+  double q[kMostJoints] = {}, u[kMostJoints] = {}, a[kMostJoints] = {};
+  Reader<double> read = {start.data(), 1};
+  read.next(&root);
+  read.next(q, n);
+  read.next(u, n);
   const auto half_a_step = [&] {
     for (int j = 0; j < n; ++j) {
       q[j] += 0.5 * dt * (u[j] + 0.25 * dt * a[j]);
@@ -95,19 +95,18 @@ Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
   };
   Arm<double> arm;
   Spin first = spin_at(tree, q, u, arm);
-  Vec3<double> com = of_numbers<Vec3<double>>(start.data() + 9) + R * arm.com;
+  Vec3<double> com = root.origin + root.turn * arm.com;
   for (Size k = 0; k < steps; ++k) {
     Reader<double>{accelerations.data() + k, steps}.next(a, n);
     half_a_step();
     const Spin middle = spin_at(tree, q, u, arm);
     half_a_step();
     const Spin last = spin_at(tree, q, u, arm);
-    R = tumbled(R, first, middle, last, angular, dt);
-    com += dt * tree.inverse_mass * linear;
-    const Vec3<double> place = com - R * arm.com;
+    root.turn = tumbled(root.turn, first, middle, last, momentum.angular, dt);
+    com += dt * tree.inverse_mass * momentum.linear;
+    root.origin = com - root.turn * arm.com;
     Writer<double> write = {out.data() + k + 1, nodes};
-    write.put(&R, 1);
-    write.put(&place, 1);
+    write.put(&root);
     write.put(q, n);
     write.put(u, n);
     first = last;
@@ -122,34 +121,26 @@ Quadrature quadrature_of(const GivenQuadrature& given) {
   return {static_cast<int>(intervals), static_cast<int>(gauss), late, to_points.data(), over.data()};
 }
 
-// Attitudes (9) of the base along S motions of a spline, and what momentum adds to its angular velocity (3):
-// rows (12, S K). Given that of the joint rates (3, S, K) and the inverse inertia (3, 3, S, K).
+// Attitudes (9) of the base along S motions of a spline, and what angular momentum adds to its spin (3): rows
+// (12, S K). Given the spin of the joint rates (3, S, K) and the inverse inertia (3, 3, S, K).
 Out spline_attitudes(const GivenQuadrature& quadrature, const In& omega, const In& inverse,
-                     const Rotation& start, const std::optional<Table<double, 3>>& momentum) {
+                     const Mat3<double>& start, const Vec3<double>& momentum) {
   const Quadrature by = quadrature_of(quadrature);
   const Size K = static_cast<Size>(by.instants()), count = omega.size() / 3;
   expect(omega.size() == 3 * count && count % K == 0 && inverse.size() == 9 * count,
          "an array has a wrong shape");
   Out out = new_array(12, count);
-  const Mat3<double> first = of_numbers<Mat3<double>>(start.data());
-  std::vector<Vec3<double>> reaction(K), own(K, Vec3<double>{}), spins(K);
-  std::vector<Mat3<double>> turned(K), before(K), inverses(K);
   for (Size begin = 0; begin < count; begin += K) {
+    std::vector<Turning> at(K);
     for (Size k = 0; k < K; ++k) {
-      Reader<double>{omega.data() + begin + k, count}.next(reaction[k].v, 3);
-      Reader<double>{inverse.data() + begin + k, count}.next(&inverses[k]);
+      Reader<double>{omega.data() + begin + k, count}.next(&at[k].reaction);
+      Reader<double>{inverse.data() + begin + k, count}.next(&at[k].inverse);
     }
-    if (momentum) {
-      drifting_attitudes(by, first, reaction.data(), inverses.data(),
-                         of_numbers<Vec3<double>>(momentum->data()), turned.data(), own.data(), spins.data(),
-                         before.data());
-    } else {
-      base_attitudes(by, first, reaction.data(), turned.data());
-    }
+    base_attitudes(by, start, momentum, at.data());
     for (Size k = 0; k < K; ++k) {
       Writer<double> write = {out.data() + begin + k, count};
-      write.put(&turned[k], 1);
-      write.put(&own[k], 1);
+      write.put(&at[k].attitude);
+      write.put(&at[k].own);
     }
   }
   return out;
@@ -218,20 +209,28 @@ nb::tuple sums(const Tree& tree, const GivenMaps& maps, const GivenQuadrature& q
 // -- marches
 
 // Joint rates (S, steps, n) of marches to the sides (S, 3). `joints` are positions, limits and greatest rates
-// (4, n); `places` the target, the centre of mass and its drift (3, 3).
+// (4, n); `places` the target, the centre of mass and its drift.
 Out cone_marches(const Tree& tree, int steps, double duration, double kappa, double mean_speed,
-                 double damping, const Table<double, 4, -1>& joints, const Rotation& places,
-                 const Rotation& attitude, const std::optional<Rotation>& rotation,
+                 double damping, const Table<double, 4, -1>& joints, const Mat3<double>& places,
+                 const Mat3<double>& attitude, const std::optional<Mat3<double>>& rotation,
                  const Table<double, -1, 3>& sides) {
   const Size n = static_cast<Size>(tree.n), count = sides.shape(0);
   expect(joints.shape(1) == n, "an array has a wrong shape");
   Out rates = new_array(count, steps, n);
-  const double* turned = rotation ? rotation->data() : nullptr;
-  const ConeMarch by = {duration,      steps,         kappa,           mean_speed, damping,
-                        joints.data(), places.data(), attitude.data(), turned};
+  const ConeMarch by = {duration,
+                        steps,
+                        kappa,
+                        mean_speed,
+                        damping,
+                        joints.data(),
+                        places[0],
+                        places[1],
+                        places[2],
+                        attitude,
+                        rotation ? &*rotation : nullptr};
   for (Size s = 0; s < count; ++s) {
-    cone_march(tree, by, of_numbers<Vec3<double>>(sides.data() + 3 * s),
-               rates.data() + s * static_cast<Size>(steps) * n);
+    const auto side = of_numbers<Vec3<double>>(sides.data() + 3 * s);
+    cone_march(tree, by, side, rates.data() + s * static_cast<Size>(steps) * n);
   }
   return rates;
 }

@@ -11,15 +11,15 @@
 namespace ffsms {
 
 struct ConeMarch {
-  double duration;         // [s]
-  int steps;               // of one length
-  double kappa;            // of the paper's cost
-  double mean_speed;       // of a straight way to the target [m/s]
-  double damping;          // of the least squares [m]
-  const double* joints;    // their positions, limits and greatest rates (4, n)
-  const double* places;    // the target, the centre of mass and its drift (3, 3)
-  const double* attitude;  // of the base at the start (3, 3)
-  const double* rotation;  // wanted of the end effector (3, 3), or null
+  double duration;                  // [s]
+  int steps;                        // of one length
+  double kappa;                     // of the paper's cost
+  double mean_speed;                // of a straight way to the target [m/s]
+  double damping;                   // of the least squares [m]
+  const double* joints;             // their positions, limits and greatest rates (4, n)
+  Vec3<double> target, com, drift;  // of the centre of mass
+  Mat3<double> attitude;            // of the base at the start
+  const Mat3<double>* rotation;     // wanted of the end effector, or null
 };
 
 // Least rates (n) with J u near to what is wanted (m), for J (m, n). Damping must not slow what can be done:
@@ -51,18 +51,16 @@ inline void least_rates(int m, int n, const double (*J)[kMostJoints], const doub
 inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side, double* out) {
   const int n = tree.n, rows = by.rotation ? 6 : 3;
   const double *low = by.joints + n, *high = low + n, *most = high + n;
-  const Vec3<double> target = of_numbers<Vec3<double>>(by.places),
-                     drift = of_numbers<Vec3<double>>(by.places + 6);
   const double dt = by.duration / by.steps;
   const bool straight = dot(side, side) == 0.0;
   double q[kMostJoints] = {}, J[6][kMostJoints], wanted[6], unused[6 * kMostJoints], speed = 0.0;
   std::copy(by.joints, low, q);
-  Mat3<double> R = of_numbers<Mat3<double>>(by.attitude);
+  Mat3<double> R = by.attitude;
   Arm<double> arm;
   for (int k = 0; k < by.steps; ++k, out += n) {
     evaluate(tree, q, arm);
-    const Vec3<double> com = of_numbers<Vec3<double>>(by.places + 3) + (k * dt) * drift;
-    const Vec3<double> way = target - com - R * (arm.tip - arm.com);
+    const Vec3<double> com = by.com + (k * dt) * by.drift;
+    const Vec3<double> way = by.target - com - R * (arm.tip - arm.com);
     const double distance = std::sqrt(dot(way, way)) + 1e-12;
     const Vec3<double> d = (1.0 / distance) * way;
     const double cosine = straight ? 1.0 : ideal_cosine(entropy(6, n, arm.coupling, unused), by.kappa);
@@ -75,10 +73,9 @@ inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side,
     const double mean = std::fmax(by.mean_speed, distance / by.duration);
     speed = std::fmin(share * distance / std::fmax(cosine, kLeastApproach),
                       speed + 10.0 / by.steps * mean * kArrivalPower);
-    const Vec3<double> velocity = speed * e - drift;
+    const Vec3<double> velocity = speed * e - by.drift;
     Vec3<double> turn = Vec3<double>{};
-    if (by.rotation)
-      turn = share * log3(of_numbers<Mat3<double>>(by.rotation) * transposed(R * arm.tip_rotation));
+    if (by.rotation) turn = share * log3(*by.rotation * transposed(R * arm.tip_rotation));
     for (int x = 0; x < 3; ++x) {
       wanted[x] = velocity[x];
       wanted[3 + x] = turn[x];

@@ -7,23 +7,7 @@
 namespace ffsms {
 namespace {
 
-// Of a joint's axis, as Pinocchio's Jacobian gives it.
-constexpr double kAxisRounding = 1e-14;
 constexpr double kTiny = 1e-300;  // nothing is divided by less
-
-// Which axis of its own frame a joint turns about; -1: none of them. The axis is made exact.
-int own_axis(Vec3<double>& axis) {
-  for (int k = 0; k < 3; ++k) {
-    Vec3<double> unit = {};
-    unit[k] = axis[k] > 0.0 ? 1.0 : -1.0;
-    const Vec3<double> apart = axis - unit;
-    if (dot(apart, apart) < kAxisRounding * kAxisRounding) {
-      axis = unit;
-      return k;
-    }
-  }
-  return -1;
-}
 
 // A row of `joints`: parent, turns, moves_tip, axis (3), attitude (9) and place (3) of its frame. A row of
 // `bodies`, the base first, is a `Body`.
@@ -51,7 +35,10 @@ void make(Tree* self, const Table<double, -1, 18>& joints, const Table<double, -
     joint.turns = row[1] != 0.0;
     joint.moves_tip = row[2] != 0.0;
     joint.axis = of_numbers<Vec3<double>>(row + 3);
-    joint.own_axis = own_axis(joint.axis);
+    joint.own_axis = -1;
+    for (int k = 0; k < 3; ++k) {
+      if (std::fabs(joint.axis[k]) == 1.0) joint.own_axis = k;
+    }
     joint.place = of_numbers<Placed>(row + 6);
     joint.body = of_numbers<Body>(bodies.data() + 13 * (j + 1));
     tree.total_mass += joint.body.mass;

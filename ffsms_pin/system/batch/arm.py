@@ -120,6 +120,8 @@ class ArmStack:
             data.oMi[j].rotation.T @ (column[3:] if turning else column[:3])
             for j, column, turning in zip(joints, columns, self.revolute, strict=True)
         ]
+        # Exact where Pinocchio's Jacobian gives one of the frame's own axes to rounding: these turn faster.
+        axes = [whole if np.linalg.norm(axis - (whole := np.rint(axis))) < 1e-14 else axis for axis in axes]
         self.offset = [place.translation.copy() for place in places]
         #: Of the way from the root to the end effector along the joints, stretched [m].
         self.length = float(np.linalg.norm(self.tip_in_last))
