@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray, at_least_zero, positive
+from ffsms_pin.checks import FloatArray, at_least_zero, instance, positive
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, as_goal, resting_place
+from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, as_goal
 from ffsms_pin.opt.goals.near import BINDING, Near, arrivals
-from ffsms_pin.opt.goals.place import Place
+from ffsms_pin.opt.goals.place import Missed, Place
 from ffsms_pin.opt.limits.limit import End, Rows
 from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
@@ -54,11 +54,9 @@ class Also(AllOf):
     of_paper = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.frame, str):
-            raise InvalidValue("frame", self.frame, "must be the name of a frame")
-        if not isinstance(self.goal, Goal):
-            object.__setattr__(self, "goal", as_goal(self.goal))
-        resting_place("goal", self.goal)
+        instance("frame", self.frame, str)
+        _standing("goal", self.goal)
+        object.__setattr__(self, "goal", as_goal(self.goal))
         object.__setattr__(self, "name", self.name or f"also {self.frame}")
 
     def for_robot(self, sms: SpaceManipulator) -> Also:
@@ -73,7 +71,7 @@ class Also(AllOf):
         found = arrivals(self.goal, self.frame)
         for one in found:
             one.reserve, one.scale = self.reserve, (1.0 - one.share) * one.reach / (self.margin or 1.0)
-        return list(found)
+        return [*found]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +87,8 @@ class Via(Near):
     time : float, optional
         From the start of the motion [s]. Default: any; single steps then ask for nothing, since they do not
         know whether the place was passed already.
-    reach : float
-        How near to the place it passes [m].
-    orientation_reach : float
-        How near to the attitude, where the place is a pose [rad].
+    reach, orientation_reach : float
+        How near to the place it passes [m], and to the attitude, where that is a pose [rad].
     name : str
         Key of `Trajectory.binding`.
     """
@@ -106,19 +102,18 @@ class Via(Near):
     began: float = 0.0
     margin: float = 0.0
     of_paper = False
-    share: float = field(default=0.5, init=False)
+    share = 0.5
 
     def __post_init__(self) -> None:
         if not isinstance(self.place, Place):
-            object.__setattr__(self, "place", resting_place("place", self.place))
+            object.__setattr__(self, "place", _standing("place", self.place))
         if self.place.moves_with_base:
             raise InvalidValue("place", self.place, "must be in inertial axes")
         if self.time is not None:
             at_least_zero("time", self.time, "s")
         positive("reach", self.reach, "m")
         positive("orientation_reach", self.orientation_reach, "rad")
-        if not isinstance(self.name, str):
-            raise InvalidValue("name", self.name, "must be a text")
+        instance("name", self.name, str)
         object.__setattr__(self, "in_hand", (1.0 - self.share) * self.reach)
         object.__setattr__(self, "binding", 2.0 * BINDING * self.reach)
         said = f"'{self.name}' is missed by {{}} at {{:.3g}} s (reach {1e3 * self.reach:.3g} mm)"
@@ -135,10 +130,10 @@ class Via(Near):
         way = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
         return replace(self, time=float(plan.t[int(np.argmin(way))]))
 
-    def places(self, m: Features) -> Place:
-        """The same at all times."""
-        place: Place = self.place
-        return place
+    def missed(self, m: Features) -> Missed:
+        """What the end effector misses."""
+        missed: Missed = self.place.missed(m.tip)
+        return missed
 
     def due(self, step: StepState) -> float:
         """How long until its time [s]; below zero without one."""
@@ -179,3 +174,12 @@ class Via(Near):
         left = sum(dot(x - later * v, x - later * v) for x, v in ways)
         k = np.argmin(left, axis=1)
         return k, later[np.arange(m.count), k]
+
+
+def _standing(name: str, target: Any) -> Place:
+    """The place of a goal; `InvalidValue` unless it stands still and asks for no velocity."""
+    goal = as_goal(target)
+    place = None if goal.moves else goal.place(0.0)
+    if place is None or not place.rests:
+        raise InvalidValue(name, target, "must stand still: a position, or a pinocchio.SE3")
+    return place

@@ -1,4 +1,4 @@
-"""Being near a place, when that counts: an inequality for the goal and for limits, and the goal's verdict."""
+"""Being near a place, when that counts: as limits, and the verdict on how a motion comes to its goal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals.goal import Goal
-from ffsms_pin.opt.goals.place import Missed, Place
+from ffsms_pin.opt.goals.place import Missed
 from ffsms_pin.opt.limits.limit import Violation
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.features import Features
@@ -23,24 +23,32 @@ BINDING = 0.05  # of what is allowed: with less left the limit binds
 
 
 class Near(Inequality):
-    """A frame of the robot is near a place, at the times at which that counts.
+    """A frame of the robot is near a goal's place, at the deadline or in the last tenth.
 
-    Room is in metres: that of an angle by its share of what is allowed.
+    Room is in metres: that of an angle by its share of what is allowed. Within `share` of the reaches there
+    is nothing to gain; `said` tells of a motion what it misses and when.
     """
 
-    frame: str = "tip"  # the end effector
-    reach: float  # [m] how far from the place the frame may be
-    orientation_reach: float  # [rad] and from its attitude
-    share: float  # of these; nearer than that there is nothing to gain
-    said: str  # what a motion that breaks it is told, of what it misses and when [s]
+    reach: float
+    orientation_reach: float
+    share: float
+    said: str
 
-    def places(self, m: Features) -> Place:
-        """Where the frame should be: at each of the instants, or at all of them."""
-        raise NotImplementedError
+    def __init__(self, goal: Goal, frame: str, when: str) -> None:
+        self.goal, self.frame, self.when, self.name = goal, frame, when, f"also {frame}"
+        # The rest of the reaches is for the difference between the spline and the finished motion, and for
+        # what a penalty gives way.
+        if when == "deadline":
+            self.reach = self.orientation_reach = goal.tolerance
+            self.share, self.said = 0.4, f"'{frame}' ends {{}} from its goal"
+        else:
+            self.reach, self.orientation_reach, self.share = goal.reach, goal.orientation_reach, 0.9
+            self.said = f"'{frame}' is up to {{}} from its goal in the last tenth of the time"
+        self.in_hand, self.binding = (1.0 - self.share) * self.reach, BINDING * self.reach
 
     def missed(self, m: Features) -> Missed:
-        """What the frame misses."""
-        places = self.places(m)
+        """What the frame misses at the instants of `m`."""
+        places = self.goal.places(m.times)
         return places.missed(m.frame(self.frame, places.on))
 
     def among(self, missed: list[Feature]) -> list[tuple[Feature, float]]:
@@ -48,7 +56,7 @@ class Near(Inequality):
         return list(zip(missed, (self.reach, self.orientation_reach), strict=False))
 
     def asked(self, m: Features) -> list[tuple[Feature, float]]:
-        """What is missed at the instants of `m`, likewise."""
+        """What the frame misses, likewise."""
         return self.among(self.missed(m).parts)
 
     def room(self, m: Features) -> Any:
@@ -74,29 +82,9 @@ class Near(Inequality):
         return found._replace(note=self.said.format(self.missed(at).words(), at.times[0]))
 
 
-class _OfGoal(Near):
-    """A frame is near a goal's place at the deadline, or in the last tenth."""
-
-    def __init__(self, goal: Goal, frame: str, when: str) -> None:
-        self.goal, self.frame, self.when, self.name = goal, frame, when, f"also {frame}"
-        # The rest of the reaches is for the difference between the spline and the finished motion, and for
-        # what a penalty gives way.
-        if when == "deadline":
-            self.reach = self.orientation_reach = goal.tolerance
-            self.share, self.said = 0.4, f"'{frame}' ends {{}} from its goal"
-        else:
-            self.reach, self.orientation_reach, self.share = goal.reach, goal.orientation_reach, 0.9
-            self.said = f"'{frame}' is up to {{}} from its goal in the last tenth of the time"
-        self.in_hand, self.binding = (1.0 - self.share) * self.reach, BINDING * self.reach
-
-    def places(self, m: Features) -> Place:
-        """The goal's."""
-        return self.goal.places(m.times)
-
-
 def arrivals(goal: Goal, frame: str = "tip") -> list[Near]:
     """What a goal asks of a frame: to be there at the deadline, and near it in the last tenth (const8)."""
-    return [_OfGoal(goal, frame, when) for when in ("deadline", "last tenth")]
+    return [Near(goal, frame, when) for when in ("deadline", "last tenth")]
 
 
 def beyond(x: Feature, allowed: float) -> Feature:
@@ -138,11 +126,11 @@ def verdict(goal: Goal, motion: Motions) -> Verdict:
     nodes = motion.last_tenth[motion.last_tenth % 2 == 0] // 2
     far, turned, late = float(distance[nodes].max()), float(angle[nodes].max()), ""
     if far > goal.reach or turned > goal.orientation_reach:
-        late = (
-            f"too late: up to {1e3 * far:.3g} mm and {math.degrees(turned):.3g} deg off in the last tenth of "
-            f"the time, where {1e3 * goal.reach:.3g} mm and {math.degrees(goal.orientation_reach):.3g} deg "
-            "may be"
+        most, allowed = (
+            f"{1e3 * way:.3g} mm and {math.degrees(turn):.3g} deg"
+            for way, turn in ((far, turned), (goal.reach, goal.orientation_reach))
         )
+        late = f"too late: up to {most} off in the last tenth of the time, where {allowed} may be"
     return Verdict(distance, angle, contact, _misses(goal, errors), late)
 
 

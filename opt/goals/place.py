@@ -12,14 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, direction, one_of
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import BASE, INERTIAL, Frame
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.stacks import dot
 
-__all__ = ["Missed", "Place", "checked_freedom", "frame_at", "stacked_places"]
+__all__ = ["Missed", "Place", "frame_at", "stacked_places"]
 
 _TINY = 1e-12  # below this length a vector has no direction
 _OPPOSITE = 1e-8  # [rad] an axis that points away but for this has no way of its own to turn
@@ -181,12 +180,3 @@ def stacked_places(places: list[Place]) -> Place:
         velocity=None,
         spin=None,
     )
-
-
-def checked_freedom(axis: Any, on: Any, velocity: FloatArray | None) -> tuple[FloatArray | None, str]:
-    """A free axis as a unit vector (3,) or None, and the name of the axes; on the base no velocity may be."""
-    if axis is not None:
-        axis = direction("goal.free_axis", axis)
-    if one_of("goal.on", on, (INERTIAL, BASE)) == BASE and velocity is not None:
-        raise InvalidValue("goal.velocity", velocity, "must be left out of a goal on the base")
-    return axis, on
