@@ -173,8 +173,8 @@ class PointStack(ClearanceStack):
     A pair of points counts where its distance can change (adjacent joints are a link's length apart for
     ever), and a point counts against the base's box where it moves relative to the base (the paper's i >= 2).
     Read literally, const5 to const7 would ask all three to hold at once; their sense is that a point is
-    outside the box, so one of them must, in base axes. `first` and `second` are the points of the pairs that
-    count, joint origins in their order, then the end effector; `outside` those that count against the box.
+    outside the box, so one of them must, in base axes. `ends` (m, 2) are a point, by the order of the joints
+    and the end effector last, and what it is apart from: another point, or the box (-1).
 
     Raises
     ------
@@ -199,17 +199,13 @@ class PointStack(ClearanceStack):
         self._take(np.array(ends, dtype=np.int64))
         found = self.nearest(poses, self.every(poses))
         apart, there = found.distance.reshape(4, -1), found.points[:, 1].reshape(4, -1, 3)
-        changes = np.where(self._ends[:, 1] < 0, np.ptp(there, axis=0).max(axis=1), np.ptp(apart, axis=0))
-        self._take(self._ends[changes > _THIN])
-        between = self._ends[:, 1] >= 0
-        self.second, self.first = self._ends[between].T
-        self.outside = self._ends[~between, 0]
+        changes = np.where(self.ends[:, 1] < 0, np.ptp(there, axis=0).max(axis=1), np.ptp(apart, axis=0))
+        self._take(self.ends[changes > _THIN])
 
     def _take(self, ends: Indices) -> None:
-        """Points, and what they are apart from: another point, or the box (-1)."""
         points = [*self.sms.joint_names, self.sms.end_effector]
         carriers = np.array([*range(self.sms.n), self.arm.last, -1], dtype=np.int64)
-        self._ends, base = ends, np.full(len(ends), -1)
+        self.ends, base = ends, np.full(len(ends), -1)
         self.bodies = np.stack([carriers[ends[:, 1]], carriers[ends[:, 0]], base], axis=1)
         self.names = [f"{points[j]} - {points[i]}" if j >= 0 else f"{points[i]} - base box" for i, j in ends]
         self.largest = np.full(len(ends), np.inf)
@@ -220,7 +216,7 @@ class PointStack(ClearanceStack):
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`: pairs of points, and how far points are outside the box."""
         columns, at = where
-        found = kernel.near_points(self.arm.tree, poses.joints, columns, at, self._ends, self._box)
+        found = kernel.near_points(self.arm.tree, poses.joints, columns, at, self.ends, self._box)
         return Nearest(*found)
 
 
