@@ -5,6 +5,7 @@ from ffsms_pin.extras import require
 require("plot", "drawing figures")
 
 # ruff: noqa: E402  # the check comes first, so that its message is the one that is seen
+from ffsms_pin.plotting.comparisons import plot_modes
 from ffsms_pin.plotting.coupling import (
     entropy_grid,
     plot_assistance,
@@ -27,10 +28,12 @@ from ffsms_pin.plotting.joints import (
     plot_joint_rates,
     plot_torques,
     plot_tracked_position_error,
+    plot_wheel_momentum,
+    plot_wheel_torque,
+    plot_wheels,
 )
 from ffsms_pin.plotting.motion import motion_sides, plot_motion
 from ffsms_pin.plotting.series import plot_bands, plot_error_bands, plot_torque_bands
-from ffsms_pin.plotting.wheels import plot_modes, plot_wheel_momentum, plot_wheel_torque, plot_wheels
 
 __all__ = [
     "FIGURES",

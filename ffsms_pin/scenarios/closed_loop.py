@@ -10,11 +10,10 @@ from typing import Any, NamedTuple, TypeGuard
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.errors import SimulationDiverged, SimulationStopped
-from ffsms_pin.opt import AlphaBox, Limit, Replanning, SearchOptions, Trajectory, Via
+from ffsms_pin.opt import AlphaBox, Limit, Problem, Replanning, ReplanOptions, SearchOptions, Trajectory, Via
 from ffsms_pin.opt.planning.plan import plan_problem
-from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.replan.replanning import Watching, first_sight
 from ffsms_pin.scenarios.conditions import loop_options
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.task import sensor
@@ -116,7 +115,7 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
     """
     seen = sensor(scenario)
     client = None if scenario.client is None else scenario.made_client(sms)
-    estimate = None if client is None or seen is None else first_sight(client, seen)
+    estimate = None if client is None or seen is None else _first_sight(client, seen)
     problem = scenario.problem(sms, dt=scenario.reference.get("dt"), client=estimate)
     if not any(isinstance(limit, AlphaBox) for limit in problem.limits):
         problem = replace(problem, limits=(*problem.limits, AlphaBox()))  # the paper's step has it always
@@ -129,7 +128,38 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
     hold = scenario.reference.get("hold", 0.0)
     if client is None or seen is None or estimate is None:
         return Replanning(problem, hold, options=options)
-    return Watching(problem, client, seen, estimate, hold=hold, options=options)
+    return _Watching(problem, client, seen, estimate, hold=hold, options=options)
+
+
+class _Watching(Replanning):
+    """A `Replanning` to a client that a noisy and late sensor measures meanwhile; `client` is the true one.
+
+    The problem's goal and obstacles hold the `estimate`, which each measurement renews. The last one is made
+    a second before the deadline: what is corrected later leaves a velocity, and a hand that is near hides the
+    markers.
+    """
+
+    def __init__(
+        self, problem: Problem, client: Client, sensor: ClientSensor, estimate: ClientEstimate, **others: Any
+    ) -> None:
+        super().__init__(problem, **others)
+        self._estimate, self._client, self._sensor = estimate, client, sensor
+        self._rng = np.random.default_rng((sensor.seed, 1))
+        self._look = sensor.period
+
+    def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
+        """Measure the client where that is due, then plan."""
+        if self._look - 1e-9 <= t <= self.problem.duration - 1.0 + 1e-9:
+            self._look += self._sensor.period
+            then = t - self._sensor.latency
+            self._estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
+        super().observe(t, q, v)
+
+
+def _first_sight(client: Client, sensor: ClientSensor) -> ClientEstimate:
+    """What is known of a client when the motion begins: one measurement, late and noisy."""
+    first = measured(client, -sensor.latency, sensor, np.random.default_rng(sensor.seed))
+    return ClientEstimate(first, -sensor.latency, sensor)
 
 
 def _untimed(limit: Limit) -> TypeGuard[Via]:

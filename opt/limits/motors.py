@@ -13,9 +13,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.base import SCALE, SHARE
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.motion import Feature, Features
-from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
+from ffsms_pin.opt.motion.mechanics import forces, held_momentum, wheel_shares
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.slopes import forces
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
 
@@ -120,7 +119,7 @@ class WheelLimits(_Motors):
     def rows(self, step: StepState) -> Rows | None:
         """Rows in rad/s, of unit length, one a wheel; None where no wheels hold the attitude, or none moves.
 
-        With D the angular momentum a joint rate (`opt.motion.actuated`), u_0 the joint rates at the step's
+        With D the angular momentum a joint rate (`opt.motion.mechanics`), u_0 the joint rates at the step's
         start and u those at its end, a wheel's torque is A^+ D (u_0 - u) / dt beside the one of now, and its
         momentum follows: both are bounds on the same sum of joint rates. Where both cannot be kept, the
         motor's torque is. Wheels that feel the same sum, as all do that a planar arm moves, share a row.

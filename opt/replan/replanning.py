@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, sized, vector, whole
-from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.starts import REFERENCE_WEIGHTS
-from ffsms_pin.opt.motion.actuated import wheel_total
+from ffsms_pin.opt.motion.mechanics import wheel_total
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions
@@ -24,7 +23,7 @@ from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import OneThread
 
-__all__ = ["Replanning", "Watching", "first_sight"]
+__all__ = ["Replanning"]
 
 
 class Replanning:
@@ -265,40 +264,3 @@ class Replanning:
         rates = self._rates + within * acceleration
         place = self._start + (0.5 * within) * (self._rates + rates) + (h - within) * rates
         return place, rates, np.zeros_like(rates) if late else acceleration
-
-
-class Watching(Replanning):
-    """A `Replanning` to a client that a noisy and late sensor measures meanwhile; `client` is the true one.
-
-    The problem's goal and obstacles hold the `estimate`, which `first_sight` gives: what is measured renews
-    them all. The client is measured for the last time `last_look` seconds before the deadline, for whatever
-    is corrected later leaves a velocity, and a hand that is near hides the markers.
-    """
-
-    def __init__(
-        self,
-        problem: Problem,
-        client: Client,
-        sensor: ClientSensor,
-        estimate: ClientEstimate,
-        last_look: float = 1.0,
-        **others: Any,
-    ) -> None:
-        super().__init__(problem, **others)
-        self.estimate, self._client, self._sensor = estimate, client, sensor
-        self._rng = np.random.default_rng((sensor.seed, 1))
-        self._look, self._last_look = sensor.period, problem.duration - last_look
-
-    def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Measure the client where that is due, then plan."""
-        if self._look - 1e-9 <= t <= self._last_look + 1e-9:
-            self._look += self._sensor.period
-            then = t - self._sensor.latency
-            self.estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
-        super().observe(t, q, v)
-
-
-def first_sight(client: Client, sensor: ClientSensor) -> ClientEstimate:
-    """What is known of a client when the motion begins: one measurement, late and noisy."""
-    first = measured(client, -sensor.latency, sensor, np.random.default_rng(sensor.seed))
-    return ClientEstimate(first, -sensor.latency, sensor)

@@ -18,11 +18,10 @@ from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.solve import refused
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.limits.limit import later
-from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
+from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.replan.approach import Approach
 from ffsms_pin.opt.replan.known import ReactionEstimate
-from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.replan.options import Approach, ReplanOptions
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
@@ -86,7 +85,7 @@ def rest_of(
     """The problem from time t on, a whole number of steps: to the same goal at the same deadline.
 
     The robot is as known now, its base where q (nq,) was measured, its joints (n,) [rad] and rates [rad/s] as
-    commanded. What follows is as in `Problem`, `goal` and `wheel_total` by default those of the whole one.
+    commanded. `goal` and `wheel_total` are by default those of the whole problem.
     """
     goal = problem.goal if goal is None else goal
     if any(limit.joint_bounds is not None for limit in problem.limits):
@@ -115,19 +114,20 @@ def rest_of(
 def replanned(
     problem: Problem, start: float, joints: FloatArray, last: JointPlan, options: ReplanOptions, share: float
 ) -> JointPlan:
-    """The plan for what is left (`rest_of`) from `start` [s] on: the solver of the whole horizon.
+    """The plan for what is left (`rest_of`) from `start` [s] on, by the descent of the whole horizon.
 
-    One motion instead of a search, a coarse spline, and a few iterations, damped as the last ones were: the
-    rest of the last plan is near the minimum, and what has changed since has changed by little. Joints (n,)
-    are counted continuously in time, which those of a configuration are not where they turn without end;
-    `share` of the whole time is left.
+    The rest of the last plan is near the minimum: instead of a search a few iterations on a coarse spline do,
+    damped as the last ones were. Joints (n,) are counted continuously in time, which those of a configuration
+    are not where they turn without end; `share` of the whole time is left.
     """
     if share <= options.cost_until:
         problem = replace(problem, terms=[term for term in problem.terms if not term.measures_cost])
     model = Model.make(problem, options.grid(share))
-    spline = model.spline
-    weights, p = LAST_WEIGHTS, _first(model, start, last)[None]
-    motion = descend(model, linearise(model, p, weights, last.damping), weights, options.iterations)
+    spline, weights = model.spline, LAST_WEIGHTS
+    p = spline.through(last.rates_at(start + spline.sites), problem.joint_rates)
+    p[:, ~problem.free] = 0.0
+    p += model.qp.solve(np.eye(p.size), np.zeros(p.size), p)  # the nearest that the limits allow
+    motion = descend(model, linearise(model, p[None], weights, last.damping), weights, options.iterations)
     for _ in range(options.corrections):
         if max(motion.end_share[0], motion.limit_share[0]) <= 0.5:
             break
@@ -140,15 +140,6 @@ def replanned(
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
     plan = JointPlan.of_rates(start, problem.dt, joints, rates, miss)
     return replace(plan, damping=float(motion.damping[0]), excess=float(motion.limit_share[0]))
-
-
-def _first(model: Model, start: float, last: JointPlan) -> FloatArray:
-    """Control points (M, n): the last plan's rates at the sites of the new spline, put within the limits."""
-    problem, spline = model.problem, model.spline
-    p = spline.through(last.rates_at(start + spline.sites), problem.joint_rates)
-    p[:, ~problem.free] = 0.0
-    # The nearest control points that the limits allow.
-    return p + model.qp.solve(np.eye(p.size), np.zeros(p.size), p)
 
 
 class RestPlanner:
@@ -186,10 +177,7 @@ class RestPlanner:
 
     @one_blas_thread()
     def plan(self, now: float, q: FloatArray, joints: FloatArray, rates: FloatArray, goal: Goal) -> JointPlan:
-        """Plan the rest of the motion from `now` [s]: q (nq,) as measured, joints and rates as commanded.
-
-        The goal is the problem's, as far as the arm can come to it.
-        """
+        """Plan the rest from `now` [s], q (nq,) as measured, to the goal as far as the arm can come to it."""
         begun, options, whole, last = time.perf_counter(), self._options, self._problem, self.current
         if np.abs(self._estimate.solve() - self._estimate.factors).max() > options.changed:
             self.robot = self._estimate.robot()
@@ -197,7 +185,10 @@ class RestPlanner:
         base_start = q[:7] if self._base_start is None else self._base_start
         rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked, goal, self.wheel_total)
         if last is None:
-            plan = JointPlan.of_trajectory(self._given or _searched(rest), now)
+            found = self._given or refused(rest)
+            if found is None:  # as `opt.solve`, but without a diagnosis, which would take seconds
+                found = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
+            plan = JointPlan.of_trajectory(found, now)
         else:
             goal, careful = rest.goal, rest
             if self._estimate.noisy and not goal.exact and not goal.moves:
@@ -222,11 +213,3 @@ class RestPlanner:
             return plan
         # Joints that turn without end are counted from where they are.
         return replace(other, positions=other.positions + joints - other.positions[0])
-
-
-def _searched(problem: Problem) -> Trajectory:
-    """The first plan: as `opt.solve`, but without a diagnosis, which would take seconds."""
-    stays = refused(problem)
-    if stays is not None:
-        return stays
-    return Search(problem).run(STRATEGIES if within_workspace(problem) else QUICK)

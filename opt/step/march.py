@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -26,15 +26,14 @@ Progress: TypeAlias = Callable[[float], None]  # told the share that is done
 
 
 class Steps(Protocol):
-    """What `march` needs: one step after the other, `advance` as of a `Stepper`."""
+    """What `march` needs of a `Stepper`."""
 
     sms: SpaceManipulator
     dt: float
     momentum: FloatArray | None
     mode: str
 
-    @property
-    def advance(self) -> Callable[..., Step]:
+    def advance(self, *arguments: Any, **named: Any) -> Step:
         """Joint rates for the next step."""
 
 

@@ -1,4 +1,4 @@
-"""The quadratic programme of one step, from its state, its objective and the rows of its limits, on ProxQP.
+"""The quadratic programme of one step, and its solution by ProxQP.
 
 Variables x = (alpha (n), s, slack): the paper's scaling factors, the end-effector speed along the wanted
 direction, and how far limits give way. Minimise 1/2 x^T H x + g^T x subject to l <= C x <= u and
@@ -22,15 +22,14 @@ from proxsuite import proxqp
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
-from ffsms_pin.opt.step.state import StepState, WantedMotion
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = [
     "Programme",
     "StepProblem",
     "StepSolver",
     "StepWeights",
-    "add_terms",
-    "nearest_to",
+    "WantedMotion",
     "new_solver",
     "programme_of",
 ]
@@ -123,6 +122,21 @@ class Programme(NamedTuple):
         return StepProblem(self.H, self.g, self.A[:-2], self.low[:-2], self.up[:-2], lower, upper)
 
 
+class WantedMotion(NamedTuple):
+    """How the end effector should move at the end of a step, inertial axes.
+
+    `towards`, `direction` and `side` (3,) are unit vectors to the target, along which to move (the e of
+    docs/convex-step.md), and across the way on the side of the cone, which the next step is to be given. The
+    first two are zero on arrival. `spin` (3,) leads to the wanted attitude [rad/s]; `speed` is s_ref [m/s].
+    """
+
+    towards: FloatArray
+    direction: FloatArray
+    side: FloatArray
+    spin: FloatArray | None
+    speed: float
+
+
 def programme_of(
     step: StepState,
     target: FloatArray,
@@ -150,38 +164,9 @@ def programme_of(
     return wanted, Programme(goal[:-1], goal[-1], *stacked)
 
 
-def add_terms(programme: Programme, V: FloatArray, terms: Sequence[tuple[FloatArray, FloatArray]]) -> None:
-    """Add to the objective, of each of `terms` (W (n, n), w (n,)), u^T W u / 2 - w^T u."""
-    n = len(V)
-    for matrix, vector in terms:
-        programme.H[:n, :n] += V.T.dot(matrix).dot(V)
-        programme.g[:n] -= vector.dot(V)
-
-
-def nearest_to(rates: FloatArray, V: FloatArray, weights: StepWeights) -> tuple[FloatArray, FloatArray]:
-    """H and g of joint rates as near as possible to given ones (n,), whatever the end effector does."""
-    n = rates.size
-    H, g = np.eye(n + 2), np.zeros(n + 2)
-    H[n + 1, n + 1] = g[n + 1] = weights.clearance
-    g[:n] = -rates.dot(V)
-    return H, g
-
-
 # The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-11
 # places it to 1e-6 rad/s. A laxer tolerance leaves open in a few steps of a thousand which rows are active.
 _TOLERANCE = 1e-11
-
-
-class Solution(NamedTuple):
-    """The solution x (n + 2,) of a programme, and multipliers z (m,), above zero at a row's upper side.
-
-    `solved`: the solver reached its tolerance; `exact`: it is that of the equations of the active rows.
-    """
-
-    x: FloatArray
-    z: FloatArray
-    solved: bool
-    exact: bool
 
 
 def new_solver(variables: int, rows: int) -> Any:
@@ -196,6 +181,18 @@ def new_solver(variables: int, rows: int) -> Any:
     settings.max_iter = settings.max_iter_in = 40
     settings.initial_guess = proxqp.InitialGuess.WARM_START
     return qp
+
+
+class Solution(NamedTuple):
+    """The solution x (n + 2,) of a programme, and multipliers z (m,), above zero at a row's upper side.
+
+    `solved`: the solver reached its tolerance; `exact`: it is that of the equations of the active rows.
+    """
+
+    x: FloatArray
+    z: FloatArray
+    solved: bool
+    exact: bool
 
 
 class StepSolver:
