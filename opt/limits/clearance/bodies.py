@@ -34,17 +34,15 @@ class Body(NamedTuple):
     parts: list[Part]
     whole: list[Part]
 
-
-def _alone(name: str, part: Part) -> Body:
-    return Body(name, part.body, [part], [part])
+    @classmethod
+    def of(cls, name: str, part: Part) -> Body:
+        """A body that is one convex part."""
+        return cls(name, part.body, [part], [part])
 
 
 class BodyStack(ClearanceStack):
     """Distances of pairs of bodies, by convex parts of their shapes ("hulls") or by these ("shapes").
 
-    A convex part is a little larger than what it stands for. Where parts overlap at zero or in the middle of
-    the joint range although the shapes are apart, the pair is judged by the shapes. A pair whose shapes are
-    nearer than the clearance [m] in every posture that was looked at is so by construction: `left_out`.
     Where there are obstacles, the robot is kept from these, less their margins, instead of from itself.
     """
 
@@ -66,10 +64,10 @@ class BodyStack(ClearanceStack):
         self._refines = not all(part.convex for body in own for part in body.whole)
         self.left_out: list[str] = []
         if obstacles:
-            own += [_alone("payload", part) for part in held]
+            own += [Body.of("payload", part) for part in held]
             here = pin.SE3.Identity()
             shapes = [part_of(one.shape, sms.n + k, here, True) for k, one in enumerate(obstacles)]
-            others = [(one, _alone(one.name, shape)) for one, shape in zip(obstacles, shapes, strict=True)]
+            others = [(one, Body.of(one.name, shape)) for one, shape in zip(obstacles, shapes, strict=True)]
             # What is on the base and the base itself do not move past each other.
             self._take([(a, b) for a in own for one, b in others if a.carrier >= 0 or not one.on_base])
             self.largest = np.full(len(self.names), np.inf)
@@ -81,30 +79,21 @@ class BodyStack(ClearanceStack):
                 message = "must give at least one pair of bodies that can meet"
                 raise InvalidValue("the collision shapes", count, message)
             self.largest = self._judged(clearance)
-        limits = sms.limits
-        slides = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
+        slides = np.maximum(np.abs(sms.limits.lower), np.abs(sms.limits.upper))
         self.reaches = self._parts.reaches(np.where(np.isfinite(slides), slides, 0.0))
 
-    def _take(self, pairs: list[tuple[Body, Body]], by_shapes: Any = ()) -> None:
-        """Pairs of bodies to keep apart, some (m,) judged by their shapes."""
+    def _take(self, pairs: list[tuple[Body, Body]]) -> None:
+        """Pairs of bodies to keep apart."""
         self._bodies, self.names = pairs, [f"{a.name} - {b.name}" for a, b in pairs]
-        exact = by_shapes if len(by_shapes) else [False] * len(pairs)
-        self._parts = self._paired(pairs, exact)
+        self._parts = PartPairs(self.arm, [(a.parts, b.parts) for a, b in pairs])
         self.bodies, self.sizes = self._parts.bodies[:, [0, 1, 0]], self._parts.sizes
         met = [self.obstacles[other - self.sms.n] if self.obstacles else None for other in self.bodies[:, 1]]
         self.passes = np.array([one is not None and not one.on_base for one in met], dtype=bool)
         self.margins = np.array([0.0 if one is None else one.margin for one in met])
 
-    def _paired(self, pairs: list[tuple[Body, Body]], whole: Any) -> PartPairs:
-        """Pairs of bodies by their parts, or, where asked for, by their whole shapes."""
-        ends = zip(pairs, whole, strict=True)
-        return PartPairs(
-            self.arm, [(a.whole, b.whole) if one else (a.parts, b.parts) for (a, b), one in ends]
-        )
-
     @cached_property
     def _shapes(self) -> PartPairs:
-        return self._paired(self._bodies, [True] * len(self._bodies))
+        return PartPairs(self.arm, [(a.whole, b.whole) for a, b in self._bodies])
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BodyStack, self._settings  # shapes are read again
@@ -139,9 +128,11 @@ class BodyStack(ClearanceStack):
         return np.asarray(np.where(found > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
 
     def _judged(self, clearance: float) -> FloatArray:
-        """How large distances can be (m,); leaves out pairs that cannot be apart, by the shapes.
+        """How large distances can be (m,) at zero, in the middle posture, and in six that are drawn.
 
-        Looks at the arm at zero, in its middle posture, and in six that are drawn.
+        Pairs whose shapes are nearer than the clearance in all of them are so by construction: `left_out`. A
+        convex part is a little larger than what it stands for: where parts overlap in the first two although
+        the shapes are apart, the pair goes by the shapes.
         """
         limits, rng = self.sms.limits, np.random.default_rng(0)
         low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
@@ -162,7 +153,10 @@ class BodyStack(ClearanceStack):
         self.left_out = [name for name, keep in zip(self.names, kept, strict=True) if not keep]
         if not kept.all() or by_shapes.any():
             del self._shapes
-            self._take([pair for pair, keep in zip(pairs, kept, strict=True) if keep], by_shapes[kept])
+            for i in np.flatnonzero(by_shapes):
+                a, b = pairs[i]
+                pairs[i] = a._replace(parts=a.whole), b._replace(parts=b.whole)
+            self._take([pair for pair, keep in zip(pairs, kept, strict=True) if keep])
             values = self.values(poses, clearance + _FAR)
         return np.asarray(values.max(axis=1))
 
@@ -236,11 +230,11 @@ def _robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Bo
     parts, whole = (sms.convex_parts(), whole) if shaped else (_lines(sms),) * 2
     parts, whole = parts + held, whole + held
 
-    def of(every: list[Part], index: int) -> list[Part]:
-        return [part for part in every if part.body == index]
-
-    names = {part.body: sms.layout.body_name(sms.model, part.body + 2) for part in whole}
-    return [Body(name, i, of(parts, i), of(whole, i)) for i, name in sorted(names.items())]
+    found = []
+    for i in sorted({part.body for part in whole}):
+        own, exact = ([part for part in some if part.body == i] for some in (parts, whole))
+        found.append(Body(sms.layout.body_name(sms.model, i + 2), i, own, exact))
+    return found
 
 
 def body_pairs(sms: SpaceManipulator, indices: Sequence[int]) -> list[tuple[int, int]]:

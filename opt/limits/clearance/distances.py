@@ -177,13 +177,12 @@ class PartPairs:
 
     def __init__(self, arm: ArmStack, pairs: Sequence[tuple[list[Part], list[Part]]]) -> None:
         self.arm = arm
-        once = {id(part): part for pair in pairs for side in pair for part in side}
-        parts = list(once.values())
-        number = {key: k for k, key in enumerate(once)}
+        parts = list({id(part): part for pair in pairs for side in pair for part in side}.values())
+        number = {id(part): k for k, part in enumerate(parts)}
         flat = [(number[id(a)], number[id(b)]) for one, other in pairs for a in one for b in other]
         self._measured = [(parts[i], parts[j]) for i, j in flat]
-        self.bodies = np.array([(one[0].body, other[0].body) for one, other in pairs], dtype=np.int64)
-        self.bodies = self.bodies.reshape(-1, 2)
+        bodies = [(one[0].body, other[0].body) for one, other in pairs]
+        self.bodies = np.array(bodies, dtype=np.int64).reshape(-1, 2)
         used, which = np.unique(self.bodies, return_inverse=True)
         which = which.reshape(-1, 2)
         covers = [[one.body, *one.centre, one.radius, *one.half, *one.axes.ravel()] for one in parts]
