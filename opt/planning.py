@@ -159,17 +159,14 @@ def plan_many(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> list[Trajectory]:
-    """Plan many motions, each as `plan` does, bit for bit.
-
-    Arguments as for `plan`; of start, target and duration each may be one, for all motions, or a sequence
-    with one a motion. The plans are in the order of the arguments.
+    """Plan many motions, each as `plan` does, bit for bit, in the order of the arguments.
 
     Parameters
     ----------
     q0 : array_like, shape (nq,) or (N, nq)
     target : array_like, shape (3,) or (N, 3), or pinocchio.SE3, or sequence of both kinds
     duration : float or array_like, shape (N,)
-        [s]
+        [s]; each of these may be one, for all motions, or one a motion. The rest is as for `plan`.
     jobs : int, optional
         Processes to work with; 1 for this one alone. Default: one a core.
     progress : callable, optional
@@ -211,7 +208,7 @@ def plan_each(
     Parameters
     ----------
     tasks : iterable of (q0, target, duration)
-        Taken as they are needed, so it may be a generator, and endless; the rest is as for `plan_many`.
+        Taken as they are needed, so it may be endless; the rest is as for `plan_many`.
 
     Yields
     ------

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray, instance
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, arrival_error, corrected_goal, take_down, tighten
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, arrival_error, corrected_goal, tighten
 from ffsms_pin.opt.horizon.merit import Candidates, Model, linearise
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
 from ffsms_pin.opt.horizon.spline import Grid, check_options
@@ -125,7 +124,7 @@ class Search:
         self._rests = problem.goal.place(problem.duration).rests
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
         self.drawn = 0  # postures, for these goals
-        # Control points (K, M, n) on the coarse spline, and what was made of them.
+        # Control points (K, M, n) on the coarse spline, and what a few iterations made of those before.
         self.starts: FloatArray = np.empty(0)
         self.pool: Candidates | None = None
         # Finished motions: all, and what the last starts came to.
@@ -191,16 +190,9 @@ class Search:
         self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
         return goals
 
-    def there(self) -> NDArray[np.bool_]:
-        """Which of the joint goals have straight moves that end at the goal."""
-        return self.goals.distance <= self.options.arrived_radius * self.problem.stack.length
-
-    def take_down(self) -> Candidates:
-        """A few iterations with every start; the pool, which grows by what comes of them."""
-        early = take_down(self.coarse, np.stack([self.coarse.qp.within(one) for one in self.starts]))
-        self.pool = self.pool.join(early) if self.pool is not None else early
-        self.starts = self.starts[:0]
-        return self.pool
+    def there(self) -> FloatArray:
+        """Those of the joint goals (K, n) whose straight moves end at the goal."""
+        return self.goals.near(self.problem, self.options.arrived_radius)
 
     def finish(self, model: Model, motion: Candidates) -> None:
         """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""

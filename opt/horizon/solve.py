@@ -35,8 +35,6 @@ def solve(
 
     Parameters
     ----------
-    problem : Problem
-    options : SearchOptions, optional
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
 

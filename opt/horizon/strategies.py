@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend, follow, prefer_limits
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend, follow, prefer_limits, take_down
 from ffsms_pin.opt.horizon.diagnosis import keep_limits, too_short, within_workspace
 from ffsms_pin.opt.horizon.marches import free_marches, march_starts, marched
 from ffsms_pin.opt.horizon.merit import Model, linearise
@@ -56,7 +56,7 @@ def straight_starts(
         most = np.inf
     if search.settled or search.hopeless or search.arrived(most):
         return
-    if not insist and not search.arrived() and not search.there().any():
+    if not insist and not search.arrived() and not len(search.there()):
         return
     postures = [
         spread_postures(problem, search.drawn, near, options.near_radius),
@@ -78,13 +78,16 @@ def coarse_marches(search: Search) -> None:
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
-    """Take the starts down, and follow the best to their ends; see `follow`."""
-    search.fresh = []
+    """A few iterations with every start, which join the pool; see `follow` for what the best of it come to."""
+    search.fresh, model = [], search.coarse
     if not len(search.starts):
         return
     if search.hopeless:
         keep, repeats = (1, 1, 1), 2
-    found = follow(search.coarse, search.fine, search.take_down(), keep, repeats)
+    early = take_down(model, np.stack([model.qp.within(one) for one in search.starts]))
+    search.pool = early if search.pool is None else search.pool.join(early)
+    search.starts = search.starts[:0]
+    found = follow(model, search.fine, search.pool, keep, repeats)
     for i in range(len(found.p)):
         if i == 0 or not search.out_of_time():
             search.finish(search.fine, found.take([i]))
@@ -127,7 +130,7 @@ def marches(search: Search) -> None:
             return  # a march stops at an obstacle that the plan goes round
         if cost <= tolerance and not _travels_far(search, best):
             return
-    elif search.hopeless or not search.there().any():
+    elif search.hopeless or not len(search.there()):
         return
     for rates in free_marches(problem, max(cost - tolerance, tolerance)):
         search.keep_plan(measure(problem, rates))
@@ -141,7 +144,7 @@ def straight_moves_that_end_there(search: Search) -> None:
     search.fresh = []
     if search.hopeless or search.arrived():
         return
-    problem, model, goals = search.problem, search.fine, search.goals.joints[search.there()]
+    problem, model, goals = search.problem, search.fine, search.there()
     times = straight_time(problem, goals)
     # First those that keep the limits, then the quickest.
     poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
@@ -220,5 +223,5 @@ def _can_march(problem: Problem) -> bool:
 
 def _travels_far(search: Search, plan: Trajectory) -> bool:
     """Whether the joints of a plan go much further than those of the straight moves."""
-    ways = np.abs(search.goals.joints[search.there()] - search.problem.joints0).sum(axis=1)
+    ways = np.abs(search.there() - search.problem.joints0).sum(axis=1)
     return plan.joint_travel > search.options.long_way * float(ways.min(initial=np.inf))
