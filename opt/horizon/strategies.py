@@ -78,7 +78,7 @@ def coarse_marches(search: Search) -> None:
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
-    """A few iterations with every start, which join the pool; see `follow` for what the best of it come to."""
+    """A few iterations with every start, which join the pool; of this the best go on, see `follow`."""
     search.fresh, model = [], search.coarse
     if not len(search.starts):
         return
