@@ -120,8 +120,8 @@ def plan_problem(
 ) -> Trajectory:
     """Plan a problem by any method of `plan`; `opt.solve` is its "horizon", which takes the options.
 
-    Methods that march keep the limits; of the terms, "step" takes what they say about a step
-    (`Term.step_objective`), the others nothing. What a method does not know raises `InvalidValue`.
+    Of the terms "step" takes what they say about a step (`Term.step_objective`), the other methods that march
+    nothing. What a method does not know raises `InvalidValue`.
     """
     one_of("method", method, METHODS)
     goal, limits = problem.goal, problem.limits
@@ -132,7 +132,7 @@ def plan_problem(
         raise InvalidValue("method", method, "knows no obstacles that move; take another one")
     if method != "horizon" and (goal.moves or problem.locked):
         raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
-    if method != "horizon" and not goal.place(problem.duration).plain:
+    if method != "horizon" and not problem.place.plain:
         raise InvalidValue("method", method, "knows no goals on the base and no free axis; take 'horizon'")
     # An arm that is already there stays, whatever the cost charges.
     if starts_within(problem, 1e-6, 1e-6) and goal.place(0.0).rests:

@@ -86,7 +86,7 @@ def refused(problem: Problem) -> Trajectory | None:
         if one.overlap:
             words = f"{one.overlap} at the start; move the start or the obstacle"
             raise InvalidValue("q0", problem.joints0.round(6), f"must keep clear of obstacles: {words}")
-    place = problem.goal.place(problem.duration)
+    place = problem.place
     for began, obstacle in ((limit.began, one) for limit in problem.limits for one in limit.obstacles):
         if obstacle.on_base or place.moves_with_base:
             continue  # where the base will be is not known
@@ -160,7 +160,7 @@ def _distances(problem: Problem) -> tuple[float, float, float]:
 
     A goal on the base counts as within.
     """
-    place, (least, most) = problem.goal.place(problem.duration), reach_range(problem)
+    place, (least, most) = problem.place, reach_range(problem)
     way = place.position - problem.com0 - problem.duration * problem.drift
     return 0.5 * (least + most) if place.moves_with_base else float(np.linalg.norm(way)), least, most
 
@@ -257,8 +257,7 @@ def _time_within_reach(problem: Problem, least: float, most: float) -> str:
 
 def _too_fast(problem: Problem, goals: JointGoals) -> str:
     """What the joints would need to move with the goal at the deadline, where that is beyond their rates."""
-    place = problem.goal.place(problem.duration)
-    near = goals.near(problem)
+    place, near = problem.place, goals.near(problem)
     if place.velocity is None or place.spin is None or not len(near):
         return ""
     base = place.base_attitude(problem.stack.evaluate(near.T).tip_rotation)

@@ -57,7 +57,7 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
 
     A place that rides on the base, or is free about an axis, counts as seen from the start.
     """
-    place = problem.goal.place(problem.duration).aim(problem.sms, problem.q0)
+    place = problem.place.aim(problem.sms, problem.q0)
     low, high = joint_range(problem)
     most = np.where(problem.free, 0.8 * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
@@ -82,7 +82,7 @@ def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:
 
     Given up where one has cost more, a step's programme was not solved, or it will not arrive in time.
     """
-    place, sms, dt, steps = problem.goal.place(problem.duration), problem.sms, problem.dt, problem.steps
+    place, sms, dt, steps = problem.place, problem.sms, problem.dt, problem.steps
     stepper, mode = Stepper.of(problem), problem.mode
     for side in start_sides(sms, problem.q0, place.position, mode):
         stepper.reset(side)
@@ -118,7 +118,7 @@ def marched(problem: Problem, method: str, progress: Progress | None = None) -> 
         reference = Stepper.of(problem, method, REFERENCE_WEIGHTS, limits=limits, terms=())
         return _done(problem, reference, progress)
     stepper = Stepper.of(problem, limits=limits)
-    sides = start_sides(sms, problem.q0, problem.goal.place(problem.duration).position, problem.mode)
+    sides = start_sides(sms, problem.q0, problem.place.position, problem.mode)
     plans: list[Trajectory] = []
 
     def told(share: float) -> None:
@@ -136,7 +136,7 @@ def marched(problem: Problem, method: str, progress: Progress | None = None) -> 
 
 def _done(problem: Problem, stepper: Steps, progress: Progress | None) -> Trajectory:
     """The finished motion of a stepper's steps to the problem's goal."""
-    place, start = problem.goal.place(problem.duration), (problem.q0, problem.joint_rates)
+    place, start = problem.place, (problem.q0, problem.joint_rates)
     rates, note = march(stepper, *start, place.position, problem.duration, place.rotation, progress)
     return measure(problem, rates, note)
 

@@ -121,7 +121,6 @@ class Search:
         self._report = progress or (lambda share: None)
         self.coarse = Model.make(problem, self.options.coarse)
         self.fine = Model.make(problem, self.options.fine)
-        self._rests = problem.goal.place(problem.duration).rests
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
         self.drawn = 0  # postures, for these goals
         # Control points (K, M, n) on the coarse spline, and what a few iterations made of those before.
@@ -157,7 +156,7 @@ class Search:
         if not plan.reached:
             return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
         rates, options = plan.joint_rates, self.options
-        moving = self._rests and float(np.abs(rates[-1]).max()) > options.rest_rate
+        moving = self.problem.place.rests and float(np.abs(rates[-1]).max()) > options.rest_rate
         turns = int(np.sum(rates[1:-1] * rates[2:] < -options.least_reversal))
         chatters = turns > options.most_reversals * self.problem.sms.n
         return False, error > self.problem.goal.tolerance or moving or chatters, error

@@ -81,7 +81,7 @@ def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
         spin = problem.arm0.inverse[..., 0] @ (turn.T @ problem.momentum[3:])
         turn = turn @ exp3(problem.duration * spin)
     origin = problem.com0 + problem.duration * problem.drift
-    wanted = [End(RobotFrame.of(problem.stack), problem.goal.place(problem.duration))]
+    wanted = [End(RobotFrame.of(problem.stack), problem.place)]
     wanted += [end for limit in problem.limits for end in limit.ends]
     return [
         _GoalFromStart(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)
@@ -245,7 +245,7 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
         return straight_moves(problem, spline, goals)
     from scipy.interpolate import CubicHermiteSpline  # slow to load
 
-    end, arm = problem.goal.place(problem.duration), problem.stack.evaluate(goals.T)
+    end, arm = problem.place, problem.stack.evaluate(goals.T)
     velocity, spin = (np.zeros(3) if one is None else one for one in (end.velocity, end.spin))
     # The base as it is turned where the tip is at the goal.
     joints, base = goals, end.base_attitude(arm.tip_rotation)

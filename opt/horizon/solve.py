@@ -71,26 +71,21 @@ def solve(
 
 
 def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions | None = None) -> Trajectory:
-    """The plan of least duration that the search finds.
-
-    Durations are halved (in ratio) until one that does is within the tolerance of one for which no plan was
-    found: an upper bound of the least, for a search may miss a plan.
+    """The plan of least duration that the search finds, by bisection from that of the problem.
 
     Parameters
     ----------
-    problem : Problem
-        Its duration is where the search begins.
     tolerance : float
-        Relative, of the duration; above zero and below one.
+        How near a duration that does and one for which no plan was found shall be, relative, below one. That
+        is an upper bound of the least duration, for a search may miss a plan.
     options : SearchOptions, optional
         Of every trial.
 
     Returns
     -------
     Trajectory
-        `shortest_duration` is its duration [s]; `note` says between which durations the least one lies and
-        what the joints' limits allow. Where the problem itself, and what its diagnosis proposes, fails: that
-        failed plan.
+        `shortest_duration` is its duration [s]; `note` says in which duration none was found and what the
+        joints' limits allow. Where the problem, and what its diagnosis proposes, fails: that failed plan.
     """
     instance("problem", problem, Problem)
     if positive("tolerance", tolerance) >= 1.0:

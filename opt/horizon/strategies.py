@@ -204,7 +204,7 @@ def starts_within(problem: Problem, reach: float, orientation_reach: float) -> b
     if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
         return False
     start = problem.sms.at(problem.q0).end_effector_pose
-    far, turned = problem.goal.place(problem.duration).error(start, problem.q0)
+    far, turned = problem.place.error(start, problem.q0)
     return bool(far <= reach and turned <= orientation_reach)
 
 
@@ -217,8 +217,7 @@ def _is_hopeless(search: Search) -> bool:
 
 def _can_march(problem: Problem) -> bool:
     """Whether a march knows the goal."""
-    place = problem.goal.place(problem.duration)
-    return not (problem.goal.moves or problem.locked) and bool(place.rests and place.plain)
+    return not (problem.goal.moves or problem.locked) and problem.place.rests and problem.place.plain
 
 
 def _travels_far(search: Search, plan: Trajectory) -> bool:
