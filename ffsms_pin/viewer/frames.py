@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, one_of, vector
+from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.terms.paper import ideal_cosine
@@ -27,7 +27,6 @@ __all__ = [
     "Target",
     "camera_facts",
     "camera_place",
-    "checked_camera",
     "riding",
     "surroundings",
     "target_function",
@@ -160,11 +159,6 @@ def surroundings(frames: Frames, others: FloatArray | None = None) -> tuple[Floa
     return 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-3)
 
 
-def checked_camera(name: str) -> str:
-    """The name of a camera; `InvalidValue` for others."""
-    return one_of("camera", name, tuple(CAMERAS))
-
-
 def camera_place(name: str, frames: Frames, radius: float) -> FloatArray:
     """Where a camera is, from the middle of what it sees (3,) [m]; its radius is `radius` [m].
 
@@ -178,17 +172,9 @@ def camera_place(name: str, frames: Frames, radius: float) -> FloatArray:
 
 
 def camera_facts(frames: Frames, camera: str, radius: float, centre: FloatArray) -> dict[str, Any]:
-    """What the page must know of the cameras.
+    """What the page must know of the cameras, of which `camera` is the first.
 
-    Parameters
-    ----------
-    frames : Frames
-    camera : str
-        The first one.
-    radius : float
-        Of what they see [m].
-    centre : ndarray, shape (3,)
-        What they turn about [m].
+    They see a ball of a radius [m] about a centre (3,) [m], about which they turn.
     """
     places = {name: camera_place(name, frames, radius) for name in CAMERAS}
     return {

@@ -11,13 +11,11 @@ from ffsms_pin.checks import FloatArray
 
 __all__ = [
     "ASSISTANCE_STOPS",
-    "BACKGROUND",
     "COLOURS",
     "USAGE_STOPS",
     "Mesh",
     "along_z",
     "arrow",
-    "as_number",
     "assistance_colour",
     "cone",
     "hull",
@@ -27,9 +25,6 @@ __all__ = [
     "turn_arrow",
     "usage_colour",
 ]
-
-# Top and bottom of the background.
-BACKGROUND = ([1.0, 1.0, 1.0], [0.86, 0.90, 0.94])
 
 COLOURS = {
     "target": "#D55E00",
@@ -58,11 +53,6 @@ _SHARP = 200  # triangles; what has more is round
 def rgb(colour: str) -> FloatArray:
     """Red, green and blue (3,), 0 to 1, of "#RRGGBB"."""
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
-
-
-def as_number(colour: str) -> int:
-    """The colour as Meshcat's materials take it."""
-    return int(colour[1:], 16)
 
 
 def assistance_colour(cosine: float) -> FloatArray:

@@ -144,7 +144,7 @@ def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool
             robot.display(frames.q[0])
             for layer in layers:
                 layer.show(frames, 0)
-        with stage.scene.filming(stage.film, float(t - frames.t[0])):
+        with stage.scene.filming(float(t - frames.t[0])):
             robot.display(frames.q[k])
             for layer in layers:
                 layer.show(frames, k)

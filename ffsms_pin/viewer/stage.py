@@ -9,8 +9,8 @@ import numpy as np
 from meshcat.visualizer import Visualizer
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.viewer.meshes import BACKGROUND, Mesh, as_number
-from ffsms_pin.viewer.scene import Film, Scene
+from ffsms_pin.viewer.meshes import Mesh
+from ffsms_pin.viewer.scene import Scene
 
 __all__ = ["ROOT", "Stage"]
 
@@ -29,7 +29,6 @@ class Stage:
 
     def __init__(self, size: float) -> None:
         self.scene = Scene()
-        self.film = Film()
         self.size = size
         self._opacity: dict[str, float] = {}
         # Meshcat asks for a window to a running server; the scene takes its place.
@@ -38,18 +37,19 @@ class Stage:
     @property
     def nodes(self) -> list[str]:
         """Names of the nodes at the top of what is drawn."""
-        start = f"{ROOT}/"
-        below = [path[len(start) :] for path in self.scene.paths if path.startswith(start)]
-        return list(dict.fromkeys(path.split("/")[0] for path in below))
+        below = [path.split("/") for path in self.scene.paths if path.startswith(f"{ROOT}/")]
+        return list(dict.fromkeys(names[2] for names in below))
 
     def set_up(self, centre: FloatArray, camera: FloatArray) -> None:
         """Background, and a camera at `camera` (3,) from a centre (3,) that it looks at [m]."""
-        self.root.set_transform(_shift(-centre))  # the page's camera turns about the origin
-        self.root["/Background"].set_property("top_color", BACKGROUND[0])
-        self.root["/Background"].set_property("bottom_color", BACKGROUND[1])
+        shift = np.eye(4)
+        shift[:3, 3] = -centre  # the page's camera turns about the origin
+        self.root.set_transform(shift)
+        self.root["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
+        self.root["/Background"].set_property("bottom_color", [0.86, 0.90, 0.94])
         for name in ("/Grid", "/Axes"):
             self.root[name].set_property("visible", False)
-        x, y, z = (float(one) for one in camera)
+        x, y, z = camera.tolist()
         self.root["/Cameras/default/rotated/<object>"].set_property("position", [x, z, -y])  # there y is up
 
     def mesh(
@@ -61,48 +61,34 @@ class Stage:
         flat: bool = False,
         through: bool = False,
     ) -> None:
-        """Draw a mesh.
+        """Draw a mesh in one colour, or in one a vertex (k, 3).
 
-        Parameters
-        ----------
-        name : str
-        mesh : Mesh
-        colour : str or ndarray, shape (k, 3)
-            One for all, or one a vertex.
-        opacity : float
-        flat : bool
-            Leave out light and shade.
-        through : bool
-            Let it be seen through whatever is before it.
+        `flat` leaves out light and shade; what is drawn `through` is seen through whatever is before it.
         """
         each = None if isinstance(colour, str) else colour
-        self._opacity[name] = opacity
         shape = mg.TriangularMeshGeometry(mesh.vertices, mesh.faces, each)
         kind = mg.MeshBasicMaterial if flat else mg.MeshPhongMaterial
+        self._draw(name, shape, kind, colour, opacity, through)
+
+    def ball(self, name: str, radius: float, colour: str, opacity: float = 1.0) -> None:
+        """Draw a ball about the node's origin, without light and shade, seen through what is before it."""
+        self._draw(name, mg.Sphere(radius), mg.MeshBasicMaterial, colour, opacity, through=True)
+
+    def _draw(
+        self, name: str, shape: Any, kind: Any, colour: str | FloatArray, opacity: float, through: bool
+    ) -> None:
+        self._opacity[name] = opacity
         material = kind(
-            color=as_number(colour) if isinstance(colour, str) else 0xFFFFFF,
+            color=int(colour[1:], 16) if isinstance(colour, str) else 0xFFFFFF,
             opacity=opacity,
             transparent=opacity < 1.0 or through,  # what is transparent is drawn last
-            vertexColors=each is not None,
+            vertexColors=not isinstance(colour, str),
             depthWrite=opacity == 1.0 and not through,
             depthTest=not through,
         )
         self.root[name].set_object(shape, material)
-        if through:
-            self._draw_late(name)
-
-    def ball(self, name: str, radius: float, colour: str, opacity: float = 1.0) -> None:
-        """Draw a ball about the node's origin, without light and shade, seen through what is before it."""
-        self._opacity[name] = opacity
-        material = mg.MeshBasicMaterial(
-            color=as_number(colour), opacity=opacity, transparent=True, depthWrite=False, depthTest=False
-        )
-        self.root[name].set_object(mg.Sphere(radius), material)
-        self._draw_late(name)
-
-    def _draw_late(self, name: str) -> None:
-        """Draw a mesh after all others, so that none that is transparent tints it."""
-        self.scene.send(_Property(f"{ROOT}/{name}/<object>", "renderOrder", 1))
+        if through:  # after all others, so that none that is transparent tints it
+            self.scene.send(_Property(f"{ROOT}/{name}/<object>", "renderOrder", 1))
 
     def place(
         self, name: str, position: FloatArray, rotation: FloatArray | None = None, scale: Any = 1.0
@@ -125,16 +111,16 @@ class Stage:
         turned = [None] * len(times) if rotations is None else rotations
         self.place(name, positions[0], turned[0])
         for t, position, rotation in zip(times, positions, turned, strict=True):
-            with self.scene.filming(self.film, float(t - times[0])):
+            with self.scene.filming(float(t - times[0])):
                 self.place(name, position, rotation)
 
     def tint(self, name: str, colour: FloatArray) -> None:
         """Give a mesh another colour: at once, or while the scene is filming, from that frame on."""
         time = self.scene.frame_time
         if time is not None:
-            self.film.key(f"{ROOT}/{name}/<object>", "material.color", "color", time, colour)
+            self.scene.film.key(f"{ROOT}/{name}/<object>", "material.color", "color", time, colour)
         else:
-            self.root[name].set_property("color", [*map(float, colour), self._opacity[name]])
+            self.root[name].set_property("color", [*colour.tolist(), self._opacity[name]])
 
 
 class _Property:
@@ -146,9 +132,3 @@ class _Property:
     def lower(self) -> dict[str, Any]:
         """The command as Meshcat's page takes it."""
         return {"type": "set_property", "path": self._path, "property": self._name, "value": self._value}
-
-
-def _shift(by: FloatArray) -> FloatArray:
-    matrix = np.eye(4)
-    matrix[:3, 3] = by
-    return matrix
