@@ -15,9 +15,9 @@ from ffsms_pin.simulation.interfaces import Reference
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.frames import Frames, Target, surroundings, target_function
 from ffsms_pin.viewer.overlays import CouplingLayer, LimitLayer
-from ffsms_pin.viewer.robot import Robot
+from ffsms_pin.viewer.robot import add_robot
+from ffsms_pin.viewer.scene import Stage
 from ffsms_pin.viewer.server import Server, open_browser
-from ffsms_pin.viewer.stage import Stage
 
 __all__ = ["LiveView"]
 
@@ -84,7 +84,7 @@ class LiveView:
         centre, radius = surroundings(first)
         self._stage = stage = Stage(radius)
         stage.set_up(centre, radius * np.array([0.365, -0.876, 0.876]))
-        self._robot = Robot(stage, sms, "robot")
+        self._robot = add_robot(stage, sms, "robot")
         if first.target is not None:
             stage.ball("target", 0.022 * radius, "#D55E00")
         self._layers: list[Any] = [CouplingLayer(stage, first), LimitLayer(stage, first)]

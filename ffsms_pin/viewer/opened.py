@@ -31,8 +31,8 @@ from ffsms_pin.viewer.frames import (
 from ffsms_pin.viewer.page import LAYERS, chosen_layers, facts, page
 from ffsms_pin.viewer.recording import record
 from ffsms_pin.viewer.robot import draw_motion
+from ffsms_pin.viewer.scene import Stage
 from ffsms_pin.viewer.server import Server, open_browser
-from ffsms_pin.viewer.stage import Stage
 
 __all__ = ["View", "view", "view_capture"]
 
