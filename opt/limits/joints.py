@@ -11,8 +11,8 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion.mechanics import singular
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.slopes import singular
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import JointLimits as Limits

@@ -12,9 +12,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.base import SCALE, SHARE
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.motion import Feature, Features
-from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
+from ffsms_pin.opt.motion.mechanics import forces, held_momentum, wheel_shares
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.slopes import forces
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
 
@@ -142,7 +141,7 @@ def _lack(values: FloatArray, most: FloatArray) -> tuple[float, NDArray[np.bool_
 def wheel_rows(step: StepState, in_hand: float) -> Rows | None:
     """Rows in rad/s, of unit length, one a wheel; None where no wheels hold the attitude, or none is moved.
 
-    With D the angular momentum a joint rate (`opt.motion.actuated`), u_0 the joint rates at the step's start
+    With D the angular momentum a joint rate (`opt.motion.mechanics`), u_0 the joint rates at the step's start
     and u those at its end, a wheel's torque is A^+ D (u_0 - u) / dt beside the one of now, and its momentum
     follows: both are bounds on the same sum of joint rates. Where both cannot be kept, the motor's torque is.
     Wheels that feel the same sum, as all do that a planar arm moves, share a row. `in_hand` is the share of
