@@ -28,8 +28,8 @@ def repair(
     """Write a URDF that `ffsms_pin.load` takes, and say what was changed.
 
     Only what keeps a file from loading is mended, numbers that readers drop, and what `load` assumes with a
-    warning. Where it takes knowledge
-    that the file does not hold (a negative mass, a base without mass, two roots), nothing is written.
+    warning. Where it takes knowledge that the file does not hold (a negative mass, a base without mass, two
+    roots), nothing is written.
 
     Parameters
     ----------
@@ -61,14 +61,15 @@ def repair(
     if found.refusal is not None:
         stuck = [str(fault) for fault in found.faults if fault.blocks and fault.mend is None]
         raise InvalidUrdf(settings.path, f"cannot be mended: {'; '.join(stuck)}")
-    changes = [
-        Change(fault.where, fault.problem, fault.remedy)
-        for fault in found.faults
-        if fault.mend is not None and fault.remedy is not None
-    ]
+    mended = [fault for fault in found.faults if fault.mend is not None]
+    changes = [Change(fault.where, fault.problem, str(fault.remedy)) for fault in mended]
     changes += _move_meshes(found.mended, settings.path, Path(out))
     if changes:
-        found.mended.insert(0, _comment(changes))
+        # Two dashes would end a comment.
+        told = "\n".join(["Changed by ffsms-pin:", *(f"  {change}" for change in changes), ""])
+        comment: Any = ElementTree.Comment(" " + told.replace("--", "- -"))
+        comment.tail = "\n"
+        found.mended.insert(0, comment)
     text = ElementTree.tostring(found.mended, encoding="utf-8", xml_declaration=True)
     write_content(out, text)
     return changes
@@ -86,12 +87,3 @@ def _move_meshes(robot: ElementTree.Element, source: Path, out: Path) -> list[Ch
         mesh.set("filename", new)
         moved[Change("file", f"the mesh '{name}' counts from the old folder", f"written as '{new}'")] = None
     return list(moved)
-
-
-def _comment(changes: list[Change]) -> Any:
-    lines = [f"  {change}" for change in changes]
-    # Two dashes would end a comment.
-    text = "\n".join(["Changed by ffsms-pin:", *lines, ""]).replace("--", "- -")
-    comment = ElementTree.Comment(" " + text)
-    comment.tail = "\n"
-    return comment

@@ -71,7 +71,6 @@ class Report:
         Whether `repair` makes a file of it that loads.
     links, joints : tuple of LinkReport, of JointReport
     faults : tuple of Fault
-        Of all of them `blocks` says whether it keeps the file from loading, and `remedy` what a repair does.
     """
 
     path: Path
@@ -152,8 +151,5 @@ def _link(link: ElementTree.Element) -> LinkReport:
 def _joint(joint: ElementTree.Element) -> JointReport:
     limit = joint.find("limit")
     values = {} if limit is None else limit.attrib
-    return JointReport(
-        joint.get("name", ""),
-        joint.get("type", ""),
-        *(values.get(key) for key in ("lower", "upper", "velocity", "effort")),
-    )
+    limits = (values.get(key) for key in ("lower", "upper", "velocity", "effort"))
+    return JointReport(joint.get("name", ""), joint.get("type", ""), *limits)
