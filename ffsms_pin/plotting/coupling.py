@@ -152,7 +152,7 @@ def _sigma_name(i: int) -> str:
 def entropy_grid(
     sms: SpaceManipulator, joints: tuple[int, int], at: ArrayLike | None = None, points: int = 41
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions (points,) [rad] of two joints, and the entropy (points, points) over them: rows of the second.
+    """Positions (points,) [rad] of two joints, and the entropy over them, (points, points): [second, first].
 
     The joints, counted from 0, run over their limits, or one turn where they have none; the others are `at`
     (n,) [rad], by default zero. Where the base is does not matter.
@@ -186,8 +186,8 @@ def plot_entropy_map(
 ) -> Axes:
     """Map of the entropy over two joints (see `entropy_grid`), and the way of a trajectory over it.
 
-    The way is a line from its start (circle) to its end (dot). Where the trajectory moves other joints too, the
-    map under it is only that of `at`.
+    The way is a line from its start (circle) to its end (dot). Where the trajectory moves other joints too,
+    the map under it is only that of `at`.
     """
     first, second, entropy = entropy_grid(sms, joints, at, points)
     units = [joint_units(sms)[k] for k in joints]

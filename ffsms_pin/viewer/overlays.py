@@ -42,7 +42,6 @@ class CouplingLayer:
 
     def __init__(self, stage: Stage, frames: Frames) -> None:
         self._stage = stage
-        self._signs: FloatArray | None = None
         self._last_V: FloatArray | None = None
         radius = 0.011 * stage.size
         self._length = 0.42 * stage.size
