@@ -62,22 +62,19 @@ def add_base_trail(stage: Stage, frames: Frames) -> None:
     # Long enough to be seen outside of the box that hides the frame's origin.
     size = frames.sms.base_size
     length = 0.35 * stage.size if size is None else 0.85 * max(size)
+    poses = [state.base_pose for state in frames.states]
     rows = np.unique(np.linspace(0, len(frames.t) - 1, _INSTANTS).round().astype(int))
-    for i, row in enumerate(rows):
-        pose = frames.states[row].base_pose
+    for i, pose in enumerate(poses[row] for row in rows):
         strength = 0.25 + 0.75 * i / max(1, len(rows) - 1)
-        for axis, colour in enumerate(AXIS_COLOURS):
-            tip = pose.translation + length * pose.rotation[:, axis]
-            mesh = tube(np.array([pose.translation, tip]), 0.003 * stage.size, sides=6)
-            pale = 1.0 - strength * (1.0 - rgb(colour))
-            stage.mesh(
-                f"base trail/{i}/{'xyz'[axis]}", mesh, np.tile(pale, (len(mesh.vertices), 1)), flat=True
-            )
-    path = np.array([state.base_pose.translation for state in frames.states])
-    chosen = _thinned(path)
-    if chosen.size >= 2:
-        mesh = tube(path[chosen], 0.004 * stage.size)
-        stage.mesh("base trail/path", mesh, COLOURS["trail"], flat=True)
+        for axis, name, colour in zip(pose.rotation.T, "xyz", AXIS_COLOURS, strict=True):
+            ends = np.array([pose.translation, pose.translation + length * axis])
+            mesh = tube(ends, 0.003 * stage.size, sides=6)
+            pale = np.tile(1.0 - strength * (1.0 - rgb(colour)), (len(mesh.vertices), 1))
+            stage.mesh(f"base trail/{i}/{name}", mesh, pale, flat=True)
+    path = np.array([pose.translation for pose in poses])
+    rows = _thinned(path)
+    if rows.size >= 2:
+        stage.mesh("base trail/path", tube(path[rows], 0.004 * stage.size), COLOURS["trail"], flat=True)
 
 
 def _thinned(path: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
@@ -174,10 +171,9 @@ def add_client(stage: Stage, frames: Frames, client: Body, obstacles: Sequence[O
         stage.mesh(name, hull(outline(shape)), COLOURS["client"])
         stage.place(name, placement.translation, placement.rotation, size)
     largest = max(float(np.abs(outline(shape)).max()) for shape, _ in (*own, *kept))
-    for axis, colour in enumerate(AXIS_COLOURS):
-        end = 1.5 * largest * np.eye(3)[axis]
-        line = tube(np.array([np.zeros(3), end]), 0.004 * stage.size, sides=6)
-        stage.mesh(f"client/axes/{'xyz'[axis]}", line, colour, flat=True)
+    for axis, name, colour in zip(np.eye(3), "xyz", AXIS_COLOURS, strict=True):
+        line = tube(np.array([np.zeros(3), 1.5 * largest * axis]), 0.004 * stage.size, sides=6)
+        stage.mesh(f"client/axes/{name}", line, colour, flat=True)
     positions, attitudes = client.poses(frames.t)
     stage.follow("client", frames.t, positions, attitudes)
 

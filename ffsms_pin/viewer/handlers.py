@@ -40,19 +40,10 @@ _HEADERS = {
 class Access:
     """The rules of one server.
 
-    Parameters
-    ----------
-    port : int
-        That the server listens on.
-    any_host : bool
-        Whether a request may call the server by any name; otherwise only by a name of the loopback
-        interface with the server's port. A page of another site that had its own name point to this machine
-        (DNS rebinding) sends its own name and is refused.
-
-    Attributes
-    ----------
-    token : str
-        Random, 192 bits; part of the address of the page. Who does not know it gets nothing.
+    With `any_host` a request may call it by any name; otherwise only by a name of the loopback interface with
+    the server's port. A page of another site that had its own name point to this machine (DNS rebinding)
+    sends its own name and is refused. The token, of 192 random bits, is part of the address of the page: who
+    does not know it gets nothing.
     """
 
     port: int

@@ -42,7 +42,6 @@ class CouplingLayer:
 
     def __init__(self, stage: Stage, frames: Frames) -> None:
         self._stage = stage
-        self._signs: FloatArray | None = None
         self._last_V: FloatArray | None = None
         radius = 0.011 * stage.size
         self._length = 0.42 * stage.size
@@ -163,11 +162,11 @@ class ClearanceLayer:
         nearest = int(np.argmin(values))
         points = [np.array(self._data.oMi[j].translation) for j in range(2, sms.model.njoints)]
         points.append(np.array(self._data.oMf[sms.frame_id].translation))
-        first, second = self._points.first, self._points.second
-        if nearest < len(first):
-            start, end = points[first[nearest]], points[second[nearest]]
-        else:
-            start = points[self._points.outside[nearest - len(first)]]
+        one, other = self._points.ends[nearest]
+        start = points[one]
+        if other >= 0:
+            end = points[other]
+        else:  # the base box
             box: Any = self._data.oMi[1] * sms.base_box_placement
             half = 0.5 * np.array(sms.base_size)
             end = box.act(np.clip(box.actInv(start), -half, half))

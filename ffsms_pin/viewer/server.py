@@ -37,28 +37,11 @@ _PATIENCE = 5.0  # [s] for its end
 
 
 class Server:
-    """A live page.
+    """A live page of a scene, with all that changes in it, at the address `url`, which holds the token.
 
-    Parameters
-    ----------
-    host : str, optional
-        Name or address of the interface to listen on, "0.0.0.0" for all of IPv4. Other machines can then
-        open the page, over plain HTTP, if they know its address with the token. Default: loopback only.
-    scene : Scene, optional
-        What is shown, with all that changes in it; default: an empty one.
-
-    Attributes
-    ----------
-    url : str
-        Of the page, with the token.
-    scene : Scene
-
-    Raises
-    ------
-    InvalidValue
-        A `host` that is not a name.
-    ViewerError
-        The server cannot listen there.
+    `host` is the name or address of the interface to listen on, "0.0.0.0" for all of IPv4: other machines can
+    then open the page, over plain HTTP, if they know that address. Default: loopback only. `InvalidValue`: it
+    is not a name; `ViewerError`: the server cannot listen there.
     """
 
     def __init__(self, host: str | None = None, scene: Scene | None = None) -> None:
