@@ -141,10 +141,7 @@ class Stepper:
         base_start: FloatArray | None = None,
         deadline: float | None = None,
     ) -> None:
-        """Forget the last step; the arguments are the attributes.
-
-        Of `side` the part across the way to the target counts; zero: as the end effector moves.
-        """
+        """Forget the last step; of `side` the part across the way counts, zero: as the end effector moves."""
         self.side, self.base_start, self.deadline = vector("side", side, 3), base_start, deadline
         # Of the last solution: rates at its end, since V turns from step to step; s and slack; multipliers.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
