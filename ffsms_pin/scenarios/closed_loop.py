@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.errors import SimulationDiverged, SimulationStopped
-from ffsms_pin.opt import AlphaBox, Limit, Problem, Replanning, ReplanOptions, SearchOptions, Trajectory, Via
+from ffsms_pin.opt import AlphaBox, Problem, Replanning, ReplanOptions, SearchOptions, Trajectory, Via
 from ffsms_pin.opt.planning.plan import plan_problem
 from ffsms_pin.scenarios.conditions import loop_options
 from ffsms_pin.scenarios.definition import Scenario
@@ -115,12 +115,17 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
     """
     seen = sensor(scenario)
     client = None if scenario.client is None else scenario.made_client(sms)
-    estimate = None if client is None or seen is None else _first_sight(client, seen)
+    estimate = None
+    if client is not None and seen is not None:  # one measurement when the motion begins, late and noisy
+        first = measured(client, -seen.latency, seen, np.random.default_rng(seen.seed))
+        estimate = ClientEstimate(first, -seen.latency, seen)
     problem = scenario.problem(sms, dt=scenario.reference.get("dt"), client=estimate)
     if not any(isinstance(limit, AlphaBox) for limit in problem.limits):
         problem = replace(problem, limits=(*problem.limits, AlphaBox()))  # the paper's step has it always
     if plan is not None:
-        limits = [one.timed(plan) if _untimed(one) else one for one in problem.limits]
+        limits = [
+            one.timed(plan) if isinstance(one, Via) and one.time is None else one for one in problem.limits
+        ]
         problem = replace(problem, limits=limits)
     options = ReplanOptions(
         dead_band=scenario.reference.get("dead_band"), jerk=scenario.per_joint(sms, "reference", "jerk")
@@ -154,16 +159,6 @@ class _Watching(Replanning):
             then = t - self._sensor.latency
             self._estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
         super().observe(t, q, v)
-
-
-def _first_sight(client: Client, sensor: ClientSensor) -> ClientEstimate:
-    """What is known of a client when the motion begins: one measurement, late and noisy."""
-    first = measured(client, -sensor.latency, sensor, np.random.default_rng(sensor.seed))
-    return ClientEstimate(first, -sensor.latency, sensor)
-
-
-def _untimed(limit: Limit) -> TypeGuard[Via]:
-    return isinstance(limit, Via) and limit.time is None
 
 
 class Held:

@@ -176,7 +176,7 @@ def motions_of(
         apply_rates(arm.spin, rates),
         arm.inverse,
         problem.rotation0,
-        None if momentum is None else momentum[3:],
+        np.zeros(3) if momentum is None else momentum[3:],
     )
     R, own = turned[:9].reshape(3, 3, *rates.shape[1:]), turned[9:].reshape(3, *rates.shape[1:])
     return Motions(

@@ -44,14 +44,12 @@ class StepWeights:
     direction : float
         On |J*_v V alpha - s e|^2 [1/(m/s)^2]: keeping the direction, and with it the paper's cost at zero.
     speed : float
-        On (s - s_ref)^2 [1/(m/s)^2]. Far below `direction`: where the arm is limited or near-singular, the
-        speed gives way and the direction stays.
+        On (s - s_ref)^2 [1/(m/s)^2]: where the arm is limited or near-singular, the speed gives way and the
+        direction stays.
     orientation : float
-        On |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2], for targets with an orientation. As far below
-        `direction` as `speed`: turning must not bend the path.
+        On |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2]: turning must not bend the path.
     effort : float
-        On |alpha|^2 [1/(rad/s)^2]: the least motion where the arm is redundant. Small enough to slow the
-        arrival by about one part in a thousand.
+        On |alpha|^2 [1/(rad/s)^2]: the least redundant motion. It slows the arrival by a thousandth.
     change : float
         On |V alpha - rates|^2 [1/(rad/s)^2]: no jumps of redundant motion between steps.
     clearance : float
@@ -186,13 +184,12 @@ def new_solver(variables: int, rows: int) -> Any:
 class Solution(NamedTuple):
     """The solution x (n + 2,) of a programme, and multipliers z (m,), above zero at a row's upper side.
 
-    `solved`: the solver reached its tolerance; `exact`: it is that of the equations of the active rows.
+    `solved`: the solver reached its tolerance.
     """
 
     x: FloatArray
     z: FloatArray
     solved: bool
-    exact: bool
 
 
 class StepSolver:
@@ -206,36 +203,32 @@ class StepSolver:
         return StepSolver, ()
 
     def solve(self, p: Programme, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
-        """Solution of a programme, from that (x, z) of one like it; where that fails, from nothing."""
-        if start is not None and (len(start[0]), len(start[1])) == (len(p.g), len(p.low)):
-            found = self._solve(p, *start)
-            # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.
-            if found.exact:
-                return found
-        return self._solve(p, np.zeros(len(p.g)), np.zeros(len(p.low)))
-
-    def _solve(self, p: Programme, x: FloatArray, z: FloatArray) -> Solution:
-        """ProxQP's solution, made exact: that of the equations of the rows that are active by multipliers.
+        """Solution of a programme, from that (x, z) of one like it; where that fails, from nothing.
 
         ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory
-        lies: over a march of a thousand steps that shows. The equations have no memory. Their solution is
-        taken where it keeps all rows and its multipliers have the right signs: so it is the programme's.
+        lies: over a march of a thousand steps that shows. The equations of the rows that are active by its
+        multipliers have no memory. Their solution is taken where it keeps all rows and its multipliers have
+        the right signs: so it is the programme's.
         """
         size = p.A.shape
+        if start is not None and (len(start[1]), len(start[0])) != size:
+            start = None
         qp = self._solvers.get(size)
         if qp is None:
             qp = self._solvers[size] = new_solver(size[1], size[0])
             qp.init(H=p.H, g=p.g, C=p.A, l=p.low, u=p.up, compute_preconditioner=False)
         else:
             qp.update(H=p.H, g=p.g, C=p.A, l=p.low, u=p.up)
+        x, z = (np.zeros(size[1]), np.zeros(size[0])) if start is None else start
         qp.solve(x, None, z)
         results, info = qp.results, qp.results.info
         self.iterations = int(info.iter)
         solved = info.status == proxqp.PROXQP_SOLVED
         if solved and (exact := kernel.refined(*p, results.z, _TOLERANCE)) is not None:
-            return Solution(*exact, True, True)
+            return Solution(*exact, True)
         x, z = np.array(results.x), np.array(results.z)
         solved = solved and math.isfinite(x.dot(x))  # finite where all of x is
         if not solved:
             del self._solvers[size]  # the next programme has no use for what is left in it
-        return Solution(x, z, solved, False)
+        # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.
+        return Solution(x, z, solved) if start is None else self.solve(p)

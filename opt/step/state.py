@@ -78,12 +78,12 @@ class StepState:
 def rate_bounds(
     joints: FloatArray, rates: FloatArray, limits: JointLimits, dt: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest joint rates (n,) [rad/s] at the end of a step of constant acceleration.
+    """Least and greatest joint rates w (n,) [rad/s] at the end of a step of constant acceleration.
 
-    A rate between keeps the limits during the step and leaves room to brake at full acceleration ever after:
-    dt (rate + w) / 2 + w^2 / (2 a) <= d, with w the rate at the step's end, a the acceleration limit and d
-    the distance to the upper limit. Where the state itself has no such room, the acceleration limit is kept,
-    and the others as nearly as it allows: where even w = 0 travels too far, rate^2 dt / (2 (rate - w)) <= d.
+    They keep the limits during the step and leave room to brake at full acceleration a ever after: with d the
+    distance to the upper limit, dt (rate + w) / 2 + w^2 / (2 a) <= d. Where there is no such room, the limit
+    of acceleration is kept, the others as nearly as it allows: if w = 0 is too much, rate^2 dt / (2 (rate -
+    w)) <= d.
     """
     least, greatest = kernel.rate_bounds(limits.table, joints, rates, dt)
     return least, greatest

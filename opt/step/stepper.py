@@ -40,13 +40,11 @@ class Step(NamedTuple):
     Attributes
     ----------
     alpha, joint_rates : ndarray, shape (n,)
-        The paper's scaling factors, and joint_rates = V alpha at the step's end [rad/s]; the acceleration
-        during the step is constant.
+        The paper's scaling factors, and V alpha at the end of a step of constant acceleration [rad/s].
     cos_theta, entropy, cost : float
-        Coupling assistance of these rates, H_norm, and the paper's summand (C~ - (1 - H_norm))^2, at the
-        step's start.
+        Coupling assistance of these rates, H_norm, and the paper's summand, at the step's start.
     solved : bool
-        False where the programme was not solved and the arm brakes within its limits instead.
+        False where the programme was not solved, so that the arm brakes within its limits.
     slack : float
         How far the limits that may give way did [m/s]; zero where all of them are kept.
     """
@@ -61,12 +59,12 @@ class Step(NamedTuple):
 
 
 class Stepper:
-    """The trajectory step as a quadratic programme in alpha, written whole and given to ProxQP.
+    """The paper's step as a quadratic programme in alpha on ProxQP.
 
-    The paper's cost (C~ - (1 - H_norm))^2 is zero exactly where the end effector moves at the angle acos(c*)
-    to the direction of the target: on a cone. The step picks the direction e of that cone on the side it is
-    on, and finds alpha and the speed s with J*_v V alpha = s e as nearly as the limits allow
-    (docs/convex-step.md). Where the programme is not solved the arm brakes within its limits.
+    The paper's cost is zero where the end effector moves on a cone about the way to the target. The step
+    picks the direction e of that cone on the side it is on, and finds alpha and the speed s with J*_v V alpha
+    = s e as nearly as the limits allow (docs/convex-step.md). Where that fails the arm brakes within its
+    limits.
 
     `limits` give rows of the programme, `terms` may add to its objective (`Term.step_objective`); `reference`
     is one of `REFERENCES`; `momentum`, `mode` and `wheel_total` are as in `StepState`. It remembers the last
@@ -90,8 +88,6 @@ class Stepper:
         wheel_total: ArrayLike | None = None,
     ) -> None:
         instance("sms", sms, SpaceManipulator)
-        instance("limits", limits, Sequence)
-        instance("terms", terms, Sequence)
         instance("weights", weights, StepWeights, optional=True)
         self.sms = sms
         self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)
@@ -147,8 +143,7 @@ class Stepper:
     ) -> None:
         """Forget the last step; the arguments are the attributes.
 
-        Of `side` the part across the way to the target counts; by default it is the side on which the end
-        effector is moving, and any where it is at rest.
+        Of `side` the part across the way to the target counts; zero: as the end effector moves.
         """
         self.side, self.base_start, self.deadline = vector("side", side, 3), base_start, deadline
         # Of the last solution: rates at its end, since V turns from step to step; s and slack; multipliers.
@@ -176,10 +171,9 @@ class Stepper:
         rotation: FloatArray | None = None,
         prefer: FloatArray | None = None,
     ) -> Step:
-        """`step` for arguments that are known to be right: arrays of float64 of the right shapes.
+        """`step` for arguments that are known to be right; `rotation` (3, 3) is the wanted attitude, if any.
 
-        `rotation` (3, 3) is the wanted attitude of the end effector, where there is one. `prefer` (n,) are
-        joint rates to come as near to as the limits allow, instead of the step's own objective.
+        `prefer` (n,) are joint rates to come as near to as the limits allow, instead of to the target.
         """
         with self._alone:
             return self._solved(*self._build(q, rates, target, time_left, rotation, prefer))
