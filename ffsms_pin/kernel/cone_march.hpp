@@ -10,16 +10,14 @@
 
 namespace ffsms {
 
+// What all marches from one start share.
 struct ConeMarch {
   double duration;                  // [s]
-  int steps;                        // of one length
   double kappa;                     // of the paper's cost
   double mean_speed;                // of a straight way to the target [m/s]
   double damping;                   // of the least squares [m]
-  const double* joints;             // their positions, limits and greatest rates (4, n)
   Vec3<double> target, com, drift;  // of the centre of mass
   Mat3<double> attitude;            // of the base at the start
-  const Mat3<double>* rotation;     // wanted of the end effector, or null
 };
 
 // Least rates (n) with J u near to what is wanted (m), for J (m, n). Damping must not slow what can be done:
@@ -47,17 +45,19 @@ inline void least_rates(int m, int n, const double (*J)[kMostJoints], const doub
   }
 }
 
-// Joint rates (steps, n) of a march to that side of the target's direction; straight where it is zero.
-inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side, double* out) {
-  const int n = tree.n, rows = by.rotation ? 6 : 3;
-  const double *low = by.joints + n, *high = low + n, *most = high + n;
-  const double dt = by.duration / by.steps;
+// Joint rates (steps, n) of a march to that side of the target's direction; straight where it is zero. Leads
+// to an attitude, where one is wanted, from the joints' positions, limits and greatest rates (4, n).
+inline void cone_march(const Tree& tree, int steps, const ConeMarch& by, const Mat3<double>* rotation,
+                       const double* joints, Vec3<double> side, double* out) {
+  const int n = tree.n;
+  const double *low = joints + n, *high = low + n, *most = high + n;
+  const double dt = by.duration / steps;
   const bool straight = dot(side, side) == 0.0;
   double q[kMostJoints] = {}, J[6][kMostJoints], wanted[6], unused[6 * kMostJoints], speed = 0.0;
-  std::copy(by.joints, low, q);
+  std::copy(joints, low, q);
   Mat3<double> R = by.attitude;
   Arm<double> arm;
-  for (int k = 0; k < by.steps; ++k, out += n) {
+  for (int k = 0; k < steps; ++k, out += n) {
     evaluate(tree, q, arm);
     const Vec3<double> com = by.com + (k * dt) * by.drift;
     const Vec3<double> way = by.target - com - R * (arm.tip - arm.com);
@@ -72,10 +72,10 @@ inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side,
     // The speed rises over a tenth of the time to its mean.
     const double mean = std::fmax(by.mean_speed, distance / by.duration);
     speed = std::fmin(share * distance / std::fmax(cosine, kLeastApproach),
-                      speed + 10.0 / by.steps * mean * kArrivalPower);
+                      speed + 10.0 / steps * mean * kArrivalPower);
     const Vec3<double> velocity = speed * e - by.drift;
-    Vec3<double> turn = Vec3<double>{};
-    if (by.rotation) turn = share * log3(*by.rotation * transposed(R * arm.tip_rotation));
+    Vec3<double> turn = {}, spin = {};
+    if (rotation) turn = share * log3(*rotation * transposed(R * arm.tip_rotation));
     for (int x = 0; x < 3; ++x) {
       wanted[x] = velocity[x];
       wanted[3 + x] = turn[x];
@@ -88,10 +88,9 @@ inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side,
         J[3 + x][j] = turned[x];
       }
     }
-    least_rates(rows, n, J, wanted, by.damping, out);
+    least_rates(rotation ? 6 : 3, n, J, wanted, by.damping, out);
     double used = 1.0;  // of the greatest rates, the largest share
     for (int j = 0; j < n; ++j) used = std::fmax(used, std::fabs(out[j]) / std::fmax(most[j], 1e-12));
-    Vec3<double> spin = Vec3<double>{};
     for (int j = 0; j < n; ++j) {
       const double rate = most[j] > 0.0 ? out[j] / used : 0.0;
       out[j] = std::fmin(std::fmax(rate, (low[j] - q[j]) / dt), (high[j] - q[j]) / dt);

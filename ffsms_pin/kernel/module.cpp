@@ -103,93 +103,6 @@ Out at_each(const Tree& tree, std::initializer_list<Given> given, int rows, cons
   });
 }
 
-// What `ArmValues` holds beside the positions, in its order.
-Out arm_values(const Tree& tree, const In& positions) {
-  const int n = tree.n;
-  return at_each(tree, {{positions, n}}, 42 * n + 27, [n](auto& work, auto& write) {
-    const auto& arm = work.arm;
-    for (const auto* columns :
-         {arm.axis, arm.velocity, arm.linear, arm.angular, arm.spin, arm.root, arm.tip_velocity, arm.jstar})
-      write.put(columns, n);
-    for (const auto* vector : {&arm.com, &arm.tip}) write.put(vector);
-    for (const auto* matrix : {&arm.inverse, &arm.tip_rotation}) write.put(matrix);
-    write.put(arm.coupling, 6 * n);
-    write.put(arm.origin, n + 1);
-    write.put(arm.rotation, n);
-  });
-}
-
-// C_bm and J* (6, n), the end effector from the base's centre of mass.
-Out coupled(const Tree& tree, const In& positions) {
-  const int n = tree.n;
-  return at_each(tree, {{positions, n}}, 12 * n + 3, [&](auto& work, auto& write) {
-    work.arm.tip = work.arm.tip - decltype(work.arm.tip)(tree.base_com);
-    write.put(work.arm.coupling, 6 * n);
-    write.put(work.arm.jstar, n);
-    write.put(work.arm.jstar_spin, n);
-    write.put(&work.arm.tip);
-  });
-}
-
-// J_m (6, n), on a fixed base.
-Out manipulator_jacobian(const Tree& tree, const In& positions) {
-  return at_each(tree, {{positions, tree.n}}, 6 * tree.n, [&](auto& work, auto& write) {
-    write.put(work.arm.tip_velocity, tree.n);
-    write.put(work.arm.tip_spin, tree.n);
-  });
-}
-
-// H_q (n, n).
-Out reduced(const Tree& tree, const In& positions) {
-  return at_each(tree, {{positions, tree.n}}, tree.n * tree.n, [&](auto& work, auto& write) {
-    reduced_inertia(tree, work.arm, work.matrix);
-    write.put(work.matrix, tree.n * tree.n);
-  });
-}
-
-// Of the base's angular velocity and of the end effector's velocity (3, n) each.
-Out velocities(const Tree& tree, const In& positions, const In& rates) {
-  const int n = tree.n;
-  return at_each(tree, {{positions, n}, {rates, n}}, 6 * n, [&](auto& work, auto& write) {
-    velocity_slopes(tree, work.arm, work.given[1], work.columns[0], work.columns[1]);
-    for (const auto* slopes : work.columns) write.put(slopes, n);
-  });
-}
-
-// Of the angular momentum (3, n) while the base's attitude is held.
-Out momenta(const Tree& tree, const In& positions, const In& rates) {
-  const int n = tree.n;
-  return at_each(tree, {{positions, n}, {rates, n}}, 3 * n, [&](auto& work, auto& write) {
-    momentum_slopes(tree, work.arm, work.given[1], work.columns[0]);
-    write.put(work.columns[0], n);
-  });
-}
-
-// Gradient (n) of a function of the coupling with slopes (6, n).
-Out couplings(const Tree& tree, const In& positions, const In& by_coupling) {
-  const int n = tree.n;
-  return at_each(tree, {{positions, n}, {by_coupling, 6 * n}}, n, [&](auto& work, auto& write) {
-    coupling_slopes(tree, work.arm, work.given[1], work.numbers);
-    write.put(work.numbers, n);
-  });
-}
-
-// Torques of the joints (n), force and moment (6) that hold the base.
-Out forces(const Tree& tree, const In& positions, const In& rates, const In& accelerations,
-           const In& own_spin) {
-  const int n = tree.n;
-  const auto given = {Given{positions, n}, {rates, n}, {accelerations, n}, {own_spin, 3}};
-  return at_each(tree, given, n + 6, [&](auto& work, auto& write) {
-    auto* own = work.given[3];
-    auto *force = &work.columns[0][0], *moment = &work.columns[1][0];
-    dynamics(tree, work.arm, work.given[1], work.given[2], {{own[0], own[1], own[2]}}, work.numbers, *force,
-             *moment);
-    write.put(work.numbers, n);
-    write.put(force);
-    write.put(moment);
-  });
-}
-
 // Rows and columns of matrices (rows, n, ...).
 std::pair<int, int> sizes(const In& matrices) {
   expect(matrices.ndim() >= 2, "matrices have two axes");
@@ -240,14 +153,86 @@ NB_MODULE(_kernel, m) {
         expect(state.size() == sizeof(Tree), "a tree of another build");
         std::memcpy(static_cast<void*>(&self), state.data(), sizeof(Tree));
       });
-  m.def("arm_values", &arm_values);
-  m.def("coupled", &coupled);
-  m.def("manipulator_jacobian", &manipulator_jacobian);
-  m.def("reduced_inertia", &reduced);
-  m.def("velocity_slopes", &velocities);
-  m.def("momentum_slopes", &momenta);
-  m.def("coupling_slopes", &couplings);
-  m.def("dynamics", &forces);
+
+  // What `ArmValues` holds beside the positions, in its order.
+  m.def("arm_values", [](const Tree& tree, const In& positions) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}}, 42 * n + 27, [n](auto& work, auto& write) {
+      const auto& arm = work.arm;
+      for (const auto* columns :
+           {arm.axis, arm.velocity, arm.linear, arm.angular, arm.spin, arm.root, arm.tip_velocity, arm.jstar})
+        write.put(columns, n);
+      for (const auto* vector : {&arm.com, &arm.tip}) write.put(vector);
+      for (const auto* matrix : {&arm.inverse, &arm.tip_rotation}) write.put(matrix);
+      write.put(arm.coupling, 6 * n);
+      write.put(arm.origin, n + 1);
+      write.put(arm.rotation, n);
+    });
+  });
+  // C_bm and J* (6, n), the end effector from the base's centre of mass.
+  m.def("coupled", [](const Tree& tree, const In& positions) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}}, 12 * n + 3, [&](auto& work, auto& write) {
+      const auto tip = work.arm.tip - decltype(work.arm.tip)(tree.base_com);
+      write.put(work.arm.coupling, 6 * n);
+      for (const auto* columns : {work.arm.jstar, work.arm.jstar_spin}) write.put(columns, n);
+      write.put(&tip);
+    });
+  });
+  // J_m (6, n), on a fixed base.
+  m.def("manipulator_jacobian", [](const Tree& tree, const In& positions) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}}, 6 * n, [n](auto& work, auto& write) {
+      for (const auto* columns : {work.arm.tip_velocity, work.arm.tip_spin}) write.put(columns, n);
+    });
+  });
+  // H_q (n, n).
+  m.def("reduced_inertia", [](const Tree& tree, const In& positions) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}}, n * n, [&](auto& work, auto& write) {
+      reduced_inertia(tree, work.arm, work.matrix);
+      write.put(work.matrix, n * n);
+    });
+  });
+  // Of the base's angular velocity and of the end effector's velocity (3, n) each.
+  m.def("velocity_slopes", [](const Tree& tree, const In& positions, const In& rates) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}, {rates, n}}, 6 * n, [&](auto& work, auto& write) {
+      velocity_slopes(tree, work.arm, work.given[1], work.columns[0], work.columns[1]);
+      for (const auto* slopes : work.columns) write.put(slopes, n);
+    });
+  });
+  // Of the angular momentum (3, n) while the base's attitude is held.
+  m.def("momentum_slopes", [](const Tree& tree, const In& positions, const In& rates) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}, {rates, n}}, 3 * n, [&](auto& work, auto& write) {
+      momentum_slopes(tree, work.arm, work.given[1], work.columns[0]);
+      write.put(work.columns[0], n);
+    });
+  });
+  // Gradient (n) of a function of the coupling with slopes (6, n).
+  m.def("coupling_slopes", [](const Tree& tree, const In& positions, const In& by_coupling) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}, {by_coupling, 6 * n}}, n, [&](auto& work, auto& write) {
+      coupling_slopes(tree, work.arm, work.given[1], work.numbers);
+      write.put(work.numbers, n);
+    });
+  });
+  // Torques of the joints (n), force and moment (6) that hold the base; `own` is what momentum adds to its
+  // spin.
+  m.def("dynamics",
+        [](const Tree& tree, const In& joints, const In& rates, const In& accelerations, const In& own) {
+          const int n = tree.n;
+          const auto given = {Given{joints, n}, {rates, n}, {accelerations, n}, {own, 3}};
+          return at_each(tree, given, n + 6, [&](auto& work, auto& write) {
+            const auto* spin = work.given[3];
+            auto *force = work.columns[0], *moment = work.columns[1];
+            dynamics(tree, work.arm, work.given[1], work.given[2], {{spin[0], spin[1], spin[2]}},
+                     work.numbers, *force, *moment);
+            write.put(work.numbers, n);
+            for (const auto* vector : {force, moment}) write.put(vector);
+          });
+        });
   m.def("entropies", &entropies);
   m.def("singular_values", &singular);
   bind_clearance(m);
