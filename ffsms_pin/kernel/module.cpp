@@ -1,8 +1,8 @@
 // The module: the robot, functions of it at stacks of configurations, from arrays (rows, ...) to new ones
 // (rows, B), and what other files bind. Shapes are checked in the bindings, the headers do the work.
 #include "arrays.hpp"
-#include "dynamics.hpp"
 #include "entropy.hpp"
+#include "slopes.hpp"
 
 namespace ffsms {
 namespace {
@@ -111,33 +111,6 @@ std::pair<int, int> sizes(const In& matrices) {
   return {static_cast<int>(rows), static_cast<int>(n)};
 }
 
-// H_norm of matrices: one row, then rows n of its gradient.
-Out entropies(const In& matrices) {
-  const auto [rows, n] = sizes(matrices);
-  const int size = rows * n;
-  return stack({{matrices, size}}, 1 + size, [rows = rows, n = n](auto& work, auto& write) {
-    work.matrix[0] = entropy(rows, n, work.given[0], work.matrix + 1);
-    write.put(work.matrix, 1 + rows * n);
-  });
-}
-
-// Singular values of matrices, the largest first; without vectors the lesser of rows and n. With vectors n of
-// them, then V (n, n).
-Out singular(const In& matrices, bool vectors) {
-  const auto [rows, n] = sizes(matrices);
-  const int size = rows * n, count = vectors ? n + n * n : std::min(rows, n);
-  return stack({{matrices, size}}, count, [=, rows = rows, n = n](auto& work, auto& write) {
-    auto *C = work.given[0], *V = vectors ? work.matrix : nullptr;
-    // So that no square overflows, or vanishes.
-    auto largest = std::decay_t<decltype(*C)>(kTiny);
-    for (int i = 0; i < size; ++i) largest = larger(largest, magnitude(C[i]));
-    write.put(work.numbers, singular_values(rows, n, C, V, work.numbers, largest));
-    for (int i = 0; vectors && i < n; ++i) {
-      for (int j = 0; j < n; ++j) write.put(&V[j * n + i]);
-    }
-  });
-}
-
 }  // namespace
 }  // namespace ffsms
 
@@ -233,8 +206,28 @@ NB_MODULE(_kernel, m) {
             for (const auto* vector : {force, moment}) write.put(vector);
           });
         });
-  m.def("entropies", &entropies);
-  m.def("singular_values", &singular);
+  // H_norm of matrices: one row, then rows n of its gradient.
+  m.def("entropies", [](const In& matrices) {
+    const auto [rows, n] = sizes(matrices);
+    return stack({{matrices, rows * n}}, 1 + rows * n, [rows = rows, n = n](auto& work, auto& write) {
+      work.matrix[0] = entropy(rows, n, work.given[0], work.matrix + 1);
+      write.put(work.matrix, 1 + rows * n);
+    });
+  });
+  // Singular values of matrices, the largest first; without vectors the lesser of rows and n. With vectors n
+  // of them, then V (n, n).
+  m.def("singular_values", [](const In& matrices, bool vectors) {
+    const auto [rows, n] = sizes(matrices);
+    const int count = vectors ? n + n * n : std::min(rows, n);
+    return stack({{matrices, rows * n}}, count, [vectors, rows = rows, n = n](auto& work, auto& write) {
+      auto *C = work.given[0], *V = vectors ? work.matrix : nullptr;
+      // So that no square overflows, or vanishes.
+      auto largest = std::decay_t<decltype(*C)>(kTiny);
+      for (int i = 0; i < rows * n; ++i) largest = larger(largest, magnitude(C[i]));
+      write.put(work.numbers, singular_values(rows, n, C, V, work.numbers, largest));
+      for (int i = 0; vectors && i < n * n; ++i) write.put(&V[i % n * n + i / n]);
+    });
+  });
   bind_clearance(m);
   bind_motions(m);
   bind_step(m);

@@ -155,15 +155,14 @@ class ArmStack:
 
     def evaluate(self, positions: FloatArray) -> ArmValues:
         """The arm at joint positions (n, ...)."""
-        n, shape = self.n, positions.shape[1:]
-        out = kernel.arm_values(self.tree, positions)
-        return ArmValues(positions, *_split(out, [(*one, *shape) for one in _shapes(n)]))
+        n, out = self.n, kernel.arm_values(self.tree, positions)
+        shapes = [*[(3, n)] * 8, (3,), (3,), (3, 3), (3, 3), (6, n), (3, n + 1), (3, 3, n)]
+        return ArmValues(positions, *_split(out, shapes, positions))
 
     def coupled(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """C_bm and J* (6, n, ...), the end effector from the base's centre of mass (3, ...) [m]."""
-        shape = positions.shape
         out = kernel.coupled(self.tree, positions)
-        C_bm, J_star, tip = _split(out, [(6, *shape), (6, *shape), (3, *shape[1:])])
+        C_bm, J_star, tip = _split(out, [(6, self.n), (6, self.n), (3,)], positions)
         return C_bm, J_star, tip
 
     def manipulator_jacobian(self, positions: FloatArray) -> FloatArray:
@@ -175,16 +174,11 @@ class ArmStack:
         return kernel.reduced_inertia(self.tree, positions).reshape(self.n, *positions.shape)
 
 
-def _shapes(n: int) -> list[tuple[int, ...]]:
-    """Of the kernel's arrays, in the order of `ArmValues`."""
-    return [*[(3, n)] * 8, *[(3,)] * 2, *[(3, 3)] * 2, (6, n), (3, n + 1), (3, 3, n)]
-
-
-def _split(out: FloatArray, shapes: list[tuple[int, ...]]) -> list[FloatArray]:
-    """Rows of one array (..., B), apart in arrays of these shapes, which end in the stack's own axes."""
-    flat, parts, begin = out.reshape(-1), [], 0
+def _split(out: FloatArray, shapes: list[tuple[int, ...]], positions: FloatArray) -> list[FloatArray]:
+    """Rows of one array (rows, B), apart in arrays of these shapes and the stack's own axes."""
+    parts, begin = [], 0
     for shape in shapes:
         end = begin + math.prod(shape)
-        parts.append(flat[begin:end].reshape(shape))
+        parts.append(out[begin:end].reshape(*shape, *positions.shape[1:]))
         begin = end
     return parts
