@@ -196,8 +196,7 @@ Out cone_marches(const Tree& tree, int steps, const ConeMarch& by,
   expect(joints.shape(1) == n, "an array has a wrong shape");
   Out rates = new_array(count, steps, n);
   for (Size s = 0; s < count; ++s) {
-    cone_march(tree, steps, by, rotation ? &*rotation : nullptr, joints.data(),
-               of_numbers<Vec3<double>>(sides.data() + 3 * s),
+    cone_march(tree, steps, by, rotation, joints.data(), of_numbers<Vec3<double>>(sides.data() + 3 * s),
                rates.data() + s * static_cast<Size>(steps) * n);
   }
   return rates;

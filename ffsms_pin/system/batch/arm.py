@@ -100,9 +100,9 @@ class ArmStack:
     """
 
     def __init__(self, robot: Mechanism, mode: str = "floating") -> None:
-        #: Rows of C_bm that the mode leaves free; whether these let the base move, and turn.
+        #: Rows of C_bm that the mode leaves free; whether these let the base move.
         self.free_rows = list(MODES[mode])
-        self.moves, self.turns_freely = 0 in self.free_rows, 3 in self.free_rows
+        self.moves = 0 in self.free_rows
         self.robot = robot
         model, frame = robot.model, robot.model.frames[robot.frame_id]
         data = model.createData()
@@ -123,13 +123,6 @@ class ArmStack:
         # Exact where Pinocchio's Jacobian gives one of the frame's own axes to rounding: these turn faster.
         axes = [whole if np.linalg.norm(axis - (whole := np.rint(axis))) < 1e-14 else axis for axis in axes]
         self.offset = [place.translation.copy() for place in places]
-        #: Of the way from the root to the end effector along the joints, stretched [m].
-        self.length = float(np.linalg.norm(self.tip_in_last))
-        j = self.last
-        while j >= 0:
-            self.length += float(np.linalg.norm(self.offset[j]))
-            j = self.parents[j]
-        self.length = max(self.length, 1e-3)
         base = model.inertias[1]
         self.base_com = base.lever.copy()
         #: Of base and arm [kg].
@@ -141,6 +134,9 @@ class ArmStack:
         self.carries = np.array([[float(k in carried[j]) for j in range(n)] for k in joints])
         tip = self.carries[:, self.last] if self.last >= 0 else np.zeros(n)
         self.moves_tip = tip
+        steps = [self.tip_in_last, *(self.offset[j] for j in reversed(range(n)) if tip[j])]
+        #: Of the way from the root to the end effector along the joints, stretched [m].
+        self.length = max(sum(float(np.linalg.norm(step)) for step in steps), 1e-3)
         #: The same, as the kernel has it.
         turns = [place.rotation.ravel() for place in places]
         bodies = [model.inertias[j] for j in (1, *joints)]
@@ -150,7 +146,7 @@ class ArmStack:
             np.array([*frame.placement.rotation.ravel(), *self.tip_in_last]),
             self.last,
             self.moves,
-            self.turns_freely,
+            3 in self.free_rows,
         )
 
     def evaluate(self, positions: FloatArray) -> ArmValues:
