@@ -283,7 +283,7 @@ def sums(
     every, given = np.arange(len(motions.times)), []
     rows = [motions.joints, motions.rates, motions.base_attitude, motions.own_spin]
     if any("by_entropy" in one.residual.slopes for one in residuals):
-        rows.append(motions.entropy_slope)
+        rows.append(motions.entropy_and_slope[1])
     for residual, weight in residuals:
         (motion, instants), by = residual.where or (None, slice(None)), residual.slopes
         given.append((every[instants], motion, weight, residual.value, by))
