@@ -5,7 +5,18 @@ from __future__ import annotations
 from typing import Literal
 
 from ffsms_pin.scenarios.keys import Keys, angle, key, table
-from ffsms_pin.scenarios.values import Inertia, NotNegative, Numbers, Positive, Sizes3, Text, Vector3, Whole
+from ffsms_pin.scenarios.values import (
+    Inertia,
+    NotNegative,
+    Numbers,
+    Positive,
+    Share,
+    Sizes3,
+    Spans,
+    Text,
+    Vector3,
+    Whole,
+)
 
 __all__ = ["AlsoGoal", "ClientBody", "Contact", "Meeting", "ObstacleBody", "Sensor", "Target", "Waypoint"]
 
@@ -83,6 +94,10 @@ class Sensor(Keys):
     latency: NotNegative = key("s", "0.1", "age of a measurement when it arrives")
     period: Positive = key("s", "0.1", "between two of them")
     seed: Whole = key("", "0", "of the noise")
+    outliers: Share = key("", "0", "share of the measurements that are grossly wrong")
+    outlier_size: Positive = key("", "100", "how many times as large their noise is")
+    dropouts: Share = key("", "0", "share of the measurements that are lost")
+    hidden: Spans = key("s", "never", "pairs of times, from when to when nothing is seen")
 
 
 class ClientBody(Keys):
