@@ -36,7 +36,7 @@ from ffsms_pin.opt.terms import (
     WheelEnergy,
     WheelMomentum,
 )
-from ffsms_pin.opt.terms.paper import ideal_cosine, soft_assistance, step_cost
+from ffsms_pin.opt.terms.terms import ideal_cosine, soft_assistance, step_cost
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = [
