@@ -60,8 +60,5 @@ def page_path(name: str) -> Path:
     titles = page_titles()
     word = name.removeprefix("docs/").removesuffix(".md")
     if word not in titles:
-        guess = meant(word, list(titles))
-        raise InvalidValue(
-            "PAGE", name, f"must be one of {', '.join(titles)}" + (f"; {guess}" if guess else "")
-        )
+        raise InvalidValue("PAGE", name, f"must be one of {', '.join(titles)}{meant(word, titles, '; ')}")
     return _folder() / f"{word}.md"

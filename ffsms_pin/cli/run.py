@@ -19,10 +19,10 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import installed
 from ffsms_pin.scenarios import Outcome, Scenario, scenario, summary
 from ffsms_pin.scenarios import run as run_scenario
-from ffsms_pin.scenarios.client_motion import client_motion
 from ffsms_pin.scenarios.definition import save_scenario
 from ffsms_pin.scenarios.run import StageProgress, writes_files
 from ffsms_pin.storage import write_content
+from ffsms_pin.studies.client_motion import client_motion
 
 __all__ = ["run"]
 

@@ -3,11 +3,11 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from ffsms_pin.scenarios.client_motion import ClientMotion, client_motion
 from ffsms_pin.scenarios.closed_loop import Attempt
 from ffsms_pin.scenarios.definition import Scenario, scenario, scenario_names
 from ffsms_pin.scenarios.run import Outcome, Timing, run
 from ffsms_pin.scenarios.summary import summary
+from ffsms_pin.studies.client_motion import ClientMotion, client_motion
 
 if TYPE_CHECKING:
     from ffsms_pin.scenarios.comparisons import (

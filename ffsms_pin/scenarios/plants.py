@@ -17,8 +17,15 @@ from ffsms_pin.engine import Chunks, Table, collected, joined, run
 from ffsms_pin.engine.run import checked_jobs
 from ffsms_pin.errors import TaskError, TasksFailed
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.scenarios.closed_loop import ClosedLoop, attempt, planned, prepared, replanning
-from ffsms_pin.scenarios.conditions import control_steps, controller
+from ffsms_pin.scenarios.closed_loop import (
+    ClosedLoop,
+    attempt,
+    control_steps,
+    controller,
+    planned,
+    prepared,
+    replanning,
+)
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 from ffsms_pin.simulation import random_plants

@@ -14,14 +14,24 @@ from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.control import JointLaw
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Replanning, Trajectory
-from ffsms_pin.scenarios.capture import Captured, captured
-from ffsms_pin.scenarios.closed_loop import Attempt, attempt, planned, prepared
-from ffsms_pin.scenarios.conditions import control_steps, controller
+from ffsms_pin.scenarios.closed_loop import (
+    Attempt,
+    ClosedLoop,
+    attempt,
+    base_law,
+    control_steps,
+    controller,
+    planned,
+    prepared,
+)
 from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.fits import OF_COMPLIANCE
 from ffsms_pin.scenarios.keys import radians
+from ffsms_pin.scenarios.problems import meeting
 from ffsms_pin.simulation import Tracking, Watchdog
 from ffsms_pin.simulation.unfinished import check_stream
 from ffsms_pin.storage import check_writable, path_like, require_space
+from ffsms_pin.studies.capture import Captured, captured
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
@@ -136,7 +146,7 @@ def run(
                 partial(loop.run, loop.plan_once(trajectory), law, stage(progress, "plan once"))
             )
         if scenario.client is not None:
-            capture = captured(scenario, sms, trajectory, tracking, loop.options, stage(progress, "capture"))
+            capture = _capture(loop, trajectory, tracking, stage(progress, "capture"))
     return Outcome(
         scenario,
         sms,
@@ -148,6 +158,27 @@ def run(
         note,
         open_loop,
         capture,
+    )
+
+
+def _capture(
+    loop: ClosedLoop, plan: Trajectory, tracking: Tracking, progress: Callable[[float], None] | None
+) -> Captured:
+    """What becomes of the client, under [contact]."""
+    scenario, contact = loop.scenario, loop.scenario.contact
+    client = scenario.made_client(loop.sms)
+    compliance = {key: contact[key] for key in OF_COMPLIANCE if key in contact}
+    return captured(
+        loop.sms,
+        plan,
+        tracking,
+        client,
+        meeting(scenario.meet or {}, client),
+        lambda robot: (controller(scenario, robot), base_law(scenario.attitude, robot)),
+        loop.options,
+        compliance=compliance if contact.get("kind") == "compliant" else None,
+        **{key: contact[key] for key in ("torque_share", "after") if key in contact},
+        progress=progress,
     )
 
 

@@ -4,8 +4,20 @@ from __future__ import annotations
 
 from typing import Literal
 
-from ffsms_pin.scenarios.keys import Keys, angle, key, table
-from ffsms_pin.scenarios.values import Inertia, NotNegative, Numbers, Positive, Sizes3, Text, Vector3, Whole
+from ffsms_pin.scenarios.keys import (
+    Inertia,
+    Keys,
+    NotNegative,
+    Numbers,
+    Positive,
+    Sizes3,
+    Text,
+    Vector3,
+    Whole,
+    angle,
+    key,
+    table,
+)
 
 __all__ = ["AlsoGoal", "ClientBody", "Contact", "Meeting", "ObstacleBody", "Sensor", "Target", "Waypoint"]
 
