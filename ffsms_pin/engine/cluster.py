@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import IO, Any
 from uuid import uuid4
 
+from ffsms_pin.checks import whole
 from ffsms_pin.engine.interrupts import put_off, quiet
 from ffsms_pin.engine.worker import NOT_STARTED
 from ffsms_pin.errors import ClusterError, DependencyMissing, InvalidValue
 
-__all__ = ["Cluster", "check_installed", "connected", "embedded", "started", "usable_cores"]
+__all__ = ["Cluster", "check_installed", "checked_jobs", "connected", "embedded", "started", "usable_cores"]
 
 ALLOWED_FAILURES = 6  # deaths of workers that a task may have been assigned to; Dask's default is 3
 MOST_JOBS = 1024
@@ -57,6 +58,14 @@ def usable_cores() -> int:
     from dask.system import CPU_COUNT
 
     return int(CPU_COUNT)
+
+
+def checked_jobs(jobs: int | None) -> int:
+    """The number of workers that is asked for; by default one a core."""
+    jobs = usable_cores() if jobs is None else whole("jobs", jobs, 1)
+    if jobs > MOST_JOBS:
+        raise InvalidValue("jobs", jobs, f"must not exceed {MOST_JOBS}")
+    return jobs
 
 
 class Cluster:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, whole
 from ffsms_pin.engine import Chunks, Table, collected, joined, run
-from ffsms_pin.engine.run import checked_jobs
+from ffsms_pin.engine.cluster import checked_jobs
 from ffsms_pin.errors import TaskError, TasksFailed
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios.closed_loop import (
