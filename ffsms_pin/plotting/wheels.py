@@ -9,6 +9,7 @@ import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ffsms_pin import scenarios
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.errors import InvalidValue
@@ -17,7 +18,6 @@ from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
 from ffsms_pin.plotting.series import check_kinds, near_limits, plot_series
 from ffsms_pin.plotting.style import applied, legend_above, line, stack
 from ffsms_pin.scenarios import Outcome
-from ffsms_pin.scenarios.comparisons import ModeComparison
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.studies.modes import Strategy
@@ -134,12 +134,12 @@ def _alike(momentum: FloatArray) -> list[list[int]]:
     return groups
 
 
-def plot_modes(comparison: ModeComparison) -> Figure:
+def plot_modes(comparison: scenarios.ModeComparison) -> Figure:
     """A figure with three panels over time, one line a strategy.
 
     Largest wheel momentum, base rotation, and distance to the target; turning back comes after the plan.
     """
-    instance("comparison", comparison, ModeComparison)
+    instance("comparison", comparison, scenarios.ModeComparison)
     figure, (momentum, rotation, distance) = stack(3)
     with applied():
         for i, (name, one) in enumerate(comparison.found.items()):

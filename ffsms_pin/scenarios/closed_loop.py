@@ -15,8 +15,6 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import SimulationDiverged, SimulationStopped
 from ffsms_pin.models import load
 from ffsms_pin.opt.planning.plan import plan_problem
-from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.replan.replanning import Watching, first_sight
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH, STATION_KEEPING
 from ffsms_pin.scenarios.keys import DEGREES, radians
@@ -241,6 +239,9 @@ def replanning(
     Where the client has a sensor, what is planned for is its estimate. Waypoints without a time get that at
     which `plan` passes them: the loop cannot see what was passed.
     """
+    from ffsms_pin.opt.replan.options import ReplanOptions  # a plan made once does without
+    from ffsms_pin.opt.replan.replanning import Watching, first_sight
+
     seen = sensor(scenario)
     client = None if scenario.client is None else scenario.made_client(sms)
     estimate = None if client is None or seen is None else first_sight(client, seen)

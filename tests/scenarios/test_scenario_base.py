@@ -11,7 +11,7 @@ import pytest
 from condition_files import QUICK
 from rich.console import Console
 
-from ffsms_pin.cli.summary_table import summary_table
+from ffsms_pin.cli.run import summary_table
 from ffsms_pin.control import Coordinated, QuaternionFeedback
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
