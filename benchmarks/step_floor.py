@@ -41,7 +41,7 @@ PARTS: dict[str, tuple[Any, tuple[str, ...]]] = {
     "rows of the joint limits": (JointLimits, ("rows",)),
     "rows of the clearances": (Clearance, ("rows",)),
     "rows of the box": (AlphaBox, ("rows",)),
-    "direction, objective, all rows in alpha": (stepper, ("ideal_cosine", "programme_of", "add_terms")),
+    "direction, objective, all rows in alpha": (stepper, ("ideal_cosine", "programme_of")),
     "ProxQP, its active rows solved exactly": (StepSolver, ("solve",)),
 }
 REST = "the rest: rates, cosine, cost; reading the clock"

@@ -18,7 +18,6 @@ from Basilisk.utilities import RigidBodyKinematics, SimulationBaseClass, macros,
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.interchange.basilisk import ArmControl, to_basilisk
-from ffsms_pin.opt.replan.options import ReplanOptions
 
 seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 300.0
 approach, step = min(60.0, 0.5 * seconds), 0.02  # [s]
@@ -51,7 +50,7 @@ def fixture(t):
 sms = ffsms.load("satellite_panda")
 q0 = sms.configuration([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
 problem = opt.Problem(sms, q0, opt.Moving(fixture), duration=approach, dt=0.02)
-reference = opt.Replanning(problem, hold=max(seconds - approach, 0.0), options=ReplanOptions(period=0.5))
+reference = opt.Replanning(problem, hold=max(seconds - approach, 0.0), options=opt.ReplanOptions(period=0.5))
 
 # The same robot in Basilisk, its centre of mass on the orbit, and the client.
 robot = to_basilisk(sms, q0, position=place, velocity=flight, name="satellite")

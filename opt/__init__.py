@@ -21,6 +21,7 @@ from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.parts.reading import JointResidual, Residual
 from ffsms_pin.opt.planning.plan import METHODS, plan, plan_each, plan_many
 from ffsms_pin.opt.problem import Problem
+from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.replan.step_planner import StepPlanner
 from ffsms_pin.opt.step.programme import StepProblem, StepWeights
@@ -64,6 +65,7 @@ __all__ = [
     "Position",
     "Problem",
     "Propellant",
+    "ReplanOptions",
     "Replanning",
     "Residual",
     "Rows",

@@ -28,7 +28,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal, as_goal
 from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits, Limit, Obstacle, TorqueLimits, WheelLimits
 from ffsms_pin.opt.limits.limit import prepared
-from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
+from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.opt.motion.motions import ARRIVAL_SHARE, Motions
 from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import checked_parts

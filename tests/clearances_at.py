@@ -41,7 +41,9 @@ class Points(At):
     def __init__(self, sms: ffsms.SpaceManipulator) -> None:
         points = PointStack(sms)
         super().__init__(points)
-        self.first, self.second, self.outside = points.first, points.second, points.outside
+        between = points.ends[:, 1] >= 0
+        self.second, self.first = points.ends[between].T
+        self.outside = points.ends[~between, 0]
 
 
 def least_clearance(limit: opt.Clearance, motions: opt.Motions) -> tuple[float, str]:

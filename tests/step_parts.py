@@ -13,8 +13,8 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.joints import AlphaBox
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.step.march import March, march
-from ffsms_pin.opt.step.programme import StepWeights, programme_of
-from ffsms_pin.opt.step.state import StepState, WantedMotion, rate_bounds
+from ffsms_pin.opt.step.programme import StepWeights, WantedMotion, programme_of
+from ffsms_pin.opt.step.state import StepState, rate_bounds
 from ffsms_pin.opt.step.stepper import Stepper
 from ffsms_pin.system.base_motion import roll_out
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ffsms_pin.atlas.sampling import Sampling
 from ffsms_pin.checks import FloatArray, instance, matrix, vector
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
+from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.quantities import assistance, base_motion, pseudo_inverse
 

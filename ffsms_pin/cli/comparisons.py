@@ -18,8 +18,7 @@ from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_nu
 from ffsms_pin.control import LAWS
 from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting import save_formats
-from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_robustness
-from ffsms_pin.plotting.wheels import plot_modes
+from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_modes, plot_robustness
 from ffsms_pin.scenarios import Scenario, compare_laws, robustness, scenario
 from ffsms_pin.scenarios.comparisons import compare, compare_modes, comparison_numbers, law_numbers
 from ffsms_pin.scenarios.plants import robustness_numbers

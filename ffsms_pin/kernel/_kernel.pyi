@@ -12,8 +12,8 @@ Quadrature: TypeAlias = tuple[Array, Array, int]  # integral_to_points, integral
 class Tree:
     """The robot in plain numbers: at most 64 joints, parents first.
 
-    `joints` (n, 18): parent, turns, moves_tip, axis (3), offset (3), placement (9). `bodies` (n + 1, 13), the
-    base first: mass, lever (3), inertia about the centre of mass (9). `tip` (1, 12): place, attitude.
+    `joints` (n, 18): parent, turns, moves_tip, axis (3), attitude (9), place (3). `bodies` (n + 1, 13), the
+    base first: mass, lever (3), inertia about the centre of mass (9). `tip` (12,): attitude, place.
     """
 
     n: int
@@ -21,7 +21,7 @@ class Tree:
         self, joints: Array, bodies: Array, tip: Array, last: int, moves: bool, free: bool, /
     ) -> None: ...
 
-# bind_stacks.cpp: of (rows, ...), rows (.., B)
+# module.cpp: of (rows, ...), rows (.., B)
 def arm_values(tree: Tree, positions: Array, /) -> Array: ...
 def coupled(tree: Tree, positions: Array, /) -> Array: ...
 def manipulator_jacobian(tree: Tree, positions: Array, /) -> Array: ...
@@ -37,7 +37,7 @@ def singular_values(matrices: Array, vectors: bool, /) -> Array: ...
 def attitudes(start: Array, omega: Array, dt: float, /) -> Array: ...
 def roll_out(tree: Tree, start: Array, accelerations: Array, momentum: Array, dt: float, /) -> Array: ...
 def spline_attitudes(
-    quadrature: Quadrature, omega: Array, inverse: Array, start: Array, momentum: Array | None, /
+    quadrature: Quadrature, omega: Array, inverse: Array, start: Array, momentum: Array, /
 ) -> Array: ...
 def sums(
     tree: Tree, maps: Maps, quadrature: Quadrature, motions: Any, residuals: Sequence[Any], chosen: Any, /

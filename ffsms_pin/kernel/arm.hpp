@@ -11,26 +11,37 @@ namespace ffsms {
 
 constexpr int kMostJoints = 64;
 
+struct Placed {
+  Mat3<double> turn;
+  Vec3<double> origin;  // [m]
+};
+
+struct Momentum {
+  Vec3<double> linear, angular;  // inertial axes, about the system's centre of mass [N s, N m s]
+};
+
+struct Body {
+  double mass;           // [kg]
+  Vec3<double> lever;    // to the centre of mass, in its own frame [m]
+  Mat3<double> inertia;  // about that [kg m^2]
+};
+
 struct Joint {
-  int parent;              // index of the joint before it; -1: the base
-  bool turns;              // or slides
-  int own_axis;            // which axis of its own frame it turns about; -1: none of them
-  Mat3<double> placement;  // of its frame in its parent's: rotation
-  Vec3<double> offset;     // and origin [m]
-  Vec3<double> axis;       // of unit length, in its own frame
-  bool moves_tip;          // whether it carries the end effector
-  double mass;             // of its body [kg]
-  Vec3<double> lever;      // to the body's centre of mass, in its own frame [m]
-  Mat3<double> inertia;    // about that [kg m^2]
-  double carried_mass;     // of all that it carries [kg]
+  int parent;           // index of the joint before it; -1: the base
+  bool turns;           // or slides
+  int own_axis;         // which axis of its own frame it turns about; -1: none of them
+  Vec3<double> axis;    // of unit length, in its own frame
+  Placed place;         // of that frame in its parent's
+  bool moves_tip;       // whether it carries the end effector
+  Body body;            // that it carries
+  double carried_mass;  // of all that it carries [kg]
 };
 
 struct Tree {
   int n;  // number of joints, parents first
   Joint joints[kMostJoints];
-  int last;                  // the joint that carries the end effector; -1: the base
-  Vec3<double> tip_in_last;  // the end effector's place and attitude there
-  Mat3<double> tip_turn;
+  int last;                   // the joint that carries the end effector; -1: the base
+  Placed tip;                 // the end effector there
   double total_mass;          // [kg]
   Vec3<double> base_com;      // in root axes [m]
   Vec3<double> base_moment;   // the base's mass times that [kg m]
@@ -42,24 +53,23 @@ struct Tree {
 
 template <class T>
 struct Arm {
-  Mat3<T> rotation[kMostJoints];  // of the bodies
-  Vec3<T> origin[kMostJoints];
-  Vec3<T>
-      axis[kMostJoints];  // twist of the joints on a fixed base: angular, linear of the point at the origin
-  Vec3<T> velocity[kMostJoints];
-  Vec3<T> moment[kMostJoints];  // of all that a joint carries, about the origin: first moment, inertia
+  // Of the bodies, and of the joints and the end effector.
+  Mat3<T> rotation[kMostJoints], tip_rotation;
+  Vec3<T> origin[kMostJoints + 1], tip;
+  // Twist of the joints on a fixed base: angular, linear of the point at the origin.
+  Vec3<T> axis[kMostJoints], velocity[kMostJoints];
+  // Of all that a joint carries, about the origin: first moment, inertia.
+  Vec3<T> moment[kMostJoints];
   Mat3<T> inertia[kMostJoints];
-  Vec3<T> linear[kMostJoints];  // momentum on a fixed base, angular about the origin
-  Vec3<T> angular[kMostJoints];
-  Vec3<T> com;                // of the system; where the base's place is held, the base's own
-  Mat3<T> inverse;            // of the inertia about that; zero where the attitude is held
-  Vec3<T> spin[kMostJoints];  // of the root of the floating base: the momentum equation
-  Vec3<T> root[kMostJoints];
-  Vec3<T> tip;
-  Mat3<T> tip_rotation;
-  Vec3<T> tip_velocity[kMostJoints];  // on a fixed base
-  Vec3<T> jstar[kMostJoints];         // the base reacting: linear rows of J*
-  T coupling[6][kMostJoints];         // C_bm, of the base's centre of mass
+  // Momentum on a fixed base, angular about the origin.
+  Vec3<T> linear[kMostJoints], angular[kMostJoints];
+  Vec3<T> com;      // of the system; where the base's place is held, the base's own
+  Mat3<T> inverse;  // of the inertia about that; zero where the attitude is held
+  // Of the root of the floating base: the momentum equation.
+  Vec3<T> spin[kMostJoints], root[kMostJoints];
+  // Of the end effector, on a fixed base and the base reacting: J_m and J*.
+  Vec3<T> tip_velocity[kMostJoints], tip_spin[kMostJoints], jstar[kMostJoints], jstar_spin[kMostJoints];
+  T coupling[6 * kMostJoints];  // C_bm (6, n), of the base's centre of mass
 };
 
 // Turned about one of its own axes.
@@ -78,62 +88,56 @@ Mat3<T> turned(const Mat3<T>& placed, int axis, T sine, T cosine) {
 // Turned about any axis: Rodrigues' formula, placed (1 + sin K + (1 - cos) K^2).
 template <class T>
 Mat3<T> turned(const Mat3<T>& placed, const Vec3<double>& axis, T sine, T cosine) {
-  const Mat3<double> K = {{{0.0, -axis[2], axis[1]}, {axis[2], 0.0, -axis[0]}, {-axis[1], axis[0], 0.0}}};
-  const Mat3<T> once = placed * K, twice = once * K;
+  const Mat3<T> once = placed * skew(axis), twice = once * skew(axis);
   Mat3<T> out;
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) out[i][j] = placed[i][j] + sine * once[i][j] + (1.0 - cosine) * twice[i][j];
-  }
+  for (int i = 0; i < 3; ++i) out[i] = placed[i] + sine * once[i] + (1.0 - cosine) * twice[i];
   return out;
 }
 
-// Rotations, origins and twists of the joints on a fixed base.
+// Rotations, origins and twists of the joints on a fixed base, and the end effector.
 template <class T>
 void pose(const Tree& tree, const T* positions, Arm<T>& arm) {
+  const auto place = [&](int carrier, const Placed& there, Mat3<T>& rotation, Vec3<T>& origin) {
+    rotation = carrier < 0 ? Mat3<T>(there.turn) : arm.rotation[carrier] * there.turn;
+    origin = there.origin;
+    if (carrier >= 0) origin = arm.rotation[carrier] * there.origin + arm.origin[carrier];
+  };
   for (int j = 0; j < tree.n; ++j) {
     const Joint& joint = tree.joints[j];
     Mat3<T> placed;
-    Vec3<T> origin;
-    if (joint.parent < 0) {
-      placed = same<T>(joint.placement);
-      origin = same<T>(joint.offset);
-    } else {
-      placed = arm.rotation[joint.parent] * joint.placement;
-      origin = arm.rotation[joint.parent] * joint.offset + arm.origin[joint.parent];
-    }
+    place(joint.parent, joint.place, placed, arm.origin[j]);
     const Vec3<T> direction = placed * joint.axis;
     if (!joint.turns) {
       arm.rotation[j] = placed;
-      arm.origin[j] = origin + positions[j] * direction;
-      arm.axis[j] = zero3<T>();
+      arm.origin[j] += positions[j] * direction;
+      arm.axis[j] = {};
       arm.velocity[j] = direction;
       continue;
     }
     T s, c;
     sine_cosine(positions[j], s, c);
-    if (joint.own_axis >= 0) {
-      arm.rotation[j] = turned(placed, joint.own_axis, s * joint.axis[joint.own_axis], c);
-    } else {
-      arm.rotation[j] = turned(placed, joint.axis, s, c);
-    }
-    arm.origin[j] = origin;
+    const int own = joint.own_axis;
+    arm.rotation[j] =
+        own < 0 ? turned(placed, joint.axis, s, c) : turned(placed, own, s * joint.axis[own], c);
     arm.axis[j] = direction;
-    arm.velocity[j] = cross(origin, direction);
+    arm.velocity[j] = cross(arm.origin[j], direction);
   }
+  place(tree.last, tree.tip, arm.tip_rotation, arm.tip);
+  arm.origin[tree.n] = arm.tip;
 }
 
 // First moments and inertias about the origin: of the bodies, then of all that a joint carries, then of all.
 template <class T>
 void carry(const Tree& tree, Arm<T>& arm) {
   for (int j = 0; j < tree.n; ++j) {
-    const Joint& joint = tree.joints[j];
-    const Vec3<T> centre = arm.origin[j] + arm.rotation[j] * joint.lever;
-    arm.moment[j] = joint.mass * centre;
-    arm.inertia[j] = arm.rotation[j] * joint.inertia * transposed(arm.rotation[j]);
-    add_steiner(arm.inertia[j], T(joint.mass), centre);
+    const Body& body = tree.joints[j].body;
+    const Vec3<T> centre = arm.origin[j] + arm.rotation[j] * body.lever;
+    arm.moment[j] = body.mass * centre;
+    arm.inertia[j] = arm.rotation[j] * body.inertia * transposed(arm.rotation[j]);
+    add_steiner(arm.inertia[j], T(body.mass), centre);
   }
-  Vec3<T> moment = same<T>(tree.base_moment);
-  Mat3<T> inertia = same<T>(tree.base_inertia);
+  Vec3<T> moment = tree.base_moment;
+  Mat3<T> inertia = tree.base_inertia;
   for (int j = tree.n - 1; j >= 0; --j) {
     const int parent = tree.joints[j].parent;
     (parent < 0 ? moment : arm.moment[parent]) += arm.moment[j];
@@ -143,7 +147,7 @@ void carry(const Tree& tree, Arm<T>& arm) {
   add_steiner(inertia, T(-tree.total_mass), com);
   arm.com = com;
   if (!tree.moves) {
-    arm.com = same<T>(tree.base_com);
+    arm.com = tree.base_com;
     add_steiner(inertia, T(tree.total_mass), arm.com - com);
   }
   arm.inverse = tree.turns_freely ? inverse_symmetric(inertia) : Mat3<T>{};
@@ -169,26 +173,19 @@ template <class T>
 void evaluate(const Tree& tree, const T* positions, Arm<T>& arm) {
   pose(tree, positions, arm);
   carry(tree, arm);
-  if (tree.last < 0) {
-    arm.tip = same<T>(tree.tip_in_last);
-    arm.tip_rotation = same<T>(tree.tip_turn);
-  } else {
-    arm.tip = arm.origin[tree.last] + arm.rotation[tree.last] * tree.tip_in_last;
-    arm.tip_rotation = arm.rotation[tree.last] * tree.tip_turn;
-  }
-  const Vec3<T> base_com = same<T>(tree.base_com);
+  const Vec3<T> base_com = tree.base_com;
   for (int j = 0; j < tree.n; ++j) {
-    const Joint& joint = tree.joints[j];
-    const Vec3<T>&axis = arm.axis[j], &velocity = arm.velocity[j];
+    const bool moves_tip = tree.joints[j].moves_tip;
     momentum(tree, j, arm);
     react(tree, arm, arm.linear[j], arm.angular[j], arm.spin[j], arm.root[j]);
-    const Vec3<T> moved = velocity + cross(axis, arm.tip);
-    arm.tip_velocity[j] = joint.moves_tip ? moved : zero3<T>();
+    arm.tip_velocity[j] = moves_tip ? arm.velocity[j] + cross(arm.axis[j], arm.tip) : Vec3<T>{};
+    arm.tip_spin[j] = moves_tip ? arm.axis[j] : Vec3<T>{};
     arm.jstar[j] = arm.root[j] + cross(arm.spin[j], arm.tip) + arm.tip_velocity[j];
+    arm.jstar_spin[j] = arm.spin[j] + arm.tip_spin[j];
     const Vec3<T> base = arm.root[j] - cross(base_com, arm.spin[j]);
     for (int x = 0; x < 3; ++x) {
-      arm.coupling[x][j] = base[x];
-      arm.coupling[3 + x][j] = arm.spin[j][x];
+      arm.coupling[x * tree.n + j] = base[x];
+      arm.coupling[(3 + x) * tree.n + j] = arm.spin[j][x];
     }
   }
 }
@@ -198,16 +195,17 @@ void evaluate(const Tree& tree, const T* positions, Arm<T>& arm) {
 // H_m is the twist of joint i on the momentum of all that joint j carries, where i carries j too
 // (Featherstone's composite rigid bodies).
 template <class T>
-void reduced_inertia(const Tree& tree, const Arm<T>& arm, T (*H)[kMostJoints]) {
-  for (int j = 0; j < tree.n; ++j) {
-    for (int i = 0; i < tree.n; ++i)
-      H[j][i] = dot(arm.linear[j], arm.root[i]) + dot(arm.angular[j], arm.spin[i]);
+void reduced_inertia(const Tree& tree, const Arm<T>& arm, T* H) {
+  const int n = tree.n;
+  for (int j = 0; j < n; ++j) {
+    for (int i = 0; i < n; ++i)
+      H[j * n + i] = dot(arm.linear[j], arm.root[i]) + dot(arm.angular[j], arm.spin[i]);
   }
-  for (int j = 0; j < tree.n; ++j) {
+  for (int j = 0; j < n; ++j) {
     for (int i = j; i >= 0; i = tree.joints[i].parent) {
       const T carried = dot(arm.axis[i], arm.angular[j]) + dot(arm.velocity[i], arm.linear[j]);
-      H[i][j] += carried;
-      if (i != j) H[j][i] += carried;
+      H[i * n + j] += carried;
+      if (i != j) H[j * n + i] += carried;
     }
   }
 }

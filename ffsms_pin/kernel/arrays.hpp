@@ -1,14 +1,16 @@
-// Arrays that cross the border between Python and the headers: of doubles, components first, the stack last.
+// What crosses the border between Python and the headers: arrays of doubles, components first, the stack
+// last.
 #pragma once
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <algorithm>
 #include <cstring>
-#include <initializer_list>
 #include <stdexcept>
+#include <vector>
 
-#include "vec3.hpp"
+#include "arm.hpp"
 
 namespace ffsms {
 
@@ -20,8 +22,6 @@ template <class T, int... shape>                                      // -1: of 
 using Table = nb::ndarray<const T, nb::shape<shape...>, nb::c_contig, nb::device::cpu>;
 using Vector = Table<double, -1>;
 using Matrix = Table<double, -1, -1>;
-using Rotation = Table<double, 3, 3>;
-using Index = std::int64_t;
 using Indices = Table<Index, -1>;
 using Out = nb::ndarray<nb::numpy, double, nb::c_contig>;
 static_assert(sizeof(Pack) == kLanes * sizeof(double), "a pack is what lies in memory");
@@ -46,59 +46,48 @@ Out new_array(Sizes... sizes) {
   return Out(data, sizeof...(sizes), shape, owner);
 }
 
-// Reads the rows of `count` numbers one after the other, at one configuration or at those of a pack.
-struct Reader {
-  const double* row;
-  Size count;
-
-  template <class T>
-  void next(T* values, int n) {
-    for (int j = 0; j < n; ++j, row += count) std::memcpy(&values[j], row, sizeof(T));
-  }
-};
-
-// Writes them.
-struct Writer {
-  double* row;
-  Size count;
-
-  template <class T>
-  void put(const T* values, int n) {
-    for (int j = 0; j < n; ++j, row += count) std::memcpy(row, &values[j], sizeof(T));
-  }
-  template <class T>
-  void put(const Vec3<T>* columns, int n) {
-    for (int x = 0; x < 3; ++x) {
-      for (int j = 0; j < n; ++j) put(&columns[j][x], 1);
-    }
-  }
-  template <class T>
-  void put(const Mat3<T>* matrices, int n) {
-    for (int x = 0; x < 3; ++x) {
-      for (int y = 0; y < 3; ++y) {
-        for (int j = 0; j < n; ++j) put(&matrices[j][x][y], 1);
-      }
-    }
-  }
-};
-
-// Calls use(work, k) with work for packs of a stack, then, where fewer are left, for one configuration at a
-// time.
-template <template <class> class Work, class Use>
-void along(Size count, const Use& use) {
-  Size k = 0;
-  if (count >= kLanes) {
-    Work<Pack> work;
-    for (; k + kLanes <= count; k += kLanes) use(work, k);
-  }
-  Work<double> work;
-  for (; k < count; ++k) use(work, k);
+inline Out array_of(const double* values, Size count) {
+  Out out = new_array(count);
+  std::copy_n(values, count, out.data());
+  return out;
+}
+inline Out array_of(const std::vector<double>& values) { return array_of(values.data(), values.size()); }
+// Of a struct that is made of doubles alone.
+template <class Value>
+Out array_of(const Value& value) {
+  return array_of(reinterpret_cast<const double*>(&value), sizeof value / sizeof(double));
 }
 
+struct Box;
+struct RootPose;
+struct StepWeights;
+template <class Kind, class... Kinds>
+constexpr bool kOneOf = (std::is_same_v<Kind, Kinds> || ...);
+template <class Kind>
+constexpr bool kOfNumbers =
+    kOneOf<Kind, Vec3<double>, Mat3<double>, Placed, Momentum, Box, RootPose, StepWeights>;
+
 // What is bound, a file each.
-void bind_stacks(nb::module_& m);
 void bind_clearance(nb::module_& m);
 void bind_motions(nb::module_& m);
 void bind_step(nb::module_& m);
 
 }  // namespace ffsms
+
+namespace nanobind::detail {
+
+// What is made of doubles alone comes as a dense array of so many.
+template <class Kind>
+struct type_caster<Kind, enable_if_t<ffsms::kOfNumbers<Kind>>> {
+  NB_TYPE_CASTER(Kind, const_name("numpy.ndarray"))
+
+  bool from_python(handle given, uint8_t flags, cleanup_list* cleanup) noexcept {
+    make_caster<ffsms::In> array;
+    if (!array.from_python(given, flags, cleanup)) return false;
+    if (array.value.size() * sizeof(double) != sizeof value) return false;
+    std::memcpy(&value, array.value.data(), sizeof value);
+    return true;
+  }
+};
+
+}  // namespace nanobind::detail

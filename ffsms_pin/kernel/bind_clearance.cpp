@@ -1,6 +1,4 @@
 // Which parts of bodies may be near each other, and how distances change: for `opt/limits/clearance`.
-#include <vector>
-
 #include "arrays.hpp"
 #include "clearance.hpp"
 
@@ -25,20 +23,20 @@ struct ArmAt {
   bool move(Index k) {
     if (k == last) return false;
     double positions[kMostJoints];
-    Reader{joints.data() + k, joints.shape(1)}.next(positions, tree.n);
+    Reader<double>{joints.data() + k, joints.shape(1)}.next(positions, tree.n);
     pose(tree, positions, arm);
     last = k;
     return true;
   }
   // The base, a body of the arm, or an obstacle: these come after the joints, as the base sees them.
   Placed body(Index index) const {
-    if (index < 0) return {{{{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}}}, zero3<double>()};
+    if (index < 0) return {{{{{1.0, 0.0, 0.0}}, {{0.0, 1.0, 0.0}}, {{0.0, 0.0, 1.0}}}}, {}};
     if (index < tree.n) return {arm.rotation[index], arm.origin[index]};
     Placed found;
-    for (int x = 0; x < 3; ++x) {
-      found.origin[x] = origins(x, index - tree.n, last);
-      for (int y = 0; y < 3; ++y) found.turn[x][y] = turns(x, y, index - tree.n, last);
-    }
+    const Index m = index - tree.n;
+    const Size count = origins.shape(1) * origins.shape(2);
+    Reader<double>{&turns(0, 0, m, last), count}.next(&found.turn);
+    Reader<double>{&origins(0, m, last), count}.next(&found.origin);
     return found;
   }
 };
@@ -61,10 +59,11 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
   const auto* corner = reinterpret_cast<const Vec3<double>*>(corners.data());
   const auto hull = [&](Index p) {
     const double* round = rounds.data() + 5 * p;
-    return Hull{corner + begins(p), begins(p + 1) - begins(p), round[0], round[1], vector_at(round + 2)};
+    return Hull{corner + begins(p), begins(p + 1) - begins(p), round[0], round[1],
+                of_numbers<Vec3<double>>(round + 2)};
   };
   std::vector<Placed> placed(bodies.shape(0)), seen;
-  std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), zero3<double>());
+  std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), Vec3<double>{});
   std::vector<std::pair<double, Index>> close;  // pairs of parts that may be near, and bounds
   const Size size = columns.shape(0);
   Out distance = new_array(size), points = new_array(size, 3, 3);
@@ -120,25 +119,18 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
 }
 
 // Distances (V) and nearest points (V, 3, 3) of the paper's points: `ends` are joints' origins in their
-// order, then the end effector, and what they are apart from is another point, or the box (-1). `box` (5, 3):
-// three rows of its rotation, its centre, half of its sides.
+// order, then the end effector, and what they are apart from is another point, or the box (-1).
 nb::tuple near_points(const Tree& tree, Matrix joints, Indices columns, Indices at, Table<Index, -1, 2> ends,
-                      Table<double, 5, 3> box) {
+                      const Box& box) {
   ArmAt seen(tree, joints);
-  Box around;
-  std::memcpy(&around, box.data(), sizeof around);
   const Size size = columns.shape(0);
   Out distance = new_array(size), points = new_array(size, 3, 3);
   for (Size v = 0; v < size; ++v) {
     seen.move(at(v));
-    const auto point = [&](Index i) {
-      if (i < tree.n) return seen.arm.origin[i];
-      const Placed last = seen.body(tree.last);
-      return last.origin + last.turn * tree.tip_in_last;
-    };
     const Index there = ends(columns(v), 0), here = ends(columns(v), 1);
-    Nearest found = {here < 0 ? zero3<double>() : point(here), point(there), zero3<double>()};
-    distance.data()[v] = here < 0 ? from_box(around, found) : from_point(found);
+    Nearest found = {{}, seen.arm.origin[there], {}};
+    if (here >= 0) found.here = seen.arm.origin[here];
+    distance.data()[v] = here < 0 ? from_box(box, found) : from_point(found);
     std::memcpy(points.data() + 9 * v, &found, sizeof found);
   }
   return nb::make_tuple(distance, points);
@@ -157,15 +149,13 @@ nb::tuple distance_slopes(const Tree& tree, Matrix joints, Table<Index, -1, 3> b
   for (Size v = 0; v < size; ++v) {
     seen.move(at(v));
     const Index* pair = bodies.data() + 3 * columns(v);
-    Nearest found;
-    std::memcpy(&found, points.data() + 9 * v, sizeof found);
+    auto found = of_numbers<Nearest>(points.data() + 9 * v);
     const Placed body = seen.body(pair[2]);
     found = {body.origin + body.turn * found.here, body.origin + body.turn * found.there,
              body.turn * found.normal};
     add_slopes(tree, seen.arm, pair[1], found.there, found.normal, 1.0, gradient.data() + v, count);
     add_slopes(tree, seen.arm, pair[0], found.here, found.normal, -1.0, gradient.data() + v, count);
-    const Vec3<double>* rows = &found.here;
-    for (Size i = 0; i < 9; ++i) placed.data()[i * size + v] = rows[i / 3][static_cast<int>(i % 3)];
+    Writer<double>{placed.data() + v, size}.put(&found);
   }
   return nb::make_tuple(gradient, placed);
 }

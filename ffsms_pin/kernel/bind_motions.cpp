@@ -27,27 +27,15 @@ using GivenResidual =
   throw std::invalid_argument(name + " of a residual or a motion has a wrong shape");
 }
 
-// Sizes of an array along its axes; zero: it has no such axis. An axis of one repeats.
-struct Shape {
-  Size row, component, joint, motion, instant;
-};
-
-// The first row; `row` is how far the next one lies.
-Strided strided(const Slope& array, const Shape& shape, const char* name, std::ptrdiff_t& row) {
+// An array of these sizes; zero: it has no such axis. An axis of one repeats.
+Strided strided(const Slope& array, const Size (&sizes)[5], const char* name) {
+  Strided out = {array.data(), {}};
   Size axis = array.ndim();
-  const auto step = [&](Size size) -> std::ptrdiff_t {
-    if (size == 0) return 0;
-    if (axis == 0 || (array.shape(axis - 1) != size && array.shape(axis - 1) != 1)) wrong(name);
-    --axis;
-    return array.shape(axis) == 1 ? 0 : array.stride(axis);
-  };
-  Strided out;
-  out.data = array.data();
-  out.instant = step(shape.instant);
-  out.motion = step(shape.motion);
-  out.joint = step(shape.joint);
-  out.component = step(shape.component);
-  row = step(shape.row);
+  for (int i = 5; i-- > 0;) {
+    if (sizes[i] == 0) continue;
+    if (axis-- == 0 || (array.shape(axis) != sizes[i] && array.shape(axis) != 1)) wrong(name);
+    if (array.shape(axis) != 1) out.step[i] = array.stride(axis);
+  }
   if (axis != 0) wrong(name);
   return out;
 }
@@ -66,15 +54,15 @@ const Index* checked(const Indices& array, Size count, Size end, const char* nam
 // Attitudes (9, 2 N + 1) at the nodes and in the middles of N steps, of angular velocities (3, 2 N + 1) in
 // base axes there: Simpson's rule and one bracket, and over a first half the parabola through the same
 // points.
-Out attitudes(const Rotation& start, const Table<double, 3, -1>& omega, double dt) {
+Out attitudes(const Mat3<double>& start, const Table<double, 3, -1>& omega, double dt) {
   const Size count = omega.shape(1);
   Out out = new_array(9, count);
-  const auto put = [&](const Mat3<double>& R, Size k) { Writer{out.data() + k, count}.put(&R, 1); };
-  Mat3<double> R = matrix_at(start.data());
+  const auto put = [&](const Mat3<double>& R, Size k) { Writer<double>{out.data() + k, count}.put(&R); };
+  Mat3<double> R = start;
   put(R, 0);
   for (Size k = 0; k + 2 < count; k += 2) {
     Vec3<double> w[3];
-    for (Size i = 0; i < 3; ++i) Reader{omega.data() + k + i, count}.next(w[i].v, 3);
+    for (Size i = 0; i < 3; ++i) Reader<double>{omega.data() + k + i, count}.next(&w[i]);
     put(R * exp3((dt / 24.0) * (5.0 * w[0] + 8.0 * w[1] - w[2]) + (dt * dt / 48.0) * cross(w[0], w[1])),
         k + 1);
     R = R * exp3((dt / 6.0) * (w[0] + 4.0 * w[1] + w[2]) + (dt * dt / 12.0) * cross(w[0], w[2]));
@@ -83,21 +71,22 @@ Out attitudes(const Rotation& start, const Table<double, 3, -1>& omega, double d
   return out;
 }
 
-// A system under joint accelerations (n, N), each held for dt, with momentum (6) in inertial axes, the
-// angular part about its centre of mass. States (12 + 2 n, N + 1) at the nodes: attitude and place of the
-// root, joint positions and rates; `start` is the first.
-Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
-             const Table<double, 6>& momentum, double dt) {
+// A system under joint accelerations (n, N), each held for dt, with momentum. States (12 + 2 n, N + 1) at the
+// nodes: attitude and place of the root, joint positions and rates; `start` is the first.
+Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations, const Momentum& momentum,
+             double dt) {
   const int n = tree.n, rows = 12 + 2 * n;
-  const Size joints = static_cast<Size>(n), steps = accelerations.shape(1), nodes = steps + 1;
-  expect(accelerations.shape(0) == joints && start.size() == 12 + 2 * joints, "an array has a wrong shape");
+  const Size steps = accelerations.shape(1), nodes = steps + 1;
+  expect(accelerations.shape(0) == static_cast<Size>(n), "an array has a wrong shape");
+  expect_size(start, static_cast<Size>(rows));
   Out out = new_array(rows, nodes);
-  Mat3<double> R = matrix_at(start.data());
-  const Vec3<double> linear = vector_at(momentum.data()), angular = vector_at(momentum.data() + 3);
+  Writer<double>{out.data(), nodes}.put(start.data(), rows);
+  Placed root;
   double q[kMostJoints] = {}, u[kMostJoints] = {}, a[kMostJoints] = {};
-  std::copy_n(start.data() + 12, n, q);
-  std::copy_n(start.data() + 12 + n, n, u);
-  Writer{out.data(), nodes}.put(start.data(), rows);
+  Reader<double> read = {start.data(), 1};
+  read.next(&root);
+  read.next(q, n);
+  read.next(u, n);
   const auto half_a_step = [&] {
     for (int j = 0; j < n; ++j) {
       q[j] += 0.5 * dt * (u[j] + 0.25 * dt * a[j]);
@@ -106,19 +95,18 @@ Out roll_out(const Tree& tree, const Vector& start, const Matrix& accelerations,
   };
   Arm<double> arm;
   Spin first = spin_at(tree, q, u, arm);
-  Vec3<double> com = vector_at(start.data() + 9) + R * arm.com;
+  Vec3<double> com = root.origin + root.turn * arm.com;
   for (Size k = 0; k < steps; ++k) {
-    Reader{accelerations.data() + k, steps}.next(a, n);
+    Reader<double>{accelerations.data() + k, steps}.next(a, n);
     half_a_step();
     const Spin middle = spin_at(tree, q, u, arm);
     half_a_step();
     const Spin last = spin_at(tree, q, u, arm);
-    R = tumbled(R, first, middle, last, angular, dt);
-    com += dt * tree.inverse_mass * linear;
-    const Vec3<double> place = com - R * arm.com;
-    Writer write = {out.data() + k + 1, nodes};
-    write.put(&R, 1);
-    write.put(&place, 1);
+    root.turn = tumbled(root.turn, first, middle, last, momentum.angular, dt);
+    com += dt * tree.inverse_mass * momentum.linear;
+    root.origin = com - root.turn * arm.com;
+    Writer<double> write = {out.data() + k + 1, nodes};
+    write.put(&root);
     write.put(q, n);
     write.put(u, n);
     first = last;
@@ -133,33 +121,26 @@ Quadrature quadrature_of(const GivenQuadrature& given) {
   return {static_cast<int>(intervals), static_cast<int>(gauss), late, to_points.data(), over.data()};
 }
 
-// Attitudes (9) of the base along S motions of a spline, and what momentum adds to its angular velocity (3):
-// rows (12, S K). Given that of the joint rates (3, S, K) and the inverse inertia (3, 3, S, K).
+// Attitudes (9) of the base along S motions of a spline, and what angular momentum adds to its spin (3): rows
+// (12, S K). Given the spin of the joint rates (3, S, K) and the inverse inertia (3, 3, S, K).
 Out spline_attitudes(const GivenQuadrature& quadrature, const In& omega, const In& inverse,
-                     const Rotation& start, const std::optional<Table<double, 3>>& momentum) {
+                     const Mat3<double>& start, const Vec3<double>& momentum) {
   const Quadrature by = quadrature_of(quadrature);
   const Size K = static_cast<Size>(by.instants()), count = omega.size() / 3;
   expect(omega.size() == 3 * count && count % K == 0 && inverse.size() == 9 * count,
          "an array has a wrong shape");
   Out out = new_array(12, count);
-  const Mat3<double> first = matrix_at(start.data());
-  std::vector<Vec3<double>> reaction(K), own(K, zero3<double>()), spins(K);
-  std::vector<Mat3<double>> turned(K), before(K), inverses(K);
   for (Size begin = 0; begin < count; begin += K) {
+    std::vector<Turning> at(K);
     for (Size k = 0; k < K; ++k) {
-      Reader{omega.data() + begin + k, count}.next(reaction[k].v, 3);
-      Reader{inverse.data() + begin + k, count}.next(inverses[k][0], 9);
+      Reader<double>{omega.data() + begin + k, count}.next(&at[k].reaction);
+      Reader<double>{inverse.data() + begin + k, count}.next(&at[k].inverse);
     }
-    if (momentum) {
-      drifting_attitudes(by, first, reaction.data(), inverses.data(), vector_at(momentum->data()),
-                         turned.data(), own.data(), spins.data(), before.data());
-    } else {
-      base_attitudes(by, first, reaction.data(), turned.data());
-    }
+    base_attitudes(by, start, momentum, at.data());
     for (Size k = 0; k < K; ++k) {
-      Writer write = {out.data() + begin + k, count};
-      write.put(&turned[k], 1);
-      write.put(&own[k], 1);
+      Writer<double> write = {out.data() + begin + k, count};
+      write.put(&at[k].attitude);
+      write.put(&at[k].own);
     }
   }
   return out;
@@ -175,41 +156,26 @@ SplineMaps maps_of(const GivenMaps& given, Size instants) {
   return {static_cast<int>(travel.shape(1)), {travel.data(), rates.data(), accelerations.data()}};
 }
 
-// Residuals of one feature, each of its components.
-void add_residuals(const GivenResidual& given, Size n, Size motions, Size instants,
-                   std::vector<Residual>& out) {
+Residual residual_of(const GivenResidual& given, Size n, Size motions, Size instants) {
   const auto& [at, motion, weight, value, slopes] = given;
-  const Size count = weight.size(), S = motion ? 1 : motions;
-  const Size components = value.ndim() == 3 ? value.shape(0) : 0;
-  if (count == 0) return;
-  Residual first = {};
-  first.count = static_cast<std::ptrdiff_t>(count);
-  first.instants = checked(at, count, instants, "instants");
-  first.motion = motion ? checked(*motion, count, motions, "motion") : nullptr;
-  first.weight = weight.data();
-  std::ptrdiff_t value_step, steps[kSlopes] = {};
-  first.value = strided(value, {components, 0, 0, S, count}, "value", value_step);
+  const Size count = weight.size(), S = motion ? 1 : motions, rows = value.ndim() == 3 ? value.shape(0) : 0;
+  Residual out = {};
+  out.rows = std::max<Index>(static_cast<Index>(rows), 1);
+  out.count = static_cast<Index>(count);
+  out.instants = checked(at, count, instants, "instants");
+  out.motion = motion ? checked(*motion, count, motions, "motion") : nullptr;
+  out.weight = weight.data();
+  if (count == 0) return out;
+  out.value = strided(value, {rows, 0, 0, S, count}, "value");
   for (int i = 0; i < kSlopes; ++i) {
     const auto found = slopes.find(kNames[i]);
     if (found == slopes.end()) continue;
-    Shape shape = {components, 0, 0, S, count};
-    if (i < kVectors) shape.component = 3;
-    if (i == kCoupling) shape.component = 6;
-    if ((i >= kVectors && i < kOwnJoint) || i == kCoupling) shape.joint = n;
-    first.by[i] = strided(found->second, shape, kNames[i], steps[i]);
-    expect(i < kOwnJoint || i >= kEntropy || components == n,
-           "slopes by own joints are of one number a joint");
+    const bool all = (i >= kVectors && i < kOwnJoint) || i == kCoupling;
+    const Size components = i < kVectors ? 3 : i == kCoupling ? 6 : 0;
+    out.by[i] = strided(found->second, {rows, components, all ? n : 0, S, count}, kNames[i]);
+    expect(i < kOwnJoint || i >= kEntropy || rows == n, "slopes by own joints are of one number a joint");
   }
-  for (Size c = 0; c < std::max<Size>(components, 1); ++c) {
-    Residual one = first;
-    const auto row = static_cast<std::ptrdiff_t>(c);
-    one.joint = static_cast<int>(c);
-    one.value.data += row * value_step;
-    for (int i = 0; i < kSlopes; ++i) {
-      if (one.by[i]) one.by[i].data += row * steps[i];
-    }
-    out.push_back(one);
-  }
+  return out;
 }
 
 // Gradients (T, M n) and Hessians (T, M n, M n) of T chosen motions.
@@ -224,20 +190,17 @@ nb::tuple sums(const Tree& tree, const GivenMaps& maps, const GivenQuadrature& q
   if (joints.size() != n * S * K || rates.size() != joints.size() || attitude.size() != 9 * stack ||
       own_spin.size() != 3 * stack || (entropy_slope && entropy_slope->size() != 6 * n * stack))
     wrong("an array");
-  const MotionArrays arrays = {joints.data(),
-                               rates.data(),
-                               attitude.data(),
-                               own_spin.data(),
-                               entropy_slope ? entropy_slope->data() : nullptr,
-                               static_cast<std::ptrdiff_t>(stack)};
+  const double* entropy = entropy_slope ? entropy_slope->data() : nullptr;
+  const MotionArrays arrays = {joints.data(), rates.data(), attitude.data(), own_spin.data(), entropy, stack};
   std::vector<Residual> values;
-  for (const auto& one : residuals) add_residuals(one, n, S, K, values);
+  for (const auto& one : residuals) values.push_back(residual_of(one, n, S, K));
   const Size count = chosen.shape(0);
   checked(chosen, count, S, "a chosen motion");
   Out gradient = new_array(count, size), hessian = new_array(count, size, size);
   std::fill_n(gradient.data(), gradient.size(), 0.0);
   std::fill_n(hessian.data(), hessian.size(), 0.0);
-  Sums all(tree, arrays, spline, by);
+  std::vector<double> room(Sums::needed(tree, spline, by));
+  Sums all(tree, arrays, spline, by, room.data());
   for (Size i = 0; i < count; ++i)
     all.add(chosen(i), values, gradient.data() + i * size, hessian.data() + i * size * size);
   return nb::make_tuple(gradient, hessian);
@@ -246,19 +209,28 @@ nb::tuple sums(const Tree& tree, const GivenMaps& maps, const GivenQuadrature& q
 // -- marches
 
 // Joint rates (S, steps, n) of marches to the sides (S, 3). `joints` are positions, limits and greatest rates
-// (4, n); `places` the target, the centre of mass and its drift (3, 3).
+// (4, n); `places` the target, the centre of mass and its drift.
 Out cone_marches(const Tree& tree, int steps, double duration, double kappa, double mean_speed,
-                 double damping, const Table<double, 4, -1>& joints, const Rotation& places,
-                 const Rotation& attitude, const std::optional<Rotation>& rotation,
+                 double damping, const Table<double, 4, -1>& joints, const Mat3<double>& places,
+                 const Mat3<double>& attitude, const std::optional<Mat3<double>>& rotation,
                  const Table<double, -1, 3>& sides) {
   const Size n = static_cast<Size>(tree.n), count = sides.shape(0);
   expect(joints.shape(1) == n, "an array has a wrong shape");
   Out rates = new_array(count, steps, n);
-  const double* turned = rotation ? rotation->data() : nullptr;
-  const ConeMarch by = {duration,      steps,         kappa,           mean_speed, damping,
-                        joints.data(), places.data(), attitude.data(), turned};
+  const ConeMarch by = {duration,
+                        steps,
+                        kappa,
+                        mean_speed,
+                        damping,
+                        joints.data(),
+                        places[0],
+                        places[1],
+                        places[2],
+                        attitude,
+                        rotation ? &*rotation : nullptr};
   for (Size s = 0; s < count; ++s) {
-    cone_march(tree, by, vector_at(sides.data() + 3 * s), rates.data() + s * static_cast<Size>(steps) * n);
+    const auto side = of_numbers<Vec3<double>>(sides.data() + 3 * s);
+    cone_march(tree, by, side, rates.data() + s * static_cast<Size>(steps) * n);
   }
   return rates;
 }

@@ -1,74 +1,63 @@
 // Python's view of step.hpp: plain arrays in, new arrays out.
 #include <nanobind/stl/optional.h>
-
-#include <optional>
-#include <vector>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
 
 #include "arrays.hpp"
 #include "entropy.hpp"
 #include "step.hpp"
 
 namespace ffsms {
+
+struct RootPose {
+  Vec3<double> place;
+  double x, y, z, w;  // the quaternion
+};
+
 namespace {
 
-using View = nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>;  // in any order
-using Triple = Table<double, 3>;
 using Twist = Table<double, 6>;
-using Jacobian = Table<double, 6, -1>;
+// Of one limit, lower <= G u <= upper, G in any order; and how much the slack gives.
+using Rows = std::tuple<nb::ndarray<const double, nb::ndim<2>, nb::device::cpu>, Vector, Vector, double>;
 
-Out array_of(const std::vector<double>& values) {
-  Out out = new_array(values.size());
-  std::copy(values.begin(), values.end(), out.data());
-  return out;
-}
+// What a step is written from besides columns and V: see opt/step/state.py.
+struct State {
+  Vec3<double> tip, com;
+  Momentum drift, tip_drift;  // twists
+  Mat3<double> tip_rotation;
+  double entropy;
+};
 
-// What a step is written from, of a root pose (x, y, z, quaternion): see opt/step/state.py. First columns
-// (6, n), reaction, J* and J_m; then V (n, n); then places, twists, the end effector's attitude, and
-// the paper's entropy.
-nb::tuple step_state(const Tree& tree, const Table<double, 7>& root, const Vector& joints,
-                     const std::optional<Twist>& momentum) {
+// First columns (6, n), reaction, J* and J_m; then V (n, n); then the state.
+nb::tuple step_state(const Tree& tree, const RootPose& root, const Vector& joints,
+                     const std::optional<Momentum>& momentum) {
   const int n = tree.n;
   expect(joints.shape(0) == static_cast<Size>(n), "an array has a wrong shape");
   Arm<double> arm;
   evaluate(tree, joints.data(), arm);
-  const double x = root(3), y = root(4), z = root(5), w = root(6);
-  const Mat3<double> R = {{{1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)},
-                           {2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)},
-                           {2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}}};
-  Out columns = new_array(3, 6, n), basis = new_array(n, n), more = new_array(28);
-  double A[kMostJoints * 6], V[kMostJoints * kMostJoints], sigma[kMostJoints];
+  const auto [place, x, y, z, w] = root;
+  const Mat3<double> R = {{{{1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)}},
+                           {{2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)}},
+                           {{2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}}}};
+  Out columns = new_array(3, 6, n), basis = new_array(n, n);
+  double V[kMostJoints * kMostJoints], sigma[kMostJoints];
   for (int j = 0; j < n; ++j) {
-    Writer write = {columns.data() + j, static_cast<Size>(n)};
-    const Vec3<double> turning = tree.joints[j].moves_tip ? arm.axis[j] : zero3<double>();
-    for (const Vec3<double>& column : {arm.root[j], arm.spin[j], R * arm.jstar[j],
-                                       R * (arm.spin[j] + turning), R * arm.tip_velocity[j], R * turning}) {
-      write.put(&column, 1);
-    }
-    for (int i = 0; i < 6; ++i) A[j * 6 + i] = arm.coupling[i][j];
+    Writer<double> write = {columns.data() + j, static_cast<Size>(n)};
+    for (const Vec3<double>& column : {arm.root[j], arm.spin[j], R * arm.jstar[j], R * arm.jstar_spin[j],
+                                       R * arm.tip_velocity[j], R * arm.tip_spin[j]})
+      write.put(&column);
   }
   // Singular values depend on the reference point, the base's centre of mass, and not on the axes.
-  decompose(6, n, A, 6, V, sigma);
-  sort(n, sigma, V);
-  Writer rows = {basis.data(), 1};
-  for (int i = 0; i < n; ++i) {
-    for (int j = 0; j < n; ++j) rows.put(&V[j * n + i], 1);
-  }
-  Vec3<double> spin = zero3<double>(), moving = spin;
-  if (momentum) {
-    const Mat3<double> back = transposed(R);
-    spin = arm.inverse * (back * vector_at(momentum->data() + 3));
-    moving = (1.0 / tree.total_mass) * (back * vector_at(momentum->data())) + cross(arm.com, spin);
-  }
-  Writer write = {more.data(), 1};
-  for (const Vec3<double>& one : {vector_at(root.data()) + R * arm.tip, arm.com, moving, spin,
-                                  R * (moving + cross(spin, arm.tip)), R * spin}) {
-    write.put(&one, 1);
-  }
-  const Mat3<double> attitude = R * arm.tip_rotation;
-  const double entropy = normalised_entropy(sigma, n);
-  write.put(&attitude, 1);
-  write.put(&entropy, 1);
-  return nb::make_tuple(columns, basis, more);
+  singular_values(6, n, arm.coupling, V, sigma);
+  for (int i = 0; i < n * n; ++i) basis.data()[i] = V[i % n * n + i / n];
+  const auto [linear, angular] = momentum.value_or(Momentum{});
+  const Mat3<double> back = transposed(R);
+  const Vec3<double> spin = arm.inverse * (back * angular);
+  const Vec3<double> moving = (1.0 / tree.total_mass) * (back * linear) + cross(arm.com, spin);
+  const State state = {place + R * arm.tip,  arm.com,
+                       {moving, spin},       {R * (moving + cross(spin, arm.tip)), R * spin},
+                       R * arm.tip_rotation, normalised_entropy(sigma, n)};
+  return nb::make_tuple(columns, basis, array_of(state));
 }
 
 // Least and greatest rates (2, n) at the step's end, of limits (4, n): lower, upper, velocity, acceleration.
@@ -85,51 +74,9 @@ Out rate_bounds(const Table<double, 4, -1>& limits, const Vector& joints, const 
   return bounds;
 }
 
-// Unit vectors to the target and along the wanted motion, its side, the wanted spin, and the speed (13,): see
-// `WantedMotion`. J is J* (6, n), `rotation` the wanted attitude (3, 3).
-Out wanted_motion(const Triple& way, const std::optional<Rotation>& rotation, const Rotation& attitude,
-                  const Jacobian& J, const Vector& rates, const Twist& drift, const Vector& acceleration,
-                  const Triple& side, double cosine, double time_left, double dt) {
-  const int n = static_cast<int>(rates.shape(0));
-  const auto reached = [&](double left, const Vec3<double>& direction, int row) {
-    return reached_speed(left, direction, J.data() + row * n, rates.data(), drift.data() + row,
-                         acceleration.data(), n, time_left, dt);
-  };
-  Vec3<double> towards = vector_at(way.data()), lateral = vector_at(side.data());
-  Vec3<double> direction = zero3<double>(), spin = direction;
-  const double distance = std::sqrt(dot(towards, towards));
-  double speed = 0.0;
-  if (distance < 1e-12) {
-    towards = direction;
-  } else {
-    towards = towards / distance;
-    if (dot(lateral, lateral) == 0.0) {  // the side on which the end effector is moving
-      for (int i = 0; i < 3; ++i) lateral[i] = dot(J.data() + i * n, rates.data(), n) + drift(i);
-    }
-    lateral = lateral_direction(towards, lateral);
-    direction = cosine * towards + std::sqrt(std::max(0.0, 1.0 - cosine * cosine)) * lateral;
-    // A path at a constant angle to the direction of the target is 1 / cos longer than the straight one. One
-    // step goes half of the way to the point of a straight step that is nearest to the target at most: a
-    // longer step at an angle to the target would go round it instead of nearing it.
-    const double along = std::max(cosine, kLeastApproach);
-    speed = std::min(reached(distance / along, direction, 0), 0.5 * distance * along / dt);
-  }
-  if (rotation) {
-    const Vec3<double> turn = log3(matrix_at(rotation->data()) * transposed(matrix_at(attitude.data())));
-    const double angle = std::sqrt(dot(turn, turn));
-    // Nearer than that it is rounding.
-    if (angle >= 1e-12) spin = reached(angle, turn / angle, 3) * (turn / angle);
-  }
-  Out out = new_array(13);
-  Writer write = {out.data(), 1};
-  for (const Vec3<double>& one : {towards, direction, lateral, spin}) write.put(&one, 1);
-  write.put(&speed, 1);
-  return out;
-}
-
-// A (m, n + 2), low and up of a programme low <= A x <= up, from the (G, lower, upper, give) of limits. The
-// last two rows are s >= 0 and slack >= 0.
-nb::tuple stacked_rows(const Matrix& V, const nb::sequence& limits) {
+// A (m, n + 2), low and up of a programme low <= A x <= up, from the rows of limits. The last two are s >= 0
+// and slack >= 0.
+nb::tuple stacked_rows(const Matrix& V, const std::vector<Rows>& limits) {
   const Size n = V.shape(0), size = n + 2;
   std::vector<double> A, low, up;
   const auto add = [&](double least, double most) {
@@ -138,27 +85,21 @@ nb::tuple stacked_rows(const Matrix& V, const nb::sequence& limits) {
     A.resize(A.size() + size, 0.0);
     return &A[A.size() - size];
   };
-  for (nb::handle one : limits) {
-    const auto G = nb::cast<View>(one[0]);
-    const auto lower = nb::cast<Vector>(one[1]), upper = nb::cast<Vector>(one[2]);
-    const double give = nb::cast<double>(one[3]);
-    const auto add_row = [&](Size r, double least, double most, double slack) {
-      double* row = add(least, most);
-      for (Size j = 0; j < n; ++j) {
-        const double g = G(r, j);
-        for (Size c = 0; g != 0.0 && c < n; ++c) row[c] += g * V(j, c);
-      }
-      row[n + 1] = slack;
-    };
+  for (const auto& [G, lower, upper, give] : limits) {
     // A side that gives way is a row of its own.
-    for (Size r = 0; r < lower.shape(0); ++r) {
-      if (give == 0.0)
-        add_row(r, lower(r), upper(r), 0.0);
-      else if (lower(r) > -kUnbounded)
-        add_row(r, lower(r), kUnbounded, give);
-    }
-    for (Size r = 0; give != 0.0 && r < lower.shape(0); ++r) {
-      if (upper(r) < kUnbounded) add_row(r, -kUnbounded, upper(r), -give);
+    const bool gives = give != 0.0;
+    for (int side = 0; side < (gives ? 2 : 1); ++side) {
+      for (Size r = 0; r < lower.shape(0); ++r) {
+        const double least = gives && side == 1 ? -kUnbounded : lower(r);
+        const double most = gives && side == 0 ? kUnbounded : upper(r);
+        if (gives && !(least > -kUnbounded || most < kUnbounded)) continue;
+        double* row = add(least, most);
+        for (Size j = 0; j < n; ++j) {
+          const double g = G(r, j);
+          for (Size c = 0; g != 0.0 && c < n; ++c) row[c] += g * V(j, c);
+        }
+        row[n + 1] = side == 0 ? give : -give;
+      }
     }
   }
   for (Size k : {n, n + 1}) add(0.0, kUnbounded)[k] = 1.0;
@@ -167,44 +108,32 @@ nb::tuple stacked_rows(const Matrix& V, const nb::sequence& limits) {
   return nb::make_tuple(rows, array_of(low), array_of(up));
 }
 
-// The wanted motion, H (n + 2, n + 2) with g below it, of 1/2 x^T H x + g^T x, and the rows. H weighs
-// direction, speed, effort, change, slack, and the end effector's spin.
-nb::tuple step_programme(const Triple& way, const std::optional<Rotation>& rotation, const Rotation& attitude,
-                         const Jacobian& J, const Matrix& V, const Vector& rates, const Twist& drift,
-                         const Vector& acceleration, const Triple& side, double cosine, double time_left,
-                         double dt, const Table<double, 6>& weights, const nb::sequence& limits) {
+// The wanted motion, H (n + 2, n + 2) with g below it, and the rows.
+nb::tuple step_programme(const Vec3<double>& way, const std::optional<Mat3<double>>& rotation,
+                         const Mat3<double>& attitude, const Table<double, 6, -1>& J, const Matrix& V,
+                         const Vector& rates, const Twist& drift, const Vector& acceleration,
+                         const Vec3<double>& side, double cosine, double time_left, double dt,
+                         const StepWeights& weights, const std::vector<Rows>& limits) {
   const int n = static_cast<int>(rates.shape(0)), size = n + 2;
   expect(n <= kMostJoints, "the kernel takes 1 to 64 joints");
-  const Out wanted =
-      wanted_motion(way, rotation, attitude, J, rates, drift, acceleration, side, cosine, time_left, dt);
-  const double *direction = wanted.data() + 3, *spin = wanted.data() + 9, speed = wanted.data()[12];
+  const StepGiven by = {n,
+                        way,
+                        rotation ? &*rotation : nullptr,
+                        attitude,
+                        J.data(),
+                        V.data(),
+                        rates.data(),
+                        drift.data(),
+                        acceleration.data(),
+                        side,
+                        cosine,
+                        time_left,
+                        dt};
+  const WantedMotion wanted = wanted_motion(by);
   Out goal = new_array(size + 1, size);
-  std::fill_n(goal.data(), (size + 1) * size, 0.0);
-  double *H = goal.data(), *g = H + size * size, row[kMostJoints + 1];
-  // J V alpha + drift is to be along the direction, or the wanted spin.
-  for (int r = 0; r < (rotation ? 6 : 3); ++r) {
-    const double weight = weights(r < 3 ? 0 : 2), offset = r < 3 ? drift(r) : drift(r) - spin[r - 3];
-    for (int c = 0; c < n; ++c) {
-      row[c] = 0.0;
-      for (int j = 0; j < n; ++j) row[c] += J(r, j) * V(j, c);
-    }
-    row[n] = r < 3 ? -direction[r] : 0.0;
-    for (int i = 0; i <= n; ++i) {
-      const double weighted = weight * row[i];
-      g[i] += weighted * offset;
-      for (int j = 0; j <= n; ++j) H[i * size + j] += weighted * row[j];
-    }
-  }
-  // V turns without stretching, so that |u| = |alpha|: effort and change are diagonal in alpha, too.
-  for (int i = 0; i < n; ++i) {
-    H[i * size + i] += weights(4) + weights(3);
-    for (int j = 0; j < n; ++j) g[i] -= weights(4) * rates(j) * V(j, i);
-  }
-  H[n * size + n] += weights(1);
-  g[n] -= weights(1) * speed;
-  H[(n + 1) * size + n + 1] += weights(5);
-  g[n + 1] += weights(5);
-  return nb::make_tuple(wanted, goal, stacked_rows(V, limits));
+  std::fill_n(goal.data(), goal.size(), 0.0);
+  add_objective(by, wanted, weights, goal.data(), goal.data() + size * size);
+  return nb::make_tuple(array_of(wanted), goal, stacked_rows(V, limits));
 }
 
 // The exact solution (x, z) of the equations of the active rows; None where it is not the programme's.

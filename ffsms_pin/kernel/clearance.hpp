@@ -27,11 +27,6 @@ struct Cover {
 };
 static_assert(sizeof(Cover) == 17 * sizeof(double), "Python hands covers over as rows of 17 numbers");
 
-struct Placed {
-  Mat3<double> turn;
-  Vec3<double> origin;
-};
-
 // How far a ball, whose centre is `way` from the box's, is outside the box.
 inline double outside(const Cover& box, const Vec3<double>& way, double radius) {
   const Vec3<double> along = transposed(box.axes) * way;
@@ -90,7 +85,7 @@ struct Simplex {
       // Edges of the face from the new point, orthogonal to which the nearest point is; others are zero.
       Vec3<double> edge[3], gram[3], side, part;
       for (int i = 0; i < 3; ++i) {
-        edge[i] = face >> i & 1 ? apart[i] - w : zero3<double>();
+        edge[i] = face >> i & 1 ? apart[i] - w : Vec3<double>{};
         side[i] = -dot(edge[i], w);
         for (int j = 0; j <= i; ++j) gram[i][j] = gram[j][i] = dot(edge[i], edge[j]);
         if (!(face >> i & 1)) gram[i][i] = 1.0;
@@ -148,7 +143,7 @@ inline Gap gap(const Hull& one, const Hull& other, const Placed& seen, double st
     gap.most = size - round;
     way = (1.0 / size) * simplex.nearest;
   }
-  gap.found = {one.ball * way, zero3<double>(), way};
+  gap.found = {one.ball * way, Vec3<double>{}, way};
   for (int i = 0; i < simplex.count; ++i) gap.found.here += simplex.weight[i] * simplex.here[i];
   gap.found.there = gap.found.here + gap.most * way;
   return gap;

@@ -11,22 +11,16 @@
 namespace ffsms {
 
 struct ConeMarch {
-  double duration;         // [s]
-  int steps;               // of one length
-  double kappa;            // of the paper's cost
-  double mean_speed;       // of a straight way to the target [m/s]
-  double damping;          // of the least squares [m]
-  const double* joints;    // their positions, limits and greatest rates (4, n)
-  const double* places;    // the target, the centre of mass and its drift (3, 3)
-  const double* attitude;  // of the base at the start (3, 3)
-  const double* rotation;  // wanted of the end effector (3, 3), or null
+  double duration;                  // [s]
+  int steps;                        // of one length
+  double kappa;                     // of the paper's cost
+  double mean_speed;                // of a straight way to the target [m/s]
+  double damping;                   // of the least squares [m]
+  const double* joints;             // their positions, limits and greatest rates (4, n)
+  Vec3<double> target, com, drift;  // of the centre of mass
+  Mat3<double> attitude;            // of the base at the start
+  const Mat3<double>* rotation;     // wanted of the end effector, or null
 };
-
-inline double entropy_of(const Tree& tree, const Arm<double>& arm) {
-  double gradient[kMostRows][kMostJoints], C[kMostRows][kMostJoints];
-  for (int x = 0; x < 6; ++x) std::copy(arm.coupling[x], arm.coupling[x] + tree.n, C[x]);
-  return entropy(6, tree.n, C, gradient);
-}
 
 // Least rates (n) with J u near to what is wanted (m), for J (m, n). Damping must not slow what can be done:
 // one step of refinement takes most of it back.
@@ -57,20 +51,19 @@ inline void least_rates(int m, int n, const double (*J)[kMostJoints], const doub
 inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side, double* out) {
   const int n = tree.n, rows = by.rotation ? 6 : 3;
   const double *low = by.joints + n, *high = low + n, *most = high + n;
-  const Vec3<double> target = vector_at(by.places), drift = vector_at(by.places + 6);
   const double dt = by.duration / by.steps;
   const bool straight = dot(side, side) == 0.0;
-  double q[kMostJoints] = {}, J[6][kMostJoints], wanted[6], speed = 0.0;
+  double q[kMostJoints] = {}, J[6][kMostJoints], wanted[6], unused[6 * kMostJoints], speed = 0.0;
   std::copy(by.joints, low, q);
-  Mat3<double> R = matrix_at(by.attitude);
+  Mat3<double> R = by.attitude;
   Arm<double> arm;
   for (int k = 0; k < by.steps; ++k, out += n) {
     evaluate(tree, q, arm);
-    const Vec3<double> com = vector_at(by.places + 3) + (k * dt) * drift;
-    const Vec3<double> way = target - com - R * (arm.tip - arm.com);
+    const Vec3<double> com = by.com + (k * dt) * by.drift;
+    const Vec3<double> way = by.target - com - R * (arm.tip - arm.com);
     const double distance = std::sqrt(dot(way, way)) + 1e-12;
     const Vec3<double> d = (1.0 / distance) * way;
-    const double cosine = straight ? 1.0 : ideal_cosine(entropy_of(tree, arm), by.kappa);
+    const double cosine = straight ? 1.0 : ideal_cosine(entropy(6, n, arm.coupling, unused), by.kappa);
     side = side - dot(side, d) * d;
     side = (1.0 / (std::sqrt(dot(side, side)) + 1e-12)) * side;
     const Vec3<double> e = cosine * d + std::sqrt(std::fmax(1.0 - cosine * cosine, 0.0)) * side;
@@ -80,16 +73,16 @@ inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side,
     const double mean = std::fmax(by.mean_speed, distance / by.duration);
     speed = std::fmin(share * distance / std::fmax(cosine, kLeastApproach),
                       speed + 10.0 / by.steps * mean * kArrivalPower);
-    const Vec3<double> velocity = speed * e - drift;
-    Vec3<double> turn = zero3<double>();
-    if (by.rotation) turn = share * log3(matrix_at(by.rotation) * transposed(R * arm.tip_rotation));
+    const Vec3<double> velocity = speed * e - by.drift;
+    Vec3<double> turn = Vec3<double>{};
+    if (by.rotation) turn = share * log3(*by.rotation * transposed(R * arm.tip_rotation));
     for (int x = 0; x < 3; ++x) {
       wanted[x] = velocity[x];
       wanted[3 + x] = turn[x];
     }
     for (int j = 0; j < n; ++j) {
       const Vec3<double> moved = R * arm.jstar[j];
-      const Vec3<double> turned = R * (tree.joints[j].moves_tip ? arm.spin[j] + arm.axis[j] : arm.spin[j]);
+      const Vec3<double> turned = R * arm.jstar_spin[j];
       for (int x = 0; x < 3; ++x) {
         J[x][j] = moved[x];
         J[3 + x][j] = turned[x];
@@ -98,7 +91,7 @@ inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side,
     least_rates(rows, n, J, wanted, by.damping, out);
     double used = 1.0;  // of the greatest rates, the largest share
     for (int j = 0; j < n; ++j) used = std::fmax(used, std::fabs(out[j]) / std::fmax(most[j], 1e-12));
-    Vec3<double> spin = zero3<double>();
+    Vec3<double> spin = Vec3<double>{};
     for (int j = 0; j < n; ++j) {
       const double rate = most[j] > 0.0 ? out[j] / used : 0.0;
       out[j] = std::fmin(std::fmax(rate, (low[j] - q[j]) / dt), (high[j] - q[j]) / dt);

@@ -20,35 +20,34 @@ void dynamics(const Tree& tree, const Arm<T>& arm, const T* rates, const T* acce
               const Vec3<T>& own_spin, T* torques, Vec3<T>& held_force, Vec3<T>& held_moment) {
   const Vec3<T> turning = summed(tree, arm.spin, rates) + own_spin;
   // Where the base's centre of mass is held, the root's origin goes round it.
-  const Vec3<T> inwards = cross(turning, cross(turning, same<T>(tree.base_com)));
-  const Vec3<T> pulled = tree.moves ? zero3<T>() : -1.0 * inwards;
+  const Vec3<T> inwards = cross(turning, cross(turning, Vec3<T>(tree.base_com)));
+  const Vec3<T> pulled = tree.moves ? Vec3<T>{} : -1.0 * inwards;
   // Of each body: twist and its rate of change at the origin; the force on it.
   Vec3<T> spin[kMostJoints], velocity[kMostJoints], spin_rate[kMostJoints], velocity_rate[kMostJoints];
   Vec3<T> force[kMostJoints], moment[kMostJoints];
   for (int j = 0; j < tree.n; ++j) {
-    const Joint& joint = tree.joints[j];
-    const int up = joint.parent;
+    const Body& body = tree.joints[j].body;
+    const int up = tree.joints[j].parent;
     const Vec3<T> own_turn = rates[j] * arm.axis[j], own_shift = rates[j] * arm.velocity[j];
     spin[j] = (up < 0 ? turning : spin[up]) + own_turn;
-    velocity[j] = (up < 0 ? zero3<T>() : velocity[up]) + own_shift;
+    velocity[j] = (up < 0 ? Vec3<T>{} : velocity[up]) + own_shift;
     spin_rate[j] = accelerations[j] * arm.axis[j] + cross(spin[j], own_turn);
     velocity_rate[j] =
         accelerations[j] * arm.velocity[j] + cross(spin[j], own_shift) + cross(velocity[j], own_turn);
     if (up >= 0) spin_rate[j] += spin_rate[up];
     velocity_rate[j] += up < 0 ? pulled : velocity_rate[up];
-    const Vec3<T> centre = arm.origin[j] + arm.rotation[j] * joint.lever;
+    const Vec3<T> centre = arm.origin[j] + arm.rotation[j] * body.lever;
     const Vec3<T> moves = velocity[j] + cross(spin[j], centre);
-    force[j] = joint.mass * (velocity_rate[j] + cross(spin_rate[j], centre) + cross(spin[j], moves));
+    force[j] = body.mass * (velocity_rate[j] + cross(spin_rate[j], centre) + cross(spin[j], moves));
     const Mat3<T> back = transposed(arm.rotation[j]);
-    const Vec3<T> change = arm.rotation[j] * (same<T>(joint.inertia) * (back * spin_rate[j]));
-    const Vec3<T> momentum = arm.rotation[j] * (same<T>(joint.inertia) * (back * spin[j]));
+    const Vec3<T> change = arm.rotation[j] * (Mat3<T>(body.inertia) * (back * spin_rate[j]));
+    const Vec3<T> momentum = arm.rotation[j] * (Mat3<T>(body.inertia) * (back * spin[j]));
     moment[j] = change + cross(spin[j], momentum) + cross(centre, force[j]);
   }
   // Of the base itself; where its centre of mass is held, no force is on it.
-  Vec3<T> whole_force = tree.moves ? cross(turning, cross(turning, same<T>(tree.base_moment))) : zero3<T>();
-  Vec3<T> whole_moment = cross(turning, same<T>(tree.base_inertia) * turning);
-  whole_moment += cross(same<T>(tree.base_moment), pulled);
-  Vec3<T> first = same<T>(tree.base_moment);  // of mass, of the whole
+  Vec3<T> first = tree.base_moment;  // of mass, of the whole
+  Vec3<T> whole_force = tree.moves ? cross(turning, cross(turning, first)) : Vec3<T>{};
+  Vec3<T> whole_moment = cross(turning, Mat3<T>(tree.base_inertia) * turning) + cross(first, pulled);
   for (int j = tree.n - 1; j >= 0; --j) {
     const int up = tree.joints[j].parent;
     (up < 0 ? whole_force : force[up]) += force[j];
@@ -61,13 +60,13 @@ void dynamics(const Tree& tree, const Arm<T>& arm, const T* rates, const T* acce
   }
   // About the point that does not move, or the centre of mass where the whole moves.
   held_moment = whole_moment - cross(arm.com, whole_force);
-  held_force = zero3<T>();
+  held_force = Vec3<T>{};
   if (!tree.moves) {
     // A base that turns freely turns by what no moment holds; what it carries goes round with it.
     const Vec3<T> turned = -1.0 * (arm.inverse * held_moment);
     held_force = whole_force + cross(turned, first - tree.total_mass * arm.com);
   }
-  if (tree.turns_freely) held_moment = zero3<T>();
+  if (tree.turns_freely) held_moment = Vec3<T>{};
 }
 
 }  // namespace ffsms

@@ -50,14 +50,14 @@ bool rotate(int m, T* a, T* b, int n, T* v, T* w, T whole) {
   return true;
 }
 
-// The k columns (m) of A become U sigma, `apart` from one to the next; those of V (k, k), where it is given,
-// the right singular vectors, k apart. The values come in no order.
+// The k columns (m) of A, one after the other, become U sigma; those of V (k, k), where it is given, the
+// right singular vectors. The values come in no order.
 template <class T>
-void decompose(int m, int k, T* A, int apart, T* V, T* sigma) {
+void decompose(int m, int k, T* A, T* V, T* sigma) {
   const int n = V == nullptr ? 0 : k;
   const auto square = [&](int j) {
     T sum = T{};
-    for (int i = 0; i < m; ++i) sum += A[j * apart + i] * A[j * apart + i];
+    for (int i = 0; i < m; ++i) sum += A[j * m + i] * A[j * m + i];
     return sum;
   };
   T whole = T{};
@@ -68,8 +68,7 @@ void decompose(int m, int k, T* A, int apart, T* V, T* sigma) {
   for (int sweep = 0; sweep < kMostSweeps; ++sweep) {
     bool more = false;
     for (int p = 0; p < k; ++p) {
-      for (int q = p + 1; q < k; ++q)
-        more |= rotate(m, A + p * apart, A + q * apart, n, V + p * n, V + q * n, whole);
+      for (int q = p + 1; q < k; ++q) more |= rotate(m, A + p * m, A + q * m, n, V + p * n, V + q * n, whole);
     }
     if (!more) break;
   }
@@ -94,6 +93,22 @@ void sort(int k, T* sigma, T* V) {
   }
 }
 
+// Singular values of C / scale (rows, n) times the scale, the largest first: n of them with the columns of
+// V (n, n), where it is given; else the lesser of rows and n, which it returns.
+template <class T>
+int singular_values(int rows, int n, const T* C, T* V, T* sigma, const T& scale = 1.0) {
+  const bool by_rows = V == nullptr && rows < n;  // the fewer vectors are turned
+  const int k = by_rows ? rows : n, m = by_rows ? n : rows;
+  T A[kMostRows * kMostJoints];
+  for (int i = 0; i < k; ++i) {
+    for (int j = 0; j < m; ++j) A[i * m + j] = C[by_rows ? i * n + j : j * n + i] / scale;
+  }
+  decompose(m, k, A, V, sigma);
+  for (int i = 0; i < k; ++i) sigma[i] = scale * sigma[i];
+  sort(k, sigma, V);
+  return k;
+}
+
 // Singular values are kept above this: x log x is zero there to rounding, and its slope is finite.
 constexpr double kLeastValue = 1e-12;
 // And above this share of the largest: below it, directions of singular vectors are rounding.
@@ -101,14 +116,15 @@ constexpr double kLeastShare = 1e-8;
 
 // H_norm of C (rows, n), and its gradient.
 template <class T>
-T entropy(int rows, int n, const T (&C)[kMostRows][kMostJoints], T (&gradient)[kMostRows][kMostJoints]) {
+T entropy(int rows, int n, const T* C, T* gradient) {
   const bool by_rows = n > rows;  // the fewer vectors are turned
   const int k = by_rows ? rows : n, m = by_rows ? n : rows;
-  T A[kMostRows][kMostJoints], V[kMostRows * kMostRows], sigma[kMostRows], logs[kMostRows];
+  const auto at = [&](int i, int j) { return by_rows ? i * n + j : j * n + i; };
+  T A[kMostRows * kMostJoints], V[kMostRows * kMostRows], sigma[kMostRows], logs[kMostRows];
   for (int i = 0; i < k; ++i) {
-    for (int j = 0; j < m; ++j) A[i][j] = by_rows ? C[i][j] : C[j][i];
+    for (int j = 0; j < m; ++j) A[i * m + j] = C[at(i, j)];
   }
-  decompose(m, k, A[0], kMostJoints, V, sigma);
+  decompose(m, k, A, V, sigma);
   T largest = T(kLeastValue), total = T{}, plain = T{};
   for (int i = 0; i < k; ++i) largest = larger(largest, sigma[i]);
   for (int i = 0; i < k; ++i) {
@@ -126,8 +142,8 @@ T entropy(int rows, int n, const T (&C)[kMostRows][kMostJoints], T (&gradient)[k
   for (int i = 0; i < k; ++i) {
     for (int j = 0; j < m; ++j) {
       T sum = T{};
-      for (int e = 0; e < k; ++e) sum += A[e][j] * sigma[e] * V[e * k + i];
-      (by_rows ? gradient[i][j] : gradient[j][i]) = sum;
+      for (int e = 0; e < k; ++e) sum += A[e * m + j] * sigma[e] * V[e * k + i];
+      gradient[at(i, j)] = sum;
     }
   }
   return -scale * plain;

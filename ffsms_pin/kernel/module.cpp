@@ -1,11 +1,256 @@
-// What Python sees of the kernel: shapes are checked in the bindings, the headers do the work.
+// The module: the robot, functions of it at stacks of configurations, from arrays (rows, ...) to new ones
+// (rows, B), and what other files bind. Shapes are checked in the bindings, the headers do the work.
 #include "arrays.hpp"
+#include "dynamics.hpp"
+#include "entropy.hpp"
+
+namespace ffsms {
+namespace {
+
+constexpr double kTiny = 1e-300;  // nothing is divided by less
+
+// A row of `joints`: parent, turns, moves_tip, axis (3), attitude (9) and place (3) of its frame. A row of
+// `bodies`, the base first, is a `Body`.
+void make(Tree* self, const Table<double, -1, 18>& joints, const Table<double, -1, 13>& bodies,
+          const Placed& tip, int last, bool moves, bool turns_freely) {
+  const int n = static_cast<int>(joints.shape(0));
+  expect(n >= 1 && n <= kMostJoints, "the kernel takes 1 to 64 joints");
+  expect(bodies.shape(0) == joints.shape(0) + 1, "an array has a wrong shape");
+  expect(last >= -1 && last < n, "the end effector's joint is not there");
+  Tree& tree = *new (self) Tree{};
+  tree.n = n;
+  tree.last = last;
+  tree.tip = tip;
+  const auto base = of_numbers<Body>(bodies.data());
+  tree.total_mass = base.mass;
+  tree.base_com = base.lever;
+  tree.base_moment = base.mass * base.lever;
+  tree.base_inertia = base.inertia;
+  add_steiner(tree.base_inertia, base.mass, base.lever);
+  for (int j = 0; j < n; ++j) {
+    Joint& joint = tree.joints[j];
+    const double* row = joints.data() + 18 * j;
+    joint.parent = static_cast<int>(row[0]);
+    expect(joint.parent >= -1 && joint.parent < j, "a joint comes before the one that carries it");
+    joint.turns = row[1] != 0.0;
+    joint.moves_tip = row[2] != 0.0;
+    joint.axis = of_numbers<Vec3<double>>(row + 3);
+    joint.own_axis = -1;
+    for (int k = 0; k < 3; ++k) {
+      if (std::fabs(joint.axis[k]) == 1.0) joint.own_axis = k;
+    }
+    joint.place = of_numbers<Placed>(row + 6);
+    joint.body = of_numbers<Body>(bodies.data() + 13 * (j + 1));
+    tree.total_mass += joint.body.mass;
+    for (int i = j; i >= 0; i = tree.joints[i].parent) tree.joints[i].carried_mass += joint.body.mass;
+  }
+  tree.moves = moves;
+  tree.turns_freely = turns_freely;
+  tree.inverse_mass = moves ? 1.0 / tree.total_mass : 0.0;
+}
+
+// What is given of a stack: (rows, ...).
+struct Given {
+  const In& array;
+  int rows;
+};
+
+// Room to work in, at one configuration or a pack of them: what was given, and what comes of it.
+template <class T>
+struct Work {
+  T given[4][kMostRows * kMostJoints];
+  Arm<T> arm;
+  Vec3<T> columns[2][kMostJoints];
+  T numbers[kMostJoints + 6], matrix[kMostJoints * kMostJoints];
+};
+
+// Rows (B) that `use(work, write)` writes at one configuration, or pack of them, after the other.
+template <class Use>
+Out stack(std::initializer_list<Given> given, int rows, const Use& use) {
+  const Size count = given.begin()->array.size() / static_cast<Size>(given.begin()->rows);
+  for (const Given& one : given) expect_size(one.array, static_cast<Size>(one.rows) * count);
+  Out out = new_array(rows, count);
+  const nb::gil_scoped_release quiet;
+  Size k = 0;
+  const auto go = [&](auto number, Size lanes) {
+    using T = decltype(number);
+    Work<T> work;
+    for (; k + lanes <= count; k += lanes) {
+      T* room = work.given[0];
+      for (const Given& one : given) {
+        Reader<T>{one.array.data() + k, count}.next(room, one.rows);
+        room += kMostRows * kMostJoints;
+      }
+      Writer<T> write = {out.data() + k, count};
+      use(work, write);
+    }
+  };
+  if (count >= kLanes) go(Pack{}, kLanes);
+  go(0.0, 1);
+  return out;
+}
+
+// The same where the arm is at joint positions, the first that is given: evaluated, which is quicker than to
+// read what it was.
+template <class Use>
+Out at_each(const Tree& tree, std::initializer_list<Given> given, int rows, const Use& use) {
+  const In& positions = given.begin()->array;
+  expect(positions.ndim() > 0 && positions.shape(0) == static_cast<Size>(tree.n),
+         "an array has a wrong shape");
+  return stack(given, rows, [&](auto& work, auto& write) {
+    evaluate(tree, work.given[0], work.arm);
+    use(work, write);
+  });
+}
+
+// What `ArmValues` holds beside the positions, in its order.
+Out arm_values(const Tree& tree, const In& positions) {
+  const int n = tree.n;
+  return at_each(tree, {{positions, n}}, 42 * n + 27, [n](auto& work, auto& write) {
+    const auto& arm = work.arm;
+    for (const auto* columns :
+         {arm.axis, arm.velocity, arm.linear, arm.angular, arm.spin, arm.root, arm.tip_velocity, arm.jstar})
+      write.put(columns, n);
+    for (const auto* vector : {&arm.com, &arm.tip}) write.put(vector);
+    for (const auto* matrix : {&arm.inverse, &arm.tip_rotation}) write.put(matrix);
+    write.put(arm.coupling, 6 * n);
+    write.put(arm.origin, n + 1);
+    write.put(arm.rotation, n);
+  });
+}
+
+// C_bm and J* (6, n), the end effector from the base's centre of mass.
+Out coupled(const Tree& tree, const In& positions) {
+  const int n = tree.n;
+  return at_each(tree, {{positions, n}}, 12 * n + 3, [&](auto& work, auto& write) {
+    work.arm.tip = work.arm.tip - decltype(work.arm.tip)(tree.base_com);
+    write.put(work.arm.coupling, 6 * n);
+    write.put(work.arm.jstar, n);
+    write.put(work.arm.jstar_spin, n);
+    write.put(&work.arm.tip);
+  });
+}
+
+// J_m (6, n), on a fixed base.
+Out manipulator_jacobian(const Tree& tree, const In& positions) {
+  return at_each(tree, {{positions, tree.n}}, 6 * tree.n, [&](auto& work, auto& write) {
+    write.put(work.arm.tip_velocity, tree.n);
+    write.put(work.arm.tip_spin, tree.n);
+  });
+}
+
+// H_q (n, n).
+Out reduced(const Tree& tree, const In& positions) {
+  return at_each(tree, {{positions, tree.n}}, tree.n * tree.n, [&](auto& work, auto& write) {
+    reduced_inertia(tree, work.arm, work.matrix);
+    write.put(work.matrix, tree.n * tree.n);
+  });
+}
+
+// Of the base's angular velocity and of the end effector's velocity (3, n) each.
+Out velocities(const Tree& tree, const In& positions, const In& rates) {
+  const int n = tree.n;
+  return at_each(tree, {{positions, n}, {rates, n}}, 6 * n, [&](auto& work, auto& write) {
+    velocity_slopes(tree, work.arm, work.given[1], work.columns[0], work.columns[1]);
+    for (const auto* slopes : work.columns) write.put(slopes, n);
+  });
+}
+
+// Of the angular momentum (3, n) while the base's attitude is held.
+Out momenta(const Tree& tree, const In& positions, const In& rates) {
+  const int n = tree.n;
+  return at_each(tree, {{positions, n}, {rates, n}}, 3 * n, [&](auto& work, auto& write) {
+    momentum_slopes(tree, work.arm, work.given[1], work.columns[0]);
+    write.put(work.columns[0], n);
+  });
+}
+
+// Gradient (n) of a function of the coupling with slopes (6, n).
+Out couplings(const Tree& tree, const In& positions, const In& by_coupling) {
+  const int n = tree.n;
+  return at_each(tree, {{positions, n}, {by_coupling, 6 * n}}, n, [&](auto& work, auto& write) {
+    coupling_slopes(tree, work.arm, work.given[1], work.numbers);
+    write.put(work.numbers, n);
+  });
+}
+
+// Torques of the joints (n), force and moment (6) that hold the base.
+Out forces(const Tree& tree, const In& positions, const In& rates, const In& accelerations,
+           const In& own_spin) {
+  const int n = tree.n;
+  const auto given = {Given{positions, n}, {rates, n}, {accelerations, n}, {own_spin, 3}};
+  return at_each(tree, given, n + 6, [&](auto& work, auto& write) {
+    auto* own = work.given[3];
+    auto *force = &work.columns[0][0], *moment = &work.columns[1][0];
+    dynamics(tree, work.arm, work.given[1], work.given[2], {{own[0], own[1], own[2]}}, work.numbers, *force,
+             *moment);
+    write.put(work.numbers, n);
+    write.put(force);
+    write.put(moment);
+  });
+}
+
+// Rows and columns of matrices (rows, n, ...).
+std::pair<int, int> sizes(const In& matrices) {
+  expect(matrices.ndim() >= 2, "matrices have two axes");
+  const Size rows = matrices.shape(0), n = matrices.shape(1);
+  expect(rows >= 1 && rows <= kMostRows && n >= 1 && n <= kMostJoints, "too many rows or joints");
+  return {static_cast<int>(rows), static_cast<int>(n)};
+}
+
+// H_norm of matrices: one row, then rows n of its gradient.
+Out entropies(const In& matrices) {
+  const auto [rows, n] = sizes(matrices);
+  const int size = rows * n;
+  return stack({{matrices, size}}, 1 + size, [rows = rows, n = n](auto& work, auto& write) {
+    work.matrix[0] = entropy(rows, n, work.given[0], work.matrix + 1);
+    write.put(work.matrix, 1 + rows * n);
+  });
+}
+
+// Singular values of matrices, the largest first; without vectors the lesser of rows and n. With vectors n of
+// them, then V (n, n).
+Out singular(const In& matrices, bool vectors) {
+  const auto [rows, n] = sizes(matrices);
+  const int size = rows * n, count = vectors ? n + n * n : std::min(rows, n);
+  return stack({{matrices, size}}, count, [=, rows = rows, n = n](auto& work, auto& write) {
+    auto *C = work.given[0], *V = vectors ? work.matrix : nullptr;
+    // So that no square overflows, or vanishes.
+    auto largest = std::decay_t<decltype(*C)>(kTiny);
+    for (int i = 0; i < size; ++i) largest = larger(largest, magnitude(C[i]));
+    write.put(work.numbers, singular_values(rows, n, C, V, work.numbers, largest));
+    for (int i = 0; vectors && i < n; ++i) {
+      for (int j = 0; j < n; ++j) write.put(&V[j * n + i]);
+    }
+  });
+}
+
+}  // namespace
+}  // namespace ffsms
 
 NB_MODULE(_kernel, m) {
-  nanobind::set_leak_warnings(false);  // what Python's own caches still hold at its end is no leak
+  using namespace ffsms;
+  nb::set_leak_warnings(false);  // what Python's own caches still hold at its end is no leak
   m.doc() = "The compiled kernel; ffsms_pin.kernel is its face.";
-  ffsms::bind_stacks(m);
-  ffsms::bind_clearance(m);
-  ffsms::bind_motions(m);
-  ffsms::bind_step(m);
+  nb::class_<Tree>(m, "Tree", "The robot in plain numbers.")
+      .def("__init__", &make)
+      .def_ro("n", &Tree::n)
+      .def("__getstate__", [](const Tree& self) { return nb::bytes(&self, sizeof self); })
+      .def("__setstate__", [](Tree& self, const nb::bytes& state) {
+        expect(state.size() == sizeof(Tree), "a tree of another build");
+        std::memcpy(static_cast<void*>(&self), state.data(), sizeof(Tree));
+      });
+  m.def("arm_values", &arm_values);
+  m.def("coupled", &coupled);
+  m.def("manipulator_jacobian", &manipulator_jacobian);
+  m.def("reduced_inertia", &reduced);
+  m.def("velocity_slopes", &velocities);
+  m.def("momentum_slopes", &momenta);
+  m.def("coupling_slopes", &couplings);
+  m.def("dynamics", &forces);
+  m.def("entropies", &entropies);
+  m.def("singular_values", &singular);
+  bind_clearance(m);
+  bind_motions(m);
+  bind_step(m);
 }

@@ -22,6 +22,8 @@ using PairMask = bool;
 #define FFSMS_INLINE inline
 #endif
 
+using Index = std::int64_t;
+
 constexpr int kPairs = 4;
 constexpr int kLanes = kPairs * static_cast<int>(sizeof(Pair) / sizeof(double));
 
@@ -150,5 +152,37 @@ FFSMS_INLINE void sine_cosine(const T& x, T& sine, T& cosine) {
   sine = select(far, each([](double lane) { return std::sin(lane); }, x), sine);
   cosine = select(far, each([](double lane) { return std::cos(lane); }, x), cosine);
 }
+
+// -- rows of numbers, `count` from one to the next: at one configuration, or at those of a pack
+
+// Reads values that are made of T alone, as Vec3: row by row all first components, then all second ones.
+template <class T>
+struct Reader {
+  const double* row;
+  std::size_t count;
+
+  template <class Value>
+  void next(Value* values, int n = 1) {
+    for (std::size_t c = 0; c < sizeof(Value) / sizeof(T); ++c) {
+      for (int j = 0; j < n; ++j, row += count)
+        std::memcpy(reinterpret_cast<T*>(values + j) + c, row, sizeof(T));
+    }
+  }
+};
+
+// Writes them.
+template <class T>
+struct Writer {
+  double* row;
+  std::size_t count;
+
+  template <class Value>
+  void put(const Value* values, int n = 1) {
+    for (std::size_t c = 0; c < sizeof(Value) / sizeof(T); ++c) {
+      for (int j = 0; j < n; ++j, row += count)
+        std::memcpy(row, reinterpret_cast<const T*>(values + j) + c, sizeof(T));
+    }
+  }
+};
 
 }  // namespace ffsms

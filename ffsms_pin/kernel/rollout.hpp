@@ -18,14 +18,12 @@ Mat3<T> exp3(const Vec3<T>& w) {
   sine_cosine(0.5 * angle, half, unused);
   half = half / angle;
   const T twice = 2.0 * half * half;
-  const Vec3<T> s = (sine / angle) * w;
   Mat3<T> out = outer(w, twice * w);
   const T diagonal = 1.0 - twice * square;
   out[0][0] += diagonal;
   out[1][1] += diagonal;
   out[2][2] += diagonal;
-  const Mat3<T> skew = {{{T{}, -s[2], s[1]}, {s[2], T{}, -s[0]}, {-s[1], s[0], T{}}}};
-  out += skew;
+  out += skew((sine / angle) * w);
   return out;
 }
 
@@ -39,7 +37,7 @@ struct Spin {
 inline Spin spin_at(const Tree& tree, const double* positions, const double* rates, Arm<double>& arm) {
   pose(tree, positions, arm);
   carry(tree, arm);
-  Vec3<double> linear = zero3<double>(), angular = zero3<double>(), spin, root;
+  Vec3<double> linear = Vec3<double>{}, angular = Vec3<double>{}, spin, root;
   for (int j = 0; j < tree.n; ++j) {
     momentum(tree, j, arm);
     linear += rates[j] * arm.linear[j];
@@ -61,7 +59,7 @@ inline Vec3<double> chart_rate(const Spin& spin, const Vec3<double>& u, const Ve
 inline Mat3<double> tumbled(const Mat3<double>& R, const Spin& start, const Spin& middle, const Spin& end,
                             const Vec3<double>& momentum, double dt) {
   const Vec3<double> h = transposed(R) * momentum;
-  const Vec3<double> k1 = chart_rate(start, zero3<double>(), h);
+  const Vec3<double> k1 = chart_rate(start, Vec3<double>{}, h);
   const Vec3<double> k2 = chart_rate(middle, 0.5 * dt * k1, h);
   const Vec3<double> k3 = chart_rate(middle, 0.5 * dt * k2, h);
   const Vec3<double> k4 = chart_rate(end, dt * k3, h);
@@ -80,52 +78,48 @@ struct Quadrature {
   int instants() const { return points() + 2; }
 };
 
-// Attitudes at all instants from that at the start and angular velocities at the points, in base axes.
-inline void base_attitudes(const Quadrature& by, const Mat3<double>& start, const Vec3<double>* omega,
-                           Mat3<double>* attitude) {
+// The base at one instant, its own axes: its spin by joint rates alone, what momentum adds to it, and how it
+// has turned.
+struct Turning {
+  Vec3<double> reaction, own;
+  Mat3<double> inverse, attitude;  // the first of the system's inertia
+};
+
+// Attitudes at all instants from that at the start, by the spins at the points; how much one changes at most.
+inline double turn_along(const Quadrature& by, const Mat3<double>& start, Turning* at) {
   const int g = by.gauss;
-  Mat3<double> at = start;
+  double change = 0.0;
+  const auto put = [&](int k, const Mat3<double>& R) {
+    for (int i = 0; i < 9; ++i)
+      change = std::fmax(change, std::fabs(R[i / 3][i % 3] - at[k].attitude[i / 3][i % 3]));
+    at[k].attitude = R;
+  };
+  Mat3<double> R = start;
   for (int i = 0; i < by.intervals; ++i) {
-    if (i == by.late) attitude[by.points()] = at;
-    const auto turn = [&](const double* weights) {
-      Vec3<double> w = zero3<double>();
-      for (int e = 0; e < g; ++e) w += weights[e] * omega[i * g + e];
-      return at * exp3(w);
+    if (i == by.late) put(by.points(), R);
+    const auto turned = [&](const double* weights) {
+      Vec3<double> w = {};
+      for (int e = 0; e < g; ++e) w += weights[e] * (at[i * g + e].reaction + at[i * g + e].own);
+      return R * exp3(w);
     };
-    for (int b = 0; b < g; ++b) attitude[i * g + b] = turn(by.to_points + (i * g + b) * g);
-    at = turn(by.over + i * g);
+    for (int b = 0; b < g; ++b) put(i * g + b, turned(by.to_points + (i * g + b) * g));
+    R = turned(by.over + i * g);
   }
-  attitude[by.points() + 1] = at;
+  put(by.points() + 1, R);
+  return change;
 }
 
-// Picard's iteration for the attitude of a tumbling base: at most so many times, until it changes by less.
-constexpr int kPicard = 20;
-constexpr double kSettled = 1e-10;
-
-// The same where angular momentum adds to the spin what the attitude makes of it. At all instants, base axes:
-// `inverse` of the inertia, `reaction` the spin without momentum, `own` what it adds; `spin` and `before` are
-// room to work in.
-inline void drifting_attitudes(const Quadrature& by, const Mat3<double>& start, const Vec3<double>* reaction,
-                               const Mat3<double>* inverse, const Vec3<double>& momentum,
-                               Mat3<double>* attitude, Vec3<double>* own, Vec3<double>* spin,
-                               Mat3<double>* before) {
-  const int count = by.instants();
-  base_attitudes(by, start, reaction, attitude);
-  for (int n = 0; n < kPicard; ++n) {
-    for (int k = 0; k < count; ++k) {
-      before[k] = attitude[k];
-      own[k] = inverse[k] * (transposed(attitude[k]) * momentum);
-      spin[k] = reaction[k] + own[k];
-    }
-    base_attitudes(by, start, spin, attitude);
-    double change = 0.0;
-    for (int k = 0; k < count; ++k) {
-      for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j)
-          change = std::fmax(change, std::fabs(attitude[k][i][j] - before[k][i][j]));
-      }
-    }
-    if (change < kSettled) break;
+// The same with what angular momentum makes of the attitude: Picard's iteration, at most so many times, until
+// it changes by less.
+inline void base_attitudes(const Quadrature& by, const Mat3<double>& start, const Vec3<double>& momentum,
+                           Turning* at) {
+  constexpr int kPicard = 20;
+  constexpr double kSettled = 1e-10;
+  double change = turn_along(by, start, at);
+  for (int n = 0; n < kPicard && change >= kSettled && dot(momentum, momentum) > 0.0; ++n) {
+    for (int k = 0; k < by.instants(); ++k)
+      at[k].own = at[k].inverse * (transposed(at[k].attitude) * momentum);
+    change = turn_along(by, start, at);
   }
 }
 

@@ -57,7 +57,7 @@ void moved(const Tree& tree, const Arm<T>& arm, const T* rates, const Vec3<T>& s
 // Sum of columns with the rates.
 template <class T>
 Vec3<T> summed(const Tree& tree, const Vec3<T>* columns, const T* rates) {
-  Vec3<T> out = zero3<T>();
+  Vec3<T> out = {};
   for (int j = 0; j < tree.n; ++j) out += rates[j] * columns[j];
   return out;
 }
@@ -83,15 +83,13 @@ void velocity_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T
 // Of the end effector's angular velocity on a fixed base.
 template <class T>
 void turning_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T>* out) {
-  Vec3<T> before[kMostJoints], tip = zero3<T>();
+  const Vec3<T> tip = summed(tree, arm.tip_spin, rates);
+  Vec3<T> before[kMostJoints];
   for (int j = 0; j < tree.n; ++j) {
     const int parent = tree.joints[j].parent;
-    before[j] = parent < 0 ? zero3<T>() : before[parent] + rates[parent] * arm.axis[parent];
-    if (tree.joints[j].moves_tip) tip += rates[j] * arm.axis[j];
-  }
-  for (int j = 0; j < tree.n; ++j) {
+    before[j] = parent < 0 ? Vec3<T>{} : before[parent] + rates[parent] * arm.axis[parent];
     // A joint turns the axes of all joints beyond it; its own stays, and its own rate drops out.
-    out[j] = tree.joints[j].moves_tip ? cross(arm.axis[j], tip - before[j]) : zero3<T>();
+    out[j] = cross(arm.tip_spin[j], tip - before[j]);
   }
 }
 
@@ -99,7 +97,7 @@ void turning_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T>
 template <class T>
 void momentum_slopes(const Tree& tree, const Arm<T>& arm, const T* rates, Vec3<T>* out) {
   Moved<T> by;
-  moved(tree, arm, rates, zero3<T>(), summed(tree, arm.root, rates), by);
+  moved(tree, arm, rates, Vec3<T>{}, summed(tree, arm.root, rates), by);
   for (int j = 0; j < tree.n; ++j) out[j] = by.angular[j] - cross(arm.com, by.linear[j]);
 }
 
@@ -117,16 +115,16 @@ struct ByTwist {
 
 // Gradient (n) of a function of the coupling that has the slopes `by_coupling` (6, n).
 template <class T>
-void coupling_slopes(const Tree& tree, const Arm<T>& arm, const T (&by_coupling)[6][kMostJoints],
-                     T* gradient) {
-  const Vec3<T> base_com = same<T>(tree.base_com);
+void coupling_slopes(const Tree& tree, const Arm<T>& arm, const T* by_coupling, T* gradient) {
+  const auto by = [&](int row, int j) { return by_coupling[row * tree.n + j]; };
+  const Vec3<T> base_com = tree.base_com;
   Vec3<T> by_axis[kMostJoints], by_velocity[kMostJoints];  // of the columns that a joint carries: they turn
   ByTwist<T> own[kMostJoints];
-  ByTwist<T> base = {zero3<T>(), Mat3<T>{}};
+  ByTwist<T> base = {Vec3<T>{}, Mat3<T>{}};
   for (int j = 0; j < tree.n; ++j) {
     // Slopes by root and spin, then by the momenta that these answer: the base's inertia is symmetric.
-    const Vec3<T> by_root = {{by_coupling[0][j], by_coupling[1][j], by_coupling[2][j]}};
-    const Vec3<T> by_turn = {{by_coupling[3][j], by_coupling[4][j], by_coupling[5][j]}};
+    const Vec3<T> by_root = {{by(0, j), by(1, j), by(2, j)}};
+    const Vec3<T> by_turn = {{by(3, j), by(4, j), by(5, j)}};
     const Vec3<T> by_spin = by_turn + cross(base_com, by_root);
     Vec3<T> x, y;
     react(tree, arm, by_root, by_spin, x, y);

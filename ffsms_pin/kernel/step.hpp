@@ -1,12 +1,12 @@
 // One step of the paper's method: bounds on the joint rates, the wanted motion, the programme's matrices.
 //
-// All matrices are dense and lie row by row; n is the number of joints. Nothing is allocated here.
+// All matrices are dense and lie row by row; n is the number of joints.
 #pragma once
 
 #include <algorithm>
 #include <cmath>
 
-#include "vec3.hpp"
+#include "arm.hpp"
 
 namespace ffsms {
 
@@ -51,21 +51,6 @@ inline double reference_speed(double path_left, double speed, double time_left, 
   return kArrivalPower * way / (left_after + 0.5 * dt * kArrivalPower);
 }
 
-// The same for what moves along a direction by rows J (3, n) and a drift, as far as the joints can reach it
-// in one step: asking for more would buy speed with direction.
-inline double reached_speed(double path_left, const Vec3<double>& direction, const double* J,
-                            const double* rates, const double* drift, const double* acceleration, int n,
-                            double time_left, double dt) {
-  double speed = dot(direction, vector_at(drift)), gain = 0.0;
-  for (int j = 0; j < n; ++j) {
-    const double along = dot(direction, Vec3<double>{{J[j], J[n + j], J[2 * n + j]}});
-    speed += along * rates[j];
-    gain += std::fabs(along) * std::min(acceleration[j], kFastest);
-  }
-  const double now = std::max(0.0, speed);
-  return std::min(reference_speed(path_left, now, time_left, dt), now + dt * gain);
-}
-
 // The cosine at which a step with this H_norm costs nothing, log(exp(kappa (1 - H_norm)) - 1) / kappa, or the
 // nearest one in [-1, 1]: see `ideal_cosine` of opt/terms/paper.py.
 inline double ideal_cosine(double entropy, double kappa) {
@@ -83,7 +68,7 @@ inline Vec3<double> lateral_direction(const Vec3<double>& towards, const Vec3<do
     for (int i = 1; i < 3; ++i) {
       if (std::fabs(towards[i]) < std::fabs(towards[k])) k = i;
     }
-    Vec3<double> axis = zero3<double>();
+    Vec3<double> axis = Vec3<double>{};
     axis[k] = 1.0;
     across = cross(towards, axis);
   }
@@ -149,6 +134,102 @@ inline bool solve(double* A, int size) {
     right /= A[k * wide + k];
   }
   return true;
+}
+
+// What one step is given of n joints; null: no attitude is wanted.
+struct StepGiven {
+  int n;
+  Vec3<double> way;              // to the target [m]
+  const Mat3<double>* rotation;  // wanted of the end effector
+  Mat3<double> attitude;         // that it has
+  const double *J, *V;           // J* (6, n), and the basis of the rates (n, n)
+  const double *rates, *drift;   // (n), and of the end effector with the joints at rest (6)
+  const double* acceleration;    // limits (n)
+  Vec3<double> side;             // of the way, to move on; zero: as the end effector moves
+  double cosine, time_left, dt;  // of the angle between motion and way; [s]
+};
+
+// Unit vectors to the target, along the wanted motion, and across the way; the wanted spin, and the speed.
+struct WantedMotion {
+  Vec3<double> towards, direction, side, spin;
+  double speed;
+};
+
+// Weights of a step's objective, as `opt.StepWeights`.
+struct StepWeights {
+  double direction, speed, orientation, effort, change, clearance;
+};
+
+// The speed by the schedule of what moves along a direction by three rows of J, the first is `row`, as far as
+// the joints can reach it in one step: asking for more would buy speed with direction.
+inline double reached_speed(const StepGiven& by, int row, double path_left, const Vec3<double>& direction) {
+  const double* J = by.J + row * by.n;
+  double speed = dot(direction, of_numbers<Vec3<double>>(by.drift + row)), gain = 0.0;
+  for (int j = 0; j < by.n; ++j) {
+    const double along = dot(direction, Vec3<double>{{J[j], J[by.n + j], J[2 * by.n + j]}});
+    speed += along * by.rates[j];
+    gain += std::fabs(along) * std::min(by.acceleration[j], kFastest);
+  }
+  const double now = std::max(0.0, speed);
+  return std::min(reference_speed(path_left, now, by.time_left, by.dt), now + by.dt * gain);
+}
+
+inline WantedMotion wanted_motion(const StepGiven& by) {
+  constexpr double kArrived = 1e-12;  // [m, rad] nearer than that it is rounding
+  WantedMotion out = {{}, {}, by.side, {}, 0.0};
+  const double distance = std::sqrt(dot(by.way, by.way));
+  if (!(distance < kArrived)) {
+    out.towards = by.way / distance;
+    if (dot(by.side, by.side) == 0.0) {  // the side on which the end effector is moving
+      for (int i = 0; i < 3; ++i) out.side[i] = dot(by.J + i * by.n, by.rates, by.n) + by.drift[i];
+    }
+    out.side = lateral_direction(out.towards, out.side);
+    const double sine = std::sqrt(std::max(0.0, 1.0 - by.cosine * by.cosine));
+    out.direction = by.cosine * out.towards + sine * out.side;
+    // A path at a constant angle to the direction of the target is 1 / cos longer than the straight one. One
+    // step goes half of the way to the point of a straight step that is nearest to the target at most: a
+    // longer step at an angle to the target would go round it instead of nearing it.
+    const double along = std::max(by.cosine, kLeastApproach);
+    out.speed =
+        std::min(reached_speed(by, 0, distance / along, out.direction), 0.5 * distance * along / by.dt);
+  }
+  if (by.rotation) {
+    const Vec3<double> turn = log3(*by.rotation * transposed(by.attitude));
+    const double angle = std::sqrt(dot(turn, turn));
+    if (angle >= kArrived) out.spin = reached_speed(by, 3, angle, turn / angle) * (turn / angle);
+  }
+  return out;
+}
+
+// Adds to H (n + 2, n + 2) and g of 1/2 x^T H x + g^T x, with x the rates in the basis V, s, and the slack.
+inline void add_objective(const StepGiven& by, const WantedMotion& wanted, const StepWeights& weights,
+                          double* H, double* g) {
+  const int n = by.n, size = n + 2;
+  double row[kMostJoints + 1];
+  // J V alpha + drift is to be along the direction, or the wanted spin.
+  for (int r = 0; r < (by.rotation ? 6 : 3); ++r) {
+    const double weight = r < 3 ? weights.direction : weights.orientation;
+    const double offset = r < 3 ? by.drift[r] : by.drift[r] - wanted.spin[r - 3];
+    for (int c = 0; c < n; ++c) {
+      row[c] = 0.0;
+      for (int j = 0; j < n; ++j) row[c] += by.J[r * n + j] * by.V[j * n + c];
+    }
+    row[n] = r < 3 ? -wanted.direction[r] : 0.0;
+    for (int i = 0; i <= n; ++i) {
+      const double weighted = weight * row[i];
+      g[i] += weighted * offset;
+      for (int j = 0; j <= n; ++j) H[i * size + j] += weighted * row[j];
+    }
+  }
+  // V turns without stretching, so that |u| = |alpha|: effort and change are diagonal in alpha, too.
+  for (int i = 0; i < n; ++i) {
+    H[i * size + i] += weights.change + weights.effort;
+    for (int j = 0; j < n; ++j) g[i] -= weights.change * by.rates[j] * by.V[j * n + i];
+  }
+  H[n * size + n] += weights.speed;
+  g[n] -= weights.speed * wanted.speed;
+  H[(n + 1) * size + n + 1] += weights.clearance;
+  g[n + 1] += weights.clearance;
 }
 
 }  // namespace ffsms

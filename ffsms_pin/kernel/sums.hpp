@@ -9,25 +9,19 @@
 #pragma once
 
 #include <algorithm>
-#include <cstdint>
-#include <cstring>
-#include <vector>
 
 #include "rollout.hpp"
 #include "slopes.hpp"
 
 namespace ffsms {
 
-// Numbers (component, joint, motion, instant); along an axis that an array does not have the stride is zero.
+// Numbers (row, component, joint, motion, instant); along an axis that an array does not have the step is
+// zero.
 struct Strided {
-  const double* data = nullptr;
-  std::ptrdiff_t component = 0, joint = 0, motion = 0, instant = 0;
+  const double* data;
+  Index step[5];
 
   explicit operator bool() const { return data != nullptr; }
-
-  double operator()(std::ptrdiff_t s, std::ptrdiff_t k, int c = 0, int j = 0) const {
-    return data[s * motion + k * instant + c * component + j * joint];
-  }
 };
 
 // What residuals have slopes by. First vectors, inertial axes: three that joint rates change as well, two
@@ -40,26 +34,38 @@ constexpr const char* kNames[] = {"by_velocity",      "by_spin",          "by_ba
 constexpr int kBaseSpin = 2, kRated = 3, kLevered = 5, kVectors = 7;
 constexpr int kJoints = 7, kOwnJoint = 10, kEntropy = 13, kCoupling = 14, kSlopes = 15;
 
-// A number at `count` instants of each motion, or `count` entries, each of one motion. Absent slopes are
-// zero.
+// Rows of numbers at `count` instants of each motion, or `count` entries, each of one motion. Absent slopes
+// are zero.
 struct Residual {
-  std::ptrdiff_t count;
-  const std::int64_t *instants, *motion;  // the latter null where dense
+  Index rows, count;
+  const Index *instants, *motion;  // the latter null where dense
   const double* weight;
-  int joint;  // its own
   Strided value, by[kSlopes];
 
-  // Whether it depends on its own joint and on nothing else.
+  // Whether each row depends on its own joint and on nothing else.
   bool alone() const {
     const auto there = [](const Strided& slope) { return static_cast<bool>(slope); };
     return std::none_of(by, by + kOwnJoint, there) && std::none_of(by + kEntropy, by + kSlopes, there);
   }
 };
 
+// One value of a residual.
+struct Value {
+  const Residual& of;
+  Index row, motion, i;
+
+  double operator()(const Strided& x, int component = 0, int joint = 0) const {
+    return x.data[row * x.step[0] + component * x.step[1] + joint * x.step[2] + motion * x.step[3] +
+                  i * x.step[4]];
+  }
+  double by(int slope) const { return of.by[slope] ? (*this)(of.by[slope]) : 0.0; }
+  Index instant() const { return of.instants[i]; }
+};
+
 // Dense arrays of motions; the entropy's slopes by C_bm may be absent.
 struct MotionArrays {
   const double *joints, *rates, *attitude, *own_spin, *entropy_slope;  // (n), (n), (3, 3), (3), (6, n)
-  std::ptrdiff_t stack;                                                // numbers in a row
+  std::size_t stack;                                                   // numbers in a row
 };
 
 // Maps from M control points of one joint to its travel, rate and acceleration at all instants, (K, M).
@@ -68,11 +74,12 @@ struct SplineMaps {
   const double* map[3];
 };
 
-// The robot at one instant, base axes: vectors that turn with everything; how each joint moves vectors, by
-// its position and by its rate; and its slope of the entropy.
+// The robot at one instant, base axes: vectors that turn with everything, and the base's attitude; how each
+// joint moves vectors, by its position and by its rate, and its slope of the entropy.
 template <class T>
 struct Instant {
   Vec3<T> lever[kLevered];
+  Mat3<T> attitude;
 };
 template <class T>
 struct Column {
@@ -81,59 +88,47 @@ struct Column {
 };
 
 // One lane of what is made of packs alone.
-template <template <class> class Of>
-Of<double> lane(const Of<Pack>& packs, int i) {
-  constexpr int count = sizeof(Of<double>) / sizeof(double);
-  double all[count * kLanes], one[count];
-  std::memcpy(all, &packs, sizeof all);
-  for (int m = 0; m < count; ++m) one[m] = all[m * kLanes + i];
+template <template <class> class Of, class T>
+Of<double> lane(const Of<T>& packs, int i) {
   Of<double> out;
-  std::memcpy(&out, one, sizeof one);
+  Reader<double>{reinterpret_cast<const double*>(&packs) + i, sizeof(T) / sizeof(double)}.next(&out);
   return out;
-}
-template <template <class> class Of>
-Of<double> lane(const Of<double>& one, int) {
-  return one;
 }
 
 class Sums {
  public:
-  Sums(const Tree& tree, const MotionArrays& motions, const SplineMaps& spline, const Quadrature& quadrature)
-      : tree_(tree),
-        motions_(motions),
-        spline_(spline),
-        quadrature_(quadrature),
-        n_(tree.n),
-        size_(spline.size * tree.n),
-        first_(static_cast<std::size_t>(quadrature.instants())),
-        extent_(first_.size()),
-        attitudes_(first_.size()),
-        instants_(first_.size()),
-        columns_(first_.size() * static_cast<std::size_t>(n_)),
-        turned_(3 * first_.size() * static_cast<std::size_t>(size_)),
-        change_(static_cast<std::size_t>(3 * quadrature.gauss * size_)),
-        total_(static_cast<std::size_t>(3 * size_)),
-        rows_(static_cast<std::size_t>(kBatch * size_)) {
+  // `room`: as many numbers as `needed` says, to work in.
+  Sums(const Tree& tree, const MotionArrays& motions, const SplineMaps& spline, const Quadrature& by,
+       double* room)
+      : tree_(tree), motions_(motions), spline_(spline), quadrature_(by), room_(room) {
+    std::fill_n(rows_, kBatch * size_, 0.0);
     find_extents();
   }
 
+  static std::size_t needed(const Tree& tree, const SplineMaps& spline, const Quadrature& quadrature) {
+    const int size = spline.size * tree.n, own = sizeof(Instant<double>) / sizeof(double) + 1;
+    const int columns = tree.n * static_cast<int>(sizeof(Column<double>) / sizeof(double));
+    return static_cast<std::size_t>(quadrature.instants() * (own + columns + 3 * size) +
+                                    (3 * quadrature.gauss + 3 + kBatch) * size);
+  }
+
   // Sums of one motion, added to a gradient (M n,) and a Hessian (M n, M n) of zeros.
-  void add(std::ptrdiff_t motion, const std::vector<Residual>& residuals, double* gradient, double* hessian) {
+  template <class Residuals>
+  void add(Index motion, const Residuals& residuals, double* gradient, double* hessian) {
     gradient_ = gradient;
     hessian_ = hessian;
     motion_ = motion;
     int k = 0;
-    for (; k + kLanes <= quadrature_.instants(); k += kLanes) look_at(k, packs_);
-    for (; k < quadrature_.instants(); ++k) look_at(k, arm_);
+    for (; k + kLanes <= K_; k += kLanes) look_at(k, packs_);
+    for (; k < K_; ++k) look_at(k, arm_);
     sweep();
-    for (const Residual& residual : residuals) {
-      const bool alone = residual.alone();
-      for (std::ptrdiff_t i = 0; i < residual.count; ++i) {
-        if (residual.weight[i] == 0.0 || (residual.motion && residual.motion[i] != motion)) continue;
-        if (alone) {
-          add_alone(residual, i);
-        } else {
-          add_row(residual, i);
+    for (const Residual& one : residuals) {
+      const bool alone = one.alone();
+      for (Index row = 0; row < one.rows; ++row) {
+        for (Index i = 0; i < one.count; ++i) {
+          if (one.weight[i] == 0.0 || (one.motion && one.motion[i] != motion)) continue;
+          const Value value = {one, row, one.motion ? 0 : motion, i};
+          alone ? add_alone(value) : add_row(value);
         }
       }
     }
@@ -146,242 +141,235 @@ class Sums {
  private:
   static constexpr int kBatch = 4;  // rows that one pass over the Hessian adds
 
-  // Early instants depend on the first control points alone, rates and accelerations on a few.
+  const double* map(int which, Index k) const { return spline_.map[which] + k * spline_.size; }
+
+  // Early instants depend on the first control points alone. The base's turn within an interval follows from
+  // all points of it, and from those before.
   void find_extents() {
-    const int M = spline_.size, Q = quadrature_.points();
-    for (int k = 0; k < Q + 2; ++k) {
-      int first = M, end = 0;
-      for (int m = 0; m < M; ++m) {
-        const int at = k * M + m;
-        const bool now = spline_.map[1][at] != 0.0 || spline_.map[2][at] != 0.0;
-        if (now) first = std::min(first, m);
-        if (now || spline_.map[0][at] != 0.0) end = m + 1;
+    const int g = quadrature_.gauss, Q = quadrature_.points();
+    Index widest = 0;
+    const auto reached = [&](int k) {
+      Index end = widest;
+      for (int m = 0; m < spline_.size; ++m) {
+        if (map(0, k)[m] != 0.0 || map(1, k)[m] != 0.0 || map(2, k)[m] != 0.0)
+          end = std::max<Index>(end, m + 1);
       }
-      first_[k] = first;
-      extent_[k] = end;
-    }
-    // The base's turn within an interval follows from all points of it, and from those before.
-    int widest = 0;
+      return end;
+    };
     for (int i = 0; i < quadrature_.intervals; ++i) {
-      int* own = &extent_[i * quadrature_.gauss];
-      widest = std::max(widest, *std::max_element(own, own + quadrature_.gauss));
-      std::fill(own, own + quadrature_.gauss, widest);
-      if (i == quadrature_.late - 1) extent_[Q] = std::max(extent_[Q], widest);
+      if (i == quadrature_.late) extent_[Q] = reached(Q);
+      for (int b = 0; b < g; ++b) widest = reached(i * g + b);
+      std::fill_n(extent_ + i * g, g, widest);
     }
-    extent_[Q + 1] = std::max(extent_[Q + 1], widest);
+    extent_[Q + 1] = reached(Q + 1);
   }
 
   // The arm at an instant, or at those of a pack, and what residuals may ask of it there.
   template <class T>
   void look_at(int begin, Arm<T>& arm) {
-    const auto read = [&](const double* from, T* values, int rows) {
-      from += motion_ * quadrature_.instants() + begin;
-      for (int i = 0; i < rows; ++i) std::memcpy(&values[i], from + i * motions_.stack, sizeof(T));
+    T joints[kMostJoints], rates[kMostJoints], by_coupling[6 * kMostJoints], by_entropy[kMostJoints] = {};
+    Vec3<T> spin_slope[kMostJoints], tip_slope[kMostJoints], turning_slope[kMostJoints], base_spin;
+    Instant<T> at;
+    const auto read = [&](const double* from, auto* values, int count) {
+      Reader<T>{from + motion_ * K_ + begin, motions_.stack}.next(values, count);
     };
-    T joints[kMostJoints], rates[kMostJoints], by_coupling[6][kMostJoints], by_entropy[kMostJoints] = {};
-    Vec3<T> spin_slope[kMostJoints], tip_slope[kMostJoints], turning_slope[kMostJoints];
-    Mat3<T> attitude;
-    Vec3<T> base_spin;
     read(motions_.joints, joints, n_);
     read(motions_.rates, rates, n_);
-    read(motions_.attitude, attitude[0], 9);
-    read(motions_.own_spin, base_spin.v, 3);
+    read(motions_.attitude, &at.attitude, 1);
+    read(motions_.own_spin, &base_spin, 1);
     evaluate(tree_, joints, arm);
     velocity_slopes(tree_, arm, rates, spin_slope, tip_slope);
     turning_slopes(tree_, arm, rates, turning_slope);
     if (motions_.entropy_slope) {
-      for (int c = 0; c < 6; ++c) read(motions_.entropy_slope + c * n_ * motions_.stack, by_coupling[c], n_);
+      read(motions_.entropy_slope, by_coupling, 6 * n_);
       coupling_slopes(tree_, arm, by_coupling, by_entropy);
     }
     const int lanes = sizeof(T) / sizeof(double);
-    const Vec3<T> rho = arm.tip - arm.com, none = zero3<T>();
-    Vec3<T> velocity = cross(base_spin, rho), turning = none;
+    const Vec3<T> rho = arm.tip - arm.com;
+    Vec3<T> velocity = cross(base_spin, rho), turning = {};
     for (int j = 0; j < n_; ++j) {
-      const Vec3<T> carried = tree_.joints[j].moves_tip ? arm.axis[j] : none, &spin = arm.spin[j];
-      const Column<T> column = {
-          {tip_slope[j], spin_slope[j] + turning_slope[j], spin_slope[j], arm.jstar[j] - cross(spin, rho),
-           -tree_.inverse_mass * arm.linear[j], carried, none},
-          {arm.jstar[j], spin + carried, spin},
-          by_entropy[j]};
+      const Vec3<T>& spin = arm.spin[j];
+      const Column<T> column = {{tip_slope[j],
+                                 spin_slope[j] + turning_slope[j],
+                                 spin_slope[j],
+                                 arm.jstar[j] - cross(spin, rho),
+                                 -tree_.inverse_mass * arm.linear[j],
+                                 arm.tip_spin[j],
+                                 {}},
+                                {arm.jstar[j], arm.jstar_spin[j], spin},
+                                by_entropy[j]};
       for (int i = 0; i < lanes; ++i) columns_[(begin + i) * n_ + j] = lane(column, i);
       base_spin += rates[j] * spin;
       velocity += rates[j] * arm.jstar[j];
-      turning += rates[j] * carried;
+      turning += rates[j] * arm.tip_spin[j];
     }
-    const Instant<T> at = {
-        {velocity, base_spin + turning, base_spin, rho, same<T>(tree_.base_com) - arm.com}};
-    for (int i = 0; i < lanes; ++i) {
-      instants_[begin + i] = lane(at, i);
-      attitudes_[begin + i] = lane(attitude, i);
-    }
+    const Vec3<T> levers[] = {velocity, base_spin + turning, base_spin, rho,
+                              Vec3<T>(tree_.base_com) - arm.com};
+    std::copy_n(levers, kLevered, at.lever);
+    for (int i = 0; i < lanes; ++i) instants_[begin + i] = lane(at, i);
   }
 
   // How everything turns about the centre of mass, inertial axes: (3, M n) at each instant.
-  double* turned(std::ptrdiff_t k) { return &turned_[3 * size_ * k]; }
+  double* turned(Index k) { return turned_ + 3 * size_ * k; }
 
   void sweep() {
     const int g = quadrature_.gauss;
-    std::fill(total_.begin(), total_.end(), 0.0);
+    std::fill_n(total_, 3 * size_, 0.0);
     for (int i = 0; i < quadrature_.intervals; ++i) {
-      if (i == quadrature_.late) std::copy(total_.begin(), total_.end(), turned(quadrature_.points()));
-      const int wide = extent_[i * g] * n_;
-      for (int b = 0; b < g; ++b) spin_changes(i * g + b, &change_[3 * size_ * b], wide);
+      if (i == quadrature_.late) std::copy_n(total_, 3 * size_, turned(quadrature_.points()));
+      const Index wide = extent_[i * g] * n_;
+      for (int b = 0; b < g; ++b) spin_changes(i * g + b, change_ + 3 * size_ * b, wide);
       for (int b = 0; b < g; ++b) {
-        double* here = turned(i * g + b);
-        std::copy(total_.begin(), total_.end(), here);
-        integrate(quadrature_.to_points + (i * g + b) * g, wide, here);
+        std::copy_n(total_, 3 * size_, turned(i * g + b));
+        integrate(quadrature_.to_points + (i * g + b) * g, wide, turned(i * g + b));
       }
-      integrate(quadrature_.over + i * g, wide, total_.data());
+      integrate(quadrature_.over + i * g, wide, total_);
     }
-    std::copy(total_.begin(), total_.end(), turned(quadrature_.points() + 1));
+    std::copy_n(total_, 3 * size_, turned(quadrature_.points() + 1));
   }
 
-  void integrate(const double* weights, int wide, double* out) {
+  void integrate(const double* weights, Index wide, double* out) {
     for (int e = 0; e < quadrature_.gauss; ++e) {
       for (int x = 0; x < 3; ++x) {
-        const double* change = &change_[(3 * e + x) * size_];
+        const double* change = change_ + (3 * e + x) * size_;
         double* sum = out + x * size_;
-        for (int c = 0; c < wide; ++c) sum[c] += weights[e] * change[c];
+        for (Index c = 0; c < wide; ++c) sum[c] += weights[e] * change[c];
       }
     }
   }
 
   // How the base's angular velocity changes, inertial axes: (3, M n).
-  void spin_changes(int k, double* out, int wide) {
-    const double *travel = spline_.map[0] + k * spline_.size, *rates = spline_.map[1] + k * spline_.size;
+  void spin_changes(int k, double* out, Index wide) {
+    const double *travel = map(0, k), *rates = map(1, k);
     for (int j = 0; j < n_; ++j) {
       const Column<double>& column = columns_[k * n_ + j];
-      const Vec3<double> by_travel = attitudes_[k] * column.travel[kBaseSpin];
-      const Vec3<double> by_rate = attitudes_[k] * column.rate[kBaseSpin];
+      const Vec3<double> by_travel = instants_[k].attitude * column.travel[kBaseSpin];
+      const Vec3<double> by_rate = instants_[k].attitude * column.rate[kBaseSpin];
       for (int x = 0; x < 3; ++x) {
         double* row = out + x * size_;
-        for (int m = 0, c = j; c < wide; ++m, c += n_)
+        for (Index m = 0, c = j; c < wide; ++m, c += n_)
           row[c] = by_travel[x] * travel[m] + by_rate[x] * rates[m];
       }
     }
   }
 
-  // Slopes of one value: by the joints' travel, rates and accelerations where the base stays, and by a turn.
-  struct Own {
-    double by[3][kMostJoints];
-    Vec3<double> turn;
-  };
-
-  void find_slopes(const Residual& r, std::ptrdiff_t i, Own& own) {
-    const std::ptrdiff_t k = r.instants[i], s = r.motion ? 0 : motion_;
-    const Column<double>* columns = &columns_[k * n_];
-    const Mat3<double> to_base = transposed(attitudes_[k]);
+  // Slopes of a value by the joints' travel, rates and accelerations where the base stays, (3, n), and by a
+  // turn of everything (3,): to `own`.
+  void find_slopes(const Value& value, double* own) {
+    const Residual& r = value.of;
+    const Index k = value.instant();
+    const Instant<double>& at = instants_[k];
+    const Column<double>* columns = columns_ + k * n_;
     for (int m = 0; m < 3; ++m) {
-      const Strided &all = r.by[kJoints + m], &alone = r.by[kOwnJoint + m];
-      for (int j = 0; j < n_; ++j) own.by[m][j] = all ? all(s, i, 0, j) : 0.0;
-      if (alone) own.by[m][r.joint] += alone(s, i);
+      const Strided& all = r.by[kJoints + m];
+      for (int j = 0; j < n_; ++j) own[m * n_ + j] = all ? value(all, 0, j) : 0.0;
+      if (r.by[kOwnJoint + m]) own[m * n_ + value.row] += value.by(kOwnJoint + m);
     }
-    Vec3<double> moment = zero3<double>();  // base axes
+    Vec3<double> moment = {};  // base axes
     for (int v = 0; v < kVectors; ++v) {
       const Strided& by = r.by[v];
       if (!by) continue;
-      const Vec3<double> g = to_base * Vec3<double>{{by(s, i, 0), by(s, i, 1), by(s, i, 2)}};
-      for (int j = 0; j < n_; ++j) own.by[0][j] += dot(columns[j].travel[v], g);
-      for (int j = 0; v < kRated && j < n_; ++j) own.by[1][j] += dot(columns[j].rate[v], g);
-      moment += v < kLevered ? cross(instants_[k].lever[v], g) : g;
+      const Vec3<double> slope = {{value(by, 0), value(by, 1), value(by, 2)}};
+      const Vec3<double> g = transposed(at.attitude) * slope;
+      for (int j = 0; j < n_; ++j) own[j] += dot(columns[j].travel[v], g);
+      for (int j = 0; v < kRated && j < n_; ++j) own[n_ + j] += dot(columns[j].rate[v], g);
+      moment += v < kLevered ? cross(at.lever[v], g) : g;
     }
-    if (r.by[kEntropy]) {
-      for (int j = 0; j < n_; ++j) own.by[0][j] += r.by[kEntropy](s, i) * columns[j].entropy;
-    }
+    for (int j = 0; r.by[kEntropy] && j < n_; ++j) own[j] += value.by(kEntropy) * columns[j].entropy;
     if (r.by[kCoupling]) {
-      double joints[kMostJoints], by_coupling[6][kMostJoints], gradient[kMostJoints];
-      for (int j = 0; j < n_; ++j) {
-        joints[j] = motions_.joints[j * motions_.stack + motion_ * quadrature_.instants() + k];
-        for (int c = 0; c < 6; ++c) by_coupling[c][j] = r.by[kCoupling](s, i, c, j);
+      double joints[kMostJoints], by_coupling[6 * kMostJoints], gradient[kMostJoints];
+      Reader<double>{motions_.joints + motion_ * K_ + k, motions_.stack}.next(joints, n_);
+      for (int c = 0; c < 6; ++c) {
+        for (int j = 0; j < n_; ++j) by_coupling[c * n_ + j] = value(r.by[kCoupling], c, j);
       }
       evaluate(tree_, joints, arm_);
       coupling_slopes(tree_, arm_, by_coupling, gradient);
-      for (int j = 0; j < n_; ++j) own.by[0][j] += gradient[j];
+      for (int j = 0; j < n_; ++j) own[j] += gradient[j];
     }
-    own.turn = attitudes_[k] * moment;
+    const Vec3<double> turn = at.attitude * moment;
+    std::copy_n(turn.v, 3, own + 3 * n_);
   }
 
   // The row of one value by the control points, kept until there are enough for a pass.
-  void add_row(const Residual& r, std::ptrdiff_t i) {
-    Own own;
-    find_slopes(r, i, own);
-    const auto none = [&](const double* x, int count) {
-      return std::all_of(x, x + count, [](double one) { return one == 0.0; });
-    };
-    if (none(own.by[0], n_) && none(own.by[1], n_) && none(own.by[2], n_) && none(own.turn.v, 3)) return;
-    const std::ptrdiff_t k = r.instants[i];
-    const double *travel = spline_.map[0] + k * spline_.size, *rates = spline_.map[1] + k * spline_.size;
-    const double *accelerations = spline_.map[2] + k * spline_.size, *T = turned(k);
-    const int end = extent_[k], wide = end * n_;
-    double* row = &rows_[waiting_ * size_];
-    for (int c = 0; c < wide; ++c) {
-      row[c] = own.turn[0] * T[c] + own.turn[1] * T[size_ + c] + own.turn[2] * T[2 * size_ + c];
+  void add_row(const Value& value) {
+    double own[3 * kMostJoints + 3];
+    find_slopes(value, own);
+    if (std::all_of(own, own + 3 * n_ + 3, [](double slope) { return slope == 0.0; })) return;
+    const Index k = value.instant();
+    const double *travel = map(0, k), *rates = map(1, k), *accelerations = map(2, k);
+    const double *T = turned(k), *turn = own + 3 * n_, *by_rates = own + n_,
+                 *by_accelerations = by_rates + n_;
+    double* row = rows_ + waiting_ * size_;
+    for (Index m = 0, c = 0; m < extent_[k]; ++m) {
+      for (int j = 0; j < n_; ++j, ++c) {
+        row[c] = turn[0] * T[c] + turn[1] * T[size_ + c] + turn[2] * T[2 * size_ + c];
+        row[c] += own[j] * travel[m];
+        row[c] += by_rates[j] * rates[m] + by_accelerations[j] * accelerations[m];
+      }
     }
-    for (int m = 0, c = 0; m < end; ++m) {
-      for (int j = 0; j < n_; ++j, ++c) row[c] += own.by[0][j] * travel[m];
-    }
-    for (int m = first_[k], c = m * n_; m < end; ++m) {
-      for (int j = 0; j < n_; ++j, ++c) row[c] += own.by[1][j] * rates[m] + own.by[2][j] * accelerations[m];
-    }
-    weights_[waiting_] = r.weight[i];
-    values_[waiting_] = r.value(r.motion ? 0 : motion_, i);
-    wide_[waiting_] = wide;
+    weights_[waiting_] = value.of.weight[value.i];
+    values_[waiting_] = value(value.of.value);
+    wide_ = std::max(wide_, extent_[k] * n_);
     if (++waiting_ == kBatch) flush();
   }
 
   // Rows to the gradient and to the lower triangle of the Hessian.
   void flush() {
-    if (waiting_ == 0) return;
-    const int wide = *std::max_element(wide_, wide_ + waiting_);
-    for (int i = 0; i < kBatch; ++i) {
-      if (i >= waiting_) weights_[i] = values_[i] = 0.0, wide_[i] = 0;
-      std::fill(&rows_[i * size_] + wide_[i], &rows_[i * size_] + wide, 0.0);
-    }
-    const double *r0 = rows_.data(), *r1 = r0 + size_, *r2 = r1 + size_, *r3 = r2 + size_;
-    for (int a = 0; a < wide; ++a) {
+    std::fill(weights_ + waiting_, weights_ + kBatch, 0.0);
+    const double *r0 = rows_, *r1 = r0 + size_, *r2 = r1 + size_, *r3 = r2 + size_;
+    for (Index a = 0; a < wide_; ++a) {
       const double w0 = weights_[0] * r0[a], w1 = weights_[1] * r1[a];
       const double w2 = weights_[2] * r2[a], w3 = weights_[3] * r3[a];
       gradient_[a] += w0 * values_[0] + w1 * values_[1] + w2 * values_[2] + w3 * values_[3];
       double* out = hessian_ + a * size_;
-      for (int b = 0; b <= a; ++b) out[b] += w0 * r0[b] + w1 * r1[b] + w2 * r2[b] + w3 * r3[b];
+      for (Index b = 0; b <= a; ++b) out[b] += w0 * r0[b] + w1 * r1[b] + w2 * r2[b] + w3 * r3[b];
     }
-    waiting_ = 0;
+    std::fill_n(rows_, kBatch * size_, 0.0);
+    wide_ = waiting_ = 0;
   }
 
   // What depends on one joint alone: that joint's entries of the gradient and the lower triangle.
-  void add_alone(const Residual& r, std::ptrdiff_t i) {
-    const std::ptrdiff_t k = r.instants[i], s = r.motion ? 0 : motion_;
-    const int first = r.by[kOwnJoint] ? 0 : first_[k], end = extent_[k];
-    double* row = rows_.data() + waiting_ * size_;
-    std::fill(row, row + end, 0.0);
+  void add_alone(const Value& value) {
+    const Index k = value.instant(), end = extent_[k];
+    double* row = change_;
+    std::fill_n(row, end, 0.0);
     for (int x = 0; x < 3; ++x) {
-      const double slope = r.by[kOwnJoint + x] ? r.by[kOwnJoint + x](s, i) : 0.0;
-      const double* map = spline_.map[x] + k * spline_.size;
-      for (int m = first; m < end && slope != 0.0; ++m) row[m] += slope * map[m];
+      const double slope = value.by(kOwnJoint + x);
+      for (Index m = 0; slope != 0.0 && m < end; ++m) row[m] += slope * map(x, k)[m];
     }
-    for (int a = first; a < end; ++a) {
-      const double weighted = r.weight[i] * row[a];
-      gradient_[a * n_ + r.joint] += weighted * r.value(s, i);
-      double* out = hessian_ + (a * n_ + r.joint) * size_ + r.joint;
-      for (int b = first; b <= a; ++b) out[b * n_] += weighted * row[b];
+    const Index first = std::find_if(row, row + end, [](double x) { return x != 0.0; }) - row;
+    for (Index a = first; a < end; ++a) {
+      const double weighted = value.of.weight[value.i] * row[a];
+      gradient_[a * n_ + value.row] += weighted * value(value.of.value);
+      double* out = hessian_ + (a * n_ + value.row) * size_ + value.row;
+      for (Index b = first; b <= a; ++b) out[b * n_] += weighted * row[b];
     }
+  }
+
+  template <class Kind>
+  Kind* take(int count) {
+    double* taken = room_;
+    room_ += static_cast<std::size_t>(count) * sizeof(Kind) / sizeof(double);
+    return reinterpret_cast<Kind*>(taken);
   }
 
   const Tree& tree_;
   const MotionArrays& motions_;
   const SplineMaps& spline_;
   const Quadrature& quadrature_;
-  const int n_, size_;
-  std::vector<int> first_, extent_;  // of the control points that matter at an instant
-  std::vector<Mat3<double>> attitudes_;
-  std::vector<Instant<double>> instants_;
-  std::vector<Column<double>> columns_;
-  std::vector<double> turned_, change_, total_, rows_;
+  double* room_;
+  const int n_ = tree_.n, size_ = spline_.size * n_, K_ = quadrature_.instants();
+  Index* extent_ = take<Index>(K_);  // of the control points that matter at an instant
+  Instant<double>* instants_ = take<Instant<double>>(K_);
+  Column<double>* columns_ = take<Column<double>>(K_ * n_);
+  double* turned_ = take<double>(3 * size_ * K_);
+  double* change_ = take<double>(3 * size_ * quadrature_.gauss);
+  double *total_ = take<double>(3 * size_), *rows_ = take<double>(kBatch * size_);
   Arm<Pack> packs_;
   Arm<double> arm_;
-  std::ptrdiff_t motion_ = 0;
-  double weights_[kBatch], values_[kBatch];
-  int wide_[kBatch], waiting_ = 0;
+  Index motion_ = 0, wide_ = 0;
+  int waiting_ = 0;
+  double weights_[kBatch], values_[kBatch] = {};
   double *gradient_ = nullptr, *hessian_ = nullptr;
 };
 

@@ -11,38 +11,20 @@ struct Vec3 {
 
   T& operator[](int i) { return v[i]; }
   const T& operator[](int i) const { return v[i]; }
-};
-
-template <class T>
-struct Mat3 {
-  T m[3][3];  // row, column
-
-  T* operator[](int i) { return m[i]; }
-  const T* operator[](int i) const { return m[i]; }
-};
-
-template <class T>
-Vec3<T> zero3() {
-  return {};
-}
-
-// Of numbers one after the other, row by row.
-inline Vec3<double> vector_at(const double* x) { return {{x[0], x[1], x[2]}}; }
-inline Mat3<double> matrix_at(const double* x) {
-  return {{{x[0], x[1], x[2]}, {x[3], x[4], x[5]}, {x[6], x[7], x[8]}}};
-}
-
-// Constants as values of every lane.
-template <class T>
-Vec3<T> same(const Vec3<double>& a) {
-  return {{a[0], a[1], a[2]}};
-}
-template <class T>
-Mat3<T> same(const Mat3<double>& a) {
-  Mat3<T> out;
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) out[i][j] = a[i][j];
+  // Constants as values of every lane.
+  template <class S>
+  operator Vec3<S>() const {
+    return {{S(v[0]), S(v[1]), S(v[2])}};
   }
+};
+template <class T>
+using Mat3 = Vec3<Vec3<T>>;  // row, column
+
+// What is made of doubles alone, of numbers one after the other.
+template <class Value>
+Value of_numbers(const double* x) {
+  Value out;
+  std::memcpy(&out, x, sizeof out);
   return out;
 }
 
@@ -92,21 +74,19 @@ Mat3<T> operator*(const Mat3<T>& a, const Mat3<S>& b) {
 }
 template <class T>
 Mat3<T> transposed(const Mat3<T>& a) {
-  return {{{a[0][0], a[1][0], a[2][0]}, {a[0][1], a[1][1], a[2][1]}, {a[0][2], a[1][2], a[2][2]}}};
-}
-template <class T>
-void operator+=(Mat3<T>& a, const Mat3<T>& b) {
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) a[i][j] += b[i][j];
-  }
+  return {{{{a[0][0], a[1][0], a[2][0]}}, {{a[0][1], a[1][1], a[2][1]}}, {{a[0][2], a[1][2], a[2][2]}}}};
 }
 
 // a b^T
 template <class T>
 Mat3<T> outer(const Vec3<T>& a, const Vec3<T>& b) {
-  return {{{a[0] * b[0], a[0] * b[1], a[0] * b[2]},
-           {a[1] * b[0], a[1] * b[1], a[1] * b[2]},
-           {a[2] * b[0], a[2] * b[1], a[2] * b[2]}}};
+  return {{a[0] * b, a[1] * b, a[2] * b}};
+}
+
+// a x, as a matrix.
+template <class T>
+Mat3<T> skew(const Vec3<T>& a) {
+  return {{{{T{}, -a[2], a[1]}}, {{a[2], T{}, -a[0]}}, {{-a[1], a[0], T{}}}}};
 }
 
 // The inertia that a mass adds when it is looked at from so far away: mass (d.d 1 - d d^T).
@@ -115,7 +95,7 @@ void add_steiner(Mat3<T>& inertia, T mass, const Vec3<T>& d) {
   const Vec3<T> scaled = mass * d;
   const T square = dot(scaled, d);
   for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) inertia[i][j] -= scaled[i] * d[j];
+    inertia[i] = inertia[i] - scaled[i] * d;
     inertia[i][i] += square;
   }
 }
@@ -130,9 +110,9 @@ Mat3<T> inverse_symmetric(const Mat3<T>& a) {
   const T c11 = a[0][0] * a[2][2] - a[0][2] * a[2][0];
   const T c12 = a[0][1] * a[2][0] - a[0][0] * a[2][1];
   const T c22 = a[0][0] * a[1][1] - a[0][1] * a[1][0];
-  return {{{c00 * factor, c01 * factor, c02 * factor},
-           {c01 * factor, c11 * factor, c12 * factor},
-           {c02 * factor, c12 * factor, c22 * factor}}};
+  return {{{{c00 * factor, c01 * factor, c02 * factor}},
+           {{c01 * factor, c11 * factor, c12 * factor}},
+           {{c02 * factor, c12 * factor, c22 * factor}}}};
 }
 
 }  // namespace ffsms

@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.stats import binned_statistic_2d
 
 from ffsms_pin.atlas.dataset import long_name, unit
 from ffsms_pin.atlas.sweep import OF_WHEELS, STATISTICS, Sweep
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.plotting.style import ACCENT, NEUTRAL, applied, axes_or_new, subplots
+from ffsms_pin.plotting.style import ACCENT, NEUTRAL, applied, axes_or_new, colour_bar, subplots
 
 __all__ = ["plot_atlas", "plot_histogram", "plot_joint_map", "plot_pareto", "plot_workspace_map"]
 
-_AXES = ("x", "y", "z")
 # Near singular postures base motion has no bound: axes end where this share of the samples does.
 _SHOWN = 0.98
 _BOUNDED = ("entropy",)
-#: Of a figure of all: those of one number a sample.
+# Of a figure of all: those of one number a sample.
 _SCALARS = ("entropy", "manipulability", "base_translation", "base_rotation")
 
 
 def plot_atlas(data: Any) -> Figure:
     """One figure of an atlas: histograms of the quantities, or maps of their means over the workspace.
 
-    Parameters
-    ----------
-    data : xarray.Dataset
-        From `open_atlas`.
+    `data` is the xarray.Dataset that `open_atlas` gives, here and below.
     """
     with applied():
         figure = Figure(figsize=(7.2, 5.6), layout="constrained")
@@ -46,17 +42,7 @@ def plot_atlas(data: Any) -> Figure:
 
 
 def plot_histogram(data: Any, name: str, ax: Axes | None = None, bins: int = 80) -> Axes:
-    """Distribution of a quantity over the samples; of one without bound, the largest 2 % are left out.
-
-    Parameters
-    ----------
-    data : xarray.Dataset
-        Over the joints.
-    name : str
-        As "entropy".
-    ax : Axes, optional
-    bins : int
-    """
+    """Distribution of a quantity, as "entropy", over the samples; without a bound, of the least 98 %."""
     values = _values(data, name)
     low = float(values.min())
     top = float(values.max() if name in _BOUNDED else np.quantile(values, _SHOWN))
@@ -78,20 +64,9 @@ def plot_joint_map(
     ax: Axes | None = None,
     bins: int = 48,
 ) -> Axes:
-    """Mean of a quantity over two joints; all samples, or a slice of those with other joints in a range.
+    """Mean of a quantity over two joints, counted from 0, with `bins` on each axis.
 
-    Parameters
-    ----------
-    data : xarray.Dataset
-        Over the joints.
-    name : str
-    joints : tuple of int
-        Counted from 0.
-    at : mapping of int to (float, float), optional
-        A slice: ranges of other joints [rad].
-    ax : Axes, optional
-    bins : int
-        On each axis.
+    `at` takes a slice of the samples: those with other joints in given ranges [rad].
 
     Raises
     ------
@@ -108,9 +83,7 @@ def plot_joint_map(
     if not len(values):
         raise InvalidValue("at", at, "leaves no sample")
     x, y = positions[:, joints[0]], positions[:, joints[1]]
-    count, first, second = np.histogram2d(x, y, bins)
-    total, _, _ = np.histogram2d(x, y, (first, second), weights=values.astype(np.float64))
-    mean = np.where(count > 0, total / np.where(count > 0, count, 1.0), np.nan)
+    mean, first, second, _ = binned_statistic_2d(x, y, values.astype(np.float64), "mean", bins)
     names = [str(data["joint"].values[j]) for j in joints]
     with applied():
         ax = axes_or_new(ax)
@@ -128,28 +101,20 @@ def plot_workspace_map(
     statistic: str = "mean",
     ax: Axes | None = None,
 ) -> Axes:
-    """Map of a quantity over a plane through the workspace.
+    """Map of a quantity over a plane of two base axes through the workspace.
 
-    Parameters
-    ----------
-    data : xarray.Dataset
-        Over the workspace.
-    name : str
-        As "entropy".
-    plane : str
-        Two of x, y, z: base axes.
-    at : float, optional
-        Where the plane lies on the third axis [m]; default: the middle cell.
-    statistic : {"mean", "least", "largest"}
-    ax : Axes, optional
+    The plane lies at `at` on the third axis [m], by default in the middle cell. The statistic is one of
+    "mean", "least", "largest".
     """
-    if len(plane) != 2 or len(set(plane)) != 2 or not set(plane) <= set(_AXES):
+    if len(plane) != 2 or len(set(plane)) != 2 or not set(plane) <= set("xyz"):
         raise InvalidValue("plane", plane, "must be two of x, y and z")
-    third = next(axis for axis in _AXES if axis not in plane)
+    (third,) = set("xyz") - set(plane)
     values = data[name].sel(statistic=statistic)
     middle = int(data.sizes[third]) // 2
     cut = values.isel({third: middle}) if at is None else values.sel({third: at}, method="nearest")
-    x, y = (_edges(np.asarray(data[axis]), float(data.attrs["cell_edge_m"])) for axis in plane)
+    edge = float(data.attrs["cell_edge_m"])
+    centres = (np.asarray(data[axis]) for axis in plane)
+    x, y = (np.append(along - 0.5 * edge, along[-1] + 0.5 * edge) for along in centres)
     with applied():
         ax = axes_or_new(ax)
         _coloured(ax, x, y, np.asarray(cut.transpose(*plane)), name)
@@ -162,16 +127,9 @@ def plot_workspace_map(
 def plot_pareto(
     found: Sweep, motion: str = "base_rotation", colour: str | None = None, ax: Axes | None = None
 ) -> Axes:
-    """Base motion against reach of every design; those that none beats are joined by a line.
+    """Base motion, a statistic that should be small, against reach of every design.
 
-    Parameters
-    ----------
-    found : Sweep
-    motion : str
-        A statistic that should be small.
-    colour : str, optional
-        The parameter that colours the designs; default: the first one.
-    ax : Axes, optional
+    Designs that none beats are joined by a line; the parameter `colour`, by default the first, colours them.
     """
     shade = next(iter(found.parameters)) if colour is None else colour
     if shade not in found.parameters:
@@ -183,8 +141,7 @@ def plot_pareto(
         ax = axes_or_new(ax)
         ax.plot(reach[best][order], moved[best][order], color=ACCENT, label="not beaten")
         dots = ax.scatter(reach, moved, c=found.parameters[shade], cmap="cividis", s=18, zorder=3)
-        bar = ax.get_figure().colorbar(dots, ax=ax)  # type: ignore[union-attr]
-        bar.set_label(shade)
+        colour_bar(ax, dots, shade)
         ax.set_xlabel("reach [m]")
         ax.set_ylabel(f"{motion.replace('_', ' ')}\n[{(STATISTICS | OF_WHEELS)[motion].rpartition('[')[2]}")
         ax.legend()
@@ -196,22 +153,16 @@ def _coloured(ax: Axes, x: FloatArray, y: FloatArray, values: FloatArray, name: 
     there = values[np.isfinite(values)]
     top = float(np.quantile(there, _SHOWN)) if there.size else 1.0
     mesh = ax.pcolormesh(x, y, values.T, cmap="cividis", vmax=top, rasterized=True)
-    bar = ax.get_figure().colorbar(mesh, ax=ax, extend="max")  # type: ignore[union-attr]
-    bar.set_label(_label(name))
+    colour_bar(ax, mesh, _label(name), extend="max")
     ax.grid(False)
-
-
-def _edges(centres: FloatArray, edge: float) -> FloatArray:
-    return np.append(centres - 0.5 * edge, centres[-1] + 0.5 * edge)
 
 
 def _values(data: Any, name: str) -> FloatArray:
     values = np.asarray(data[name])
     if values.ndim != 1:
         raise InvalidValue("name", name, "must be a quantity of one number a sample")
-    return values[np.isfinite(values)] if math.isnan(float(values.sum())) else values
+    return values[np.isfinite(values)] if np.isnan(values).any() else values
 
 
 def _label(name: str) -> str:
-    shown = "-" if unit(name) == "1" else unit(name)
-    return f"{long_name(name)}\n[{shown}]"
+    return f"{long_name(name)}\n[{'-' if unit(name) == '1' else unit(name)}]"

@@ -7,13 +7,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ffsms_pin.campaigns.report import Report
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance
+from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.joints import joint_factors, joint_unit_label
-from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, line, stack, subplots
-from ffsms_pin.scenarios.comparisons import Comparison, LawComparison
+from ffsms_pin.plotting.series import draw_band, quantiles
+from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, line, over_time, stack, subplots
+from ffsms_pin.scenarios.comparisons import Comparison, LawComparison, ModeComparison
 from ffsms_pin.scenarios.plants import METHODS, Robustness
 from ffsms_pin.studies.extremes import base_motion
 from ffsms_pin.studies.tracked import wilson_interval
+from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
     "plot_campaign",
@@ -22,6 +25,7 @@ __all__ = [
     "plot_final_error_shares",
     "plot_final_errors",
     "plot_laws",
+    "plot_modes",
     "plot_robustness",
     "plot_success_over",
 ]
@@ -34,20 +38,13 @@ _POINTS = 2000  # of a curve that are drawn
 
 
 def plot_comparison(comparison: Comparison) -> Figure:
-    """A figure with three panels over time, one line a method.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    """
+    """A figure with three panels over time, one line a method."""
     figure, (distance, assistance, rotation) = stack(3)
     with applied():
         for i, (method, made) in enumerate(comparison.plans.items()):
-            label = method if made.reached else f"{method} (not reached)"
-            distance.plot(made.t, made.position_error, label=label, **line(i))
+            distance.plot(made.t, made.position_error, label=_label(method, made), **line(i))
             assistance.plot(made.t[:-1], made.cos_theta, **line(i))
-            turn = np.degrees(np.linalg.norm(base_motion(comparison.sms, made.q).rotation, axis=1))
-            rotation.plot(made.t, turn, **line(i))
+            rotation.plot(made.t, _turn(comparison.sms, made), **line(i))
         distance.set_ylabel("distance to target [m]")
         distance.set_ylim(bottom=0.0)
         assistance.set_ylabel(r"assistance $\cos\,\theta_a$ [-]")
@@ -56,6 +53,44 @@ def plot_comparison(comparison: Comparison) -> Figure:
         rotation.set_xlabel("time [s]")
         distance.set_xlim(0.0, max(made.duration for made in comparison.plans.values()))
         figure.legend(loc="outside upper center", ncols=2)
+    return figure
+
+
+def _label(name: str, made: Trajectory) -> str:
+    return name if made.reached else f"{name} (not reached)"
+
+
+def _turn(sms: SpaceManipulator, made: Trajectory) -> FloatArray:
+    """Angle (N+1,) by which the base is turned [deg]."""
+    return np.asarray(np.degrees(np.linalg.norm(base_motion(sms, made.q).rotation, axis=1)))
+
+
+def plot_modes(comparison: ModeComparison) -> Figure:
+    """A figure with three panels over time, one line a strategy.
+
+    Largest wheel momentum, base rotation, and distance to the target; turning back comes after the plan.
+    """
+    instance("comparison", comparison, ModeComparison)
+    figure, (momentum, rotation, distance) = stack(3)
+    with applied():
+        for i, (name, one) in enumerate(comparison.found.items()):
+            t, spin = one.during.t, np.abs(one.during.momentum).max(axis=1, initial=0.0)
+            turned, turn = one.plan.t, _turn(comparison.sms, one.plan)
+            if one.after is not None:  # along the cubic of `turn_back`
+                s = one.after.t / one.after.t[-1]
+                turn = np.append(turn, turn[-1] * (1.0 - 3.0 * s**2 + 2.0 * s**3))
+                turned = np.append(turned, turned[-1] + one.after.t)
+                spin = np.append(spin, np.abs(one.after.momentum).max(axis=1, initial=0.0))
+                t = np.append(t, t[-1] + one.after.t)
+            momentum.plot(t, spin, label=_label(name, one.plan), **line(i))
+            rotation.plot(turned, turn, **line(i))
+            distance.plot(one.plan.t, one.plan.position_error, **line(i))
+        momentum.set_ylabel("largest wheel\nmomentum [N m s]")
+        rotation.set_ylabel("base rotation [deg]")
+        distance.set_ylabel("distance to target [m]")
+        distance.set_xlabel("time [s]")
+        distance.set_xlim(left=0.0)
+        figure.legend(loc="outside upper center", ncols=3)
     return figure
 
 
@@ -70,16 +105,14 @@ def plot_laws(comparison: LawComparison) -> Figure:
     with applied():
         for i, (law, (run, stopped)) in enumerate(comparison.runs.items()):
             label = f"{law} (stopped)" if stopped else law
-            look = line(i)
-            distance.semilogy(run.t, run.position_error, label=label, **look)
+            distance.semilogy(run.t, run.position_error, label=label, **line(i))
             if len(run.t) > 0:
                 errors = np.abs(run.joint_error * factors).max(axis=1)
                 largest.append(float(errors.max()))
-                error.semilogy(run.t, errors, **look)
+                error.semilogy(run.t, errors, **line(i))
             if len(run.tau) > 0:
-                step = float(run.t[1] - run.t[0])
-                so_far = np.concatenate([[0.0], np.cumsum(np.square(run.tau).sum(axis=1)) * step])
-                effort.plot(run.t[: len(so_far)], so_far, **look)
+                so_far = np.append(0.0, np.cumsum(np.square(run.tau).sum(axis=1)) * (run.t[1] - run.t[0]))
+                effort.plot(run.t[: len(so_far)], so_far, **line(i))
         reach = comparison.plan.reach
         distance.axhline(reach, color=NEUTRAL, label=f"reach, {1e3 * reach:g} mm", **LIMIT)
         distance.set_ylabel("distance to target [m]")
@@ -95,21 +128,12 @@ def plot_laws(comparison: LawComparison) -> Figure:
 
 
 def plot_robustness(found: Robustness) -> Figure:
-    """A figure with two panels: distance to the target over time, and the distribution of what is left of it.
-
-    Parameters
-    ----------
-    found : Robustness
-    """
+    """A figure with two panels: distance to the target over time, and its distribution at the end."""
     with applied():
         figure = Figure(figsize=(5.2, 5.4), layout="constrained")
         above, below = subplots(figure, 2)
-        plot_distance_bands(found, above)
-        plot_final_errors(found, below)
-        for ax in (above, below):  # one for both
-            legend = ax.get_legend()
-            if legend is not None:
-                legend.remove()
+        for ax, plot in ((above, plot_distance_bands), (below, plot_final_errors)):
+            plot(found, ax).legend().remove()  # one for both
         figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=2)
         figure.align_ylabels([above, below])
     return figure
@@ -120,16 +144,12 @@ def plot_distance_bands(found: Robustness, ax: Axes | None = None) -> Axes:
     with applied():
         ax = axes_or_new(ax)
         for i, method in enumerate(METHODS):
-            low, middle, high = _quantiles(found.distance[method])
-            look = line(i)
-            ax.fill_between(found.t, low, high, color=look["color"], alpha=0.22, linewidth=0.0)
-            ax.semilogy(found.t, middle, label=method, **look)
+            draw_band(ax, i, found.t, _running(found.distance[method]), method)
+        ax.set_yscale("log")
         count = len(found.arrived[METHODS[0]])
         ax.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * _SHARE:g} % of {count} plants")
         ax.axhline(found.plan.reach, color=NEUTRAL, label=_reach(found), **LIMIT)
-        ax.set_xlabel("time [s]")
-        ax.set_ylabel("distance to target [m]")
-        ax.margins(x=0.0)
+        over_time(ax, "distance to target [m]")
         ax.legend(loc="lower left")
     return ax
 
@@ -139,14 +159,13 @@ def plot_final_errors(found: Robustness, ax: Axes | None = None) -> Axes:
     with applied():
         ax = axes_or_new(ax)
         for i, method in enumerate(METHODS):
-            errors = np.sort(found.final_errors(method))
+            errors = 1e3 * np.sort(found.final_errors(method))
             share = np.arange(1, len(errors) + 1) / len(errors)
             ended = np.isfinite(errors)
-            if not ended.any():
-                continue
-            errors, share = 1e3 * errors[ended], share[ended]
-            # From zero at the left edge of the first, and on at its height to the right edge.
-            ax.step([errors[0], *errors], [0.0, *share], where="post", label=method, **line(i))
+            if ended.any():
+                # From zero at the left edge of the first, and on at its height to the right edge.
+                x, y = errors[ended], share[ended]
+                ax.step([x[0], *x], [0.0, *y], where="post", label=method, **line(i))
         ax.axvline(1e3 * found.plan.reach, color=NEUTRAL, label=_reach(found), **LIMIT)
         ax.set_xscale("log")
         ax.set_ylim(0.0, 1.02)
@@ -160,23 +179,17 @@ def _reach(found: Robustness) -> str:
     return f"reach, {1e3 * found.plan.reach:g} mm"
 
 
-def _quantiles(runs: FloatArray) -> FloatArray:
+def _running(runs: FloatArray) -> FloatArray:
     """Low, median and high (3, k) of runs (plants, k), at each instant of those that were not stopped yet."""
     result = np.full((3, runs.shape[1]), np.nan)
-    for k in range(runs.shape[1]):
-        running = runs[:, k][np.isfinite(runs[:, k])]
-        if running.size:
-            result[:, k] = np.quantile(running, [0.5 - 0.5 * _SHARE, 0.5, 0.5 + 0.5 * _SHARE])
+    for k, now in enumerate(runs.T):
+        if np.isfinite(now).any():
+            result[:, k] = quantiles(now[np.isfinite(now)], _SHARE)
     return result
 
 
 def plot_campaign(found: Report) -> Figure:
-    """A figure with a panel for the final errors, and one for each of the first drawn numbers.
-
-    Parameters
-    ----------
-    found : Report
-    """
+    """A figure with a panel for the final errors, and one for each of the first drawn numbers."""
     keys = list(found.draws)[:_PANELS]
     with applied():
         figure = Figure(figsize=(5.2, 2.4 * (1 + len(keys))), layout="constrained")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -13,7 +14,16 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.plotting.series import Series, check_kinds, plot_flown, plot_series, scale_decades, thinned
-from ffsms_pin.plotting.style import LIMIT, NEUTRAL, applied, axes_or_new, legend_above, line
+from ffsms_pin.plotting.style import (
+    ACCENT,
+    LIMIT,
+    NEUTRAL,
+    applied,
+    axes_or_new,
+    colour_bar,
+    legend_above,
+    over_time,
+)
 from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
@@ -31,6 +41,7 @@ __all__ = [
 
 _INSTANTS = 400  # of a motion, at most: the coupling is computed at each
 _NO_RANK = 1e-9  # of the largest value: rounding
+_ENTROPY = r"entropy $H_\mathrm{norm}$ [-]"
 
 
 def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -48,11 +59,9 @@ def plot_cost(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 def plot_assistance(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Coupling assistance cos(theta_a) at every step."""
     check_kinds(trajectory=trajectory)
-    ax = plot_series(
-        ax, trajectory.t[:-1], trajectory.cos_theta, r"assistance $\cos\,\theta_a$ [-]", steps=True
-    )
-    lowest = float(trajectory.cos_theta.min())
-    ax.set_ylim(-0.05 if lowest >= 0.0 else -1.08, 1.08)
+    label = r"assistance $\cos\,\theta_a$ [-]"
+    ax = plot_series(ax, trajectory.t[:-1], trajectory.cos_theta, label, steps=True)
+    ax.set_ylim(-0.05 if trajectory.cos_theta.min() >= 0.0 else -1.08, 1.08)
     return ax
 
 
@@ -64,7 +73,7 @@ def plot_position_error(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         late = [ARRIVAL_SHARE * trajectory.duration, trajectory.duration]
         ax.plot(late, [trajectory.reach] * 2, color=NEUTRAL, label=r"$r_{th}$ from 0.9 $T$ on", **LIMIT)
         ax.set_ylim(bottom=0.0)
-        legend_above(ax, ["r_th from 0.9 T on"])
+        legend_above(ax)
     return ax
 
 
@@ -72,21 +81,15 @@ def plot_sigma_bands(sms: SpaceManipulator, result: Trajectory | Tracking, ax: A
     """Singular values of C_bm over time, stacked: the wider a band, the more of the coupling it carries."""
     check_kinds(sms=sms, result=result)
     t, sigma = _sigma(sms, result)
-    edges = np.cumsum(sigma, axis=1)
+    edges = np.cumsum(np.insert(sigma, 0, 0.0, axis=1), axis=1).T
     with applied():
         ax = axes_or_new(ax)
-        lower = np.zeros(len(t))
-        for i in range(sigma.shape[1]):
-            # Paler and paler: the order is seen in grey, too.
-            strength = 0.85 * 0.6**i
-            colour = line(0)["color"]
-            ax.fill_between(t, lower, edges[:, i], color=colour, alpha=strength, linewidth=0.0)
-            ax.plot(t, edges[:, i], color=colour, linewidth=0.8)
-            ax.fill_between([], [], color=colour, alpha=strength, label=rf"$\sigma_{{{i + 1}}}$")
-            lower = edges[:, i]
-        ax.set_xlabel("time [s]")
-        ax.set_ylabel("singular values of $C_{bm}$,\nstacked [m/rad, rad/rad]")
-        ax.margins(x=0.0)
+        for i, (lower, upper) in enumerate(itertools.pairwise(edges)):
+            strength = 0.85 * 0.6**i  # paler and paler: the order is seen in grey, too
+            ax.fill_between(t, lower, upper, color=ACCENT, alpha=strength, linewidth=0.0)
+            ax.plot(t, upper, color=ACCENT, linewidth=0.8)
+            ax.fill_between([], [], color=ACCENT, alpha=strength, label=_sigma_name(i))
+        over_time(ax, "singular values of $C_{bm}$,\nstacked [m/rad, rad/rad]")
         ax.set_ylim(bottom=0.0)
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=sigma.shape[1], borderaxespad=0.2)
     return ax
@@ -100,16 +103,13 @@ def plot_sigma(
     With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
     """
     check_kinds(sms=sms, trajectory=trajectory, flown=flown)
-    planned, done = (None if one is None else _sigma(sms, one) for one in (trajectory, flown))
-    assert planned is not None
-    largest = float(planned.values.max())
-    there = planned.values.max(axis=0) > _NO_RANK * largest  # a planar arm has three directions, not six
-    names = [rf"$\sigma_{{{i + 1}}}$" for i in np.flatnonzero(there)]
-    planned = Series(planned.t, planned.values[:, there])
-    done = None if done is None else Series(done.t, done.values[:, there])
-    ax = plot_flown(ax, planned, done, "singular values of $C_{bm}$\n[m/rad, rad/rad]", names)
-    least = float(planned.values.min())
-    if not scale_decades(ax, least, largest, ratio=30.0, smallest=1e-5):
+    made = [_sigma(sms, one) for one in (trajectory, flown) if one is not None]
+    largest = float(made[0].values.max())
+    there = made[0].values.max(axis=0) > _NO_RANK * largest  # a planar arm has three directions, not six
+    made = [Series(t, values[:, there]) for t, values in made]
+    names = [_sigma_name(i) for i, seen in enumerate(there) if seen]
+    ax = plot_flown(ax, made, "singular values of $C_{bm}$\n[m/rad, rad/rad]", names)
+    if not scale_decades(ax, float(made[0].values.min()), largest, ratio=30.0, smallest=1e-5):
         ax.set_ylim(0.0, 1.1 * largest)
     return ax
 
@@ -125,25 +125,28 @@ def plot_entropy(
     With `flown`, a motion of `sms`, that is drawn where it differs from the plan, and the plan thin and pale.
     """
     check_kinds(trajectory=trajectory, flown=flown)
-    label = r"entropy $H_\mathrm{norm}$ [-]"
-    top = float(trajectory.entropy.max())
+    planned = Series(trajectory.t[:-1], trajectory.entropy[:, None])
+    top = float(planned.values.max())
     if sms is None or flown is None:
-        ax = plot_series(ax, trajectory.t[:-1], trajectory.entropy, label, steps=True)
+        ax = plot_series(ax, *planned, _ENTROPY, steps=True)
     else:
         check_kinds(sms=sms, flown=flown)
         rows = thinned(len(flown.t), _INSTANTS)
         found = np.array([[sms.at(flown.q[k]).coupling.entropy] for k in rows])
-        planned = Series(trajectory.t[:-1], trajectory.entropy[:, None])
-        done = Series(flown.t[rows], found)
-        ax = plot_flown(ax, planned, done, label, ())
+        ax = plot_flown(ax, [planned, Series(flown.t[rows], found)], _ENTROPY)
         top = max(top, float(found.max()))
     ax.set_ylim(0.0, min(1.0, 1.15 * max(top, 0.05)))
     return ax
 
 
 def _sigma(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Series:
+    """Singular values of C_bm (k, min(6, n)) along a motion."""
     rows = thinned(len(motion.t), _INSTANTS)
     return Series(motion.t[rows], np.array([sms.at(motion.q[k]).coupling.sigma for k in rows]))
+
+
+def _sigma_name(i: int) -> str:
+    return rf"$\sigma_{{{i + 1}}}$"
 
 
 def entropy_grid(
@@ -177,7 +180,10 @@ def entropy_grid(
     positions = np.zeros(sms.n) if at is None else vector("at", at, sms.n, "rad")
     if whole("points", points, 2) > 1000:  # on an axis: more than a figure has pixels for
         raise InvalidValue("points", points, "must not exceed 1000")
-    first, second = (_range(sms, k, points) for k in (i, j))
+    bounded = np.isfinite(sms.limits.lower) & np.isfinite(sms.limits.upper)
+    lower = np.where(bounded, sms.limits.lower, -math.pi)
+    upper = np.where(bounded, sms.limits.upper, math.pi)
+    first, second = (np.linspace(lower[k], upper[k], points) for k in (i, j))
     grid = np.tile(positions, (points, points, 1))
     grid[:, :, i], grid[:, :, j] = first, second[:, None]
     entropy = sms.batch(grid.reshape(-1, sms.n)).entropy.reshape(points, points)
@@ -213,8 +219,7 @@ def plot_entropy_map(
         filled.set_edgecolor("face")  # no hairlines between the levels in vector files
         drawn = ax.contour(x, y, entropy, levels=levels[::2], colors="black", linewidths=0.5, alpha=0.55)
         ax.clabel(drawn, fmt="%.1f", fontsize=7)
-        bar = ax.get_figure().colorbar(filled, ax=ax)  # type: ignore[union-attr]
-        bar.set_label(r"entropy $H_\mathrm{norm}$ [-]")
+        colour_bar(ax, filled, _ENTROPY)
         if trajectory is not None:
             check_kinds(sms=sms, trajectory=trajectory)
             way = trajectory.joint_positions[:, list(joints)] * [unit.factor for unit in units]
@@ -223,13 +228,6 @@ def plot_entropy_map(
             ax.plot(*way[0], "o", color="black", markerfacecolor="white", markersize=6)
             ax.plot(*way[-1], "o", color="black", markersize=6)
         ax.grid(False)
-        for set_label, k, unit in ((ax.set_xlabel, 0, units[0]), (ax.set_ylabel, 1, units[1])):
-            set_label(f"{sms.joint_names[joints[k]]} [{unit.name}]")
+        ax.set_xlabel(f"{sms.joint_names[joints[0]]} [{units[0].name}]")
+        ax.set_ylabel(f"{sms.joint_names[joints[1]]} [{units[1].name}]")
     return ax
-
-
-def _range(sms: SpaceManipulator, joint: int, points: int) -> FloatArray:
-    lower, upper = float(sms.limits.lower[joint]), float(sms.limits.upper[joint])
-    if not (math.isfinite(lower) and math.isfinite(upper)):
-        lower, upper = -math.pi, math.pi
-    return np.linspace(lower, upper, points)

@@ -5,29 +5,25 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pinocchio as pin
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable
-from ffsms_pin.opt import Obstacle
 from ffsms_pin.plotting import coupling, joints
 from ffsms_pin.plotting.motion import motion_sides, plot_motion, times_drawn
-from ffsms_pin.plotting.series import near_limits
-from ffsms_pin.plotting.style import applied, share_legend, stack, subplots
-from ffsms_pin.plotting.wheels import (
-    plot_attitude,
-    plot_braking,
-    plot_turning,
-    plot_wheel_torque,
-    plot_wheels,
-    wheels_turn,
-)
+from ffsms_pin.plotting.series import near_limits, plot_series
+from ffsms_pin.plotting.style import applied, legend_above, share_legend, stack, subplots
 from ffsms_pin.scenarios import Outcome
 from ffsms_pin.storage import path_like, write_atomically
 from ffsms_pin.studies.tracked import end_effector_path
+from ffsms_pin.system import SpaceManipulator
+
+if TYPE_CHECKING:
+    from ffsms_pin.studies.capture import Captured
 
 __all__ = ["FIGURES", "figure", "figure_names", "save_figure", "save_figures", "save_formats"]
 
@@ -67,37 +63,26 @@ FIGURES: Mapping[str, tuple[Panel, ...]] = {
 }
 """Figures by file name, and their panels from top to bottom."""
 
-CAPTURE_FIGURES: Mapping[str, tuple[Panel, ...]] = {"capture": (plot_turning, plot_braking)}
-"""More of them, where a client was captured."""
-
-WHEEL_FIGURES: Mapping[str, tuple[Panel, ...]] = {
+# More of them, where a client was captured, and where wheels turned.
+_MORE: Mapping[str, tuple[Panel, ...]] = {
+    "capture": (
+        lambda o, ax: o.capture and _turning(o.capture, ax),
+        lambda o, ax: o.capture and _braking(o.sms, o.capture, ax),
+    ),
     "wheels": (
-        lambda o, ax: plot_wheels(o.sms, o.trajectory, o.tracking, ax),
-        lambda o, ax: plot_wheel_torque(o.sms, o.tracking, ax),
-        lambda o, ax: plot_attitude(o.tracking, ax),
-    )
+        lambda o, ax: joints.plot_wheels(o.sms, o.trajectory, o.tracking, ax),
+        lambda o, ax: joints.plot_wheel_torque(o.sms, o.tracking, ax),
+        lambda o, ax: plot_series(
+            ax, o.tracking.t, np.degrees(o.tracking.base_rotation), "base turned by [deg]"
+        ),
+    ),
 }
-"""More of them, where wheels turned."""
 
 _DRAWING_WIDTH, _PAIR_WIDTH = 6.0, 9.0  # [in] of one drawing, and of two side by side
-
+_SAID: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": (0, (4, 3))}
 _STILL = 1e-9  # [m/s, rad/s] of a base that is held, in a plan
-
 # Without a date, the same outcome gives the same file.
 _UNDATED: dict[str, dict[str, Any]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
-
-
-def _true_paths(outcome: Outcome) -> dict[str, FloatArray]:
-    """Where the end effector really went, where that is not as planned: the motion was planned again."""
-    if outcome.open_loop is None:
-        return {}
-    runs = {"planned again": outcome.tracking, "plan made once": outcome.open_loop.tracking}
-    return {name: end_effector_path(outcome.plant, run) for name, run in runs.items() if len(run.t) > 0}
-
-
-def _obstacles(outcome: Outcome) -> list[Obstacle]:
-    """What the plan kept clear of, the client's among them."""
-    return outcome.scenario.obstacles(None if outcome.capture is None else outcome.capture.client)
 
 
 def _torques(outcome: Outcome, ax: Axes) -> Axes:
@@ -109,13 +94,44 @@ def _torques(outcome: Outcome, ax: Axes) -> Axes:
     return ax
 
 
+def _turning(capture: Captured, ax: Axes) -> Axes:
+    """Angular velocity of the base from the rigid capture on [deg/s]; dashed: as said before the flight."""
+    t, tracking = _since_contact(capture), capture.tracking
+    attitudes = [pin.XYZQUATToSE3(q[:7]).rotation for q in tracking.q]
+    rates = np.degrees(np.einsum("kij,kj->ki", attitudes, tracking.v[:, 3:6]))
+    rest = t[t >= capture.planned_braking]
+    said = np.degrees(capture.planned_rest.twists(rest - capture.planned_braking)[:, 3:])
+    ax = plot_series(ax, t, rates, "base rate [deg/s]", [f"$\\omega_{axis}$" for axis in "xyz"])
+    with applied():
+        for i in range(3):
+            ax.plot(rest, said[:, i], label="as said before" if i == 0 else None, **_SAID)
+        legend_above(ax)
+        ax.set_xlabel("time since the contact [s]")
+        ax.set_xlim(left=0.0)
+    return ax
+
+
+def _braking(sms: SpaceManipulator, capture: Captured, ax: Axes) -> Axes:
+    """Joint rates from the rigid capture on."""
+    rates = capture.tracking.v[:, 6 : 6 + sms.n] * joints.joint_factors(sms)
+    label = f"joint rate [{joints.joint_unit_label(sms)}/s]"
+    ax = plot_series(ax, _since_contact(capture), rates, label, sms.joint_names)
+    ax.set_xlabel("time since the contact [s]")
+    return ax
+
+
+def _since_contact(capture: Captured) -> FloatArray:
+    """Instants of the rigid capture [s], which begins where the contact ends."""
+    return capture.tracking.t + (0.0 if capture.contact is None else capture.contact.t[-1])
+
+
 def figure(outcome: Outcome, name: str) -> Figure:
     """One of `FIGURES`, or of those that the outcome has beside them (see `figure_names`), drawn."""
     instance("outcome", outcome, Outcome)
-    known = {**FIGURES, **CAPTURE_FIGURES, **WHEEL_FIGURES}
-    if one_of("name", name, ["motion", *known]) == "motion":
+    known = {**FIGURES, **_MORE}
+    panels = known[one_of("name", name, known)]
+    if not panels:
         return _motion(outcome)
-    panels = known[name]
     result, axes = stack(len(panels))
     for panel, ax in zip(panels, axes, strict=True):
         panel(outcome, ax)
@@ -130,16 +146,19 @@ def figure_names(outcome: Outcome) -> list[str]:
     still = {"base-linear": plan.v[:, :3], "base-angular": plan.v[:, 3:6]}
     names = [name for name in FIGURES if name not in still or np.abs(still[name]).max() > _STILL]
     if outcome.capture is not None:
-        names += CAPTURE_FIGURES
-    if wheels_turn(outcome.tracking):
-        names += WHEEL_FIGURES
+        names.append("capture")
+    if outcome.tracking.wheel_momentum.any():
+        names.append("wheels")
     return names
 
 
 def _motion(outcome: Outcome) -> Figure:
     """The motion from one side where it is planar, from two where it is not."""
-    paths = _true_paths(outcome)
-    obstacles = _obstacles(outcome)
+    paths = {}
+    if outcome.open_loop is not None:  # planned again: the end effector did not go where it was to go first
+        runs = {"planned again": outcome.tracking, "plan made once": outcome.open_loop.tracking}
+        paths = {name: end_effector_path(outcome.plant, run) for name, run in runs.items() if len(run.t)}
+    obstacles = outcome.scenario.obstacles(None if outcome.capture is None else outcome.capture.client)
     sides = motion_sides(outcome.sms, outcome.trajectory, paths)
     with applied():
         result = Figure(layout="constrained")
@@ -162,31 +181,16 @@ def save_figures(
     formats: tuple[str, ...] = ("pdf", "png"),
     progress: Callable[[float], None] | None = None,
 ) -> list[Path]:
-    """Write every figure of an outcome into a folder, each file atomically.
+    """Write every figure of an outcome into a folder that is there, each file atomically; returns the files.
 
-    Parameters
-    ----------
-    outcome : Outcome
-    folder : path
-        Must exist.
-    formats : tuple of str
-        Endings: "pdf", "svg", "png".
-    progress : callable, optional
-        Called with the share of the work done, 0 to 1.
-
-    Returns
-    -------
-    list of Path
-        The files.
+    Formats are endings: "pdf", "svg", "png". `progress` is called with the share of the work done, 0 to 1.
     """
     instance("outcome", outcome, Outcome)
     folder = path_like("folder", folder)
     optional_callable("progress", progress)
-    written = []
-    names = figure_names(outcome)
+    written, names = [], figure_names(outcome)
     for count, name in enumerate(names, start=1):
-        drawn = figure(outcome, name)
-        written += save_formats(drawn, folder / name, formats)
+        written += save_formats(figure(outcome, name), folder / name, formats)
         if progress is not None:
             progress(count / len(names))
     return written
@@ -196,14 +200,16 @@ def _fit(drawn: Figure, panels: Sequence[Axes]) -> None:
     """Give drawings side by side one scale, and the figure the height that their contents ask for."""
     widths = [ax.get_xlim()[1] - ax.get_xlim()[0] for ax in panels]
     tallest = max(ax.get_ylim()[1] - ax.get_ylim()[0] for ax in panels)
-    for ax in panels if len(panels) > 1 else ():
-        middle = 0.5 * sum(ax.get_ylim())
-        ax.set_adjustable("box")  # the limits are set now: the scale must follow them
-        ax.set_ylim(middle - 0.5 * tallest, middle + 0.5 * tallest)
+    width = _DRAWING_WIDTH
+    if len(panels) > 1:
+        width = _PAIR_WIDTH
+        for ax in panels:
+            middle = 0.5 * sum(ax.get_ylim())
+            ax.set_adjustable("box")  # the limits are set now: the scale must follow them
+            ax.set_ylim(middle - 0.5 * tallest, middle + 0.5 * tallest)
     grid = panels[0].get_gridspec()
-    if grid is not None:
-        grid.set_width_ratios(widths)
-    width = _DRAWING_WIDTH if len(panels) == 1 else _PAIR_WIDTH
+    assert grid is not None
+    grid.set_width_ratios(widths)
     height = width * tallest / max(sum(widths), 1e-9)
     drawn.set_size_inches(width, min(max(height, 2.5), 1.4 * _DRAWING_WIDTH) + 0.6)
 

@@ -1,17 +1,19 @@
-"""Motion of joints and base, planned and flown, and how well a plan is followed with which torques."""
+"""What joints, base and wheels do over time, planned and flown, and how well a plan is followed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
 
+from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.plotting.series import Series, check_kinds, near_limits, plot_flown, plot_series, thinned
+from ffsms_pin.plotting.style import applied, legend_above
 from ffsms_pin.scenarios.joints import joint_units
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.studies.extremes import base_motion
@@ -30,10 +32,13 @@ __all__ = [
     "plot_joint_rates",
     "plot_torques",
     "plot_tracked_position_error",
+    "plot_wheel_momentum",
+    "plot_wheel_torque",
+    "plot_wheels",
 ]
 
 _NEAR_LIMIT = 0.1  # of a joint's range: nearer than that its limit is drawn
-_XYZ = ("x", "y", "z")
+_STILL, _SAME = 1e-6, 1e-3  # shares of the largest momentum: of a wheel at rest, and of two that do the same
 Motion: TypeAlias = Trajectory | Tracking
 
 
@@ -42,7 +47,7 @@ def joint_unit_label(sms: SpaceManipulator) -> str:
     return " or ".join(dict.fromkeys(unit.name for unit in joint_units(sms)))
 
 
-def joint_factors(sms: SpaceManipulator) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def joint_factors(sms: SpaceManipulator) -> FloatArray:
     """What makes degrees (or metres) of the joint positions, (n,)."""
     return np.array([unit.factor for unit in joint_units(sms)])
 
@@ -55,16 +60,17 @@ def plot_joint_positions(
     With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale.
     """
     check_kinds(sms=sms, trajectory=trajectory, flown=flown)
-    factors, limits = joint_factors(sms), sms.limits
-    planned = Series(trajectory.t, trajectory.joint_positions * factors)
-    done = None if flown is None else Series(flown.t, _positions(sms, flown) * factors)
-    values = planned.values if done is None else np.vstack([planned.values, done.values])
-    lower, upper = limits.lower * factors, limits.upper * factors
+    factors = joint_factors(sms)
+    made = [Series(trajectory.t, trajectory.joint_positions * factors)]
+    if flown is not None:
+        made.append(Series(flown.t, np.array([sms.layout.positions(q) for q in flown.q]) * factors))
+    values = np.vstack([one.values for one in made])
+    lower, upper = sms.limits.lower * factors, sms.limits.upper * factors
     room = _NEAR_LIMIT * (upper - lower)
     low = np.where(values.min(axis=0) < lower + room, lower, -np.inf)
     high = np.where(values.max(axis=0) > upper - room, upper, np.inf)
     label = f"joint position [{joint_unit_label(sms)}]"
-    return plot_flown(ax, planned, done, label, sms.joint_names, (low, high))
+    return plot_flown(ax, made, label, sms.joint_names, (low, high))
 
 
 def plot_joint_rates(
@@ -75,18 +81,12 @@ def plot_joint_rates(
     `flown` as for `plot_joint_positions`.
     """
     check_kinds(sms=sms, trajectory=trajectory, flown=flown)
-    factors, n = joint_factors(sms), sms.n
-    planned = Series(trajectory.t, trajectory.joint_rates * factors)
-    done = None if flown is None else Series(flown.t, flown.v[:, -n:] * factors)
-    limit = sms.limits.velocity * factors
-    values = planned.values if done is None else np.vstack([planned.values, done.values])
-    label, limits = near_limits(values, limit, f"joint rate [{joint_unit_label(sms)}/s]")
-    return plot_flown(ax, planned, done, label, sms.joint_names, limits)
-
-
-def _positions(sms: SpaceManipulator, flown: Tracking) -> FloatArray:
-    """Joint positions (k, n) [rad or m]."""
-    return np.array([sms.joint_positions(q) for q in flown.q])
+    factors = joint_factors(sms)
+    made = [Series(motion.t, motion.v[:, 6:] * factors) for motion in _motions(trajectory, flown)]
+    values = np.vstack([one.values for one in made])
+    label = f"joint rate [{joint_unit_label(sms)}/s]"
+    label, limits = near_limits(values, sms.limits.velocity * factors, label)
+    return plot_flown(ax, made, label, sms.joint_names, limits)
 
 
 def plot_base_position(
@@ -97,65 +97,60 @@ def plot_base_position(
     With `flown`, that motion is drawn where it differs from the plan, and the plan thin and pale; so it is
     for the other panels of the base.
     """
-    return _plot(sms, trajectory, flown, ax, "base displacement [mm]", _moved)
+    label = "base displacement [mm]"
+    return _plot_base(sms, trajectory, flown, ax, label, lambda q, v: 1e3 * base_motion(sms, q).translation)
 
 
 def plot_base_velocity(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
     """Velocity of the base's centre of mass, inertial axes."""
-    return _plot(sms, trajectory, flown, ax, "base velocity [mm/s]", _velocity)
+    label = "base velocity [mm/s]"
+    return _plot_base(sms, trajectory, flown, ax, label, lambda q, v: 1e3 * _twists(sms, q, v)[:, :3])
 
 
 def plot_base_rotation(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
     """Rotation vector of the base from its start, inertial axes."""
-    return _plot(sms, trajectory, flown, ax, "base rotation [deg]", _turned)
+    label = "base rotation [deg]"
+    return _plot_base(
+        sms, trajectory, flown, ax, label, lambda q, v: np.degrees(base_motion(sms, q).rotation)
+    )
 
 
 def plot_base_angular_velocity(
     sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None, flown: Motion | None = None
 ) -> Axes:
     """Angular velocity of the base, inertial axes."""
-    return _plot(sms, trajectory, flown, ax, "base angular velocity [deg/s]", _spin)
+    label = "base angular velocity [deg/s]"
+    return _plot_base(sms, trajectory, flown, ax, label, lambda q, v: np.degrees(_twists(sms, q, v)[:, 3:]))
 
 
-def _plot(
+def _plot_base(
     sms: SpaceManipulator,
     trajectory: Trajectory,
     flown: Motion | None,
     ax: Axes | None,
     label: str,
-    values: Callable[[SpaceManipulator, Motion, Any], FloatArray],
+    values: Callable[[FloatArray, FloatArray], FloatArray],
 ) -> Axes:
+    """Three values of the base, which a function gives (k, 3) of q (k, nq) and v (k, nv)."""
     check_kinds(sms=sms, trajectory=trajectory, flown=flown)
-    planned = Series(trajectory.t, values(sms, trajectory, slice(None)))
-    if flown is None:
-        return plot_flown(ax, planned, None, label, _XYZ)
-    some = thinned(len(flown.t))
-    return plot_flown(ax, planned, Series(flown.t[some], values(sms, flown, some)), label, _XYZ)
+    made = []
+    for motion in _motions(trajectory, flown):
+        rows = thinned(len(motion.t))
+        made.append(Series(motion.t[rows], values(motion.q[rows], motion.v[rows])))
+    return plot_flown(ax, made, label, "xyz")
 
 
-def _moved(sms: SpaceManipulator, motion: Motion, rows: Any) -> FloatArray:
-    return 1e3 * base_motion(sms, motion.q[rows]).translation
+def _motions(trajectory: Trajectory, flown: Motion | None) -> list[Motion]:
+    return [trajectory] if flown is None else [trajectory, flown]
 
 
-def _turned(sms: SpaceManipulator, motion: Motion, rows: Any) -> FloatArray:
-    return np.degrees(base_motion(sms, motion.q[rows]).rotation)
-
-
-def _velocity(sms: SpaceManipulator, motion: Motion, rows: Any) -> FloatArray:
-    return 1e3 * _twists(sms, motion, rows)[:, :3]
-
-
-def _spin(sms: SpaceManipulator, motion: Motion, rows: Any) -> FloatArray:
-    return np.asarray(np.degrees(_twists(sms, motion, rows)[:, 3:]))
-
-
-def _twists(sms: SpaceManipulator, motion: Motion, rows: Any) -> FloatArray:
-    """Base twist (k, 6), paper's convention."""
-    return np.array([sms.at(q, v).base_twist for q, v in zip(motion.q[rows], motion.v[rows], strict=True)])
+def _twists(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArray:
+    """Base twists (k, 6), paper's convention."""
+    return np.array([sms.at(*state).base_twist for state in zip(q, v, strict=True)])
 
 
 def plot_joint_error(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
@@ -204,14 +199,83 @@ def plot_torques(
     check_kinds(sms=sms, tracking=tracking)
     if limits is not None and not (isinstance(limits, np.ndarray) and limits.shape == (sms.n,)):
         raise InvalidValue("limits", limits, f"must be an array of shape ({sms.n},) [N m]")
-    sliding = ~sms.layout.turns
-    unit = "N" if all(sliding) else "N or N m" if any(sliding) else "N m"
-    return plot_series(
-        ax,
-        tracking.t[: len(tracking.tau)],
-        tracking.tau,
-        f"joint torque [{unit}]",
-        sms.joint_names,
-        () if limits is None else (-limits, limits),
-        steps=True,
-    )
+    turns = sms.layout.turns
+    unit = "N m" if all(turns) else "N or N m" if any(turns) else "N"
+    t, label = tracking.t[: len(tracking.tau)], f"joint torque [{unit}]"
+    drawn = () if limits is None else (-limits, limits)
+    return plot_series(ax, t, tracking.tau, label, sms.joint_names, drawn, steps=True)
+
+
+def plot_wheel_momentum(sms: SpaceManipulator, trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """Predicted spin momentum of each wheel; its largest dotted where a wheel uses half of it or more."""
+    check_kinds(sms=sms, trajectory=trajectory)
+    momentum, wheels = trajectory.wheel_momentum, sms.wheels
+    if wheels is None:
+        return plot_series(ax, trajectory.t, np.zeros((len(trajectory.t), 0)), "wheel momentum [N m s]")
+    near = np.where(np.abs(momentum).max(axis=0) > 0.5 * wheels.momentum, wheels.momentum, np.inf)
+    return plot_series(ax, trajectory.t, momentum, "wheel momentum [N m s]", wheels.names, (near, -near))
+
+
+def plot_wheels(
+    sms: SpaceManipulator, trajectory: Trajectory, tracking: Tracking, ax: Axes | None = None
+) -> Axes:
+    """Spin momentum of the wheels that turn, simulated, and dashed as planned where the plan holds the base.
+
+    Wheels that do the same share a line. The limits are dotted, or told where they are far away.
+    """
+    check_kinds(sms=sms, trajectory=trajectory, tracking=tracking)
+    most = _wheels(sms).momentum
+    ax = _plot_turning_wheels(sms, tracking, ax, tracking.wheel_momentum, most, "wheel momentum [N m s]")
+    planned = trajectory.wheel_momentum
+    if planned.any():
+        with applied():
+            for k, (first, *_) in enumerate(_alike(tracking.wheel_momentum)):
+                label = None if k else "planned"
+                ax.plot(trajectory.t, planned[:, first], "--", color="#111111", linewidth=0.8, label=label)
+            legend_above(ax)
+    return ax
+
+
+def plot_wheel_torque(sms: SpaceManipulator, tracking: Tracking, ax: Axes | None = None) -> Axes:
+    """Motor torques of the wheels that turn; limits as in `plot_wheels`."""
+    check_kinds(sms=sms, tracking=tracking)
+    most = _wheels(sms).torque
+    return _plot_turning_wheels(sms, tracking, ax, tracking.wheel_torque, most, "wheel torque [N m]", True)
+
+
+def _plot_turning_wheels(
+    sms: SpaceManipulator,
+    tracking: Tracking,
+    ax: Axes | None,
+    values: FloatArray,
+    most: FloatArray,
+    label: str,
+    steps: bool = False,
+) -> Axes:
+    """One line of values (k, w) for wheels that do the same; limits (w,) dotted where they are near."""
+    groups, names = _alike(tracking.wheel_momentum), _wheels(sms).names
+    first = [group[0] for group in groups]
+    label, limits = near_limits(values, most, label)
+    labels = [names[g[0]] + (f" and {len(g) - 1} more" if len(g) > 1 else "") for g in groups]
+    t, drawn = tracking.t[: len(values)], [limit[first] for limit in limits]
+    return plot_series(ax, t, values[:, first], label, labels, drawn, steps)
+
+
+def _wheels(sms: SpaceManipulator) -> ReactionWheels:
+    if sms.wheels is None:
+        raise InvalidValue("sms", sms, "must have wheels: sms.with_actuators(wheels=...)")
+    return sms.wheels
+
+
+def _alike(momentum: FloatArray) -> list[list[int]]:
+    """Wheels that turn, by index; those with the same momentum (k, w) throughout, together."""
+    largest = float(np.abs(momentum).max(initial=0.0))
+    groups: list[list[int]] = []
+    for i in np.flatnonzero(np.abs(momentum).max(axis=0, initial=0.0) > _STILL * largest):
+        same = np.abs(momentum - momentum[:, [i]]).max(axis=0) <= _SAME * largest
+        known = next((group for group in groups if same[group[0]]), None)
+        if known is None:
+            groups.append([int(i)])
+        else:
+            known.append(int(i))
+    return groups

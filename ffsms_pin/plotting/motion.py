@@ -56,13 +56,12 @@ def plot_motion(
     along : {"x", "y", "z"}, optional
         The inertial axis along which one looks; default: that in which the motion spreads least.
     """
-    _check(sms, trajectory, instants, paths, obstacles)
-    if along is not None:
-        one_of("along", along, ("x", "y", "z"))
+    instance("obstacles", obstacles, Sequence)
+    for obstacle in obstacles:
+        instance("obstacles", obstacle, Obstacle)
     paths = {} if paths is None else paths
-    shown = _postures(sms, trajectory, instants)
-    spread = _spread(trajectory, shown, paths)
-    across = _narrowest(spread)[0] if along is None else "xyz".index(along)
+    shown, spread, (narrowest, _) = _looked_at(sms, trajectory, instants, paths)
+    across = narrowest if along is None else "xyz".index(one_of("along", along, ("x", "y", "z")))
     axes = [axis for axis in range(3) if axis != across]
     with applied():
         ax = axes_or_new(ax)
@@ -71,15 +70,9 @@ def plot_motion(
         for obstacle in obstacles:
             draw_obstacle(ax, axes, obstacle, trajectory)
         path = trajectory.end_effector[:, axes]
-        ax.plot(path[:, 0], path[:, 1], color="black", linewidth=1.0, linestyle=(0, (4, 1.5)), zorder=4)
-        ax.plot(
-            [],
-            [],
-            color="black",
-            linewidth=1.0,
-            linestyle=(0, (4, 1.5)),
-            label="end-effector path" if not paths else "end effector as planned",
-        )
+        label = "end effector as planned" if paths else "end-effector path"
+        look: dict[str, Any] = {"color": "black", "linewidth": 1.0, "linestyle": (0, (4, 1.5)), "zorder": 4}
+        ax.plot(path[:, 0], path[:, 1], label=label, **look)
         for i, (name, points) in enumerate(paths.items(), start=1):
             ax.plot(points[:, axes[0]], points[:, axes[1]], label=name, zorder=5, **line(i))
         goal = trajectory.target[axes]
@@ -102,23 +95,29 @@ def motion_sides(
     sms: SpaceManipulator, trajectory: Trajectory, paths: Mapping[str, FloatArray] | None = None
 ) -> tuple[str, ...]:
     """The inertial axes along which to look at a motion: one if it is planar, else two."""
-    _check(sms, trajectory, 6, paths, ())
-    shown = _postures(sms, trajectory, 6)
-    spread = _spread(trajectory, shown, {} if paths is None else paths)
-    first, second = _narrowest(spread)
+    _, spread, (first, second) = _looked_at(sms, trajectory, 6, {} if paths is None else paths)
     return ("xyz"[first],) if spread[first] < _FLAT else ("xyz"[first], "xyz"[second])
 
 
-def _check(sms: Any, trajectory: Any, instants: Any, paths: Any, obstacles: Any) -> None:
+def _looked_at(
+    sms: SpaceManipulator, trajectory: Trajectory, instants: int, paths: Mapping[str, FloatArray]
+) -> tuple[list[_Posture], FloatArray, tuple[int, int]]:
+    """Postures, how far all that is drawn reaches along the axes (3,) [m], and the two axes of least reach.
+
+    Of two that are as narrow, the later one comes first.
+    """
     check_kinds(sms=sms, trajectory=trajectory)
     if whole("instants", instants, 1) > 1000:  # postures: more than a drawing shows
         raise InvalidValue("instants", instants, "must not exceed 1000")
-    instance("paths", paths, Mapping, optional=True)
-    for name, points in (paths or {}).items():
+    instance("paths", paths, Mapping)
+    for name, points in paths.items():
         matrix(f"paths['{name}']", points, None, 3)
-    instance("obstacles", obstacles, Sequence)
-    for obstacle in obstacles:
-        instance("obstacles", obstacle, Obstacle)
+    shown = [_Posture(sms, trajectory.q[k]) for k in _rows(trajectory, instants)]
+    arms = [points for posture in shown for points in (*posture.segments, posture.joints)]
+    cloud = [trajectory.end_effector, trajectory.target[None], *arms, *paths.values()]
+    spread = np.asarray(np.ptp(np.vstack(cloud), axis=0))
+    first, second, _ = 2 - np.argsort(spread[::-1], kind="stable")
+    return shown, spread, (int(first), int(second))
 
 
 def times_drawn(trajectory: Trajectory, paths: bool, instants: int = 6) -> str:
@@ -129,22 +128,6 @@ def times_drawn(trajectory: Trajectory, paths: bool, instants: int = 6) -> str:
 
 def _rows(trajectory: Trajectory, instants: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, len(trajectory.t) - 1, max(2, instants)).round().astype(np.intp))
-
-
-def _postures(sms: SpaceManipulator, trajectory: Trajectory, instants: int) -> list[_Posture]:
-    return [_Posture(sms, trajectory.q[k]) for k in _rows(trajectory, instants)]
-
-
-def _spread(trajectory: Trajectory, shown: list[_Posture], paths: Mapping[str, FloatArray]) -> FloatArray:
-    """How far all that is drawn reaches along the inertial axes, (3,) [m]."""
-    cloud = [trajectory.end_effector, trajectory.target[None], *(p.points() for p in shown), *paths.values()]
-    return np.asarray(np.ptp(np.vstack(cloud), axis=0))
-
-
-def _narrowest(spread: FloatArray) -> tuple[int, int]:
-    """The axes of the smallest and the next spread; of two as narrow, the later axis first."""
-    order = 2 - np.argsort(spread[::-1], kind="stable")
-    return int(order[0]), int(order[1])
 
 
 class _Posture:
@@ -165,29 +148,19 @@ class _Posture:
         self.corners: FloatArray | None = None
         if sms.base_size is not None:
             box: Any = data.oMi[1] * sms.base_box_placement
-            signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
             half = 0.5 * np.array(sms.base_size)
-            self.corners = 2.0 * (signs * half) @ box.rotation.T + box.translation
+            signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+            self.corners = (signs * half) @ box.rotation.T + box.translation
             for j in range(2, model.njoints):  # from the box to where an arm begins
                 if parents[j] == 1:
                     nearest = box.act(np.clip(box.actInv(origins[j]), -half, half))
                     if np.linalg.norm(nearest - origins[j]) > _FLAT:
                         self.segments.append(np.array([nearest, origins[j]]))
 
-    def points(self) -> FloatArray:
-        """Every point of the arm, (k, 3)."""
-        return np.vstack([*self.segments, self.joints])
-
     def draw(self, ax: Axes, axes: list[int], strength: float, last: bool) -> None:
         """Draw onto two of the inertial axes; the paler, the earlier."""
         if self.corners is not None:
-            flat = self.corners[:, axes]
-            outline = flat[ConvexHull(flat).vertices]
-            face = "#E8E4DA" if last else "none"
-            ax.add_patch(
-                Polygon(outline, closed=True, facecolor=face, edgecolor="#555555", alpha=strength, zorder=1)
-            )
-            ax.update_datalim(outline)
+            _draw_hull(ax, self.corners[:, axes], "#E8E4DA" if last else "none", "#555555", strength)
         for segment in self.segments:
             ax.plot(
                 segment[:, axes[0]], segment[:, axes[1]], color=ACCENT, linewidth=3.0, alpha=strength,
@@ -203,20 +176,16 @@ def draw_obstacle(ax: Axes, axes: list[int], obstacle: Obstacle, trajectory: Tra
     """The outline of an obstacle on two of the inertial axes; where it moves, at the start (pale) and end."""
     rows = (0, -1) if obstacle.moves or obstacle.on_base else (-1,)
     for row in rows:
-        points = _points(obstacle, trajectory, row)[:, axes]
-        corners = points[ConvexHull(points).vertices]
-        strength = 0.25 if row == 0 else 0.6
-        ax.add_patch(
-            Polygon(corners, closed=True, facecolor=_COLOUR, edgecolor=_COLOUR, alpha=strength, zorder=1)
-        )
-        ax.update_datalim(corners)
+        track = obstacle.track(trajectory.t[[row]])
+        points = outline(obstacle.shape) @ track.rotations[0].T + track.positions[0]
+        if obstacle.on_base:
+            base = pin.XYZQUATToSE3(trajectory.q[row, :7])
+            points = points @ base.rotation.T + base.translation
+        _draw_hull(ax, points[:, axes], _COLOUR, _COLOUR, 0.25 if row == 0 else 0.6)
 
 
-def _points(obstacle: Obstacle, trajectory: Trajectory, row: int) -> FloatArray:
-    """Points (k, 3) of its surface at a node, inertial axes."""
-    track = obstacle.track(trajectory.t[[row]])
-    points = outline(obstacle.shape) @ track.rotations[0].T + track.positions[0]
-    if not obstacle.on_base:
-        return np.asarray(points)
-    base = pin.XYZQUATToSE3(trajectory.q[row, :7])
-    return np.asarray(points @ base.rotation.T + base.translation)
+def _draw_hull(ax: Axes, points: FloatArray, face: str, edge: str, strength: float) -> None:
+    """Fill the hull of points (k, 2)."""
+    corners = points[ConvexHull(points).vertices]
+    ax.add_patch(Polygon(corners, closed=True, facecolor=face, edgecolor=edge, alpha=strength, zorder=1))
+    ax.update_datalim(corners)

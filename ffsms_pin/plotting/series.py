@@ -22,6 +22,7 @@ from ffsms_pin.plotting.style import (
     axes_or_new,
     legend_above,
     line,
+    over_time,
 )
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator
@@ -29,19 +30,19 @@ from ffsms_pin.system import SpaceManipulator
 __all__ = [
     "Series",
     "check_kinds",
+    "draw_band",
     "near_limits",
     "plot_bands",
     "plot_error_bands",
     "plot_flown",
     "plot_series",
     "plot_torque_bands",
+    "quantiles",
     "scale_decades",
     "thinned",
 ]
 
 _SAME = 0.02  # of the largest planned value: what differs by less is drawn once
-
-
 _KINDS: dict[str, Any] = {
     "sms": SpaceManipulator, "trajectory": Trajectory, "tracking": Tracking, "result": (Trajectory, Tracking),
     "flown": (Trajectory, Tracking), "open_loop": Tracking,
@@ -73,21 +74,11 @@ def plot_series(
     limits: Sequence[FloatArray] = (),
     steps: bool = False,
 ) -> Axes:
-    """Draw values (k,) or (k, m) over t (k,) [s].
+    """Draw values (k,) or (k, m) over t (k,) [s]; `ax` None makes a new figure.
 
-    Parameters
-    ----------
-    ax : Axes or None
-        None makes a new figure.
-    t, values : ndarray
-    label : str
-        Of the vertical axis, with the unit.
-    names : sequence of str
-        Of the m lines, for the legend.
-    limits : sequence of ndarray, each of shape (m,)
-        Drawn dotted, in the colour of their line; those that are not finite are left out.
-    steps : bool
-        Whether a value holds until the next instant, instead of a straight line to it.
+    The label of the vertical axis has the unit; `names` are those of the m lines. Limits, each (m,), are
+    dotted in the colour of their line; those that are not finite are left out. With `steps`, a value holds
+    until the next instant, instead of a straight line to it.
     """
     with applied():
         ax = axes_or_new(ax)
@@ -98,42 +89,40 @@ def plot_series(
         drawn: list[float] = []
         for limit in limits:
             for i, value in enumerate(limit):
-                if np.isfinite(value):
-                    # A limit that several joints share is drawn once, in a colour that belongs to none.
-                    shared = int(np.sum(np.isclose(limit, value))) > 1
-                    if shared and any(np.isclose(value, drawn)):
-                        continue
+                # A limit that several joints share is drawn once, in a colour that belongs to none.
+                shared = int(np.sum(np.isclose(limit, value))) > 1
+                if np.isfinite(value) and not (shared and any(np.isclose(value, drawn))):
                     drawn.append(float(value))
-                    ax.axhline(value, color="#555555" if shared else line(i)["color"], **LIMIT)
+                    ax.axhline(value, color=NEUTRAL if shared else line(i)["color"], **LIMIT)
         if drawn:
-            ax.plot([], [], color="#555555", label=LIMITS, **LIMIT)
-        ax.set_xlabel("time [s]")
-        ax.set_ylabel(label)
-        ax.margins(x=0.0)
+            ax.plot([], [], color=NEUTRAL, label=LIMITS, **LIMIT)
+        over_time(ax, label)
         if names or drawn:
-            labels = [*names, *([LIMITS] if drawn else [])]
-            legend_above(ax, labels)
+            legend_above(ax)
     return ax
 
 
 def plot_flown(
     ax: Axes | None,
-    planned: Series,
-    flown: Series | None,
+    made: Sequence[Series],
     label: str,
-    names: Sequence[str],
+    names: Sequence[str] = (),
     limits: Sequence[FloatArray] = (),
 ) -> Axes:
-    """Draw what was flown, and thin and pale what was planned where that differs; else the plan alone."""
-    if flown is None or not _differs(planned, flown):
+    """Draw of the plan and what was flown the latter, and thin and pale the plan where that differs.
+
+    Else, and where only the plan was made, it is drawn alone.
+    """
+    planned, *flown = made
+    if not flown or not _differs(planned, flown[0]):
         return plot_series(ax, planned.t, planned.values, label, names, limits)
-    rows = thinned(len(flown.t))
-    ax = plot_series(ax, flown.t[rows], flown.values[rows], label, names, limits)
+    rows = thinned(len(flown[0].t))
+    ax = plot_series(ax, flown[0].t[rows], flown[0].values[rows], label, names, limits)
     with applied():
         for i in range(planned.values.shape[1]):
             ax.plot(planned.t, planned.values[:, i], color=line(i)["color"], **PLANNED)
         ax.plot([], [], color=NEUTRAL, label=AS_PLANNED, **PLANNED)
-        legend_above(ax, ax.get_legend_handles_labels()[1])
+        legend_above(ax)
     return ax
 
 
@@ -168,10 +157,9 @@ def scale_decades(ax: Axes, least: float, largest: float, ratio: float, smallest
 def _differs(planned: Series, flown: Series) -> bool:
     """Whether two motions differ by more than a line's width, as long as both last."""
     both = planned.t <= flown.t[-1] + 1e-9
-    found = [np.interp(planned.t[both], flown.t, column) for column in flown.values.T]
-    largest = float(np.abs(planned.values).max(initial=0.0))
-    apart = float(np.abs(np.array(found).T - planned.values[both]).max(initial=0.0))
-    return apart > max(_SAME * largest, 1e-9)
+    found = np.array([np.interp(planned.t[both], flown.t, column) for column in flown.values.T])
+    apart = float(np.abs(found.T - planned.values[both]).max(initial=0.0))
+    return apart > max(_SAME * float(np.abs(planned.values).max(initial=0.0)), 1e-9)
 
 
 def plot_bands(
@@ -182,19 +170,9 @@ def plot_bands(
     ax: Axes | None = None,
     share: float = 0.9,
 ) -> Axes:
-    """Draw median and band of runs over time.
+    """Draw median and band of runs, (runs, k) or (runs, k, m), over t (k,) [s].
 
-    Parameters
-    ----------
-    t : ndarray, shape (k,)
-        [s]
-    runs : ndarray, shape (runs, k) or (runs, k, m)
-    label : str
-        Of the vertical axis, with the unit.
-    names : sequence of str
-        Of the m quantities.
-    share : float
-        Of the runs that lie within the band at each instant.
+    `names` are those of the m quantities; `share` of the runs lie within the band at each instant.
     """
     share, t = number("share", share), times("t", t)
     if not 0.0 < share <= 1.0:
@@ -204,20 +182,25 @@ def plot_bands(
     if not isinstance(runs, np.ndarray) or runs.ndim not in (2, 3) or runs.shape[1] != len(t):
         raise InvalidValue("runs", runs, f"must be an array (runs, {len(t)}) or (runs, {len(t)}, m)")
     values = runs.reshape(*runs.shape[:2], -1)
-    low, middle, high = np.quantile(values, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share], axis=0)
     with applied():
         ax = axes_or_new(ax)
         for i in range(values.shape[2]):
-            look = line(i)
-            ax.fill_between(t, low[:, i], high[:, i], color=look["color"], alpha=0.22, linewidth=0.0)
-            ax.plot(t, middle[:, i], label=names[i] if names else None, **look)
+            draw_band(ax, i, t, quantiles(values[:, :, i], share), names[i] if names else None)
         ax.fill_between([], [], color=NEUTRAL, alpha=0.3, label=f"{100 * share:g} % of {len(values)} runs")
-        ax.set_xlabel("time [s]")
-        ax.set_ylabel(label)
-        ax.margins(x=0.0)
-        labels = ax.get_legend_handles_labels()[1]
-        legend_above(ax, labels)
+        over_time(ax, label)
+        legend_above(ax)
     return ax
+
+
+def quantiles(runs: FloatArray, share: float) -> FloatArray:
+    """Low, median and high (3, k) of runs (runs, k): `share` of them lie between low and high."""
+    return np.quantile(runs, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share], axis=0)
+
+
+def draw_band(ax: Axes, i: int, t: FloatArray, band: FloatArray, label: str | None) -> None:
+    """Low, median and high (3, k) over t (k,), in the look of the i-th of several lines."""
+    ax.fill_between(t, band[0], band[2], color=line(i)["color"], alpha=0.22, linewidth=0.0)
+    ax.plot(t, band[1], label=label, **line(i))
 
 
 def plot_error_bands(
@@ -225,13 +208,11 @@ def plot_error_bands(
 ) -> Axes:
     """Distance from the end effector to the target over many runs; `reach` [m] is drawn dotted."""
     t = _common_time(runs)
-    ax = plot_bands(
-        t, np.array([run.position_error for run in runs]), "distance to target [m]", ax=ax, share=share
-    )
-    with applied():
-        if reach is not None:
-            ax.axhline(positive("reach", reach, "m"), color=NEUTRAL, **LIMIT)
-        ax.set_ylim(bottom=0.0)
+    errors = np.array([run.position_error for run in runs])
+    ax = plot_bands(t, errors, "distance to target [m]", ax=ax, share=share)
+    if reach is not None:
+        ax.axhline(positive("reach", reach, "m"), color=NEUTRAL, **LIMIT)
+    ax.set_ylim(bottom=0.0)
     return ax
 
 
@@ -250,8 +231,6 @@ def _common_time(runs: Sequence[Tracking]) -> FloatArray:
         raise InvalidValue("runs", runs, "must hold at least one run")
     for run in runs:
         check_kinds(tracking=run)
-    t = runs[0].t
-    for run in runs:
-        if run.t.shape != t.shape or not np.allclose(run.t, t):
+        if run.t.shape != runs[0].t.shape or not np.allclose(run.t, runs[0].t):
             raise InvalidValue("runs", len(run.t), "must all have the same instants")
-    return t
+    return runs[0].t

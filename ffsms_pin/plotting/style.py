@@ -8,6 +8,7 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 
@@ -22,8 +23,10 @@ __all__ = [
     "PLANNED",
     "applied",
     "axes_or_new",
+    "colour_bar",
     "legend_above",
     "line",
+    "over_time",
     "share_legend",
     "stack",
     "subplots",
@@ -82,15 +85,23 @@ def line(index: int) -> dict[str, Any]:
     return {"color": _COLOURS[index % len(_COLOURS)], "linestyle": _DASHES[index % len(_DASHES)]}
 
 
-def legend_above(ax: Axes, labels: Sequence[str]) -> None:
+def legend_above(ax: Axes) -> None:
     """A legend above a panel, where no line can run through it; on its left stands the axis' power of ten."""
-    ax.legend(
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=_columns(labels),
-        borderaxespad=0.2,
-        columnspacing=1.4,
-    )
+    columns = _columns(ax.get_legend_handles_labels()[1])
+    corner = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
+    ax.legend(**corner, ncols=columns, borderaxespad=0.2, columnspacing=1.4)
+
+
+def over_time(ax: Axes, label: str) -> None:
+    """Name the axes of a panel over time, and let it begin and end where its lines do."""
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel(label)
+    ax.margins(x=0.0)
+
+
+def colour_bar(ax: Axes, shown: ScalarMappable, label: str, extend: str = "neither") -> None:
+    """The bar beside a panel that says what its colours are."""
+    ax.figure.colorbar(shown, ax=ax, extend=extend, label=label)
 
 
 def _columns(labels: Sequence[str], width: float = 1.0) -> int:
@@ -99,33 +110,27 @@ def _columns(labels: Sequence[str], width: float = 1.0) -> int:
         rows = -(-len(labels) // count)
         columns = [labels[i : i + rows] for i in range(0, len(labels), rows)]
         # In widths of an m: the line and the gaps, and a little more than half of one for each letter.
-        needed = sum(4.8 + 0.6 * max(map(_letters, column)) for column in columns)
+        # Symbols, which begin with a dollar, are short.
+        letters = [max(3 if label.startswith("$") else len(label) for label in column) for column in columns]
+        needed = sum(4.8 + 0.6 * count for count in letters)
         if needed <= width * _LEGEND_WIDTH:
             return count
     return 1
 
 
-def _letters(label: str) -> int:
-    """How many letters a label shows; symbols, which begin with a dollar, are short."""
-    return 3 if label.startswith("$") else len(label)
-
-
 def share_legend(figure: Figure, panels: Sequence[Axes]) -> None:
     """One legend above all panels, in place of theirs, where theirs say the same."""
-    legends = [ax.get_legend() for ax in panels]
-    if len(panels) < 2 or not all(legends):
-        return
+    legends = [legend for ax in panels if (legend := ax.get_legend()) is not None]
     entries: dict[str, Any] = {}
     own: list[list[str]] = []
     for ax in panels:
         handles, labels = ax.get_legend_handles_labels()
         own.append([label for label in labels if label not in _LAST])
         entries |= dict(zip(labels, handles, strict=True))
-    if any(labels != own[0] for labels in own):
+    if len(panels) < 2 or len(legends) < len(panels) or any(labels != own[0] for labels in own):
         return
     for legend in legends:
-        if legend is not None:
-            legend.remove()
+        legend.remove()
     for name in _LAST:
         if name in entries:
             entries[name] = entries.pop(name)

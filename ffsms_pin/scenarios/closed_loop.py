@@ -18,7 +18,6 @@ from ffsms_pin.opt.planning.plan import plan_problem
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH, STATION_KEEPING
 from ffsms_pin.scenarios.keys import DEGREES, radians
-from ffsms_pin.scenarios.problems import sensor
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = [
@@ -32,7 +31,6 @@ __all__ = [
     "loop_options",
     "planned",
     "prepared",
-    "replanning",
 ]
 
 _CONTROL_STEP = 1e-3  # [s] `simulate`'s default
@@ -178,7 +176,11 @@ class ClosedLoop:
 
     def reference(self, plan: opt.Trajectory) -> simulation.Reference:
         """What is to be followed: the plan, or a new reference that plans again."""
-        return replanning(self.scenario, self.sms, plan) if self.scenario.replans else self.plan_once(plan)
+        if not self.scenario.replans:
+            return self.plan_once(plan)
+        from ffsms_pin.scenarios.replanning import replanning  # a plan made once does without
+
+        return replanning(self.scenario, self.sms, plan)
 
     def plan_once(self, plan: opt.Trajectory) -> simulation.Reference:
         """The plan, and after its end the rest that it ends in for as long as the scenario holds."""
@@ -200,6 +202,8 @@ def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> Close
     """The closed loop of a scenario, whose plan starts at q0 (nq,), checked against robot and motion."""
     loop = ClosedLoop(scenario, sms, loop_options(scenario, sms, q0))
     if scenario.replans:
+        from ffsms_pin.scenarios.replanning import replanning
+
         replanning(scenario, sms)
     # `simulate` looks at all it is given before the first control step: what cannot be used shows up now, and
     # not after the planning.
@@ -229,38 +233,6 @@ def planned(
     trajectory = plan_problem(scenario.problem(sms, q0), method, options, progress)
     # r_th judges a plan; it does not steer it.
     return replace(trajectory, reach=scenario.plan.get("reach", trajectory.reach))
-
-
-def replanning(
-    scenario: Scenario, sms: SpaceManipulator, plan: opt.Trajectory | None = None
-) -> opt.Replanning:
-    """A reference that plans again from the measured state; one run uses it up.
-
-    Where the client has a sensor, what is planned for is its estimate. Waypoints without a time get that at
-    which `plan` passes them: the loop cannot see what was passed.
-    """
-    from ffsms_pin.opt.replan.options import ReplanOptions  # a plan made once does without
-    from ffsms_pin.opt.replan.replanning import Watching, first_sight
-
-    seen = sensor(scenario)
-    client = None if scenario.client is None else scenario.made_client(sms)
-    estimate = None if client is None or seen is None else first_sight(client, seen)
-    problem = scenario.problem(sms, dt=scenario.reference.get("dt"), client=estimate)
-    if not any(isinstance(limit, opt.AlphaBox) for limit in problem.limits):
-        problem = replace(problem, limits=(*problem.limits, opt.AlphaBox()))  # the paper's step has it always
-    if plan is not None:
-        limits = (
-            one.timed(plan) if isinstance(one, opt.Via) and one.time is None else one
-            for one in problem.limits
-        )
-        problem = replace(problem, limits=tuple(limits))
-    options = ReplanOptions(
-        dead_band=scenario.reference.get("dead_band"), jerk=scenario.per_joint(sms, "reference", "jerk")
-    )
-    hold = scenario.reference.get("hold", 0.0)
-    if client is None or seen is None or estimate is None:
-        return opt.Replanning(problem, hold, options=options)
-    return Watching(problem, client, seen, estimate, hold=hold, options=options)
 
 
 class Held:

@@ -40,8 +40,7 @@ if TYPE_CHECKING:
 __all__ = ["HELD_BY", "OWN", "PACKAGED", "PARTS", "LimitTable", "Plan", "TermTable", "made_part"]
 
 _KINDS: Mapping[str, type] = {"term": opt.Term, "limit": opt.Limit}
-_NAME = r"[A-Za-z_]\w*"
-_IMPORT_PATH = re.compile(rf"{_NAME}(\.{_NAME})*:{_NAME}")
+_IMPORT_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 # Modes of a plan that a closed loop can follow, and what then holds the attitude.
 HELD_BY: Mapping[str, str] = {

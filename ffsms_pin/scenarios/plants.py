@@ -24,9 +24,9 @@ from ffsms_pin.scenarios.closed_loop import (
     controller,
     planned,
     prepared,
-    replanning,
 )
 from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.replanning import replanning
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 from ffsms_pin.simulation import random_plants
 from ffsms_pin.storage import read_content

@@ -146,8 +146,7 @@ def _clearance(outcome: Outcome) -> dict[str, Any]:
 
 def _tracked_clearance(outcome: Outcome) -> float | None:
     """Least clearance of the simulated motion, at every planning step: the loop does not follow the plan."""
-    mode = outcome.scenario.clearance[1]
-    stack = clearance_stack(outcome.plant, chosen_mode(outcome.plant) if mode == "auto" else mode)
+    stack = clearance_stack(outcome.plant, outcome.scenario.clearance[1])
     if stack is None:
         return None
     tracking = outcome.tracking

@@ -183,12 +183,9 @@ class ClearanceLayer:
         nearest = int(np.argmin(values))
         points = [np.array(self._data.oMi[j].translation) for j in range(2, sms.model.njoints)]
         points.append(np.array(self._data.oMf[sms.frame_id].translation))
-        first, second = self._points.first, self._points.second
-        if nearest < len(first):
-            start, end = points[first[nearest]], points[second[nearest]]
-        else:
-            start = points[self._points.outside[nearest - len(first)]]
-            end = _on_box(sms, self._data, start)
+        one, other = self._points.ends[nearest]
+        start = points[one]
+        end = points[other] if other >= 0 else _on_box(sms, self._data, start)
         apart = end - start
         length = float(np.linalg.norm(apart))
         self._stage.place("clearance", start, along_z(apart), (1.0, 1.0, length))

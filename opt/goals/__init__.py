@@ -10,8 +10,8 @@ from ffsms_pin.opt.goals.goal import (
     Position,
     as_goal,
 )
-from ffsms_pin.opt.goals.limits import Also, Via
 from ffsms_pin.opt.goals.meet import Corridor, Meet
+from ffsms_pin.opt.goals.near import Also, Via
 from ffsms_pin.opt.goals.place import Place
 
 __all__ = [

@@ -5,15 +5,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, frozen, number, positive, rotation, vector
+from ffsms_pin.checks import FloatArray, direction, frozen, number, one_of, positive, rotation, vector
 from ffsms_pin.checks import times as checked_times
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals.place import Place, checked_freedom, stacked_places
+from ffsms_pin.opt.goals.place import Place, stacked_places
+from ffsms_pin.opt.motion.frame import BASE, INERTIAL
 
 if TYPE_CHECKING:
     from ffsms_pin.client import Client, ClientEstimate
@@ -30,7 +32,6 @@ __all__ = [
     "Position",
     "as_goal",
     "check_reaches",
-    "resting_place",
 ]
 
 REACH = 0.02  # [m] the paper's r_th
@@ -47,18 +48,17 @@ class Goal(ABC):
         At the deadline: of the position [m], and of the attitude and the velocities where they are asked for
         [rad, m/s, rad/s].
     reach, orientation_reach : float
-        How far the end effector may be from its place in the last tenth of the time, the paper's r_th [m],
-        and how far its attitude from the wanted one [rad].
+        In the last tenth of the time: of the position, the paper's r_th [m], and of the attitude [rad].
     moves : bool
         Whether the place depends on the time.
     exact : bool
         Whether a plan has reached the goal only with an end within the tolerance, velocities included.
     coupled : bool
-        Whether the paper's cost is a term by default. It asks for ways across the one to the goal, so not of
+        Whether the paper's cost is a term by default: it asks for ways across the one to the goal, so not of
         a goal that is approached along a line.
     at_rest_with : Client, ClientEstimate or None
-        A body with which the robot should be at rest after it has taken hold of it: a problem that is given
-        no momentum takes the one for that, and a plan for another one says so in its note.
+        A body with which the robot should be at rest after it has taken hold of it: a problem without a
+        momentum takes the one for that, and a plan for another one says so.
     """
 
     tolerance: float = TOLERANCE
@@ -88,15 +88,18 @@ class Goal(ABC):
 
 
 class Fixed(Goal):
-    """A goal that stays where it is, in its own axes."""
+    """A goal that stays where it is, in its own axes `on`."""
 
-    _place: ClassVar[Place]
-    _stack: ClassVar[Place]
+    on: str
+    _place: Place
 
-    def _stay(self, place: Place) -> None:
+    def _stay(self, position: Any, turn: Any, velocity: Any, spin: Any = None, axis: Any = None) -> None:
+        """Check what kinds of places have in common, and keep this one."""
         check_reaches(self)
-        object.__setattr__(self, "_place", place)
-        object.__setattr__(self, "_stack", stacked_places([place]))
+        axis = None if axis is None else direction("goal.free_axis", axis)
+        if one_of("goal.on", self.on, (INERTIAL, BASE)) == BASE and velocity is not None:
+            raise InvalidValue("goal.velocity", velocity, "must be left out of a goal on the base")
+        object.__setattr__(self, "_place", Place(position, turn, velocity, spin, axis, self.on))
 
     def place(self, t: float) -> Place:
         """The same at all times."""
@@ -106,6 +109,10 @@ class Fixed(Goal):
     def places(self, times: FloatArray) -> Place:
         """A stack of one."""
         return self._stack
+
+    @cached_property
+    def _stack(self) -> Place:
+        return stacked_places([self._place])
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +140,7 @@ class Position(Fixed):
         object.__setattr__(self, "position", frozen(vector("target", self.position, 3, "m")))
         if self.velocity is not None:
             object.__setattr__(self, "velocity", frozen(vector("goal.velocity", self.velocity, 3, "m/s")))
-        _, on = checked_freedom(None, self.on, self.velocity)
-        self._stay(Place(self.position, None, self.velocity, on=on))
+        self._stay(self.position, None, self.velocity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +175,7 @@ class Pose(Fixed):
         if self.twist is not None:
             twist = frozen(vector("goal.twist", self.twist, 6))
             velocity, spin = twist[:3], twist[3:]
-        axis, on = checked_freedom(self.free_axis, self.on, velocity)
-        self._stay(Place(position, turn, velocity, spin, axis, on))
+        self._stay(position, turn, velocity, spin, self.free_axis)
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,15 +269,6 @@ def as_goal(target: Any) -> Goal:
     if callable(target):
         return Moving(target)
     return Pose(target) if hasattr(target, "translation") else Position(target)
-
-
-def resting_place(name: str, target: Any) -> Place:
-    """The place of a goal; `InvalidValue` unless it stands still and asks for no velocity."""
-    goal = as_goal(target)
-    place = None if goal.moves else goal.place(0.0)
-    if place is None or not place.rests:
-        raise InvalidValue(name, target, "must stand still: a position, or a pinocchio.SE3")
-    return place
 
 
 def check_reaches(goal: Goal) -> None:

@@ -38,22 +38,17 @@ class Corridor(Inequality):
         The grasp: a goal whose places are poses.
     deadline : float
         Time of the goal at the motion's deadline [s].
-    length : float
-        The corridor counts within this distance of the grasp [m].
-    half_angle : float
-        [rad]
+    length, half_angle : float
+        Of the cone, which counts within this distance of the grasp [m, rad].
     axis : ndarray, shape (3,)
         Unit vector of the direction of approach, in grasp axes.
     slack : float
-        By how much the cone is wider than its tip at the grasp [m]: at the grasp the end effector may miss by
-        so much.
+        By how much the end effector may miss the tip of the cone [m].
     inside: float
         Whole motions are looked for that are in the corridor for so long before the deadline [s]: which
         instants belong into it is then settled, and none is pushed out of the ball on the wrong side.
-    reserve : float
-        What they keep in hand beyond the margin, at the cone and round the ball [m].
-    began : float
-        See `Limit`; the goal's time is counted from the start of the whole motion [s].
+    reserve, began : float
+        See `Limit` [m], [s].
     """
 
     goal: Goal
@@ -119,9 +114,8 @@ class Meet(Goal):
     """The end-effector frame at a grasp frame on a client at the deadline, without relative velocity.
 
     What lies within `standoff` of the grasp is approached through a corridor only: a cone on the grasp's
-    axis, its tip at the grasp, fixed to the client. The axis is the direction in which the end effector moves
-    up to the grasp, so it comes from the side of minus `axis`. A problem with this goal has the corridor
-    among its limits (`opt.Corridor`, named "corridor").
+    axis, its tip at the grasp, fixed to the client. A problem with this goal has it among its limits
+    (`opt.Corridor`, named "corridor").
 
     Attributes
     ----------
@@ -135,14 +129,11 @@ class Meet(Goal):
         Of the corridor [rad], above zero and below a right angle. By default it is 55 mm wide to each side at
         the standoff, about as far as a gripper opens.
     axis : array_like, shape (3,)
-        Direction of approach, in grasp axes; its length does not matter. Default z, which points away from
-        the flange in most tool frames.
-    tolerance : float
-        At the deadline, of the position [m], the attitude [rad] and the relative velocities [m/s, rad/s]: a
-        plan that misses by more has not `reached`.
-    reach, orientation_reach : float
-        In the last tenth of the time, see `Goal`: the attitude is less tied than for other goals, for a grasp
-        that turns may be out of reach then.
+        Direction in which the end effector moves up to the grasp, in grasp axes; its length does not matter.
+        Default z, which points away from the flange in most tool frames.
+    tolerance, reach, orientation_reach : float
+        See `Goal`; a plan that misses the tolerance has not `reached`, and the attitude is less tied in the
+        last tenth than for other goals, for a grasp that turns may be out of reach then.
     rest_after : bool
         Whether the servicer should have the momentum before the capture that leaves both at rest after it
         (`ffsms_pin.client.rest_momentum`). A problem that is given no `momentum` then has this one.

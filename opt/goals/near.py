@@ -1,46 +1,58 @@
-"""Being near a place, when that counts: an inequality for the goal and for limits, and the goal's verdict."""
+"""Being near a place, when that counts: limits of places, and the verdict on the way to a goal."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.goals.goal import Goal
-from ffsms_pin.opt.goals.place import Missed, Place
-from ffsms_pin.opt.limits.limit import Violation
-from ffsms_pin.opt.motion.feature import Feature
+from ffsms_pin.checks import FloatArray, at_least_zero, instance, positive
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.goals.goal import ORIENTATION_REACH, Goal, as_goal
+from ffsms_pin.opt.goals.place import Missed, Place, beyond
+from ffsms_pin.opt.limits.limit import End, Rows, Violation
+from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
+from ffsms_pin.opt.motion.frame import RobotFrame
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.parts.inequality import Inequality
-from ffsms_pin.system.batch.stacks import diagonal, dot
+from ffsms_pin.opt.parts.inequality import AllOf, Inequality
+from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.batch.stacks import dot
 
-__all__ = ["BINDING", "Near", "Verdict", "arrivals", "beyond", "end_errors", "verdict"]
+if TYPE_CHECKING:
+    from ffsms_pin.opt.trajectory import Trajectory
 
-BINDING = 0.05  # of what is allowed: with less left the limit binds
+__all__ = ["Also", "Near", "Verdict", "Via", "arrivals", "end_errors", "verdict"]
+
+_BINDING = 0.05  # of what is allowed: with less left the limit binds
 
 
 class Near(Inequality):
-    """A frame of the robot is near a place, at the times at which that counts.
+    """A frame of the robot is near a goal's place, at the deadline or in the last tenth.
 
-    Room is in metres: that of an angle by its share of what is allowed.
+    Room is in metres: that of an angle by its share of what is allowed. Within `share` of the reaches there
+    is nothing to gain; `said` tells of a motion what it misses and when.
     """
 
-    frame: str = "tip"  # the end effector
-    reach: float  # [m] how far from the place the frame may be
-    orientation_reach: float  # [rad] and from its attitude
-    share: float  # of these; nearer than that there is nothing to gain
-    said: str  # what a motion that breaks it is told, of what it misses and when [s]
-
-    def places(self, m: Features) -> Place:
-        """Where the frame should be: at each of the instants, or at all of them."""
-        raise NotImplementedError
+    def __init__(self, goal: Goal, frame: str, when: str) -> None:
+        self.goal, self.frame, self.when, self.name = goal, frame, when, f"also {frame}"
+        # The rest of the reaches is for the difference between the spline and the finished motion, and for
+        # what a penalty gives way.
+        if when == "deadline":
+            self.reach, self.orientation_reach, self.share = goal.tolerance, goal.tolerance, 0.4
+            self.said = f"'{frame}' ends {{}} from its goal"
+        else:
+            self.reach, self.orientation_reach, self.share = goal.reach, goal.orientation_reach, 0.9
+            self.said = f"'{frame}' is up to {{}} from its goal in the last tenth of the time"
+        self.in_hand, self.binding = (1.0 - self.share) * self.reach, _BINDING * self.reach
 
     def missed(self, m: Features) -> Missed:
-        """What the frame misses."""
-        places = self.places(m)
+        """What the frame misses at the instants of `m`."""
+        places = self.goal.places(m.times)
         return places.missed(m.frame(self.frame, places.on))
 
     def among(self, missed: list[Feature]) -> list[tuple[Feature, float]]:
@@ -48,7 +60,7 @@ class Near(Inequality):
         return list(zip(missed, (self.reach, self.orientation_reach), strict=False))
 
     def asked(self, m: Features) -> list[tuple[Feature, float]]:
-        """What is missed at the instants of `m`, likewise."""
+        """What the frame misses, likewise."""
         return self.among(self.missed(m).parts)
 
     def room(self, m: Features) -> Any:
@@ -74,45 +86,166 @@ class Near(Inequality):
         return found._replace(note=self.said.format(self.missed(at).words(), at.times[0]))
 
 
-class _OfGoal(Near):
-    """A frame is near a goal's place at the deadline, or in the last tenth."""
-
-    def __init__(self, goal: Goal, frame: str, when: str) -> None:
-        self.goal, self.frame, self.when, self.name = goal, frame, when, f"also {frame}"
-        # The rest of the reaches is for the difference between the spline and the finished motion, and for
-        # what a penalty gives way.
-        if when == "deadline":
-            self.reach = self.orientation_reach = goal.tolerance
-            self.share, self.said = 0.4, f"'{frame}' ends {{}} from its goal"
-        else:
-            self.reach, self.orientation_reach, self.share = goal.reach, goal.orientation_reach, 0.9
-            self.said = f"'{frame}' is up to {{}} from its goal in the last tenth of the time"
-        self.in_hand, self.binding = (1.0 - self.share) * self.reach, BINDING * self.reach
-
-    def places(self, m: Features) -> Place:
-        """The goal's."""
-        return self.goal.places(m.times)
-
-
 def arrivals(goal: Goal, frame: str = "tip") -> list[Near]:
     """What a goal asks of a frame: to be there at the deadline, and near it in the last tenth (const8)."""
-    return [_OfGoal(goal, frame, when) for when in ("deadline", "last tenth")]
+    return [Near(goal, frame, when) for when in ("deadline", "last tenth")]
 
 
-def beyond(x: Feature, allowed: float) -> Feature:
-    """What of vectors is longer than allowed: the vectors, shortened."""
-    length = np.maximum(np.sqrt(dot(x.value, x.value)), 1e-12)  # a shorter one has no direction
-    share, unit = np.maximum(1.0 - allowed / length, 0.0), x.value / length
-    if not share.any():
-        return Feature(np.zeros_like(x.value), {}, x.where)
+@dataclass(frozen=True, eq=False)
+class Also(AllOf):
+    """Beside the end effector, another frame of the robot is at a goal of its own at the deadline.
 
-    def slopes() -> dict[str, FloatArray]:
-        # Along the vector it changes by as much as the vector, across by its share.
-        matrix = (np.where(share > 0.0, 1.0, 0.0) - share) * unit[:, None] * unit
-        diagonal(matrix)[...] += share
-        return {name: np.einsum("xy...,yz...->xz...", matrix, slope) for name, slope in x.slopes.items()}
+    As for the goal itself: within `tolerance` at the deadline, and within `reach` in the last tenth. A plan
+    that misses it has not `reached`, and its `note` says by how much.
 
-    return Feature(share * x.value, slopes, x.where)
+    Attributes
+    ----------
+    frame : str
+        Name of a frame of the robot: a link or a joint.
+    goal : array_like, shape (3,), pinocchio.SE3, opt.Position or opt.Pose
+        Where it should be; it stands still, or rides on the base (`on="base"`).
+    name : str
+        Key of `Trajectory.binding`; by default "also FRAME".
+    """
+
+    frame: str
+    goal: Any
+    reserve: float = 0.0
+    margin: float = 0.0
+    name: str = ""
+    ends: Sequence[End] = ()
+    of_paper = False
+
+    def __post_init__(self) -> None:
+        instance("frame", self.frame, str)
+        _standing("goal", self.goal)
+        object.__setattr__(self, "goal", as_goal(self.goal))
+        object.__setattr__(self, "name", self.name or f"also {self.frame}")
+
+    def for_robot(self, sms: SpaceManipulator) -> Also:
+        """With the frame of this robot."""
+        end, _ = arrivals(self.goal, self.frame)
+        ends = [End(RobotFrame.of(sms.arm_stack(), self.frame), self.goal.place(0.0))]
+        return replace(self, margin=(1.0 - end.share) * end.reach / sms.arm_stack().length, ends=ends)
+
+    @property
+    def parts(self) -> list[Inequality]:
+        """At the deadline, and in the last tenth: one margin stands for both."""
+        found = arrivals(self.goal, self.frame)
+        for one in found:
+            one.reserve, one.scale = self.reserve, (1.0 - one.share) * one.reach / (self.margin or 1.0)
+        return [*found]
+
+
+@dataclass(frozen=True, eq=False)
+class Via(Near):
+    """The end effector passes a place, at a given time or at any time before the deadline.
+
+    Several of them need a `name` each. Those without a time are passed in any order.
+
+    Attributes
+    ----------
+    place : array_like, shape (3,), pinocchio.SE3, opt.Position or opt.Pose
+        Inertial axes [m]; it stands still.
+    time : float, optional
+        From the start of the motion [s]. Default: any; single steps then ask for nothing, since they do not
+        know whether the place was passed already.
+    reach, orientation_reach : float
+        How near to the place it passes [m], and to the attitude, where that is a pose [rad].
+    name : str
+        Key of `Trajectory.binding`.
+    """
+
+    place: Any
+    time: float | None = None
+    reach: float = 0.01  # half of the paper's r_th
+    orientation_reach: float = ORIENTATION_REACH
+    name: str = "via"
+    reserve: float = 0.0
+    began: float = 0.0
+    margin: float = 0.0
+    of_paper = False
+    share = 0.5
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.place, Place):
+            object.__setattr__(self, "place", _standing("place", self.place))
+        if self.place.moves_with_base:
+            raise InvalidValue("place", self.place, "must be in inertial axes")
+        if self.time is not None:
+            at_least_zero("time", self.time, "s")
+        positive("reach", self.reach, "m")
+        positive("orientation_reach", self.orientation_reach, "rad")
+        instance("name", self.name, str)
+        object.__setattr__(self, "in_hand", (1.0 - self.share) * self.reach)
+        object.__setattr__(self, "binding", 2.0 * _BINDING * self.reach)
+        said = f"'{self.name}' is missed by {{}} at {{:.3g}} s (reach {1e3 * self.reach:.3g} mm)"
+        object.__setattr__(self, "said", said)
+
+    def for_robot(self, sms: SpaceManipulator) -> Via:
+        """With the margin for this robot."""
+        return replace(self, margin=(1.0 - self.share) * self.reach / sms.arm_stack().length)
+
+    def timed(self, plan: Trajectory) -> Via:
+        """With the time at which a plan comes nearest: for re-planning, which cannot see what was passed."""
+        if self.place.rotation is not None:
+            raise InvalidValue("place", self.place, "must be a position; give a pose its time yourself")
+        way = np.linalg.norm(plan.end_effector - self.place.position, axis=1)
+        return replace(self, time=float(plan.t[int(np.argmin(way))]))
+
+    def missed(self, m: Features) -> Missed:
+        """What the end effector misses."""
+        missed: Missed = self.place.missed(m.tip)
+        return missed
+
+    def due(self, step: StepState) -> float:
+        """How long until its time [s]; below zero without one."""
+        return -1.0 if self.time is None else self.time - self.began - step.time
+
+    def rows(self, step: StepState) -> Rows | None:
+        """Rows until its time has come; none without a time."""
+        return super().rows(step) if self.due(step) >= 0.0 else None
+
+    def asked(self, m: Features) -> list[tuple[Feature, float]]:
+        """What is missed, with how much may be; nothing once its time has passed."""
+        return [] if self.time is not None and self.time < self.began else super().asked(m)
+
+    def counted(self, m: Features) -> Features:
+        """Each motion at the time, or where it is nearest: between instants it goes straight."""
+        times, motion = m.times, np.arange(m.count)
+        if self.time is None:
+            k, later = self._nearest(m)
+        else:
+            due = self.time - self.began
+            k = np.full(m.count, int(np.argmin(np.abs(times - due))))
+            later = min(due, m.duration) - times[k]  # after the deadline the arm stays where it is
+        at = m.at(motion, k)
+        at.tip = at.tip.moving_on(at.velocity, at.spin, later[None])
+        at.motions = replace(at.motions, times=at.times + later)
+        return at
+
+    def _nearest(self, m: Features) -> tuple[Indices, FloatArray]:
+        """The instants (S,), and how much later motions come nearest (S,) [s]: by shares of the reaches."""
+        speeds = (m.velocity.value, self.place.counting(m.spin.value))
+        ways = [(x.value / most, v / most) for (x, most), v in zip(self.asked(m), speeds, strict=False)]
+        along = sum(dot(x, v) for x, v in ways)
+        square = sum(dot(v, v) for _, v in ways)
+        order = np.argsort(m.times, kind="stable")
+        gaps, back, on = 0.5 * np.diff(m.times[order]), np.zeros_like(m.times), np.zeros_like(m.times)
+        back[order[1:]], on[order[:-1]] = -gaps, gaps  # no further than half of the way to its neighbours
+        later = np.clip(along / np.maximum(square, 1e-300), back, on)
+        left = sum(dot(x - later * v, x - later * v) for x, v in ways)
+        k = np.argmin(left, axis=1)
+        return k, later[np.arange(m.count), k]
+
+
+def _standing(name: str, target: Any) -> Place:
+    """The place of a goal; `InvalidValue` unless it stands still and asks for no velocity."""
+    goal = as_goal(target)
+    place = None if goal.moves else goal.place(0.0)
+    if place is None or not place.rests:
+        raise InvalidValue(name, target, "must stand still: a position, or a pinocchio.SE3")
+    return place
 
 
 class Verdict(NamedTuple):
@@ -138,11 +271,11 @@ def verdict(goal: Goal, motion: Motions) -> Verdict:
     nodes = motion.last_tenth[motion.last_tenth % 2 == 0] // 2
     far, turned, late = float(distance[nodes].max()), float(angle[nodes].max()), ""
     if far > goal.reach or turned > goal.orientation_reach:
-        late = (
-            f"too late: up to {1e3 * far:.3g} mm and {math.degrees(turned):.3g} deg off in the last tenth of "
-            f"the time, where {1e3 * goal.reach:.3g} mm and {math.degrees(goal.orientation_reach):.3g} deg "
-            "may be"
+        most, allowed = (
+            f"{1e3 * way:.3g} mm and {math.degrees(turn):.3g} deg"
+            for way, turn in ((far, turned), (goal.reach, goal.orientation_reach))
         )
+        late = f"too late: up to {most} off in the last tenth of the time, where {allowed} may be"
     return Verdict(distance, angle, contact, _misses(goal, errors), late)
 
 

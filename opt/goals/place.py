@@ -12,14 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, direction, one_of
-from ffsms_pin.errors import InvalidValue
+from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.motion.feature import Feature
 from ffsms_pin.opt.motion.frame import BASE, INERTIAL, Frame
 from ffsms_pin.system import SpaceManipulator
-from ffsms_pin.system.batch.stacks import dot
+from ffsms_pin.system.batch.stacks import diagonal, dot
 
-__all__ = ["Missed", "Place", "checked_freedom", "frame_at", "stacked_places"]
+__all__ = ["Missed", "Place", "beyond", "frame_at", "stacked_places"]
 
 _TINY = 1e-12  # below this length a vector has no direction
 _OPPOSITE = 1e-8  # [rad] an axis that points away but for this has no way of its own to turn
@@ -183,10 +182,17 @@ def stacked_places(places: list[Place]) -> Place:
     )
 
 
-def checked_freedom(axis: Any, on: Any, velocity: FloatArray | None) -> tuple[FloatArray | None, str]:
-    """A free axis as a unit vector (3,) or None, and the name of the axes; on the base no velocity may be."""
-    if axis is not None:
-        axis = direction("goal.free_axis", axis)
-    if one_of("goal.on", on, (INERTIAL, BASE)) == BASE and velocity is not None:
-        raise InvalidValue("goal.velocity", velocity, "must be left out of a goal on the base")
-    return axis, on
+def beyond(x: Feature, allowed: float) -> Feature:
+    """What of vectors is longer than allowed: the vectors, shortened."""
+    length = np.maximum(np.sqrt(dot(x.value, x.value)), 1e-12)  # a shorter one has no direction
+    share, unit = np.maximum(1.0 - allowed / length, 0.0), x.value / length
+    if not share.any():
+        return Feature(np.zeros_like(x.value), {}, x.where)
+
+    def slopes() -> dict[str, FloatArray]:
+        # Along the vector it changes by as much as the vector, across by its share.
+        matrix = (np.where(share > 0.0, 1.0, 0.0) - share) * unit[:, None] * unit
+        diagonal(matrix)[...] += share
+        return {name: np.einsum("xy...,yz...->xz...", matrix, slope) for name, slope in x.slopes.items()}
+
+    return Feature(share * x.value, slopes, x.where)

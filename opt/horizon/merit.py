@@ -13,7 +13,8 @@ import numpy as np
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.goals import Goal
-from ffsms_pin.opt.goals.near import arrivals, beyond
+from ffsms_pin.opt.goals.near import arrivals
+from ffsms_pin.opt.goals.place import beyond
 from ffsms_pin.opt.horizon.control_qp import ControlQP
 from ffsms_pin.opt.horizon.spline import Grid, RateSpline, rate_spline
 from ffsms_pin.opt.motion.feature import Feature, Indices
@@ -176,7 +177,7 @@ def motions_of(
         apply_rates(arm.spin, rates),
         arm.inverse,
         problem.rotation0,
-        None if momentum is None else momentum[3:],
+        np.zeros(3) if momentum is None else momentum[3:],
     )
     R, own = turned[:9].reshape(3, 3, *rates.shape[1:]), turned[9:].reshape(3, *rates.shape[1:])
     return Motions(

@@ -14,8 +14,8 @@ from ffsms_pin.opt.goals import Place
 from ffsms_pin.opt.horizon.spline import gauss
 from ffsms_pin.opt.limits.limit import End
 from ffsms_pin.opt.motion.frame import Frame, RobotFrame
+from ffsms_pin.opt.motion.mechanics import velocity_slopes
 from ffsms_pin.opt.motion.motions import apply_rates
-from ffsms_pin.opt.motion.slopes import velocity_slopes
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.system import JointLimits
 from ffsms_pin.system.batch.arm import ArmValues
@@ -65,7 +65,7 @@ class GoalFromStart(NamedTuple):
                 problem.duration * (problem.arm0.inverse[..., 0] @ (turn.T @ problem.momentum[3:]))
             )
         origin = problem.com0 + problem.duration * problem.drift
-        wanted = [End(RobotFrame.tip(problem.stack), problem.goal.place(problem.duration))]
+        wanted = [End(RobotFrame.of(problem.stack), problem.goal.place(problem.duration))]
         wanted += [end for limit in problem.limits for end in limit.ends]
         return [
             cls(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)

@@ -100,7 +100,7 @@ def missed_at(
 ) -> tuple[FloatArray, FloatArray]:
     """What postures (K, n) on bases (3, 3, K) miss of a place at t [s] (K, 6), and slopes (K, 6, n)."""
     centre = problem.com0 + t * problem.drift
-    wanted = GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.tip(problem.stack))
+    wanted = GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.of(problem.stack))
     error, columns = wanted.missed(problem.stack.evaluate(joints.T), base)
     return error.T, columns.transpose(2, 0, 1) * problem.free
 

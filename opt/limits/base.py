@@ -47,16 +47,13 @@ class _Most(Inequality):
             return self.most - (m.base - m.motions.base_start).norm()
         if self.name == "attitude_rate":
             return self.most - m.base_spin.norm()
-        return self._turn(m) - m.base.angle_from(m.motions.rotation_start)
-
-    def _turn(self, m: Features) -> Any:
-        """The turn that is allowed: one at the end counts there, and closes in as steps near the deadline."""
-        if self.name == "attitude":
-            return self.most
-        if m.step is None:
-            return np.where(m.motions.times >= m.duration, self.most, math.inf)[None]
-        undone = np.maximum(m.duration - 10.0 * m.step.dt - m.time, 0.0)  # ten steps before the deadline
-        return self.most + self.trusted * undone
+        allowed: Any = self.most
+        if self.name == "final_attitude":  # counts at the end, and closes in as steps near the deadline
+            if m.step is None:
+                allowed = np.where(m.motions.times >= m.duration, self.most, math.inf)[None]
+            else:  # ten steps before it
+                allowed = self.most + self.trusted * np.maximum(m.duration - 10.0 * m.step.dt - m.time, 0.0)
+        return allowed - m.base.angle_from(m.motions.rotation_start)
 
     def note(self, room: float, time: float) -> str:
         """What is broken, in words."""
@@ -96,14 +93,13 @@ class BaseLimits(AllOf):
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            infinite = isinstance(value, float) and value == math.inf
-            if not infinite:
+            if not (isinstance(value, float) and value == math.inf):
                 positive(f"base_limits.{field.name}", value, _UNITS[field.name])
 
     @property
     def none(self) -> bool:
         """Whether nothing is limited."""
-        return all(getattr(self, field.name) == math.inf for field in fields(self))
+        return not self.parts
 
     @property
     def holds_attitude(self) -> bool:  # type: ignore[override]  # plain elsewhere
@@ -123,8 +119,8 @@ class BaseLimits(AllOf):
     @cached_property
     def parts(self) -> list[Inequality]:
         """One for each that is limited."""
-        given = {field.name: getattr(self, field.name) for field in fields(self)}
-        return [_Most(name, most) for name, most in given.items() if most < math.inf]
+        given = ((field.name, getattr(self, field.name)) for field in fields(self))
+        return [_Most(name, most) for name, most in given if most < math.inf]
 
     def told(self, notes: list[str]) -> str:
         """What is broken, in words."""

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.limit import Limit, Rows, Violation
 from ffsms_pin.opt.motion import Feature, Features
+from ffsms_pin.opt.motion.mechanics import singular
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.slopes import singular
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system import JointLimits as Limits
@@ -38,12 +37,7 @@ class JointLimits(Limit):
 
     def rows(self, step: StepState) -> Rows:
         """Bounds on the joint rates that leave room to brake."""
-        return Rows(self._each, *step.bounds)
-
-    @cached_property
-    def _each(self) -> FloatArray:
-        """The identity (n, n), made once for all steps of a robot."""
-        return np.eye(len(cast(Limits, self.joint_bounds).lower))
+        return Rows(np.eye(step.sms.n), *step.bounds)
 
     def residual(self, motions: Motions) -> list[Feature]:
         """None: the control points keep the limits."""
@@ -53,9 +47,12 @@ class JointLimits(Limit):
         """The largest excess of a joint's rate, acceleration or position, between instants too."""
         robot: Any = motion.stack.robot
         limits = robot.limits if self.joint_bounds is None else self.joint_bounds
-        rates, steps = motion.rates[:, 0], np.diff(motion.times)
+        joints, rates, steps = motion.joints[:, 0], motion.rates[:, 0], np.diff(motion.times)
         accelerations = np.diff(rates, axis=1) / steps
-        left = _room(motion.joints[:, 0], rates, accelerations, limits)
+        # Where a joint turns before the next instant, it goes further than at both.
+        both, turns = np.stack([joints, joints]), rates[:, :-1] * rates[:, 1:] < 0.0
+        both[1, :, :-1][turns] -= rates[:, :-1][turns] ** 2 / (2.0 * accelerations[turns])
+        left = np.minimum(both - limits.lower[:, None], limits.upper[:, None] - both).min(axis=0)
         faster = limits.velocity[:, None] - np.abs(rates)
         harder = limits.acceleration[:, None] - np.abs(accelerations)
         rounding = 1e-12  # of sums over a thousand nodes
@@ -77,17 +74,6 @@ class JointLimits(Limit):
                     f"at {motion.times[k]:.3g} s"
                 )
         return Violation(amount, motion.times[binds], "; ".join(notes))
-
-
-def _room(joints: FloatArray, rates: FloatArray, accelerations: FloatArray, limits: Limits) -> FloatArray:
-    """What is left of the positions (n, K), at each instant and where a joint turns before the next."""
-    start, end = rates[:, :-1], rates[:, 1:]
-    turns = start * end < 0.0
-    turned = joints.copy()
-    turned[:, :-1] -= np.where(turns, start**2 / (2.0 * np.where(turns, accelerations, 1.0)), 0.0)
-    both = np.stack([joints, turned])
-    left: FloatArray = np.minimum(both - limits.lower[:, None], limits.upper[:, None] - both).min(axis=0)
-    return left
 
 
 @dataclass(frozen=True)

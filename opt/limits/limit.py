@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -86,10 +86,10 @@ class End(NamedTuple):
 
 
 class Limit(ABC):
-    """What must hold during a motion.
+    """What must hold during a motion: answers to three questions, which the solvers only stack.
 
-    A limit answers three questions, and the solvers only stack the answers. Make a subclass in a file of your
-    own and hand it to `opt.Problem(limits=[...])`; docs/own-parts.md builds one.
+    Make a subclass in a file of your own and hand it to `opt.Problem(limits=[...])`; docs/own-parts.md
+    builds one.
 
     Attributes
     ----------
@@ -99,8 +99,8 @@ class Limit(ABC):
         What the residual keeps in hand, in its unit: a penalty gives way a little, and whole motions are
         watched at some instants only. With a residual below half of it the limit counts as kept.
     reserve, began : float
-        What rows and residual keep in hand beyond that, in the limit's own unit, since a finished motion
-        broke it a little (`tightened`); and when the motion began, in the limit's own times [s] (`later`).
+        What rows and residual keep in hand beyond that, in the limit's own unit (`tightened`); and when the
+        motion began, in the limit's own times [s] (`later`).
     ends : sequence of End
         Where frames of the robot must be at the deadline, for motions that a search starts from.
     joint_bounds : JointLimits or None
@@ -113,8 +113,8 @@ class Limit(ABC):
     of_goal : bool
         Whether a problem has the limit from its goal (`Goal.limits`); with another goal it goes.
     blocks, obstacles : bool and sequence of Obstacle
-        Whether something stands in the way where it is broken: a descent rarely finds a way out of it, so the
-        search follows such motions after others. What it keeps clear of: a search looks for ways round.
+        Whether something stands in the way where it is broken: a descent rarely finds a way out of it. What
+        it keeps clear of: a search looks for ways round.
     holds_attitude : bool
         Whether it holds the base's attitude: a search then starts from motions that leave it as it was.
     eased_by_time : bool
@@ -150,9 +150,8 @@ class Limit(ABC):
     def residual(self, m: Any) -> Formula:
         """By how much motions break the limit or use up its margin, at least zero; an empty list: by nothing.
 
-        Made of `m`, `opt.Features` of whole motions; with slopes by hand an `opt.Residual`.
-
-        The unit is the limit's own over a scale that weighs like one arm's length of missed target.
+        Made of `m`, `opt.Features` of whole motions, or with slopes by hand an `opt.Residual`, in the limit's
+        own unit over a scale that weighs like one arm's length of missed target.
         """
 
     @abstractmethod
@@ -160,22 +159,18 @@ class Limit(ABC):
         """What a finished motion makes of it; `motion` is one, at its nodes and the middles between."""
 
 
-_L = TypeVar("_L", bound=Limit)
-
-
-def tightened(limit: _L, by: float) -> _L:
+def tightened(limit: Limit, by: float) -> Limit:
     """The same limit with so much more in hand, in its own unit."""
     return _changed(limit, reserve=limit.reserve + by)
 
 
-def later(limit: _L, by: float) -> _L:
+def later(limit: Limit, by: float) -> Limit:
     """The same limit for the rest of a motion, from `by` seconds on; also where that has another goal."""
     return _changed(limit, began=limit.began + by, of_goal=False)
 
 
 def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
     """The limit for a robot (`Limit.for_robot`), with what it was told before."""
-    told = {name: getattr(limit, name) for name in ("reserve", "began", "of_goal")}
     try:
         made = limit.for_robot(sms)
     except FfsmsError:
@@ -183,10 +178,11 @@ def prepared(limit: Limit, sms: SpaceManipulator) -> Limit:
     except Exception as error:
         raise PartError(limit, "for_robot", f"failed with {type(error).__name__}: {error}") from error
     instance("limit.for_robot", made, Limit)
+    told = {name: getattr(limit, name) for name in ("reserve", "began", "of_goal")}
     return made if all(getattr(made, name) == one for name, one in told.items()) else _changed(made, **told)
 
 
-def _changed(limit: _L, **values: Any) -> _L:
+def _changed(limit: Limit, **values: Any) -> Limit:
     """A copy with other attributes."""
     made = copy.copy(limit)
     for name, value in values.items():

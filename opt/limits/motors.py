@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits.base import SCALE, SHARE
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows, Violation
 from ffsms_pin.opt.motion import Feature, Features
-from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
+from ffsms_pin.opt.motion.mechanics import forces, held_momentum, wheel_shares
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.slopes import forces
 from ffsms_pin.opt.parts.inequality import Inequality
 from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["TorqueLimits", "WheelLimits", "wheel_rows"]
+__all__ = ["TorqueLimits", "WheelLimits"]
 
 
 class _Motors(Inequality):
@@ -29,6 +29,33 @@ class _Motors(Inequality):
     in_hand = SHARE
     most_reserve = 0.5 - SHARE  # with less than half left it would hold plans back more than motors do
     eased_by_time = True
+    broken: str  # what is broken, in words
+    lacks: str  # and of a motor: its name, what it needs, the unit, when, what it has, and what would do
+
+    @abstractmethod
+    def loads(self, m: Features) -> list[tuple[Feature, FloatArray, Sequence[str], str]]:
+        """What motors must give (c, S, K), the most that they have (c,), their names, and the unit."""
+
+    def room(self, m: Features) -> list[Feature]:
+        """Shares that are left."""
+        return [1.0 - abs(load) / most for load, most, *_ in self.loads(m)]
+
+    def violation(self, motion: Motions) -> Violation:
+        """The largest share by which a motor lacks something, on both sides of every node."""
+        sides = (self.loads(Features(one)) for one in (motion, motion.before))
+        worst, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
+        for (load, most, names, unit), (before, *_) in zip(*sides, strict=True):
+            values = np.maximum(np.abs(load.value[:, 0]), np.abs(before.value[:, 0]))
+            used = values / most[:, None]
+            # A little less than what is kept in hand leaves binds.
+            binds |= (used > 0.91).any(axis=0)
+            # Motors that do the same by symmetry differ by rounding: the first of them is named.
+            i, k = np.unravel_index(int(np.argmax(used.round(9))), used.shape)
+            if used[i, k] > 1.0:
+                worst = max(worst, float(used[i, k]) - 1.0)
+                has = (names[i], values[i, k], unit, motion.times[k], most[i], values.max())
+                notes.append(self.lacks.format(*has))
+        return Violation(worst, motion.times[binds], f"{self.broken}: {'; '.join(notes)}" if notes else "")
 
 
 @dataclass(frozen=True)
@@ -40,12 +67,14 @@ class TorqueLimits(_Motors):
     """
 
     name = "torques"
+    broken = "the torque limit is broken"
+    lacks = "'{0}' would need {1:.4g} {2} at {3:.3g} s and has {4:.4g} {2}"
 
-    def room(self, m: Features) -> Feature | list[Feature]:
-        """Shares of the torques that are left."""
+    def loads(self, m: Features) -> list[tuple[Feature, FloatArray, Sequence[str], str]]:
+        """The torques."""
         robot: Any = m.motions.stack.robot
         most = robot.limits.torque
-        return [1.0 - abs(m.torques) / most] if np.isfinite(most).any() else []
+        return [(m.torques, most, robot.joint_names, "N m")] if np.isfinite(most).any() else []
 
     def rows(self, step: StepState) -> Rows | None:
         """Rows of unit length, in rad/s: H_q (u - u_0) / dt + C_q, linear in the rates u at the step's end.
@@ -63,21 +92,7 @@ class TorqueLimits(_Motors):
             return None
         H = H[near]
         middle, room = H @ u - dt * C[near], dt * allowed[near]
-        return _reachable(H, middle - room, middle + room, step)
-
-    def violation(self, motion: Motions) -> Violation:
-        """The largest share by which a joint lacks torque, on both sides of every node."""
-        robot: Any = motion.stack.robot
-        most = robot.limits.torque
-        if not np.isfinite(most).any():
-            return Violation()
-        sizes = motion.torque_sizes[:, 0]
-        lack, binds, i, k = _lack(sizes, most)
-        note = (
-            f"the torque limit is broken: '{robot.joint_names[i]}' would need {sizes[i, k]:.4g} N m at "
-            f"{motion.times[k]:.3g} s and has {most[i]:.4g} N m"
-        )
-        return Violation(lack, motion.times[binds], note if lack > 0.0 else "")
+        return _reachable(step, H, middle - room, middle + room)
 
 
 @dataclass(frozen=True)
@@ -90,83 +105,54 @@ class WheelLimits(_Motors):
     """
 
     name = "wheels"
+    broken = "the wheels would saturate"
+    lacks = "{0} would need {1:.3g} {2} at {3:.3g} s and has {4:.3g} {2}; wheels of {5:.3g} {2} would do"
 
-    def room(self, m: Features) -> list[Feature]:
-        """Shares of momentum and torque that are left."""
+    def loads(self, m: Features) -> list[tuple[Feature, FloatArray, Sequence[str], str]]:
+        """Momenta and torques; none without wheels."""
         wheels = m.motions.wheels
         if wheels is None:
             return []
-        return [1.0 - abs(m.wheels) / wheels.momentum, 1.0 - abs(m.wheel_torques) / wheels.torque]
+        momenta, torques = (m.wheels, wheels.momentum), (m.wheel_torques, wheels.torque)
+        return [(*momenta, wheels.names, "N m s"), (*torques, wheels.names, "N m")]
 
     def rows(self, step: StepState) -> Rows | None:
-        """Rows of the wheels' momenta at the step's end and of their torques in it."""
-        return wheel_rows(step, SHARE + self.kept)
+        """Rows in rad/s, of unit length, one a wheel; None where no wheels hold the attitude, or none moves.
+
+        With D the angular momentum a joint rate (`opt.motion.mechanics`), u_0 the joint rates at the step's
+        start and u those at its end, a wheel's torque is A^+ D (u_0 - u) / dt beside the one of now, and its
+        momentum follows: both are bounds on the same sum of joint rates. Where both cannot be kept, the
+        motor's torque is. Wheels that feel the same sum, as all do that a planar arm moves, share a row.
+        """
+        wheels = step.wheels
+        if wheels is None:
+            return None
+        m, dt, left = step.features, step.dt, 1.0 - (SHARE + self.kept)
+        G = wheel_shares(wheels) @ held_momentum(m.arm)[..., 0, 0]
+        now, torque = m.wheels.value[:, 0, 0], m.wheel_torques.value[:, 0, 0]
+        rubbing = -wheels.friction_torque(now / wheels.inertia) if wheels.rubs else np.zeros(len(wheels))
+        middle, room = G @ step.rates + dt * torque, dt * np.minimum(left * wheels.torque, UNBOUNDED)
+        lower, upper = middle - room, middle + room
+        middle, room = middle + now - dt * rubbing, np.minimum(left * wheels.momentum, UNBOUNDED)
+        lower = np.maximum(lower, np.minimum(middle - room, upper))
+        upper = np.minimum(upper, np.maximum(middle + room, lower))
+        kept: list[tuple[FloatArray, float, float]] = []
+        for row, low, up in zip(G, lower, upper, strict=True):
+            _share(kept, row, float(low), float(up))
+        return _reachable(step, *map(np.array, zip(*kept, strict=True))) if kept else None
 
     def violation(self, motion: Motions) -> Violation:
-        """The largest share by which a wheel lacks momentum or torque, and what would do."""
-        wheels = motion.wheels
+        """Likewise; and what of the arm's momentum no wheel can take."""
+        found, wheels = super().violation(motion), motion.wheels
         if wheels is None:
-            return Violation()
-        m, before = Features(motion), Features(motion.before)
-        momentum = np.abs(m.wheels.value[:, 0])
-        torque = np.max([np.abs(one.wheel_torques.value[:, 0]) for one in (m, before)], axis=0)
-        worst, notes, binding = 0.0, [], []
-        for values, most, unit in ((momentum, wheels.momentum, "N m s"), (torque, wheels.torque, "N m")):
-            lack, binds, i, k = _lack(values, most)
-            binding.append(binds)
-            if lack > 0.0:
-                worst = max(worst, lack)
-                notes.append(
-                    f"{wheels.names[i]} would need {values[i, k]:.3g} {unit} at {motion.times[k]:.3g} s and "
-                    f"has {most[i]:.3g} {unit}; wheels of {values.max():.3g} {unit} would do"
-                )
-        taken = m.arm_momentum.value[:, 0]
+            return found
+        taken = Features(motion).arm_momentum.value[:, 0]
         rest = np.abs(taken - wheels.axes.T @ (wheel_shares(wheels) @ taken)).max()
-        if rest > 1e-6 * max(float(np.abs(taken).max()), 1e-9):  # more than rounding
-            worst = max(worst, 1.0)
-            notes.append(f"{rest:.3g} N m s of the arm's momentum are about an axis that no wheel has")
-        note = f"the wheels would saturate: {'; '.join(notes)}" if notes else ""
-        return Violation(worst, motion.times[np.any(binding, axis=0)], note)
-
-
-def _lack(values: FloatArray, most: FloatArray) -> tuple[float, NDArray[np.bool_], int, int]:
-    """By which share values (m, K) are beyond `most` (m,) at most, when they bind (K,), and where that is."""
-    used: FloatArray = values / most[:, None]
-    # Motors that do the same by symmetry differ by rounding: the first of them is named.
-    i, k = np.unravel_index(int(np.argmax(used.round(9))), used.shape)
-    # A little less than what is kept in hand leaves binds.
-    binds = np.asarray((used > 0.91).any(axis=0))
-    return max(0.0, float(used[i, k]) - 1.0), binds, int(i), int(k)
-
-
-def wheel_rows(step: StepState, in_hand: float) -> Rows | None:
-    """Rows in rad/s, of unit length, one a wheel; None where no wheels hold the attitude, or none is moved.
-
-    With D the angular momentum a joint rate (`opt.motion.actuated`), u_0 the joint rates at the step's start
-    and u those at its end, a wheel's torque is A^+ D (u_0 - u) / dt beside the one of now, and its momentum
-    follows: both are bounds on the same sum of joint rates. Where both cannot be kept, the motor's torque is.
-    Wheels that feel the same sum, as all do that a planar arm moves, share a row. `in_hand` is the share of
-    the limits that is kept.
-    """
-    wheels = step.wheels
-    if wheels is None:
-        return None
-    m, dt, left = step.features, step.dt, 1.0 - in_hand
-    G = wheel_shares(wheels) @ held_momentum(m.arm)[..., 0, 0]
-    now, torque = m.wheels.value[:, 0, 0], m.wheel_torques.value[:, 0, 0]
-    rubbing = -wheels.friction_torque(now / wheels.inertia) if wheels.rubs else np.zeros(len(wheels))
-    middle, room = G @ step.rates + dt * torque, dt * np.minimum(left * wheels.torque, UNBOUNDED)
-    lower, upper = middle - room, middle + room
-    middle, room = middle + now - dt * rubbing, np.minimum(left * wheels.momentum, UNBOUNDED)
-    lower = np.maximum(lower, np.minimum(middle - room, upper))
-    upper = np.minimum(upper, np.maximum(middle + room, lower))
-    kept: list[tuple[FloatArray, float, float]] = []
-    for row, low, up in zip(G, lower, upper, strict=True):
-        _share(kept, row, float(low), float(up))
-    if not kept:
-        return None
-    directions, lowest, highest = (np.array(one) for one in zip(*kept, strict=True))
-    return _reachable(directions, lowest, highest, step)
+        if rest <= 1e-6 * max(float(np.abs(taken).max()), 1e-9):  # rounding
+            return found
+        note = f"{rest:.3g} N m s of the arm's momentum are about an axis that no wheel has"
+        note = f"{found.note or self.broken}{'; ' if found.note else ': '}{note}"
+        return found._replace(amount=max(found.amount, 1.0), note=note)
 
 
 def _share(kept: list[tuple[FloatArray, float, float]], row: FloatArray, low: float, up: float) -> None:
@@ -184,7 +170,7 @@ def _share(kept: list[tuple[FloatArray, float, float]], row: FloatArray, low: fl
     kept.append((row, low, up))
 
 
-def _reachable(G: FloatArray, lower: FloatArray, upper: FloatArray, step: StepState) -> Rows:
+def _reachable(step: StepState, G: FloatArray, lower: FloatArray, upper: FloatArray) -> Rows:
     """Rows of unit length, each asking for what comes nearest of what the joints can do in the step."""
     size = np.linalg.norm(G, axis=1)
     G, lower, upper = G / size[:, None], lower / size, upper / size

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.motion.slopes import DERIVATIVES, FLAT
 
 __all__ = ["OWN", "Feature", "Indices", "Slopes", "Where", "lost_slopes", "root_of_size"]
 
@@ -30,6 +29,39 @@ Where: TypeAlias = "tuple[Indices | None, Any]"
 OWN = {"own_joint": "by_joints", "own_rate": "by_rates", "own_acceleration": "by_accelerations"}
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
 _lost = threading.local()  # how many features were made plain arrays, in each thread
+_TINY = 1e-150  # a root's slope stays finite at zero
+
+# By each of a function's arguments, of its result y and of these; None: one.
+_DERIVATIVES: dict[np.ufunc, tuple[Callable[..., Any], ...]] = {
+    np.add: (lambda y, a, b: None, lambda y, a, b: None),
+    np.subtract: (lambda y, a, b: None, lambda y, a, b: -1.0),
+    np.multiply: (lambda y, a, b: b, lambda y, a, b: a),
+    np.divide: (lambda y, a, b: 1.0 / b, lambda y, a, b: -y / b),
+    np.power: (lambda y, a, b: b * a ** (b - 1.0), lambda y, a, b: y * np.log(a)),
+    np.hypot: (lambda y, a, b: a / (y + _TINY), lambda y, a, b: b / (y + _TINY)),
+    np.arctan2: (lambda y, a, b: b / (a * a + b * b), lambda y, a, b: -a / (a * a + b * b)),
+    np.maximum: (lambda y, a, b: np.where(a >= b, 1.0, 0.0), lambda y, a, b: np.where(a >= b, 0.0, 1.0)),
+    np.minimum: (lambda y, a, b: np.where(a <= b, 1.0, 0.0), lambda y, a, b: np.where(a <= b, 0.0, 1.0)),
+    np.logaddexp: (lambda y, a, b: np.exp(a - y), lambda y, a, b: np.exp(b - y)),
+    np.negative: (lambda y, a: -1.0,),
+    np.positive: (lambda y, a: None,),
+    np.absolute: (lambda y, a: np.sign(a),),
+    np.sqrt: (lambda y, a: 0.5 / (y + _TINY),),
+    np.square: (lambda y, a: 2.0 * a,),
+    np.exp: (lambda y, a: y,),
+    np.log: (lambda y, a: 1.0 / a,),
+    np.sin: (lambda y, a: np.cos(a),),
+    np.cos: (lambda y, a: -np.sin(a),),
+    np.tan: (lambda y, a: 1.0 + y * y,),
+    np.tanh: (lambda y, a: 1.0 - y * y,),
+    np.arcsin: (lambda y, a: 1.0 / np.sqrt(1.0 - a * a),),
+    np.arccos: (lambda y, a: -1.0 / np.sqrt(1.0 - a * a),),
+    np.arctan: (lambda y, a: 1.0 / (1.0 + a * a),),
+}
+
+# What does not change by a little: no slopes are lost there.
+_COMPARISONS = {np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.greater_equal}
+_FLAT = _COMPARISONS | {np.sign, np.floor, np.ceil, np.isfinite, np.isnan}
 
 
 def lost_slopes() -> int:
@@ -49,9 +81,9 @@ class Feature(NDArrayOperatorsMixin):
         At K instants of S motions; components come first.
     slopes : dict of str to ndarray, or a function that makes it
         By the names of `Residual`: the value's components first, if any, then those of what moves it, then S
-        and K, or 1 in their place. A function is called once, where slopes are wanted: a search that only
-        compares motions wants none. Also "by_time", of what moves by itself, for single steps; and
-        "own_joint", "own_rate", "own_acceleration", of the value's shape: of component j by joint j alone.
+        and K, or 1 in their place. A function is called once, where slopes are wanted. Also "by_time", of
+        what moves by itself, for single steps; and "own_joint", "own_rate", "own_acceleration", of the
+        value's shape: of component j by joint j alone.
     where : tuple of ndarray, optional
         Motions and instants, (V,) each, of the V values of one of shape (1, V) or (c, 1, V); or None and the
         instants (K,) of all motions. Default: all.
@@ -99,10 +131,11 @@ class Feature(NDArrayOperatorsMixin):
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
         if ufunc is np.matmul and not isinstance(inputs[0], Feature):
-            return self._mapped(np.asarray(inputs[0]))
-        rules = DERIVATIVES.get(ufunc)
+            matrix = np.asarray(inputs[0])
+            return self._linear(lambda x: np.asarray(np.einsum("rc,c...->r...", matrix, x)))
+        rules = _DERIVATIVES.get(ufunc)
         if rules is None or method != "__call__" or options:
-            flat = ufunc in FLAT
+            flat = ufunc in _FLAT
             plain = [(x.value if flat else np.asarray(x)) if isinstance(x, Feature) else x for x in inputs]
             return getattr(ufunc, method)(*plain, **options)
         values = [_components(x) for x in inputs]
@@ -117,7 +150,10 @@ class Feature(NDArrayOperatorsMixin):
                 part = rule(result, *values)
                 for name, slope in x.slopes.items():
                     slope = slope[None] if result.ndim > x.value.ndim else slope
-                    _add(found, name, _times(slope, part, result.ndim))
+                    if result.ndim == 3 and len(slope) < len(result):  # a number goes into all components
+                        slope = np.broadcast_to(slope, (len(result), *slope.shape[1:]))
+                    by = _beside(part, slope.ndim - 3) if getattr(part, "ndim", 0) == 3 else part
+                    _add(found, name, slope if by is None else slope * by)
             return found
 
         moves = any(x._slopes for x, _ in features)
@@ -128,39 +164,29 @@ class Feature(NDArrayOperatorsMixin):
             return np.asarray(self)[index]
         if self.value.ndim < 3:
             raise InvalidValue("index", index, "must be of a vector, and this feature is a number")
-        return Feature(self.value[index], lambda: self._mapped_by(lambda slope: slope[index]), self.where)
+        return self._linear(lambda x: x[index])
 
-    def _mapped_by(self, mapping: Callable[[FloatArray], FloatArray]) -> dict[str, FloatArray]:
-        return {name: mapping(self._full(slope)) for name, slope in self._by().items()}
+    def _linear(self, mapping: Callable[[FloatArray], FloatArray]) -> Feature:
+        """What a linear function of its components makes of a vector."""
 
-    def _full(self, slope: FloatArray) -> FloatArray:
-        """Of a vector: with all its components, even where they are alike."""
-        if len(slope) == len(self.value):
-            return slope
-        return np.broadcast_to(slope, (len(self.value), *slope.shape[1:]))
+        def slopes() -> dict[str, FloatArray]:
+            return {name: mapping(slope) for name, slope in self.by_all().items()}
 
-    def _by(self) -> dict[str, FloatArray]:
-        """Slopes of a vector, of which none is of components by their own joint alone."""
+        return Feature(mapping(self.value), slopes, self.where)
+
+    def by_all(self) -> dict[str, FloatArray]:
+        """Slopes, of which none is of components by their own joint alone."""
         found = {name: slope for name, slope in self.slopes.items() if name not in OWN}
         for own, name in OWN.items():
             if own in self.slopes:
-                full = self._full(self.slopes[own])
-                _add(found, name, np.eye(len(full))[..., None, None] * full)
+                _add(found, name, np.eye(len(self))[..., None, None] * self.slopes[own])
         return found
 
     def sum(self, axis: SupportsIndex | None = 0, **_: Any) -> Feature:
         """Of a vector's components, a number."""
         if axis != 0 or self.value.ndim < 3:
             raise InvalidValue("axis", axis, "must be 0, of a vector: a feature adds up its components only")
-        return self.dot(np.ones(len(self.value)))
-
-    def _mapped(self, matrix: FloatArray) -> Feature:
-        """A matrix (r, c) times a vector of c components."""
-
-        def mapped(values: FloatArray) -> FloatArray:
-            return np.asarray(np.einsum("rc,c...->r...", matrix, values))
-
-        return Feature(mapped(self.value), lambda: self._mapped_by(mapped), self.where)
+        return self._linear(lambda x: x.sum(axis=0))
 
     def during(self, span: slice) -> Feature:
         """The same at some of its instants, one after the other; of all motions."""
@@ -176,21 +202,20 @@ class Feature(NDArrayOperatorsMixin):
         mine, its = self.value, _components(other)
 
         def slopes() -> dict[str, FloatArray]:
-            found = self._along(its, {})
-            return other._along(mine, found) if isinstance(other, Feature) else found
+            found = self._along(its)
+            for name, slope in other._along(mine).items() if isinstance(other, Feature) else ():
+                _add(found, name, slope)
+            return found
 
         return Feature(np.einsum("c...,c...->...", mine, its), slopes, self.where)
 
-    def _along(self, ways: FloatArray, found: dict[str, FloatArray]) -> dict[str, FloatArray]:
-        """Slopes of the sum of components times ways (c, S, K), added to those found already."""
-        for name, slope in self.slopes.items():
-            full = self._full(slope)
-            if name in OWN:
-                name, by = OWN[name], full * ways
-            else:
-                by = np.einsum("c...,c...->...", full, _beside(ways, slope.ndim - 3))
-            _add(found, name, by)
-        return found
+    def _along(self, ways: FloatArray) -> dict[str, FloatArray]:
+        """Slopes of the sum of components times ways (c, S, K)."""
+
+        def along(slope: FloatArray) -> FloatArray:
+            return np.asarray(np.einsum("c...,c...->...", slope, _beside(ways, slope.ndim - 3)))
+
+        return {name: along(slope) for name, slope in self.by_all().items()}
 
     def cross(self, other: Any) -> Feature:
         """Vector product with a vector (3,), or with another feature."""
@@ -201,7 +226,7 @@ class Feature(NDArrayOperatorsMixin):
     def norm(self, rounding: float = 1e-9) -> Feature:
         """Length of a vector, sqrt(x . x + rounding^2): its slopes are finite where it is zero, too."""
         size = np.sqrt(np.einsum("csk,csk->sk", self.value, self.value) + rounding * rounding)
-        return Feature(size, lambda: self._along(self.value / size, {}), self.where)
+        return Feature(size, lambda: self._along(self.value / size), self.where)
 
     def squares(self, weights: FloatArray, motions: int) -> FloatArray:
         """Sum of its squares (S,), integrated with weights of all instants (K,) where it is over time."""
@@ -234,21 +259,12 @@ def _add(found: dict[str, FloatArray], name: str, slope: FloatArray) -> None:
     found[name] = found[name] + slope if name in found else slope
 
 
-def _components(x: Any) -> FloatArray:
-    """A plain array that meets (c, S, K): vectors (c,) get the axes that they lack."""
-    if isinstance(x, Feature):
-        return x.value
+def _components(x: Any) -> Any:
+    """What meets (c, S, K): a number, or a plain array; vectors (c,) get the axes that they lack."""
+    if isinstance(x, (Feature, float)):
+        return x.value if isinstance(x, Feature) else x
     array = np.asarray(x, dtype=np.float64)
     return array[:, None, None] if array.ndim == 1 else array
-
-
-def _times(slope: FloatArray, part: FloatArray | float | None, dimensions: int) -> FloatArray:
-    """A slope times a derivative (S, K) or (c, S, K); the axes of what moves come between c and S."""
-    if part is None:
-        return slope
-    if isinstance(part, np.ndarray) and part.ndim == 3:
-        part = _beside(part, slope.ndim - dimensions)
-    return slope * part
 
 
 def _beside(values: FloatArray, moved: int) -> FloatArray:

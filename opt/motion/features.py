@@ -1,31 +1,33 @@
-"""What a part sees of motions: everything that moves, as features."""
+"""What a part sees of motions, whole ones or a single step: everything that moves, as features."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
 from ffsms_pin.opt.motion.feature import Feature, Indices, Slopes, Where
 from ffsms_pin.opt.motion.frame import BASE, EYE, INERTIAL, Frame, RobotFrame
-from ffsms_pin.opt.motion.motions import Motions, apply_rates
-from ffsms_pin.opt.motion.slopes import force_slopes
+from ffsms_pin.opt.motion.mechanics import coupling_slopes, force_slopes, held_momentum, wheel_shares
+from ffsms_pin.opt.motion.motions import HeldMotions, Motions, apply_rates
 from ffsms_pin.system.batch.stacks import apply, skew
 
 if TYPE_CHECKING:
     from ffsms_pin.opt.step.state import StepState
 
-__all__ = ["Features"]
+__all__ = ["Change", "Features", "StepFeatures"]
 
 _ONE = np.ones((1, 1))
 _OF_MOTIONS = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
 _OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
+# Velocities, by what they move.
+_VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
 
 
 class Features:
@@ -65,31 +67,24 @@ class Features:
     def frame(self, name: str, on: str = INERTIAL) -> Frame:
         """Position of any frame of the robot, a `Frame`; "tip" is the end effector.
 
-        On the "base" it is seen from the base link's frame, in its axes.
-
-        Raises
-        ------
-        FrameNotFound
-            It names the frames that there are.
+        On the "base" it is seen from the base link's frame, in its axes. A `FrameNotFound` names the frames
+        that there are.
         """
-        m = self.motions
-        is_tip = name in ("tip", m.stack.robot.end_effector)
-        if is_tip and on == INERTIAL:
+        m, frame = self.motions, RobotFrame.of(self.motions.stack, name)
+        if frame.body is None and on == INERTIAL:
             return self.tip
-        frame = RobotFrame.tip(m.stack) if is_tip else RobotFrame.of(m.stack, name)
         R, seen = m.base_attitude, frame.of_arm(m.arm)
         if on == BASE:
             moved, turned = {"by_joints": seen.linear}, {"by_joints": seen.angular}
             return Frame(seen.position, seen.rotation, moved, turned, self.where)
         lever = apply(R, seen.position - m.stack.base_com[:, None, None])
-
-        def place() -> dict[str, FloatArray]:
-            return {"by_base": EYE, "by_base_turn": -skew(lever), "by_joints": apply(R, seen.linear)}
-
-        def turn() -> dict[str, FloatArray]:
-            return {"by_base_turn": EYE, "by_joints": apply(R, seen.angular)}
-
-        return Frame(m.base_position + lever, apply(R, seen.rotation), place, turn, self.where)
+        return Frame(
+            m.base_position + lever,
+            apply(R, seen.rotation),
+            lambda: {"by_base": EYE, "by_base_turn": -skew(lever), "by_joints": apply(R, seen.linear)},
+            lambda: {"by_base_turn": EYE, "by_joints": apply(R, seen.angular)},
+            self.where,
+        )
 
     @cached_property
     def velocity(self) -> Feature:
@@ -130,8 +125,8 @@ class Features:
     def _forces(self) -> Feature:
         """Torques of the joints, and below them what holds the base (n + 6, S, K)."""
         m = self.motions
-        by = (m.stack, m.joints, m.rates, m.accelerations, m.own_spin)
-        return self.feature(m.forces, lambda: force_slopes(*by))
+        slopes = partial(force_slopes, m.stack, m.joints, m.rates, m.accelerations, m.own_spin)
+        return self.feature(m.forces, slopes)
 
     @property
     def torques(self) -> Feature:
@@ -219,3 +214,92 @@ class Features:
         values: dict[str, Any] = {name: pick(getattr(whole, name)) for name in _OF_MOTIONS}
         values.update({name: getattr(whole, name)[..., instants] for name in _OF_INSTANTS})
         return Features(replace(whole, evaluated=None, **values), self.duration, where)
+
+
+class Change(NamedTuple):
+    """How c features at a step's start change with its joint rates u.
+
+    `value` (c,) is at the state, with the rates of the step's start. By what moves they change by
+    flow (c, n) @ u + flow_drift (c,) a second; by the rates themselves, at the same state, by jump (c, n).
+    """
+
+    value: FloatArray
+    flow: FloatArray
+    flow_drift: FloatArray
+    jump: FloatArray
+
+
+class StepFeatures(Features):
+    """What a part sees of a single step: a motion of one instant, shape (..., 1, 1).
+
+    What the step has worked out already is taken from it; the rest of the arm only where a part asks for it.
+    """
+
+    step: StepState
+
+    def __init__(self, step: StepState) -> None:
+        self.step = step
+        stack, R = step.sms.arm_stack(step.mode), pin.Quaternion(step.q[3:7]).toRotationMatrix()
+        start = pin.XYZQUATToSE3(step.base_start)
+        u, com = step.rates, step.sms.base_com
+        # The base's centre of mass, the base's turn and the end effector: a joint rate each, and the drift.
+        root = np.column_stack([step.reaction, step.drift])
+        base, base_turn = R @ (root[:3] - skew(com) @ root[3:]), R @ root[3:]
+        tip = np.column_stack([step.J_star, step.tip_drift])
+        self._moved = {"by_tip": tip[:3], "by_turn": tip[3:], "by_base": base, "by_base_turn": base_turn}
+        at = np.append(u, 1.0)
+        motions = HeldMotions(
+            stack=stack,
+            times=np.array([step.time]),
+            weights=np.ones(1),
+            limit_weights=np.ones(1),
+            last_tenth=np.zeros(1, dtype=np.intp),
+            joints=_one(step.joints),
+            rates=_one(u),
+            accelerations=_one(np.zeros(len(u))),
+            base_attitude=_one(R),
+            com=(step.q[:3] + R @ step.com)[:, None],
+            drift=np.zeros(3) if step.momentum is None else step.momentum[:3] / stack.total_mass,
+            own_spin=_one(step.drift[3:]),
+            base_start=start.act(com),
+            rotation_start=start.rotation,
+            target=np.full((3, 1), np.nan),
+            mean_speed=np.nan,
+            wheels=step.wheels,
+            wheel_total=np.zeros(len(step.wheels or ())) if step.wheel_total is None else step.wheel_total,
+            end_effector=_one(step.pose.translation),
+            attitude=_one(step.pose.rotation),
+            velocity=_one(tip[:3] @ at),
+            spin=_one(tip[3:] @ at),
+            base_spin=_one(base_turn @ at),
+            base_position=_one(step.q[:3] + R @ com),
+        )
+        super().__init__(motions, step.time + step.time_left)
+
+    def change(self, feature: Feature) -> Change:
+        """What the step's joint rates do to a feature of it."""
+        m, n, c = self.motions, self.step.sms.n, feature.value.size
+        flow, jump = np.zeros((c, n + 1)), np.zeros((c, n))
+        for name, slope in feature.by_all().items():
+            if name == "by_entropy":
+                name, slope = "by_coupling", slope[..., None, None, :, :] * m.entropy_slope
+            if name == "by_coupling":
+                flow[:, :n] += coupling_slopes(m.stack, m.arm, slope).reshape(-1, n)
+                continue
+            slope = slope.reshape(c, -1)
+            if name in self._moved:
+                flow += slope @ self._moved[name]
+            elif name in _VELOCITIES:
+                jump += slope @ self._moved[_VELOCITIES[name]][:, :n]
+            elif name == "by_time":
+                flow[:, n] += slope[:, 0]
+            elif name == "by_joints":
+                flow[:, :n] += slope
+            else:
+                jump += slope / (self.step.dt if name == "by_accelerations" else 1.0)
+        return Change(feature.value.reshape(c), flow[:, :n], flow[:, n], jump)
+
+
+def _one(x: Any) -> FloatArray:
+    """As of one motion at one instant; a copy, since the state's may be read-only views."""
+    return np.array(x, dtype=np.float64)[..., None, None]

@@ -32,35 +32,30 @@ class FrameValues(NamedTuple):
 class RobotFrame(NamedTuple):
     """A frame that is fixed to a body of the robot."""
 
-    name: str
-    body: int  # index of the joint that carries it, -1 the base
-    offset: FloatArray  # (3,) its place in the body's axes [m]
-    turn: FloatArray  # (3, 3) and its attitude there
     moves: FloatArray  # (n,) 1 for joints that move it, else 0
-    is_tip: bool = False  # the end effector's, which motions have at hand
+    body: int | None = None  # index of the joint that carries it, -1 the base; None: it is the end effector
+    offset: FloatArray = np.zeros(3)  # its place in the body's axes [m]
+    turn: FloatArray = np.eye(3)  # and its attitude there
 
     @classmethod
-    def tip(cls, stack: ArmStack) -> RobotFrame:
-        """The robot's end effector."""
-        return cls("end effector", -1, np.zeros(3), np.eye(3), stack.moves_tip, True)
-
-    @classmethod
-    def of(cls, stack: ArmStack, name: str) -> RobotFrame:
-        """The robot's frame of that name; a `FrameNotFound` names those that there are."""
+    def of(cls, stack: ArmStack, name: str = "tip") -> RobotFrame:
+        """The robot's frame of that name, or its end effector; a `FrameNotFound` names what there is."""
+        if name in ("tip", stack.robot.end_effector):
+            return cls(stack.moves_tip)
         frame = stack.robot.model.frames[frame_index(stack.robot.model, name)]
         body, placement = int(frame.parentJoint) - 2, frame.placement
         moves = stack.carries[:, body] if body >= 0 else np.zeros(stack.n)
-        return cls(name, body, placement.translation.copy(), placement.rotation.copy(), moves)
+        return cls(moves, body, placement.translation.copy(), placement.rotation.copy())
 
     def of_arm(self, arm: ArmValues) -> FrameValues:
         """The frame of an arm that is evaluated already."""
         shape = arm.axes.shape[2:]
-        moves = self.moves.reshape(-1, *(1,) * len(shape))
+        along = (..., *(None,) * len(shape))
+        moves = self.moves[along]
         angular = arm.axes * moves
-        if self.is_tip:
+        if self.body is None:
             return FrameValues(arm.tip, arm.tip_rotation, arm.arm, angular)
         if self.body < 0:
-            along = (..., *(None,) * len(shape))
             position = np.broadcast_to(self.offset[along], (3, *shape))
             rotation = np.broadcast_to(self.turn[along], (3, 3, *shape))
         else:
@@ -112,7 +107,7 @@ class Frame(Feature):
         r = self._from(rotation)
         angle = np.sqrt(dot(r, r) + 1e-18)  # its slopes are finite where it is zero, too
         # Along its axis a turn adds to the angle, across it does not.
-        return Feature(angle, lambda: self._turn._along(r / angle, {}), self.where)
+        return Feature(angle, lambda: self._turn._along(r / angle), self.where)
 
     def during(self, span: slice) -> Frame:
         """The same at some of its instants, one after the other; of all motions."""
@@ -126,14 +121,13 @@ class Frame(Feature):
 
         def turns() -> dict[str, FloatArray]:
             found = {name: apply(turn, slope) for name, slope in self._turn.slopes.items()}
-            return {**found, **{name: by * slope for name, slope in spin.slopes.items()}}
+            return found | {name: by * slope for name, slope in spin.slopes.items()}
 
         rotation = apply(turn, self.rotation)
         return Frame(position.value, rotation, lambda: position.slopes, turns, self.where)
 
     def _from(self, rotation: FloatArray) -> FloatArray:
-        start = rotation.reshape(3, 3, 1, -1)
-        return log3(np.einsum("xy...,zy...->xz...", self.rotation, start))
+        return log3(np.einsum("xy...,zy...->xz...", self.rotation, rotation.reshape(3, 3, 1, -1)))
 
     def _turned(self, value: FloatArray, slope: Callable[[], FloatArray]) -> Feature:
         """A vector with its slopes (3, 3, S, K) by a turn of the frame."""

@@ -12,7 +12,7 @@ from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.coupling.stacked import entropies
 from ffsms_pin.opt.motion.feature import Indices
-from ffsms_pin.opt.motion.slopes import entropy_and_gradient, forces, singular
+from ffsms_pin.opt.motion.mechanics import entropy_and_gradient, forces, singular
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot
 
@@ -36,15 +36,11 @@ EXACT = Smoothing()
 
 
 class Paired(NamedTuple):
-    """The N steps of one motion; the paper pairs the place at a step's start with the rates at its end.
+    """The N steps of one motion; the paper pairs the place at a step's start with the rates at its end."""
 
-    cos(theta_a) and H_norm (N,), and the paper's alpha (N, n): joint rates by the right singular vectors of
-    C_bm [rad/s].
-    """
-
-    cosine: FloatArray
-    entropy: FloatArray
-    alpha: FloatArray
+    cosine: FloatArray  # (N,) cos(theta_a)
+    entropy: FloatArray  # (N,) H_norm
+    alpha: FloatArray  # (N, n) joint rates by the right singular vectors of C_bm [rad/s]
 
     def cost(self, kappa: float) -> FloatArray:
         """The paper's summand of J (N,)."""
@@ -74,9 +70,7 @@ class Motions:
     smoothing: Smoothing = EXACT
     lag: float = 0.0  # the paper pairs a step's rates, those of its end, with the place so much earlier
     wheels: ReactionWheels | None = None  # those that hold the attitude, where wheels do
-    wheel_total: FloatArray = field(
-        default_factory=lambda: np.zeros(0)
-    )  # (w,) [N m s] were the joints at rest
+    wheel_total: FloatArray = field(default_factory=lambda: np.zeros(0))  # (w,) [N m s], joints at rest
     thrusters: Thrusters | None = None  # those that hold attitude or place, where thrusters do
     target_on: str = "inertial"  # or "base": the axes of the base link, with which the target moves
     evaluated: ArmValues | None = None  # the arm at the joint positions, where it is known
@@ -101,10 +95,14 @@ class Motions:
         """The arm seen from the base."""
         return self.stack.evaluate(self.joints) if self.evaluated is None else self.evaluated
 
+    def _placed(self, points: FloatArray) -> FloatArray:
+        """Points of the base's axes (3, S, K), inertial axes."""
+        return self.com[:, None] + apply(self.base_attitude, points - self.arm.com)
+
     @cached_property
     def end_effector(self) -> FloatArray:
         """Position of the end effector (3, S, K) [m]."""
-        return self.com[:, None] + apply(self.base_attitude, self.arm.rho)
+        return self._placed(self.arm.tip)
 
     @cached_property
     def attitude(self) -> FloatArray:
@@ -133,15 +131,14 @@ class Motions:
     @cached_property
     def base_position(self) -> FloatArray:
         """Place of the base's centre of mass (3, S, K) [m]."""
-        from_com = self.stack.base_com[:, None, None] - self.arm.com
-        return self.com[:, None] + apply(self.base_attitude, from_com)
+        return self._placed(self.stack.base_com[:, None, None])
 
     @property
     def target_points(self) -> FloatArray:
         """Where the goal's position is (3, S, K), inertial axes [m]."""
         if self.target_on == "inertial":
             return self.target[:, None]
-        return self.com[:, None] + apply(self.base_attitude, self.target[:, None] - self.arm.com)
+        return self._placed(self.target[:, None])
 
     @property
     def to_target(self) -> FloatArray:
@@ -165,7 +162,7 @@ class Motions:
 
     @cached_property
     def forces(self) -> FloatArray:
-        """Joint torques and what holds the base (n + 6, S, K), as `slopes.forces` has them."""
+        """Joint torques and what holds the base (n + 6, S, K), as `mechanics.forces` has them."""
         return forces(self.stack, self.joints, self.rates, self.accelerations, self.own_spin)
 
     @property

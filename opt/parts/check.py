@@ -12,13 +12,12 @@ from ffsms_pin.checks import FloatArray, instance, positive, whole
 from ffsms_pin.errors import FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, prepared
 from ffsms_pin.opt.motion.feature import Feature, Indices
-from ffsms_pin.opt.motion.features import Features
-from ffsms_pin.opt.motion.held import StepFeatures, difference, movers
+from ffsms_pin.opt.motion.features import Features, StepFeatures
+from ffsms_pin.opt.motion.mechanics import coupling_slopes
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.motion.rollout import configurations
-from ffsms_pin.opt.motion.slopes import coupling_slopes
 from ffsms_pin.opt.parts.inequality import AllOf, Inequality
-from ffsms_pin.opt.parts.reading import formulas, residuals_of, rows_of
+from ffsms_pin.opt.parts.reading import by_differences, formulas, residuals_of, rows_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.terms.term import Term
@@ -100,24 +99,22 @@ def _spread(one: Feature, motion: Indices | None, instants: Indices | slice, mot
 
 def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, tolerance: float) -> float:
     """The largest error of answer i's slopes, relative to the largest of them."""
-    slopes = dict(one._by() if one.ndim == 3 else one.slopes)
-    components = one.ndim - 2
-    if "by_coupling" in slopes:  # what depends on C_bm depends on the joints
-        by = coupling_slopes(motions.stack, motions.arm, slopes.pop("by_coupling"))
-        slopes["by_joints"] = slopes.get("by_joints", 0.0) + by
-    largest, worst, said = 1e-6, 0.0, ""
-    for name, j in movers(motions):
-        wanted = difference(lambda at: _dense(part, method, at)[i].value, motions, name, j)
-        given: Any = slopes.get(name, 0.0)
-        if name in slopes and name != "by_entropy":
-            given = given[(slice(None),) * components + (j,)]
-        given = np.broadcast_to(given, wanted.shape)
-        error = np.where(np.isfinite(one.value), np.abs(given - wanted), 0.0)
+    given: dict[str, Any] = one.by_all()
+    given.pop("by_time", None)  # what moves by itself, in steps alone
+    if "by_coupling" in given:  # what depends on C_bm depends on the joints
+        by = coupling_slopes(motions.stack, motions.arm, given.pop("by_coupling"))
+        given["by_joints"] = given.get("by_joints", 0.0) + by
+    wanted: dict[str, Any] = by_differences(lambda at: _dense(part, method, at)[i].value, motions)
+    finite, largest, worst, said = np.isfinite(one.value), 1e-6, 0.0, ""
+    for name in given | wanted:
+        mine, its = np.broadcast_arrays(given.get(name, 0.0), wanted.get(name, 0.0))
+        counts = finite if one.ndim == 2 or name == "by_entropy" else finite[:, None]
+        error = np.where(counts, np.abs(mine - its), 0.0)
         k = np.unravel_index(int(np.argmax(error)), error.shape)
-        largest = max(largest, float(np.abs(wanted).max()), float(np.abs(given).max()))
+        largest = max(largest, float(np.abs(mine).max()), float(np.abs(its).max()))
         if error[k] > worst:
-            worst = float(error[k])
-            said = f"{name}[{j}] of answer {i} is {given[k]:.6g} where differences give {wanted[k]:.6g}"
+            worst, j = float(error[k]), [int(index) for index in k[one.ndim - 2 : -2]]
+            said = f"{name}{j} of answer {i} is {mine[k]:.6g} where differences give {its[k]:.6g}"
     if worst > tolerance * largest:
         raise PartError(part, method, f"gives a wrong slope: {said} (the largest slope is {largest:.3g})")
     return worst / largest

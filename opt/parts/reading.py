@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,15 +14,16 @@ from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.motion.feature import OWN, Feature, Indices, lost_slopes
 from ffsms_pin.opt.motion.features import Features
-from ffsms_pin.opt.motion.held import MOVED_VECTORS, by_differences
-from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.motions import HeldMotions, Motions
 from ffsms_pin.opt.step.state import StepState
+from ffsms_pin.system.batch.stacks import apply, exp3
 
 __all__ = [
     "Formula",
     "JointResidual",
     "Residual",
     "asked",
+    "by_differences",
     "checked_parts",
     "formulas",
     "objective_of",
@@ -33,6 +35,16 @@ __all__ = [
 
 # What a part's formula may be.
 Formula: TypeAlias = "Feature | FloatArray | Sequence[Formula]"
+# What moves, and its field of motions: vectors, attitudes, and what each joint has.
+_VECTORS = {
+    "by_tip": "end_effector",
+    "by_velocity": "velocity",
+    "by_spin": "spin",
+    "by_base": "base_position",
+    "by_base_spin": "base_spin",
+}
+_TURNS = {"by_turn": "attitude", "by_base_turn": "base_attitude"}
+_JOINTS = {"by_joints": "joints", "by_rates": "rates", "by_accelerations": "accelerations"}
 
 
 class Residual(Feature):
@@ -51,10 +63,8 @@ class Residual(Feature):
         Whether the square is integrated over time; otherwise it counts as it is.
     by_joints, by_rates, by_accelerations : ndarray, shape (n, S, K)
         By the joint positions, rates and accelerations, whatever moves with them held still.
-    by_tip, by_turn : ndarray, shape (3, S, K)
-        By the end effector's position, and by a turn of it (rotation vector).
-    by_velocity, by_spin : ndarray, shape (3, S, K)
-        By its velocity and angular velocity.
+    by_tip, by_turn, by_velocity, by_spin : ndarray, shape (3, S, K)
+        By the end effector's position, a turn of it (rotation vector), its velocity and angular velocity.
     by_base, by_base_turn, by_base_spin : ndarray, shape (3, S, K)
         By the position of the base's centre of mass, a turn of the base, and its angular velocity.
     by_entropy : ndarray, shape (S, K)
@@ -118,13 +128,29 @@ def residuals_of(part: Any, motions: Motions | Features) -> list[Feature]:
     return [one for one in formulas(part, "residual", seen) if one.value.size]
 
 
+def asked(part: Any, method: str, *arguments: Any) -> Any:
+    """What a method of a part gives; an error in it becomes one that names part and method."""
+    try:
+        return getattr(part, method)(*arguments)
+    except FfsmsError:
+        raise
+    except Exception as error:
+        raise PartError(part, method, f"failed with {type(error).__name__}: {error}") from error
+
+
+def _answer(part: Any, method: str, seen: Any, kinds: Any, wanted: str) -> Any:
+    """Likewise, of a kind that the text says."""
+    found = asked(part, method, seen)
+    if not isinstance(found, kinds):
+        raise PartError(part, method, f"must return {wanted}; got {type(found).__name__}")
+    return found
+
+
 def rows_of(limit: Any, step: StepState) -> Rows | None:
     """Rows of a limit in a step; a `PartError` where they fail or have wrong shapes."""
-    rows = asked(limit, "rows", step)
+    rows: Rows | None = _answer(limit, "rows", step, (Rows, type(None)), "opt.Rows or None")
     if rows is None:
         return None
-    if not isinstance(rows, Rows):
-        raise PartError(limit, "rows", f"must return opt.Rows or None; got {type(rows).__name__}")
     k, n = len(rows.lower), len(step.rates)
     try:
         shapes = rows.G.shape, rows.lower.shape, rows.upper.shape
@@ -147,33 +173,18 @@ def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | 
 
 def violation_of(limit: Any, motion: Motions) -> Violation:
     """What a finished motion makes of a limit; a `PartError` where it fails or says something else."""
-    found = asked(limit, "violation", motion)
-    if not isinstance(found, Violation):
-        raise PartError(limit, "violation", f"must return an opt.Violation; got {type(found).__name__}")
+    found: Violation = _answer(limit, "violation", motion, Violation, "an opt.Violation")
     return found
 
 
 def share_of(term: Any, motion: Motions) -> float:
     """What a term comes to for a finished motion; a `PartError` where it fails or gives no number."""
-    found = asked(term, "share", motion)
-    if not isinstance(found, (int, float, np.number)):
-        raise PartError(term, "share", f"must return a number; got {type(found).__name__}")
-    return float(found)
+    return float(_answer(term, "share", motion, (int, float, np.number), "a number"))
 
 
 def formulas(part: Any, method: str, features: Features) -> list[Feature]:
     """What a method of a part gives for these features, flat and checked; differenced without slopes."""
     return [_read(part, method, i, one, features) for i, one in enumerate(_answers(part, method, features))]
-
-
-def asked(part: Any, method: str, *arguments: Any) -> Any:
-    """What a method of a part gives; an error in it becomes one that names part and method."""
-    try:
-        return getattr(part, method)(*arguments)
-    except FfsmsError:
-        raise
-    except Exception as error:
-        raise PartError(part, method, f"failed with {type(error).__name__}: {error}") from error
 
 
 def _answers(part: Any, method: str, features: Features) -> list[Any]:
@@ -214,7 +225,7 @@ def _by_hand(part: Any, method: str, found: Feature, features: Features) -> Feat
     moved: dict[str, tuple[int, ...]] = {
         **dict.fromkeys(OWN.values(), (n,)),
         **dict.fromkeys((*OWN, "by_entropy"), ()),
-        **dict.fromkeys(MOVED_VECTORS, (3,)),
+        **dict.fromkeys(_VECTORS | _TURNS, (3,)),
         "by_coupling": (6, n),
     }
     for name, slope in found.slopes.items():
@@ -237,8 +248,8 @@ def _differences(part: Any, method: str, i: int, features: Features) -> Callable
     )
 
     def values(motions: Motions) -> FloatArray:
-        one = _answers(part, method, Features(motions, features.duration, features.where))[i]
-        return np.asarray(one.value if isinstance(one, Feature) else one, dtype=np.float64)
+        found = _answers(part, method, Features(motions, features.duration, features.where))
+        return np.asarray(_plain(found[i]), dtype=np.float64)
 
     return lambda: by_differences(values, features.motions)
 
@@ -246,3 +257,45 @@ def _differences(part: Any, method: str, i: int, features: Features) -> Callable
 def _plain(x: Any) -> FloatArray:
     """Features may stand where arrays are asked for: their values count."""
     return x.value if isinstance(x, Feature) else np.asarray(x)
+
+
+# -- differences
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Nudged(HeldMotions):
+    """All that is worked out from other values is given, so that these can change alone."""
+
+    entropy_and_slope: tuple[FloatArray, FloatArray]
+
+
+def _nudged(motions: Motions, name: str, i: int, by: float) -> Motions:
+    """The motions with component i of what is called `name` moved by so much, at all instants."""
+    values: dict[str, Any] = {one.name: getattr(motions, one.name) for one in fields(_Nudged)}
+    values["evaluated"] = None if name == "by_joints" else motions.arm
+    if name == "by_entropy":
+        values["entropy_and_slope"] = (motions.entropy + by, motions.entropy_slope)
+    elif name in _TURNS:
+        values[_TURNS[name]] = apply(exp3(by * np.eye(3)[i])[..., None, None], values[_TURNS[name]])
+    else:
+        moved = (_VECTORS | _JOINTS)[name]
+        values[moved] = values[moved].copy()
+        values[moved][i] += by
+    return _Nudged(**values)
+
+
+def by_differences(formula: Callable[[Motions], FloatArray], motions: Motions) -> dict[str, FloatArray]:
+    """Slopes of a formula (S, K) or (c, S, K) by everything that may move it, zero where it is not finite."""
+    step = 1e-6  # [m, rad, 1/s of them]
+    counts = dict.fromkeys(_VECTORS | _TURNS, 3) | {"by_entropy": 1} | dict.fromkeys(_JOINTS, motions.stack.n)
+    slopes: dict[str, FloatArray] = {}
+    for name, count in counts.items():
+        columns = []
+        for i in range(count):
+            ahead, behind = (formula(_nudged(motions, name, i, by)) for by in (step, -step))
+            apart = np.subtract(ahead, behind, out=np.zeros_like(ahead), where=np.isfinite(ahead))
+            columns.append(apart / (2.0 * step))
+        if np.any(columns):
+            axis = columns[0].ndim - 2
+            slopes[name] = columns[0] if name == "by_entropy" else np.stack(columns, axis=axis)
+    return slopes

@@ -18,27 +18,25 @@ _LEAST, _MOST = 0.5, 2.0  # factors beyond these are not explained by masses
 
 
 class ReactionEstimate:
-    """Factors on the arm's masses (and inertias) and on the base's inertia that explain the measured motion.
+    """Factors (n + 1,) on the arm's masses and inertias, and on the base's inertia, as the motion shows them.
 
     The total momentum of a floating system stays what it was at the first sample, and it is linear in the
-    factors: each sample gives six equations, whatever the torques. Momentum has no scale of its own, so the
-    base's mass is the unit. The estimate is the least-squares one with a prior around the model, so factors
-    that the motion does not show stay at 1. With `noisy` sensors the first sample is as noisy as any other,
-    and the constant momentum is estimated too. What external forces do counts as an error of the masses.
+    factors: each sample gives six equations, whatever the torques. Where wheels hold the attitude the linear
+    momentum alone is constant: three. Thrusters push from outside, so in their modes the model is kept.
+    Momentum has no scale of its own, so the base's mass is the unit. A prior around the model keeps factors
+    at 1 that the motion does not show. With `noisy` sensors the first sample is as noisy as any other, and
+    the constant momentum is estimated too.
 
-    Where wheels hold the attitude the linear momentum alone is constant: three equations. Thrusters push from
-    outside, so in their modes the model is kept.
-
-    Where exact measurements ask for factors (n + 1,) out of bounds, something else than masses is at work,
-    and the model is kept. Noisy ones ask for that where the motion shows little: there the best factors
-    within the bounds are taken, for to drop them all at once would make the plans jump.
+    Where exact measurements ask for factors out of bounds, something else than masses is at work, and the
+    model is kept. Noisy ones ask for that where the motion shows little: there the best factors within the
+    bounds are taken, for to drop them all at once would make the plans jump.
     """
 
     def __init__(self, sms: SpaceManipulator, mode: str = "floating") -> None:
         self._sms, self._data = sms, sms.model.createData()
         # Components of [linear; angular] momentum that stay.
         self._kept = {"floating": 6, "rotation-floating": 3}.get(mode, 0)
-        self.factors: FloatArray = np.ones(sms.n + 1)  # of the arm's bodies, then of the base's inertia
+        self.factors: FloatArray = np.ones(sms.n + 1)
         base = sms.model.inertias[1]
         mass, lever = float(base.mass), np.array(base.lever)
         self._point = pin.Inertia(mass, lever, np.zeros((3, 3)))
@@ -62,18 +60,16 @@ class ReactionEstimate:
         if not self._kept:
             return False
         parts, jumped = self._momenta(q, v), False
-        if self._last is not None:  # more than thirty times the noise is no noise
+        if self._last is not None:  # more than thirty times the noise is no noise: a body was captured
             step = (parts - self._last) * self._scale
             jumped = bool(np.abs(step @ np.concatenate([[1.0], self.factors])).max() > 30.0)
         if self._first is None or jumped:
-            # The first sample; or a body was captured, and what was learnt is of another robot.
             self._forget()
             self._first = parts
         self._last = parts
         change = (parts - self._first) * self._scale
-        A = change[:, 1:]
         # sum of factor times part is constant; with factor = 1 + x: A x = -(sum of all changes).
-        c = change.sum(axis=1)
+        A, c = change[:, 1:], change.sum(axis=1)
         self._G += A.T @ A
         self._g -= A.T @ c
         self._sum_A, self._sum_c, self._samples = self._sum_A + A, self._sum_c + c, self._samples + 1
@@ -109,12 +105,10 @@ class ReactionEstimate:
     def robot(self) -> SpaceManipulator:
         """The robot with the estimated factors, which `factors` then holds."""
         self.factors = self.solve()
-        model = self._sms.model.copy()
         *arm, base = self.factors.tolist()
-        for i, (mass, inertia) in enumerate([(1.0, base), *zip(arm, arm, strict=True)], start=1):
-            body = model.inertias[i]
-            model.inertias[i] = pin.Inertia(mass * body.mass, body.lever, inertia * body.inertia)
-        return self._sms.with_inertias(model)
+        shares = zip(list(self._sms.model.inertias)[1:], [1.0, *arm], [base, *arm], strict=True)
+        bodies = [pin.Inertia(mass * one.mass, one.lever, turn * one.inertia) for one, mass, turn in shares]
+        return self._sms.with_inertias(bodies)
 
 
 class Correctable:
@@ -137,10 +131,7 @@ class Correctable:
         return self._shifts is None and self._turns is None
 
     def goal(self, goal: Goal, q: FloatArray, t: float) -> tuple[Goal, float]:
-        """The goal as far as the arm can come to it from q (nq,), and what is left however it moves [m].
-
-        The goal's place at time t [s] counts for that distance.
-        """
+        """The goal as far as the arm can come from q (nq,), and how far its place at t [s] stays away [m]."""
         if self.everything:
             return goal, 0.0
         here, place = self._sms.at(q).end_effector_pose, goal.place(t)
@@ -150,7 +141,7 @@ class Correctable:
         )
 
         def projected(place: Place) -> Place:
-            """Moved to where the arm can come: along what it cannot correct, it is where it is."""
+            """Moved to where the arm can come: in what it cannot correct, it is where it is."""
             missed, times = place.missed(place.seen(here, q)), place.position.shape[1:]
             shift = np.tensordot(shifts - np.eye(3), missed.way.value, 1).reshape(3, *times)
             vector = missed.vector.reshape(3, *times)

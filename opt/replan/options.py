@@ -1,13 +1,17 @@
-"""The numbers of re-planning, each with its unit and why."""
+"""What re-planning is told: its numbers, each with its unit and why, and a term of its own."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-from ffsms_pin.opt.horizon.spline import Grid, check_options
+import numpy as np
 
-__all__ = ["ReplanOptions"]
+from ffsms_pin.opt.horizon.spline import Grid, check_options
+from ffsms_pin.opt.motion import Features
+from ffsms_pin.opt.terms.term import Term
+
+__all__ = ["Approach", "ReplanOptions"]
 
 _LONG, _MIDDLE, _SHORT = Grid(12, 5, 3), Grid(8, 4, 2), Grid(4, 3, 2)
 
@@ -25,20 +29,19 @@ class ReplanOptions:
         Splines of the rest of the motion: while more than half of the whole time is left, more than a tenth,
         less.
     cost_until : float
-        From this share of the whole time on the paper's cost is left out: it does not see speed, and only
-        stirs an arm that comes to rest.
+        While less than this share of the whole time is left, the paper's cost is left out: it does not see
+        speed, and only stirs an arm that comes to rest.
     iterations : int
         Of the descent. Two leave commands that jump with the last bits of what is measured.
     corrections : int
-        How many times four more are made, with ten times as stiff a goal and limits, where the plan meets its
-        goal or a limit by more than half of the tolerance or the margin.
+        How many times four more follow, with ten times as stiff a goal and limits, where the plan misses its
+        goal or breaks a limit by more than half of the tolerance or the margin.
     handover : float
-        [s] So long before the deadline, but no fewer than ten planning steps, single steps take over from the
-        plan: they close what error is left at every planning step. Where velocities are asked for, the last
-        plan is followed to its end, for a step knows a place only.
+        [s] So long before the deadline, but no fewer than ten planning steps, single steps take over: they
+        close what error is left. Where velocities are asked for the last plan is followed to its end, for a
+        step knows a place only.
     last_plan : float
-        [s] So long before the deadline the last plan is made where the goal must be met exactly
-        (`Goal.exact`).
+        [s] So long before the deadline the last plan is made of a goal that is met exactly (`Goal.exact`).
     changed : float
         An estimated mass is taken over when it has changed by this share.
     return_rate : float
@@ -46,8 +49,8 @@ class ReplanOptions:
     arrived_miss : float
         [m] A plan that ends within this arrives; a tenth of the paper's r_th, twice the tolerance of plans.
     follow_miss : float
-        [m] Where the plan ends further away, single steps would only push against what is in the way: the
-        plan is followed to its end.
+        [m] Where the plan ends further away it is followed to its end: single steps would only push against
+        what is in the way.
     search_again : float
         [s] Where the rest of a plan does not arrive or breaks a limit, a whole search is made, at most once
         in this time, and at most once in a quarter of the time left.
@@ -56,9 +59,8 @@ class ReplanOptions:
         away. Default: three times the noise with which its place is seen, from 0.1 to 1 mm; none with perfect
         sensors.
     settle : float
-        [s] With noisy or late sensors what error is left after the deadline is closed as if there were so
-        much time: more calmly than at once. With a limit on the jerk in five times that, also shortly before
-        the deadline.
+        [s] With noisy or late sensors what error is left after the deadline is closed as calmly as if there
+        were so much time; with a limit on the jerk in five times that, also shortly before the deadline.
     jerk : array_like, optional
         [rad/s^3] One number or (n,). Commanded accelerations change no faster, as far as the limits allow:
         these come first. Default: no limit.
@@ -92,10 +94,7 @@ class ReplanOptions:
         return 0.0 if noise is None else min(max(3.0 * noise, 1e-4), 1e-3)
 
     def rests(self, distance: float, noise: float | None, rested: bool) -> bool:
-        """Whether an arm rests at a distance [m] after the deadline, so that it does not chase noise.
-
-        It comes well inside the dead band before it rests, or it would rest at the edge.
-        """
+        """Whether an arm rests at a distance [m] after the deadline: first well inside the dead band."""
         return distance < self.band(noise) / (1.0 if rested else 3.0)
 
     def grid(self, share_left: float) -> Grid:
@@ -103,3 +102,22 @@ class ReplanOptions:
         if share_left > 0.5:
             return self.long
         return self.middle if share_left > 0.1 else self.short
+
+
+@dataclass(frozen=True)
+class Approach(Term):
+    """With noisy sensors: the distance to the goal does not grow.
+
+    Near a configuration in which the arm cannot correct one direction, a way there and back would turn the
+    base a little, and bring the plan's end nearer by micrometres that the model's errors exceed. With the
+    default weight [s/m^2] a retreat of 1 cm in half a second weighs as much as a miss of half a millimetre.
+    """
+
+    weight: float = 100.0
+    name = "approach"
+
+    def residual(self, m: Features) -> Any:
+        """The speed with which the distance grows [m/s], zero where it shrinks."""
+        way = m.goal - m.tip
+        growth = -way.dot(m.velocity) / way.norm(1e-3)  # [m] nearer than that its direction is noise
+        return np.sqrt(self.weight) * np.maximum(growth, 0.0)

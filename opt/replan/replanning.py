@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, sized, vector, whole
-from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.starts import REFERENCE_WEIGHTS
-from ffsms_pin.opt.motion.actuated import wheel_total
+from ffsms_pin.opt.motion.mechanics import wheel_total
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions
@@ -24,18 +23,18 @@ from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import OneThread
 
-__all__ = ["Replanning", "Watching", "first_sight"]
+__all__ = ["Replanning"]
 
 
 class Replanning:
     """Joint motion to a goal, planned anew from the measured state while it is under way.
 
-    A closed loop calls `observe` with what it measures, then `sample`. Every `ReplanOptions.period` the whole
-    rest of the motion is planned again, from the rest of the last plan: with the base where it is measured,
-    the joints as they were commanded (so that they stay within their limits and without jumps), the masses as
-    the motion shows them, the wheels' momenta as `observe_wheels` was told, and without the joints that have
-    failed. In between, steps follow the plan under the limits; shortly before the deadline, and after it,
-    steps go straight to the goal from the measured state.
+    A closed loop calls `observe` with what it measures, then `sample`. Every `ReplanOptions.period` the rest
+    of the motion is planned again from the rest of the last plan: the base where it is measured, the joints
+    as commanded (so that they stay within their limits and without jumps), the masses as the motion shows
+    them, the wheels' momenta as `observe_wheels` was told, without joints that have failed. In between, steps
+    follow the plan under the limits; shortly before the deadline, and after it, they go straight to the goal
+    from the measured state.
 
     Parameters
     ----------
@@ -71,7 +70,6 @@ class Replanning:
         self.momentum, self.base_mode = problem.momentum, problem.mode
         self._stepper = Stepper.of(problem, "resolved-rate", weights or REFERENCE_WEIGHTS)
         self._planner = RestPlanner(problem, self.options, plan)
-        self._robot = problem.sms
         if problem.locked:
             self._renew_stepper()
         followed = "another thread has begun to follow this Replanning, and it remembers one motion only; "
@@ -95,14 +93,11 @@ class Replanning:
 
     @property
     def target(self) -> Any:
-        """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one.
-
-        On the base: with the base where it was last measured.
-        """
+        """Where the end effector should be: a position (3,) [m], or a function of time [s] that gives one."""
         goal, duration = self.problem.goal, self.problem.duration
         if goal.moves:
             return lambda t: goal.places(np.array([t])).position[:, 0]
-        place = goal.place(duration)
+        place = goal.place(duration)  # on the base: with that where it was last measured
         return (lambda t: place.at(self._seen).position) if place.moves_with_base else place.position
 
     @property
@@ -155,7 +150,7 @@ class Replanning:
         dt, planner, wheels = self.problem.dt, self._planner, self.problem.wheels
         planner.observe(q, v)
         if wheels is not None and self._wheels is not None:
-            planner.wheel_total = wheel_total(self._robot, wheels, q, v, self._wheels)
+            planner.wheel_total = wheel_total(planner.robot, wheels, q, v, self._wheels)
             self._stepper.wheel_total = planner.wheel_total
         if self._step < 0:
             self._start, self._rates = self.problem.sms.layout.positions(q), v[6:].copy()
@@ -168,10 +163,10 @@ class Replanning:
         self._step, now, self._seen = step, step * dt, q.copy()
         deadline = now if self.problem.goal.moves else self.problem.duration
         goal, self._uncorrectable = self._correctable.goal(self.problem.goal, q, deadline)
-        plan = planner.current
+        plan, robot = planner.current, planner.robot
         if plan is None or (self._left > self._handover and now >= planner.due - 1e-9):
             plan = planner.plan(now, q, self._start, self._rates, goal)
-            if planner.robot is not self._robot:
+            if planner.robot is not robot:
                 self._renew_stepper()
         chosen = self._stepped(now, q, plan, goal)
         self.failed_in_a_row = 0 if chosen.solved else self.failed_in_a_row + 1
@@ -195,7 +190,7 @@ class Replanning:
     def expect_noise(self, distance: float) -> None:
         """Count on sensors that see the end effector's place with this standard deviation [m]."""
         self._noise = at_least_zero("distance", distance, "m")
-        self._planner.expect_noise()
+        self._planner.estimate.noisy = True
 
     def joint_failed(self, joint: int, locked: bool) -> None:
         """Plan with what is left: the joint (index from 0) moves no more, or as it will.
@@ -249,7 +244,7 @@ class Replanning:
     def _renew_stepper(self) -> None:
         """Go on with a stepper for the robot as it is known now."""
         base_start, failed = self._stepper.base_start, self._planner.failed
-        robot = self._robot = self._planner.robot
+        robot = self._planner.robot
         if failed.any():
             velocity, acceleration = robot.limits.velocity.copy(), robot.limits.acceleration.copy()
             velocity[failed] = acceleration[failed] = 1e-9  # not zero: rows of a programme need room
@@ -265,40 +260,3 @@ class Replanning:
         rates = self._rates + within * acceleration
         place = self._start + (0.5 * within) * (self._rates + rates) + (h - within) * rates
         return place, rates, np.zeros_like(rates) if late else acceleration
-
-
-class Watching(Replanning):
-    """A `Replanning` to a client that a noisy and late sensor measures meanwhile; `client` is the true one.
-
-    The problem's goal and obstacles hold the `estimate`, which `first_sight` gives: what is measured renews
-    them all. The client is measured for the last time `last_look` seconds before the deadline, for whatever
-    is corrected later leaves a velocity, and a hand that is near hides the markers.
-    """
-
-    def __init__(
-        self,
-        problem: Problem,
-        client: Client,
-        sensor: ClientSensor,
-        estimate: ClientEstimate,
-        last_look: float = 1.0,
-        **others: Any,
-    ) -> None:
-        super().__init__(problem, **others)
-        self.estimate, self._client, self._sensor = estimate, client, sensor
-        self._rng = np.random.default_rng((sensor.seed, 1))
-        self._look, self._last_look = sensor.period, problem.duration - last_look
-
-    def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Measure the client where that is due, then plan."""
-        if self._look - 1e-9 <= t <= self._last_look + 1e-9:
-            self._look += self._sensor.period
-            then = t - self._sensor.latency
-            self.estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
-        super().observe(t, q, v)
-
-
-def first_sight(client: Client, sensor: ClientSensor) -> ClientEstimate:
-    """What is known of a client when the motion begins: one measurement, late and noisy."""
-    first = measured(client, -sensor.latency, sensor, np.random.default_rng(sensor.seed))
-    return ClientEstimate(first, -sensor.latency, sensor)

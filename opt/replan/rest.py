@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,10 @@ from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.solve import refused
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.limits.limit import later
-from ffsms_pin.opt.motion.actuated import held_momentum, wheel_shares
+from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.replan.approach import Approach
 from ffsms_pin.opt.replan.known import ReactionEstimate
-from ffsms_pin.opt.replan.options import ReplanOptions
+from ffsms_pin.opt.replan.options import Approach, ReplanOptions
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
@@ -32,28 +32,26 @@ __all__ = ["JointPlan", "RestPlanner", "replanned", "rest_of"]
 
 @dataclass(frozen=True, eq=False)
 class JointPlan:
-    """A plan of the joints: positions and rates (N + 1, n) at nodes from `start` on, rates linear between."""
+    """A plan of the joints (n,) from `start` on: rates (N + 1, n) at nodes, linear between."""
 
     start: float  # [s]
     dt: float  # [s]
-    positions: FloatArray
+    joints: FloatArray
     rates: FloatArray
     miss: float  # [m] distance to the goal at the deadline, as foreseen
     damping: float = 0.03  # with which the descent that made it ended
     excess: float = 0.0  # the largest residual of a limit, as a share of its margin: above one it is broken
 
     @classmethod
-    def of_rates(
-        cls, start: float, dt: float, joints: FloatArray, rates: FloatArray, miss: float
-    ) -> JointPlan:
-        """From the joints (n,) at the first node and the rates (N + 1, n)."""
-        travel = np.cumsum(0.5 * dt * (rates[1:] + rates[:-1]), axis=0)
-        return cls(start, dt, joints + np.vstack([np.zeros(len(joints)), travel]), rates, miss)
-
-    @classmethod
     def of_trajectory(cls, plan: Trajectory, start: float = 0.0) -> JointPlan:
         """The joint motion of a trajectory that begins at `start`."""
-        return cls(start, plan.dt, plan.joint_positions, plan.joint_rates, float(plan.position_error[-1]))
+        return cls(start, plan.dt, plan.joint_positions[0], plan.joint_rates, float(plan.position_error[-1]))
+
+    @cached_property
+    def positions(self) -> FloatArray:
+        """Joint positions at the nodes (N + 1, n)."""
+        travel = np.cumsum(0.5 * self.dt * (self.rates[1:] + self.rates[:-1]), axis=0)
+        return self.joints + np.vstack([np.zeros(len(self.joints)), travel])
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray]:
         """Joint positions and rates, each (n,), at t [s]; beyond the ends at rest."""
@@ -78,15 +76,15 @@ def rest_of(
     q: FloatArray,
     joints: FloatArray,
     rates: FloatArray,
-    base_start: FloatArray,
+    base_start: FloatArray | None,
     locked: Sequence[str] = (),
     goal: Goal | None = None,
     wheel_total: FloatArray | None = None,
 ) -> Problem:
-    """The problem from time t on, a whole number of steps: to the same goal at the same deadline.
+    """The problem from t [s] on, a whole number of steps, with the robot as it is known now.
 
-    The robot is as known now, its base where q (nq,) was measured, its joints (n,) [rad] and rates [rad/s] as
-    commanded. What follows is as in `Problem`, `goal` and `wheel_total` by default those of the whole one.
+    Its base is where q (nq,) was measured, its joints (n,) [rad] and rates [rad/s] are as commanded; `goal`
+    and `wheel_total` are by default those of the whole problem.
     """
     goal = problem.goal if goal is None else goal
     if any(limit.joint_bounds is not None for limit in problem.limits):
@@ -115,19 +113,20 @@ def rest_of(
 def replanned(
     problem: Problem, start: float, joints: FloatArray, last: JointPlan, options: ReplanOptions, share: float
 ) -> JointPlan:
-    """The plan for what is left (`rest_of`) from `start` [s] on: the solver of the whole horizon.
+    """The plan for what is left (`rest_of`) from `start` [s] on, by the descent of the whole horizon.
 
-    One motion instead of a search, a coarse spline, and a few iterations, damped as the last ones were: the
-    rest of the last plan is near the minimum, and what has changed since has changed by little. Joints (n,)
-    are counted continuously in time, which those of a configuration are not where they turn without end;
-    `share` of the whole time is left.
+    The rest of the last plan is near the minimum: instead of a search a few iterations on a coarse spline do,
+    damped as the last ones were. Joints (n,) are counted continuously in time, which those of a configuration
+    are not where they turn without end; `share` of the whole time is left.
     """
     if share <= options.cost_until:
         problem = replace(problem, terms=[term for term in problem.terms if not term.measures_cost])
     model = Model.make(problem, options.grid(share))
-    spline = model.spline
-    weights, p = LAST_WEIGHTS, _first(model, start, last)[None]
-    motion = descend(model, linearise(model, p, weights, last.damping), weights, options.iterations)
+    spline, weights = model.spline, LAST_WEIGHTS
+    p = spline.through(last.rates_at(start + spline.sites), problem.joint_rates)
+    p[:, ~problem.free] = 0.0
+    p += model.qp.solve(np.eye(p.size), np.zeros(p.size), p)  # the nearest that the limits allow
+    motion = descend(model, linearise(model, p[None], weights, last.damping), weights, options.iterations)
     for _ in range(options.corrections):
         if max(motion.end_share[0], motion.limit_share[0]) <= 0.5:
             break
@@ -138,17 +137,8 @@ def replanned(
     rates[0] = problem.joint_rates
     ends = motions_of(problem, spline, motion.p)
     miss = float(np.linalg.norm(ends.to_target[:, 0, ends.last]))
-    plan = JointPlan.of_rates(start, problem.dt, joints, rates, miss)
-    return replace(plan, damping=float(motion.damping[0]), excess=float(motion.limit_share[0]))
-
-
-def _first(model: Model, start: float, last: JointPlan) -> FloatArray:
-    """Control points (M, n): the last plan's rates at the sites of the new spline, put within the limits."""
-    problem, spline = model.problem, model.spline
-    p = spline.through(last.rates_at(start + spline.sites), problem.joint_rates)
-    p[:, ~problem.free] = 0.0
-    # The nearest control points that the limits allow.
-    return p + model.qp.solve(np.eye(p.size), np.zeros(p.size), p)
+    damping, excess = float(motion.damping[0]), float(motion.limit_share[0])
+    return JointPlan(start, problem.dt, joints, rates, miss, damping, excess)
 
 
 class RestPlanner:
@@ -160,7 +150,7 @@ class RestPlanner:
 
     def __init__(self, problem: Problem, options: ReplanOptions, given: Trajectory | None = None) -> None:
         self._problem, self._options, self._given = problem, options, given
-        self._estimate, self.robot = ReactionEstimate(problem.sms, problem.mode), problem.sms
+        self.estimate, self.robot = ReactionEstimate(problem.sms, problem.mode), problem.sms
         self._base_start: FloatArray | None = None
         self._next_search = 0.0
         self.wheel_total: FloatArray | None = None
@@ -172,12 +162,8 @@ class RestPlanner:
         """Learn from a measured state; the base's turn and shift count from the first one."""
         if self._base_start is None:
             self._base_start = q[:7].copy()
-        if self._estimate.observe(q, v):
+        if self.estimate.observe(q, v):
             self.due = 0.0  # a body was captured: the plan is that of another robot
-
-    def expect_noise(self) -> None:
-        """Count on noise in what is observed."""
-        self._estimate.noisy = True
 
     def without(self, joint: int) -> None:
         """Plan without a joint, at once."""
@@ -186,21 +172,21 @@ class RestPlanner:
 
     @one_blas_thread()
     def plan(self, now: float, q: FloatArray, joints: FloatArray, rates: FloatArray, goal: Goal) -> JointPlan:
-        """Plan the rest of the motion from `now` [s]: q (nq,) as measured, joints and rates as commanded.
-
-        The goal is the problem's, as far as the arm can come to it.
-        """
+        """Plan the rest from `now` [s], q (nq,) as measured, to the goal as far as the arm can come to it."""
         begun, options, whole, last = time.perf_counter(), self._options, self._problem, self.current
-        if np.abs(self._estimate.solve() - self._estimate.factors).max() > options.changed:
-            self.robot = self._estimate.robot()
+        if np.abs(self.estimate.solve() - self.estimate.factors).max() > options.changed:
+            self.robot = self.estimate.robot()
         locked = [name for name, failed in zip(whole.sms.joint_names, self.failed, strict=True) if failed]
-        base_start = q[:7] if self._base_start is None else self._base_start
-        rest = rest_of(whole, self.robot, now, q, joints, rates, base_start, locked, goal, self.wheel_total)
+        known = self._base_start, locked, goal, self.wheel_total
+        rest = rest_of(whole, self.robot, now, q, joints, rates, *known)
         if last is None:
-            plan = JointPlan.of_trajectory(self._given or _searched(rest), now)
+            found = self._given or refused(rest)
+            if found is None:  # as `opt.solve`, but without a diagnosis, which would take seconds
+                found = Search(rest).run(STRATEGIES if within_workspace(rest) else QUICK)
+            plan = JointPlan.of_trajectory(found, now)
         else:
             goal, careful = rest.goal, rest
-            if self._estimate.noisy and not goal.exact and not goal.moves:
+            if self.estimate.noisy and not goal.exact and not goal.moves:
                 # A tenth of the tolerance: the rest is left to what the model does not know.
                 goal = Changed(goal, tolerance=0.1 * goal.tolerance)
                 careful = replace(rest, goal=goal, terms=[*rest.terms, Approach()])
@@ -221,12 +207,4 @@ class RestPlanner:
         if found.broken or not better:
             return plan
         # Joints that turn without end are counted from where they are.
-        return replace(other, positions=other.positions + joints - other.positions[0])
-
-
-def _searched(problem: Problem) -> Trajectory:
-    """The first plan: as `opt.solve`, but without a diagnosis, which would take seconds."""
-    stays = refused(problem)
-    if stays is not None:
-        return stays
-    return Search(problem).run(STRATEGIES if within_workspace(problem) else QUICK)
+        return replace(other, joints=joints)

@@ -24,8 +24,7 @@ __all__ = ["StepPlanner"]
 class StepPlanner(Stepper):
     """One step of the paper's method after the other, with the limits of the paper.
 
-    A `Stepper` with the joints' limits, a clearance, the paper's |alpha_i| <= 1 and limits on the base; see
-    there for what a step does, and for parameters that are not named here.
+    See `Stepper` for what a step does, and for parameters that are not named here.
 
     Parameters
     ----------
@@ -40,8 +39,8 @@ class StepPlanner(Stepper):
     base_limits : BaseLimits, optional
         How far and how fast the base may move, from where it is at the first step after a `reset`.
     limits : sequence of Limit, optional
-        In place of those that the other arguments describe; where wheels hold the attitude, these have
-        `WheelLimits`.
+        In place of those of the joints, clearance, |alpha_i| <= 1 and base, and of wheels that hold the
+        attitude.
     wheel_momentum : array_like, shape (w,), optional
         The `wheel_total` of a `Stepper` [N m s].
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -26,15 +26,14 @@ Progress: TypeAlias = Callable[[float], None]  # told the share that is done
 
 
 class Steps(Protocol):
-    """What `march` needs: one step after the other, `advance` as of a `Stepper`."""
+    """What `march` needs of a `Stepper`."""
 
     sms: SpaceManipulator
     dt: float
     momentum: FloatArray | None
     mode: str
 
-    @property
-    def advance(self) -> Callable[..., Step]:
+    def advance(self, *arguments: Any, **named: Any) -> Step:
         """Joint rates for the next step."""
 
 
@@ -54,10 +53,7 @@ def march(
     rotation: FloatArray | None = None,
     progress: Progress | None = None,
 ) -> March:
-    """Plan step by step to a target (3,) [m], and an attitude (3, 3), in whole steps.
-
-    The stepper goes on from what it remembers; `reset` comes first for a new motion.
-    """
+    """Plan step by step to a target (3,) [m], and an attitude (3, 3); a new motion needs a `reset` first."""
     sms, dt = stepper.sms, stepper.dt
     steps = max(1, round(duration / dt))
     rates = np.empty((steps + 1, sms.n))
@@ -77,16 +73,16 @@ def march(
 def start_sides(
     sms: SpaceManipulator, q0: FloatArray, target: FloatArray, mode: str = "floating"
 ) -> list[FloatArray]:
-    """Directions across the way to the target in which the end effector can move at the start.
-
-    For a planar arm the two sides of the way; in space both senses of the two principal directions.
-    """
+    """Directions across the way to the target along which the end effector can move at the start."""
     step = StepState(sms, q0, np.zeros(sms.n), 1.0, 1.0, mode=mode)
     return sides_across(target - step.tip, step.J_star[:3]) or [np.zeros(3)]
 
 
 def sides_across(way: FloatArray, J: FloatArray) -> list[FloatArray]:
-    """Unit vectors across a way (3,) along which J (3, n) can move: both senses of the strongest two."""
+    """Unit vectors across a way (3,) along which J (3, n) can move, both senses of the strongest two.
+
+    For a planar arm the two sides of the way.
+    """
     distance = float(np.linalg.norm(way))
     across = np.eye(3) if distance < 1e-12 else np.eye(3) - np.outer(way, way) / distance**2
     directions, strengths, _ = np.linalg.svd(across @ J)
@@ -106,8 +102,8 @@ def braking(step: StepState) -> FloatArray:
 def stoppable(limits: Sequence[Limit], step: StepState, rates: FloatArray, slower: FloatArray) -> FloatArray:
     """Joint rates (n,) for the step's end after which the arm can still stop with limits kept.
 
-    What would happen if it stopped after this step is rolled out. Where that breaks a limit the rates go part
-    of the way to those of braking, `slower` (n,), or all of it: that was safe one step ago.
+    Where stopping after this step would break one, they go part of the way to those of braking, `slower`
+    (n,), or all of it: that was safe one step ago.
     """
     if not _broken(limits, step, rates).any():
         return rates

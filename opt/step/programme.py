@@ -1,4 +1,4 @@
-"""The quadratic programme of one step, from its state, its objective and the rows of its limits, on ProxQP.
+"""The quadratic programme of one step, and its solution by ProxQP.
 
 Variables x = (alpha (n), s, slack): the paper's scaling factors, the end-effector speed along the wanted
 direction, and how far limits give way. Minimise 1/2 x^T H x + g^T x subject to l <= C x <= u and
@@ -22,15 +22,14 @@ from proxsuite import proxqp
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Rows
-from ffsms_pin.opt.step.state import StepState, WantedMotion
+from ffsms_pin.opt.step.state import StepState
 
 __all__ = [
     "Programme",
     "StepProblem",
     "StepSolver",
     "StepWeights",
-    "add_terms",
-    "nearest_to",
+    "WantedMotion",
     "new_solver",
     "programme_of",
 ]
@@ -45,14 +44,12 @@ class StepWeights:
     direction : float
         On |J*_v V alpha - s e|^2 [1/(m/s)^2]: keeping the direction, and with it the paper's cost at zero.
     speed : float
-        On (s - s_ref)^2 [1/(m/s)^2]. Far below `direction`: where the arm is limited or near-singular, the
-        speed gives way and the direction stays.
+        On (s - s_ref)^2 [1/(m/s)^2]: where the arm is limited or near-singular, the speed gives way and the
+        direction stays.
     orientation : float
-        On |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2], for targets with an orientation. As far below
-        `direction` as `speed`: turning must not bend the path.
+        On |J*_w V alpha - omega_ref|^2 [1/(rad/s)^2]: turning must not bend the path.
     effort : float
-        On |alpha|^2 [1/(rad/s)^2]: the least motion where the arm is redundant. Small enough to slow the
-        arrival by about one part in a thousand.
+        On |alpha|^2 [1/(rad/s)^2]: the least redundant motion. It slows the arrival by a thousandth.
     change : float
         On |V alpha - rates|^2 [1/(rad/s)^2]: no jumps of redundant motion between steps.
     clearance : float
@@ -123,6 +120,21 @@ class Programme(NamedTuple):
         return StepProblem(self.H, self.g, self.A[:-2], self.low[:-2], self.up[:-2], lower, upper)
 
 
+class WantedMotion(NamedTuple):
+    """How the end effector should move at the end of a step, inertial axes.
+
+    `towards`, `direction` and `side` (3,) are unit vectors to the target, along which to move (the e of
+    docs/convex-step.md), and across the way on the side of the cone, which the next step is to be given. The
+    first two are zero on arrival. `spin` (3,) leads to the wanted attitude [rad/s]; `speed` is s_ref [m/s].
+    """
+
+    towards: FloatArray
+    direction: FloatArray
+    side: FloatArray
+    spin: FloatArray | None
+    speed: float
+
+
 def programme_of(
     step: StepState,
     target: FloatArray,
@@ -150,38 +162,9 @@ def programme_of(
     return wanted, Programme(goal[:-1], goal[-1], *stacked)
 
 
-def add_terms(programme: Programme, V: FloatArray, terms: Sequence[tuple[FloatArray, FloatArray]]) -> None:
-    """Add to the objective, of each of `terms` (W (n, n), w (n,)), u^T W u / 2 - w^T u."""
-    n = len(V)
-    for matrix, vector in terms:
-        programme.H[:n, :n] += V.T.dot(matrix).dot(V)
-        programme.g[:n] -= vector.dot(V)
-
-
-def nearest_to(rates: FloatArray, V: FloatArray, weights: StepWeights) -> tuple[FloatArray, FloatArray]:
-    """H and g of joint rates as near as possible to given ones (n,), whatever the end effector does."""
-    n = rates.size
-    H, g = np.eye(n + 2), np.zeros(n + 2)
-    H[n + 1, n + 1] = g[n + 1] = weights.clearance
-    g[:n] = -rates.dot(V)
-    return H, g
-
-
 # The flattest part of the objective, redundant motion, has a curvature of 1e-5: a gradient within 1e-11
 # places it to 1e-6 rad/s. A laxer tolerance leaves open in a few steps of a thousand which rows are active.
 _TOLERANCE = 1e-11
-
-
-class Solution(NamedTuple):
-    """The solution x (n + 2,) of a programme, and multipliers z (m,), above zero at a row's upper side.
-
-    `solved`: the solver reached its tolerance; `exact`: it is that of the equations of the active rows.
-    """
-
-    x: FloatArray
-    z: FloatArray
-    solved: bool
-    exact: bool
 
 
 def new_solver(variables: int, rows: int) -> Any:
@@ -198,6 +181,17 @@ def new_solver(variables: int, rows: int) -> Any:
     return qp
 
 
+class Solution(NamedTuple):
+    """The solution x (n + 2,) of a programme, and multipliers z (m,), above zero at a row's upper side.
+
+    `solved`: the solver reached its tolerance.
+    """
+
+    x: FloatArray
+    z: FloatArray
+    solved: bool
+
+
 class StepSolver:
     """Solves programmes one after the other, with a solver of ProxQP's for each size; a copy starts anew."""
 
@@ -209,36 +203,32 @@ class StepSolver:
         return StepSolver, ()
 
     def solve(self, p: Programme, start: tuple[FloatArray, FloatArray] | None = None) -> Solution:
-        """Solution of a programme, from that (x, z) of one like it; where that fails, from nothing."""
-        if start is not None and (len(start[0]), len(start[1])) == (len(p.g), len(p.low)):
-            found = self._solve(p, *start)
-            # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.
-            if found.exact:
-                return found
-        return self._solve(p, np.zeros(len(p.g)), np.zeros(len(p.low)))
-
-    def _solve(self, p: Programme, x: FloatArray, z: FloatArray) -> Solution:
-        """ProxQP's solution, made exact: that of the equations of the rows that are active by multipliers.
+        """Solution of a programme, from that (x, z) of one like it; where that fails, from nothing.
 
         ProxQP stops within its tolerance, and where it stops depends in the last digits on where its memory
-        lies: over a march of a thousand steps that shows. The equations have no memory. Their solution is
-        taken where it keeps all rows and its multipliers have the right signs: so it is the programme's.
+        lies: over a march of a thousand steps that shows. The equations of the rows that are active by its
+        multipliers have no memory. Their solution is taken where it keeps all rows and its multipliers have
+        the right signs: so it is the programme's.
         """
         size = p.A.shape
+        if start is not None and (len(start[1]), len(start[0])) != size:
+            start = None
         qp = self._solvers.get(size)
         if qp is None:
             qp = self._solvers[size] = new_solver(size[1], size[0])
             qp.init(H=p.H, g=p.g, C=p.A, l=p.low, u=p.up, compute_preconditioner=False)
         else:
             qp.update(H=p.H, g=p.g, C=p.A, l=p.low, u=p.up)
+        x, z = (np.zeros(size[1]), np.zeros(size[0])) if start is None else start
         qp.solve(x, None, z)
         results, info = qp.results, qp.results.info
         self.iterations = int(info.iter)
         solved = info.status == proxqp.PROXQP_SOLVED
         if solved and (exact := kernel.refined(*p, results.z, _TOLERANCE)) is not None:
-            return Solution(*exact, True, True)
+            return Solution(*exact, True)
         x, z = np.array(results.x), np.array(results.z)
         solved = solved and math.isfinite(x.dot(x))  # finite where all of x is
         if not solved:
             del self._solvers[size]  # the next programme has no use for what is left in it
-        return Solution(x, z, solved, False)
+        # From a start ProxQP may end with multipliers of rows that are not touched, and call it solved.
+        return Solution(x, z, solved) if start is None else self.solve(p)

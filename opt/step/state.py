@@ -1,14 +1,10 @@
-"""The robot at the start of one step of the paper's method, and where its end effector should go from there.
-
-The paper's cost vanishes where the end effector moves at the angle acos(c*) to the direction of its target.
-What a step remembers for the next one is the side of that cone on which it moved, nothing else.
-"""
+"""The robot at the start of one step of the paper's method, and what a step may follow."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,10 +12,10 @@ import pinocchio as pin
 from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.held import StepFeatures
+from ffsms_pin.opt.motion.features import StepFeatures
 from ffsms_pin.system import JointLimits, SpaceManipulator
 
-__all__ = ["REFERENCES", "StepState", "WantedMotion", "rate_bounds"]
+__all__ = ["REFERENCES", "StepState", "rate_bounds"]
 
 
 class StepState:
@@ -82,67 +78,40 @@ class StepState:
 def rate_bounds(
     joints: FloatArray, rates: FloatArray, limits: JointLimits, dt: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest joint rates (n,) [rad/s] at the end of a step of constant acceleration.
+    """Least and greatest joint rates w (n,) [rad/s] at the end of a step of constant acceleration.
 
-    A rate between keeps the limits during the step and leaves room to brake at full acceleration ever after:
-    dt (rate + w) / 2 + w^2 / (2 a) <= d, with w the rate at the step's end, a the acceleration limit and d
-    the distance to the upper limit. Where the state itself has no such room, the acceleration limit is kept,
-    and the others as nearly as it allows: where even w = 0 travels too far, rate^2 dt / (2 (rate - w)) <= d.
+    They keep the limits during the step and leave room to brake at full acceleration a ever after: with d the
+    distance to the upper limit, dt (rate + w) / 2 + w^2 / (2 a) <= d. Where there is no such room, the limit
+    of acceleration is kept, the others as nearly as it allows: if w = 0 is too much, rate^2 dt / (2 (rate -
+    w)) <= d.
     """
     least, greatest = kernel.rate_bounds(limits.table, joints, rates, dt)
     return least, greatest
 
 
-class WantedMotion(NamedTuple):
-    """How the end effector should move at the end of a step, inertial axes.
-
-    `towards`, `direction` and `side` (3,) are unit vectors to the target, along which to move (the e of
-    docs/convex-step.md), and across the way on the side of the cone, which the next step is to be given. The
-    first two are zero on arrival. `spin` (3,) leads to the wanted attitude [rad/s]; `speed` is s_ref [m/s].
-    """
-
-    towards: FloatArray
-    direction: FloatArray
-    side: FloatArray
-    spin: FloatArray | None
-    speed: float
+def _spared_turn(step: StepState) -> FloatArray:
+    """Of the base's angular velocity: its null space is the reaction null space."""
+    return _scaled(step.reaction[3:].T @ step.reaction[3:])
 
 
-class Reference(NamedTuple):
-    """What a step may follow: the cone where the paper's cost vanishes, or straight to the target.
-
-    `effort` gives W (n, n) of the redundant motion's price, rates^T W rates, to scale; None: the identity.
-    """
-
-    on_cone: bool = False
-    effort: Callable[[StepState], FloatArray] | None = None
-
-    def price(self, step: StepState) -> FloatArray | None:
-        """W, scaled to a mean diagonal of one; None: the identity."""
-        if self.effort is None:
-            return None
-        W = self.effort(step)
-        mean = float(np.trace(W)) / len(W)
-        return W / mean if mean > 0.0 else W
-
-
-def _base_rotation(step: StepState) -> FloatArray:
-    """Square of the base's angular velocity: its null space is the reaction null space."""
-    spin = step.reaction[3:]
-    return np.asarray(spin.T @ spin)
-
-
-def _kinetic_energy(step: StepState) -> FloatArray:
+def _spared_energy(step: StepState) -> FloatArray:
     """The reduced inertia H_q: twice the kinetic energy of the floating system."""
-    return step.sms.arm_stack(step.mode).reduced_inertia(step.joints[:, None])[..., 0]
+    return _scaled(step.sms.arm_stack(step.mode).reduced_inertia(step.joints[:, None])[..., 0])
 
 
-# The paper's cost as a convex step on its cone; resolved motion rate control through J* (Umetani and Yoshida
-# 1989); least base rotation: redundancy in the reaction null space (Yoshida 2001); least kinetic energy: the
-# H_q-weighted inverse of J*.
-REFERENCES = {
-    "step": Reference(on_cone=True),
-    "resolved-rate": Reference(),
-    "least-disturbance": Reference(effort=_base_rotation),
-    "minimum-effort": Reference(effort=_kinetic_energy),
+def _scaled(W: FloatArray) -> FloatArray:
+    """To a mean diagonal of one."""
+    mean = float(np.trace(W)) / len(W)
+    return W / mean if mean > 0.0 else W
+
+
+# What a step may follow, and W (n, n) of the price rates^T W rates of redundant motion; None: the identity.
+# The cone where the paper's cost vanishes, or straight to the target: resolved motion rate control through J*
+# (Umetani and Yoshida 1989); least base rotation, redundancy in the reaction null space (Yoshida 2001); least
+# kinetic energy, the H_q-weighted inverse of J*.
+REFERENCES: dict[str, Callable[[StepState], FloatArray] | None] = {
+    "step": None,
+    "resolved-rate": None,
+    "least-disturbance": _spared_turn,
+    "minimum-effort": _spared_energy,
 }

@@ -1,4 +1,4 @@
-"""One step of the paper's method after the other: build a quadratic programme, solve it, or brake."""
+"""One step of the paper's method after the other: a quadratic programme that is solved, or braking."""
 
 from __future__ import annotations
 
@@ -21,11 +21,10 @@ from ffsms_pin.opt.step.programme import (
     StepProblem,
     StepSolver,
     StepWeights,
-    add_terms,
-    nearest_to,
+    WantedMotion,
     programme_of,
 )
-from ffsms_pin.opt.step.state import REFERENCES, StepState, WantedMotion
+from ffsms_pin.opt.step.state import REFERENCES, StepState
 from ffsms_pin.opt.terms.paper import ideal_cosine, step_cost
 from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system import SpaceManipulator
@@ -41,13 +40,11 @@ class Step(NamedTuple):
     Attributes
     ----------
     alpha, joint_rates : ndarray, shape (n,)
-        The paper's scaling factors, and joint_rates = V alpha at the step's end [rad/s]; the acceleration
-        during the step is constant.
+        The paper's scaling factors, and V alpha at the end of a step of constant acceleration [rad/s].
     cos_theta, entropy, cost : float
-        Coupling assistance of these rates, H_norm, and the paper's summand (C~ - (1 - H_norm))^2, at the
-        step's start.
+        Coupling assistance of these rates, H_norm, and the paper's summand, at the step's start.
     solved : bool
-        False where the programme was not solved and the arm brakes within its limits instead.
+        False where the programme was not solved, so that the arm brakes within its limits.
     slack : float
         How far the limits that may give way did [m/s]; zero where all of them are kept.
     """
@@ -62,12 +59,12 @@ class Step(NamedTuple):
 
 
 class Stepper:
-    """The trajectory step as a quadratic programme in alpha, written whole and given to ProxQP.
+    """The paper's step as a quadratic programme in alpha on ProxQP.
 
-    The paper's cost (C~ - (1 - H_norm))^2 is zero exactly where the end effector moves at the angle
-    acos(c*) to the direction of the target: on a cone. The step picks the direction e of that cone on the
-    side it is on, and finds alpha and the speed s with J*_v V alpha = s e as nearly as the limits allow
-    (docs/convex-step.md). Where the programme is not solved the arm brakes within its limits.
+    The paper's cost is zero where the end effector moves on a cone about the way to the target. The step
+    picks the direction e of that cone on the side it is on, and finds alpha and the speed s with J*_v V alpha
+    = s e as nearly as the limits allow (docs/convex-step.md). Where that fails the arm brakes within its
+    limits.
 
     `limits` give rows of the programme, `terms` may add to its objective (`Term.step_objective`); `reference`
     is one of `REFERENCES`; `momentum`, `mode` and `wheel_total` are as in `StepState`. It remembers the last
@@ -91,8 +88,6 @@ class Stepper:
         wheel_total: ArrayLike | None = None,
     ) -> None:
         instance("sms", sms, SpaceManipulator)
-        instance("limits", limits, Sequence)
-        instance("terms", terms, Sequence)
         instance("weights", weights, StepWeights, optional=True)
         self.sms = sms
         self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)
@@ -148,8 +143,7 @@ class Stepper:
     ) -> None:
         """Forget the last step; the arguments are the attributes.
 
-        Of `side` the part across the way to the target counts; by default it is the side on which the end
-        effector is moving, and any where it is at rest.
+        Of `side` the part across the way to the target counts; zero: as the end effector moves.
         """
         self.side, self.base_start, self.deadline = vector("side", side, 3), base_start, deadline
         # Of the last solution: rates at its end, since V turns from step to step; s and slack; multipliers.
@@ -177,10 +171,9 @@ class Stepper:
         rotation: FloatArray | None = None,
         prefer: FloatArray | None = None,
     ) -> Step:
-        """`step` for arguments that are known to be right: arrays of float64 of the right shapes.
+        """`step` for arguments that are known to be right; `rotation` (3, 3) is the wanted attitude, if any.
 
-        `rotation` (3, 3) is the wanted attitude of the end effector, where there is one. `prefer` (n,) are
-        joint rates to come as near to as the limits allow, instead of the step's own objective.
+        `prefer` (n,) are joint rates to come as near to as the limits allow, instead of to the target.
         """
         with self._alone:
             return self._solved(*self._build(q, rates, target, time_left, rotation, prefer))
@@ -209,22 +202,25 @@ class Stepper:
         rotation: FloatArray | None = None,
         prefer: FloatArray | None = None,
     ) -> tuple[StepState, WantedMotion, Programme]:
-        reference = REFERENCES[self.reference]
         time = 0.0 if self.deadline is None else max(0.0, self.deadline - time_left)
         given = self.momentum, self.base_start, time, self.mode, self.wheel_total
-        step = StepState(self.sms, q, rates, self.dt, time_left, *given)
-        cosine_wanted = ideal_cosine(step.entropy, self.kappa) if reference.on_cone else 1.0
+        step, weights = StepState(self.sms, q, rates, self.dt, time_left, *given), self.weights
+        cosine = ideal_cosine(step.entropy, self.kappa) if self.reference == "step" else 1.0
         rows = [rows for limit in self.limits if (rows := rows_of(limit, step)) is not None]
-        wanted, programme = programme_of(step, target, cosine_wanted, self.side, rotation, self.weights, rows)
+        wanted, programme = programme_of(step, target, cosine, self.side, rotation, weights, rows)
+        H, g, n, V = programme.H, programme.g, self.sms.n, step.V
         if prefer is not None:
-            H, g = nearest_to(prefer, step.V, self.weights)
-            return step, wanted, programme._replace(H=H, g=g)
+            H[:], g[:] = np.eye(n + 2), 0.0
+            H[n + 1, n + 1] = g[n + 1] = weights.clearance
+            g[:n] = -prefer.dot(V)
+            return step, wanted, programme
         shares = [share for term in self.terms if (share := objective_of(term, step)) is not None]
-        price = reference.price(step)
+        price = REFERENCES[self.reference]
         if price is not None:  # instead of the identity
-            n = self.sms.n
-            shares.append((self.weights.effort * (price - np.eye(n)), np.zeros(n)))
-        add_terms(programme, step.V, shares)
+            shares.append((weights.effort * (price(step) - np.eye(n)), np.zeros(n)))
+        for W, w in shares:
+            H[:n, :n] += V.T.dot(W).dot(V)
+            g[:n] -= w.dot(V)
         return step, wanted, programme
 
     def _solved(self, step: StepState, wanted: WantedMotion, programme: Programme) -> Step:

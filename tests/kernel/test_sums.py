@@ -14,8 +14,8 @@ from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.horizon.merit import Weighted, sums
 from ffsms_pin.opt.horizon.spline import RateSpline
+from ffsms_pin.opt.motion.mechanics import coupling_slopes, velocity_slopes
 from ffsms_pin.opt.motion.motions import Motions
-from ffsms_pin.opt.motion.slopes import coupling_slopes, velocity_slopes
 from ffsms_pin.opt.parts.reading import JointResidual, Residual
 
 ByHand = tuple[Residual | JointResidual, FloatArray]

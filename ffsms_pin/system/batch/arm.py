@@ -34,20 +34,18 @@ class ArmValues:
         Twist of the joints on a fixed base: angular, and linear of the point at the origin.
     linear, angular : ndarray, shape (3, n, ...)
         Momentum on a fixed base, angular about the origin.
-    com : ndarray, shape (3, ...)
-        Of the system; where the base's place is held, the base's own: the point that does not move.
-    inverse : ndarray, shape (3, 3, ...)
-        Of the system's inertia about that point; zero where the base's attitude is held.
     spin, root : ndarray, shape (3, n, ...)
         Angular and linear velocity of the root of the floating base: the momentum equation.
+    arm, jstar : ndarray, shape (3, n, ...)
+        Velocity of the end effector on a fixed base, and the base reacting: linear rows of the paper's J*.
+    com : ndarray, shape (3, ...)
+        Of the system; where the base's place is held, the base's own: the point that does not move.
     tip : ndarray, shape (3, ...)
         End effector.
+    inverse : ndarray, shape (3, 3, ...)
+        Of the system's inertia about `com`; zero where the base's attitude is held.
     tip_rotation : ndarray, shape (3, 3, ...)
-        Its attitude.
-    arm : ndarray, shape (3, n, ...)
-        Velocity of the end effector on a fixed base.
-    jstar : ndarray, shape (3, n, ...)
-        Velocity of the end effector, the base reacting: the linear rows of the paper's J*.
+        Attitude of the end effector.
     coupling : ndarray, shape (6, n, ...)
         The paper's C_bm, in base axes.
     points : ndarray, shape (3, n + 1, ...)
@@ -61,14 +59,14 @@ class ArmValues:
     velocities: FloatArray
     linear: FloatArray
     angular: FloatArray
-    com: FloatArray
-    inverse: FloatArray
     spin: FloatArray
     root: FloatArray
-    tip: FloatArray
-    tip_rotation: FloatArray
     arm: FloatArray
     jstar: FloatArray
+    com: FloatArray
+    tip: FloatArray
+    inverse: FloatArray
+    tip_rotation: FloatArray
     coupling: FloatArray
     points: FloatArray
     rotations: FloatArray
@@ -122,6 +120,8 @@ class ArmStack:
             data.oMi[j].rotation.T @ (column[3:] if turning else column[:3])
             for j, column, turning in zip(joints, columns, self.revolute, strict=True)
         ]
+        # Exact where Pinocchio's Jacobian gives one of the frame's own axes to rounding: these turn faster.
+        axes = [whole if np.linalg.norm(axis - (whole := np.rint(axis))) < 1e-14 else axis for axis in axes]
         self.offset = [place.translation.copy() for place in places]
         #: Of the way from the root to the end effector along the joints, stretched [m].
         self.length = float(np.linalg.norm(self.tip_in_last))
@@ -145,9 +145,9 @@ class ArmStack:
         turns = [place.rotation.ravel() for place in places]
         bodies = [model.inertias[j] for j in (1, *joints)]
         self.tree = kernel.Tree(
-            np.column_stack([self.parents, self.revolute, tip, axes, self.offset, turns]),
+            np.column_stack([self.parents, self.revolute, tip, axes, turns, self.offset]),
             np.array([[body.mass, *body.lever, *body.inertia.ravel()] for body in bodies]),
-            np.array([[*self.tip_in_last, *frame.placement.rotation.ravel()]]),
+            np.array([*frame.placement.rotation.ravel(), *self.tip_in_last]),
             self.last,
             self.moves,
             self.turns_freely,
@@ -177,9 +177,7 @@ class ArmStack:
 
 def _shapes(n: int) -> list[tuple[int, ...]]:
     """Of the kernel's arrays, in the order of `ArmValues`."""
-    columns, turning = (3, n), (3, 3)
-    whole = [(3,), turning, columns, columns, (3,), turning]
-    return [*[columns] * 4, *whole, columns, columns, (6, n), (3, n + 1), (*turning, n)]
+    return [*[(3, n)] * 8, *[(3,)] * 2, *[(3, 3)] * 2, (6, n), (3, n + 1), (3, 3, n)]
 
 
 def _split(out: FloatArray, shapes: list[tuple[int, ...]]) -> list[FloatArray]:

@@ -34,17 +34,15 @@ class Body(NamedTuple):
     parts: list[Part]
     whole: list[Part]
 
-
-def _alone(name: str, part: Part) -> Body:
-    return Body(name, part.body, [part], [part])
+    @classmethod
+    def of(cls, name: str, part: Part) -> Body:
+        """A body that is one convex part."""
+        return cls(name, part.body, [part], [part])
 
 
 class BodyStack(ClearanceStack):
     """Distances of pairs of bodies, by convex parts of their shapes ("hulls") or by these ("shapes").
 
-    A convex part is a little larger than what it stands for. Where parts overlap at zero or in the middle of
-    the joint range although the shapes are apart, the pair is judged by the shapes. A pair whose shapes are
-    nearer than the clearance [m] in every posture that was looked at is so by construction: `left_out`.
     Where there are obstacles, the robot is kept from these, less their margins, instead of from itself.
     """
 
@@ -66,10 +64,10 @@ class BodyStack(ClearanceStack):
         self._refines = not all(part.convex for body in own for part in body.whole)
         self.left_out: list[str] = []
         if obstacles:
-            own += [_alone("payload", part) for part in held]
+            own += [Body.of("payload", part) for part in held]
             here = pin.SE3.Identity()
             shapes = [part_of(one.shape, sms.n + k, here, True) for k, one in enumerate(obstacles)]
-            others = [(one, _alone(one.name, shape)) for one, shape in zip(obstacles, shapes, strict=True)]
+            others = [(one, Body.of(one.name, shape)) for one, shape in zip(obstacles, shapes, strict=True)]
             # What is on the base and the base itself do not move past each other.
             self._take([(a, b) for a in own for one, b in others if a.carrier >= 0 or not one.on_base])
             self.largest = np.full(len(self.names), np.inf)
@@ -81,30 +79,21 @@ class BodyStack(ClearanceStack):
                 message = "must give at least one pair of bodies that can meet"
                 raise InvalidValue("the collision shapes", count, message)
             self.largest = self._judged(clearance)
-        limits = sms.limits
-        slides = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
+        slides = np.maximum(np.abs(sms.limits.lower), np.abs(sms.limits.upper))
         self.reaches = self._parts.reaches(np.where(np.isfinite(slides), slides, 0.0))
 
-    def _take(self, pairs: list[tuple[Body, Body]], by_shapes: Any = ()) -> None:
-        """Pairs of bodies to keep apart, some (m,) judged by their shapes."""
+    def _take(self, pairs: list[tuple[Body, Body]]) -> None:
+        """Pairs of bodies to keep apart."""
         self._bodies, self.names = pairs, [f"{a.name} - {b.name}" for a, b in pairs]
-        exact = by_shapes if len(by_shapes) else [False] * len(pairs)
-        self._parts = self._paired(pairs, exact)
+        self._parts = PartPairs(self.arm, [(a.parts, b.parts) for a, b in pairs])
         self.bodies, self.sizes = self._parts.bodies[:, [0, 1, 0]], self._parts.sizes
         met = [self.obstacles[other - self.sms.n] if self.obstacles else None for other in self.bodies[:, 1]]
         self.passes = np.array([one is not None and not one.on_base for one in met], dtype=bool)
         self.margins = np.array([0.0 if one is None else one.margin for one in met])
 
-    def _paired(self, pairs: list[tuple[Body, Body]], whole: Any) -> PartPairs:
-        """Pairs of bodies by their parts, or, where asked for, by their whole shapes."""
-        ends = zip(pairs, whole, strict=True)
-        return PartPairs(
-            self.arm, [(a.whole, b.whole) if one else (a.parts, b.parts) for (a, b), one in ends]
-        )
-
     @cached_property
     def _shapes(self) -> PartPairs:
-        return self._paired(self._bodies, [True] * len(self._bodies))
+        return PartPairs(self.arm, [(a.whole, b.whole) for a, b in self._bodies])
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BodyStack, self._settings  # shapes are read again
@@ -139,9 +128,11 @@ class BodyStack(ClearanceStack):
         return np.asarray(np.where(found > 0.0, np.maximum(values, exact), np.minimum(values, exact)))
 
     def _judged(self, clearance: float) -> FloatArray:
-        """How large distances can be (m,); leaves out pairs that cannot be apart, by the shapes.
+        """How large distances can be (m,) at zero, in the middle posture, and in six that are drawn.
 
-        Looks at the arm at zero, in its middle posture, and in six that are drawn.
+        Pairs whose shapes are nearer than the clearance in all of them are so by construction: `left_out`. A
+        convex part is a little larger than what it stands for: where parts overlap in the first two although
+        the shapes are apart, the pair goes by the shapes.
         """
         limits, rng = self.sms.limits, np.random.default_rng(0)
         low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
@@ -162,7 +153,10 @@ class BodyStack(ClearanceStack):
         self.left_out = [name for name, keep in zip(self.names, kept, strict=True) if not keep]
         if not kept.all() or by_shapes.any():
             del self._shapes
-            self._take([pair for pair, keep in zip(pairs, kept, strict=True) if keep], by_shapes[kept])
+            for i in np.flatnonzero(by_shapes):
+                a, b = pairs[i]
+                pairs[i] = a._replace(parts=a.whole), b._replace(parts=b.whole)
+            self._take([pair for pair, keep in zip(pairs, kept, strict=True) if keep])
             values = self.values(poses, clearance + _FAR)
         return np.asarray(values.max(axis=1))
 
@@ -173,8 +167,8 @@ class PointStack(ClearanceStack):
     A pair of points counts where its distance can change (adjacent joints are a link's length apart for
     ever), and a point counts against the base's box where it moves relative to the base (the paper's i >= 2).
     Read literally, const5 to const7 would ask all three to hold at once; their sense is that a point is
-    outside the box, so one of them must, in base axes. `first` and `second` are the points of the pairs that
-    count, joint origins in their order, then the end effector; `outside` those that count against the box.
+    outside the box, so one of them must, in base axes. `ends` (m, 2) are a point, by the order of the joints
+    and the end effector last, and what it is apart from: another point, or the box (-1).
 
     Raises
     ------
@@ -199,17 +193,13 @@ class PointStack(ClearanceStack):
         self._take(np.array(ends, dtype=np.int64))
         found = self.nearest(poses, self.every(poses))
         apart, there = found.distance.reshape(4, -1), found.points[:, 1].reshape(4, -1, 3)
-        changes = np.where(self._ends[:, 1] < 0, np.ptp(there, axis=0).max(axis=1), np.ptp(apart, axis=0))
-        self._take(self._ends[changes > _THIN])
-        between = self._ends[:, 1] >= 0
-        self.second, self.first = self._ends[between].T
-        self.outside = self._ends[~between, 0]
+        changes = np.where(self.ends[:, 1] < 0, np.ptp(there, axis=0).max(axis=1), np.ptp(apart, axis=0))
+        self._take(self.ends[changes > _THIN])
 
     def _take(self, ends: Indices) -> None:
-        """Points, and what they are apart from: another point, or the box (-1)."""
         points = [*self.sms.joint_names, self.sms.end_effector]
         carriers = np.array([*range(self.sms.n), self.arm.last, -1], dtype=np.int64)
-        self._ends, base = ends, np.full(len(ends), -1)
+        self.ends, base = ends, np.full(len(ends), -1)
         self.bodies = np.stack([carriers[ends[:, 1]], carriers[ends[:, 0]], base], axis=1)
         self.names = [f"{points[j]} - {points[i]}" if j >= 0 else f"{points[i]} - base box" for i, j in ends]
         self.largest = np.full(len(ends), np.inf)
@@ -220,7 +210,7 @@ class PointStack(ClearanceStack):
     def nearest(self, poses: Poses, where: Entries, near: FloatArray | float = np.inf) -> Nearest:
         """As `ClearanceStack.nearest`: pairs of points, and how far points are outside the box."""
         columns, at = where
-        found = kernel.near_points(self.arm.tree, poses.joints, columns, at, self._ends, self._box)
+        found = kernel.near_points(self.arm.tree, poses.joints, columns, at, self.ends, self._box)
         return Nearest(*found)
 
 
@@ -240,11 +230,11 @@ def _robot_bodies(sms: SpaceManipulator, mode: str, held: list[Part]) -> list[Bo
     parts, whole = (sms.convex_parts(), whole) if shaped else (_lines(sms),) * 2
     parts, whole = parts + held, whole + held
 
-    def of(every: list[Part], index: int) -> list[Part]:
-        return [part for part in every if part.body == index]
-
-    names = {part.body: sms.layout.body_name(sms.model, part.body + 2) for part in whole}
-    return [Body(name, i, of(parts, i), of(whole, i)) for i, name in sorted(names.items())]
+    found = []
+    for i in sorted({part.body for part in whole}):
+        own, exact = ([part for part in some if part.body == i] for some in (parts, whole))
+        found.append(Body(sms.layout.body_name(sms.model, i + 2), i, own, exact))
+    return found
 
 
 def body_pairs(sms: SpaceManipulator, indices: Sequence[int]) -> list[tuple[int, int]]:

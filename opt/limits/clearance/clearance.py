@@ -14,7 +14,7 @@ from ffsms_pin.opt.limits.clearance.between import least_of
 from ffsms_pin.opt.limits.clearance.bodies import BodyStack, PointStack, chosen_mode
 from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Entries, Nearest, Poses
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, checked_obstacles
-from ffsms_pin.opt.limits.limit import Limit, Rows, Violation, stacked
+from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacked
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.opt.step.state import StepState
@@ -46,8 +46,8 @@ class Clearance(Limit):
         are kept from the hulls in all modes but "points", also in "off", and from points with the straight
         lines between them in "points" and where the robot has no shapes.
     margin : float
-        What whole motions keep beside the clearance while they are searched for [arm lengths]: a penalty
-        gives way, and only some instants are watched.
+        What whole motions keep beside the clearance while they are searched for [arm lengths]; of bodies,
+        of which neighbours are hardly further apart in any posture, a fixed smaller one is kept.
     obstacles : sequence of Obstacle
     payload : (coal shape, pinocchio.SE3), optional
         What the end effector holds, convex, and where it is in the end-effector frame. It is kept from
@@ -83,22 +83,18 @@ class Clearance(Limit):
 
     def for_robot(self, sms: SpaceManipulator) -> Clearance:
         """With the robot's points or shapes."""
-        held, around, last = None, None, self._stack
+        held, around, stack = None, None, self._stack
         if self.payload is not None:
             frame, (shape, placed) = sms.model.frames[sms.frame_id], self.payload
             held = part_of(shape, int(frame.parentJoint) - 2, frame.placement * placed, True)
         if self.obstacles:
             around = BodyStack(sms, self.collision, self.clearance, held, self.obstacles, self.began)
-            around = around if around.names else None
-        known = last if isinstance(last, BodyStack) and self.collision in ("auto", last.mode) else None
-        if known is not None and known.serves(sms, self.clearance, held):
-            # Planned again: the masses are others, the shapes are not.
-            return replace(self, _around=around)
-        mode = chosen_mode(sms) if self.collision == "auto" else self.collision
-        stack = clearance_stack(sms, mode, self.clearance, held)
-        # Neighbours but one are hardly further apart than this in any posture, so bodies are given less than
-        # points.
+        # Planned again, of a robot with other masses but the same shapes, a stack is kept.
+        known = stack if isinstance(stack, BodyStack) and self.collision in ("auto", stack.mode) else None
+        if known is None or not known.serves(sms, self.clearance, held):
+            stack = clearance_stack(sms, self.collision, self.clearance, held)
         margin = _BODY_MARGIN if isinstance(stack, BodyStack) else self.margin
+        around = around if around is not None and around.names else None
         return replace(self, _stack=stack, margin=margin, _around=around)
 
     @property
@@ -152,27 +148,24 @@ class Clearance(Limit):
         G, least = slopes.T, self.rate * (kept - found.distance)
         if moved is not None:
             by = moved.slopes(placed)
-            G += by[:, :-1]
-            least -= by[:, -1]
-        return Rows(G, least, stack.unbounded, self.give)
+            G, least = G + by[:, :-1], least - by[:, -1]
+        return Rows(G, least, np.full(len(least), UNBOUNDED), self.give)
 
     def residual(self, m: Features) -> list[Feature]:
         """What clearances lack of the asked one and the margin, in arm lengths."""
-        return [one for stack in self._stacks for one in self._lack(stack, m.motions)]
-
-    def _lack(self, stack: ClearanceStack, motions: Motions) -> list[Feature]:
-        length, asked = motions.stack.length, self.clearance + self.reserve
-        # Bodies that are near each other in every posture cannot be asked for the whole margin.
-        kept = np.minimum(asked + self.margin * length, 0.5 * (asked + stack.largest))
-        poses = stack.seen(motions)
-        entries, found = stack.below(poses, kept)
-        if not found.distance.size:
-            return []
-        slopes: dict[str, Any] = _slopes(stack, motions, poses, entries, found)[0]
-        motion, instants = np.unravel_index(entries[1], motions.joints.shape[1:])
-        value = (kept[entries[0]] - found.distance)[None] / length
-        slopes = {name: -slope[..., None, :] / length for name, slope in slopes.items()}
-        return [Feature(value, slopes, (motion, instants))]
+        length, asked, lacks = m.stack.length, self.clearance + self.reserve, []
+        for stack in self._stacks:
+            # Bodies that are near each other in every posture cannot be asked for the whole margin.
+            kept = np.minimum(asked + self.margin * length, 0.5 * (asked + stack.largest))
+            poses = stack.seen(m.motions)
+            entries, found = stack.below(poses, kept)
+            if found.distance.size:
+                slopes, _ = _slopes(stack, m.motions, poses, entries, found)
+                slopes = {name: -slope[..., None, :] / length for name, slope in slopes.items()}
+                value = (kept[entries[0]] - found.distance)[None] / length
+                where = np.unravel_index(entries[1], m.motions.joints.shape[1:])
+                lacks.append(Feature(value, slopes, (where[0], where[1])))
+        return lacks
 
     def violation(self, motion: Motions) -> Violation:
         """The largest lack of clearance at the nodes, in the middles, and between shapes everywhere."""
@@ -252,9 +245,9 @@ class _Passing:
 def clearance_stack(
     sms: SpaceManipulator, collision: str, clearance: float = 0.0, payload: Part | None = None
 ) -> ClearanceStack | None:
-    """What a mode, but "auto", keeps apart of a robot itself; None for "off", and where nothing can meet."""
-    if collision == "off":
+    """What a mode keeps apart of a robot itself; None for "off", and where nothing can meet."""
+    mode = chosen_mode(sms) if one_of("collision", collision, MODES) == "auto" else collision
+    if mode == "off":
         return None
-    one_of("collision", collision, MODES[1:])
-    stack = PointStack(sms) if collision == "points" else BodyStack(sms, collision, clearance, payload)
+    stack = PointStack(sms) if mode == "points" else BodyStack(sms, mode, clearance, payload)
     return stack if stack.names else None

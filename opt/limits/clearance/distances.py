@@ -19,7 +19,6 @@ import pinocchio as pin
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
-from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.opt.motion.motions import Motions
 from ffsms_pin.system import SpaceManipulator
@@ -59,27 +58,25 @@ class Nearest(NamedTuple):
 class ClearanceStack(ABC):
     """Pairs of things on bodies, and how far they are apart.
 
-    A body is a link, the base, or an obstacle, which moves past as the base sees it: links have the indices
-    of their joints, obstacles come after them, the base is -1. Of each pair (m) `names` say what it is,
-    `bodies` (m, 3) which two bodies, and in whose axes nearest points are; `largest` (m,) how large its
-    distance can be, as far as it is known [m]; `reaches` (m, n) how fast it can change at most by a unit rate
-    of each joint [m/rad], None: not bounded; `passes` (m,) whether the second body moves past the base;
-    `sizes` (m, 2) how far any point of a body is from its origin at most [m].
-
-    Where there are `obstacles`, the second bodies are these, `began` seconds later. So much less than the
-    asked clearance as `tolerance` counts as kept [m].
+    Links have the indices of their joints, obstacles come after them, the base is -1.
     """
 
     mode: str
+    # Of each of m pairs: what it is, which two bodies, and in whose axes nearest points are (m, 3),
     names: list[str]
     bodies: Indices
+    # how large its distance can be (m,), as far as it is known, and how far any point of the two is from its
+    # body's origin at most (m, 2) [m],
     largest: FloatArray
+    sizes: FloatArray
+    # how fast its distance can change at most by a unit rate of each joint (m, n) [m/rad], None: not bounded,
     reaches: Any = None
+    # and whether the second body moves past the base (m,).
+    passes: Any = np.zeros(0, dtype=bool)
+    # Where there are obstacles the second bodies are these, so many seconds later.
     obstacles: tuple[Obstacle, ...] = ()
     began: float = 0.0
-    passes: Any = np.zeros(0, dtype=bool)
-    sizes: FloatArray
-    tolerance: float = 1e-5
+    tolerance: float = 1e-5  # [m] so much less than the asked clearance counts as kept
 
     def __init__(self, sms: SpaceManipulator) -> None:
         self.sms, self.arm = sms, sms.arm_stack()
@@ -95,19 +92,19 @@ class ClearanceStack(ABC):
         """Distances that were found at entries (V,), as exactly as can be."""
         return values
 
-    def below(self, poses: Poses, near: FloatArray) -> tuple[Entries, Nearest]:
-        """Entries whose distance is below `near` (m,), and nearest points there."""
+    def below(self, poses: Poses, near: FloatArray | float) -> tuple[Entries, Nearest]:
+        """Entries whose distance is below `near`, a number or (m,), and nearest points there."""
         columns, at = self.every(poses)
-        asked = np.tile(near, poses.joints.shape[1])
+        asked = np.broadcast_to(near, len(self.names))[columns]
         found = self.nearest(poses, (columns, at), asked)
         close = np.flatnonzero(found.distance < asked)
         return (columns[close], at[close]), Nearest(*(values[close] for values in found))
 
-    def values(self, poses: Poses, near: float | FloatArray = np.inf) -> FloatArray:
+    def values(self, poses: Poses, near: FloatArray | float = np.inf) -> FloatArray:
         """Distances (m, B), exact below `near`, a number or (m,), else bounds from below."""
-        count, pairs = poses.joints.shape[1], len(self.names)
-        asked = np.tile(np.broadcast_to(near, pairs), count)
-        return self.nearest(poses, self.every(poses), asked).distance.reshape(count, pairs).T
+        columns, at = self.every(poses)
+        asked = np.broadcast_to(near, len(self.names))[columns]
+        return self.nearest(poses, (columns, at), asked).distance.reshape(-1, len(self.names)).T
 
     def slopes(self, poses: Poses, where: Entries, found: Nearest) -> tuple[FloatArray, FloatArray]:
         """Gradients (n, V) of distances by the joints, base held still, and what was found in base axes.
@@ -121,11 +118,6 @@ class ClearanceStack(ABC):
     def once(self) -> Entries:
         """All entries of one configuration."""
         return np.arange(len(self.names)), np.zeros(len(self.names), dtype=np.int64)
-
-    @cached_property
-    def unbounded(self) -> FloatArray:
-        """No bound (m,), for the other side of rows."""
-        return np.full(len(self.names), UNBOUNDED)
 
     def every(self, poses: Poses) -> Entries:
         """All entries, configuration by configuration."""
@@ -174,7 +166,7 @@ class ClearanceStack(ABC):
                 place = np.einsum("yxb,yb->xb", R, place - root)
             turns.append(turn)
             origins.append(place)
-        return Poses(Poses.of(joints).joints, np.stack(turns, axis=2), np.stack(origins, axis=1))
+        return Poses.of(joints)._replace(turns=np.stack(turns, axis=2), origins=np.stack(origins, axis=1))
 
 
 class PartPairs:
@@ -185,13 +177,12 @@ class PartPairs:
 
     def __init__(self, arm: ArmStack, pairs: Sequence[tuple[list[Part], list[Part]]]) -> None:
         self.arm = arm
-        once = {id(part): part for pair in pairs for side in pair for part in side}
-        parts = list(once.values())
-        number = {key: k for k, key in enumerate(once)}
+        parts = list({id(part): part for pair in pairs for side in pair for part in side}.values())
+        number = {id(part): k for k, part in enumerate(parts)}
         flat = [(number[id(a)], number[id(b)]) for one, other in pairs for a in one for b in other]
         self._measured = [(parts[i], parts[j]) for i, j in flat]
-        self.bodies = np.array([(one[0].body, other[0].body) for one, other in pairs], dtype=np.int64)
-        self.bodies = self.bodies.reshape(-1, 2)
+        bodies = [(one[0].body, other[0].body) for one, other in pairs]
+        self.bodies = np.array(bodies, dtype=np.int64).reshape(-1, 2)
         used, which = np.unique(self.bodies, return_inverse=True)
         which = which.reshape(-1, 2)
         covers = [[one.body, *one.centre, one.radius, *one.half, *one.axes.ravel()] for one in parts]

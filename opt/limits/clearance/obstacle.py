@@ -32,14 +32,12 @@ class Obstacle:
     Attributes
     ----------
     shape : coal.CollisionGeometry
-        A `coal.Box`, `Sphere`, `Capsule`, `Cylinder`, `Ellipsoid`, `Cone`, `Convex`, or a mesh that is
-        convex [m].
+        A `coal.Box`, `Sphere`, `Capsule`, `Cylinder`, `Ellipsoid`, `Cone`, `Convex`, or a convex mesh [m].
     pose : pinocchio.SE3
         Of the shape in what it is on. Default: at its origin.
     on : "inertial", "base", or a client
-        What the shape is fixed to: inertial space; the frame of the robot's base link; or any object with
-        `pose(t) -> pinocchio.SE3` and `poses(times) -> (positions (K, 3), rotations (K, 3, 3))`, inertial
-        axes, such as `ffsms_pin.Client`.
+        What it is fixed to: inertial space; the frame of the robot's base link; or, as `ffsms_pin.Client`, an
+        object with `pose(t)` and `poses(times) -> (positions (K, 3), rotations (K, 3, 3))`, inertial axes.
     margin : float
         What is kept beyond the clearance [m].
     name : str
@@ -92,11 +90,10 @@ class Obstacle:
 
     def distance(self, point: FloatArray, time: float) -> float:
         """From a point (3,) at a time [s], negative inside [m]; axes of what the obstacle is on."""
-        point, track = vector("point", point, 3, "m"), self.track(np.array([number("time", time)]))
-        place = coal.Transform3s(track.rotations[0], track.positions[0])
-        here, result = coal.Transform3s(np.eye(3), point), coal.DistanceResult()
-        ball = coal.Sphere(0.0)
-        return float(coal.distance(ball, here, self.shape, place, coal.DistanceRequest(), result))
+        here = coal.Transform3s(np.eye(3), vector("point", point, 3, "m"))
+        positions, rotations = self.track(np.array([number("time", time)]))
+        place, result = coal.Transform3s(rotations[0], positions[0]), coal.DistanceResult()
+        return float(coal.distance(coal.Sphere(0.0), here, self.shape, place, coal.DistanceRequest(), result))
 
 
 def checked_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
@@ -104,10 +101,9 @@ def checked_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
     if not isinstance(obstacles, Sequence) or not all(isinstance(one, Obstacle) for one in obstacles):
         raise InvalidValue("obstacles", obstacles, "must be a sequence of opt.Obstacle")
     kinds = [f"{type(one.shape).__name__.lower()} {i}" for i, one in enumerate(obstacles, start=1)]
-    names = [one.name or kind for one, kind in zip(obstacles, kinds, strict=True)]
+    named = [one if one.name else replace(one, name=kind) for one, kind in zip(obstacles, kinds, strict=True)]
+    names = [one.name for one in named]
     for name in names:
         if names.count(name) > 1:
             raise InvalidValue("obstacles", name, "must have a name each of its own")
-    return tuple(
-        one if one.name else replace(one, name=name) for one, name in zip(obstacles, names, strict=True)
-    )
+    return tuple(named)

@@ -127,10 +127,10 @@ def test_rows_and_residual_are_those_that_follow_from_room(case: str) -> None:
         motion = rolled_out(sms, problem.stack, q0, rates, 0.25, problem.momentum)
         m = Features(motion)
         least = 0.1 + limit.margin * motion.stack.length
-        for stack, room in zip(limit._stacks, limit.room(m), strict=True):
+        for stack, room in zip(limit._stacks, limit.room(m), strict=True):  # one of them
             kept = np.minimum(least, 0.5 * (0.1 + stack.largest)) - 0.1
             lack: Any = (kept[:, None, None] - room) / motion.stack.length
-            for one in limit._lack(stack, motion):
+            for one in limit.residual(m):
                 assert isinstance(one, opt.Feature)
                 pairs, at = np.nonzero(lack.value[:, 0] > 0.0)
                 order = np.lexsort((pairs, at))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ffsms_pin.coupling.stacked import entropies
-from ffsms_pin.opt.motion.slopes import entropy_and_gradient, singular
+from ffsms_pin.opt.motion.mechanics import entropy_and_gradient, singular
 
 
 @pytest.mark.parametrize("n", [1, 3, 6, 7])

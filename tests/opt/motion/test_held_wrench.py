@@ -13,7 +13,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.motion.feature import Feature, root_of_size
-from ffsms_pin.opt.motion.slopes import force_slopes, forces
+from ffsms_pin.opt.motion.mechanics import force_slopes, forces
 from ffsms_pin.system.base_motion import advance
 from ffsms_pin.system.batch.arm import ArmStack
 

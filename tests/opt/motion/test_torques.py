@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 import ffsms_pin as ffsms
-from ffsms_pin.opt.motion.slopes import force_slopes, forces
+from ffsms_pin.opt.motion.mechanics import force_slopes, forces
 from ffsms_pin.system.base_reaction import MODES, mode_reaction
 from ffsms_pin.system.batch.arm import ArmStack
 

@@ -12,7 +12,7 @@ from ffsms_pin import opt
 from ffsms_pin.opt.goals import Changed
 from ffsms_pin.opt.horizon.spline import Grid, rate_spline
 from ffsms_pin.opt.parts.reading import residuals_of
-from ffsms_pin.opt.replan.approach import Approach
+from ffsms_pin.opt.replan.options import Approach
 
 
 def test_slopes_of_a_retreat(planar: ffsms.SpaceManipulator) -> None:

@@ -193,7 +193,7 @@ def test_a_limit_of_ones_own_counts_from_the_start(planar: ffsms.SpaceManipulato
 def test_joint_plan_is_linear_in_rates() -> None:
     rng = np.random.default_rng(2)
     rates = rng.normal(size=(6, 2))
-    plan = JointPlan.of_rates(1.0, 0.1, np.array([0.3, -0.2]), rates, 0.0)
+    plan = JointPlan(1.0, 0.1, np.array([0.3, -0.2]), rates, 0.0)
     np.testing.assert_allclose(plan.sample(1.25)[1], 0.5 * (rates[2] + rates[3]))
     fine = 1.0 + np.linspace(0.0, 0.5, 5001)
     samples = plan.rates_at(fine)

@@ -14,7 +14,7 @@ from motions import random_pose
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.opt.limits.motors import wheel_rows
+from ffsms_pin.opt.limits import WheelLimits
 from ffsms_pin.opt.planning.plan import METHODS
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
@@ -24,6 +24,7 @@ from ffsms_pin.system.mode_state import coupling_of
 PYRAMID = [[1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1]]
 HELD = ("rotation-floating", "rotation-flying", "translation-flying", "flying")
 TARGET = [0.45, 0.75, 0.0]
+WHEELS = WheelLimits()  # which keep 8 % in hand
 
 
 def planar(**values: Any) -> ffsms.SpaceManipulator:
@@ -102,7 +103,7 @@ def test_rows_say_what_the_wheels_will_do(what: str) -> None:
     most = (np.abs(now) + 5e-4) / 0.92 if what == "momentum" else np.full(4, 0.5)
     limits: dict[str, Any] = {what: most}
     sms = bare.with_actuators(wheels=replace(ffsms.ReactionWheels(PYRAMID, 0.02), **limits))
-    rows = wheel_rows(StepState(sms, q, rates, dt, 5.0, mode=mode, wheel_total=total), 0.08)
+    rows = WHEELS.rows(StepState(sms, q, rates, dt, 5.0, mode=mode, wheel_total=total))
     assert rows is not None
     for i, (row, lower, upper) in enumerate(zip(*rows[:3], strict=True)):
         # The wheels lose what the arm gets: the lower bound is that of the wheel's largest momentum.
@@ -123,7 +124,7 @@ def test_friction_counts_in_the_rows() -> None:
     for friction in (0.0, 2e-3):
         sms = bare.with_actuators(wheels=ffsms.ReactionWheels(PYRAMID, 0.02, 0.5, friction=friction))
         step = StepState(sms, q, rates, 1e-3, 5.0, mode="rotation-floating", wheel_total=total)
-        rows = wheel_rows(step, 0.0)
+        rows = WHEELS.rows(step)
         assert rows is not None
         limits.append((rows.lower, rows.upper))
     (low, up), (low_rubbed, up_rubbed) = limits
@@ -138,25 +139,22 @@ def test_wheels_that_feel_the_same_share_a_row() -> None:
     fast = np.full(3, 1e9)
     sms = sms.with_limits(replace(sms.limits, acceleration=fast, velocity=fast))
     step = StepState(sms, start(sms), np.zeros(3), 0.01, 5.0, mode="rotation-floating")
-    rows = wheel_rows(step, 0.0)
+    rows = WHEELS.rows(step)
     assert rows is not None
     assert rows.G.shape == (1, 3)
     M = pin.crba(sms.model, sms.model.createData(), step.q)
     D = M[5, 6:] + M[5, :6] @ step.reaction
     share = np.linalg.pinv(sms.wheels.axes.T)[0, 2]  # type: ignore[union-attr]
-    assert rows.upper[0] == pytest.approx(0.3 / np.linalg.norm(share * D), rel=1e-9)
+    assert rows.upper[0] == pytest.approx(0.92 * 0.3 / np.linalg.norm(share * D), rel=1e-9)
     assert rows.lower[0] == pytest.approx(-rows.upper[0], rel=1e-9)
 
 
 def test_no_rows_where_no_wheels_hold_the_attitude() -> None:
     sms = planar()
     for mode in ("floating", "rotation-flying"):
-        assert wheel_rows(StepState(sms, start(sms), np.zeros(3), 0.01, 5.0, mode=mode), 0.0) is None
+        assert WHEELS.rows(StepState(sms, start(sms), np.zeros(3), 0.01, 5.0, mode=mode)) is None
     bare = ffsms.load("planar_3r")
-    assert (
-        wheel_rows(StepState(bare, start(bare), np.zeros(3), 0.01, 5.0, mode="rotation-floating"), 0.0)
-        is None
-    )
+    assert WHEELS.rows(StepState(bare, start(bare), np.zeros(3), 0.01, 5.0, mode="rotation-floating")) is None
 
 
 @pytest.mark.parametrize("mode", HELD)

@@ -9,12 +9,12 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.motion.actuated import held_momentum
-from ffsms_pin.opt.motion.slopes import (
+from ffsms_pin.opt.motion.mechanics import (
     coupling_slopes,
     entropy_and_gradient,
     force_slopes,
     forces,
+    held_momentum,
     velocity_slopes,
 )
 from ffsms_pin.system.base_reaction import MODES, mode_coupling

@@ -1,63 +1,36 @@
-"""Slopes: of numpy's functions of numbers, and by the kernel at stacks of configurations.
+"""The arm's mechanics at stacks of configurations: entropy, forces and momentum, and their slopes.
 
-`ffsms_pin/kernel/slopes.hpp`, `entropy.hpp` and `dynamics.hpp` have the formulas.
+`ffsms_pin/kernel/slopes.hpp`, `entropy.hpp` and `dynamics.hpp` have the formulas. Wheels that hold the base's
+attitude share a momentum by the pseudo-inverse, as `ffsms_pin.control.WheelAllocation` does. No moment acts
+from outside then: with D the angular momentum a joint rate (`held_momentum`), A the axes (3, w) and h_0 the
+wheels' momenta with the joints at rest, h = h_0 - A^+ D u.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
+import pinocchio as pin
 
+from ffsms_pin.actuation import ReactionWheels
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.kernel import kernel
+from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
+from ffsms_pin.system.batch.stacks import cross
 
 __all__ = [
-    "DERIVATIVES",
-    "FLAT",
     "coupling_slopes",
     "entropy_and_gradient",
     "force_slopes",
     "forces",
+    "held_momentum",
     "singular",
     "velocity_slopes",
+    "wheel_shares",
+    "wheel_total",
 ]
-
-_TINY = 1e-150  # a root's slope stays finite at zero
-
-# By each of a function's arguments, of its result y and of these; None: one.
-DERIVATIVES: dict[np.ufunc, tuple[Callable[..., Any], ...]] = {
-    np.add: (lambda y, a, b: None, lambda y, a, b: None),
-    np.subtract: (lambda y, a, b: None, lambda y, a, b: -1.0),
-    np.multiply: (lambda y, a, b: b, lambda y, a, b: a),
-    np.divide: (lambda y, a, b: 1.0 / b, lambda y, a, b: -y / b),
-    np.power: (lambda y, a, b: b * a ** (b - 1.0), lambda y, a, b: y * np.log(a)),
-    np.hypot: (lambda y, a, b: a / (y + _TINY), lambda y, a, b: b / (y + _TINY)),
-    np.arctan2: (lambda y, a, b: b / (a * a + b * b), lambda y, a, b: -a / (a * a + b * b)),
-    np.maximum: (lambda y, a, b: np.where(a >= b, 1.0, 0.0), lambda y, a, b: np.where(a >= b, 0.0, 1.0)),
-    np.minimum: (lambda y, a, b: np.where(a <= b, 1.0, 0.0), lambda y, a, b: np.where(a <= b, 0.0, 1.0)),
-    np.logaddexp: (lambda y, a, b: np.exp(a - y), lambda y, a, b: np.exp(b - y)),
-    np.negative: (lambda y, a: -1.0,),
-    np.positive: (lambda y, a: None,),
-    np.absolute: (lambda y, a: np.sign(a),),
-    np.sqrt: (lambda y, a: 0.5 / (y + _TINY),),
-    np.square: (lambda y, a: 2.0 * a,),
-    np.exp: (lambda y, a: y,),
-    np.log: (lambda y, a: 1.0 / a,),
-    np.sin: (lambda y, a: np.cos(a),),
-    np.cos: (lambda y, a: -np.sin(a),),
-    np.tan: (lambda y, a: 1.0 + y * y,),
-    np.tanh: (lambda y, a: 1.0 - y * y,),
-    np.arcsin: (lambda y, a: 1.0 / np.sqrt(1.0 - a * a),),
-    np.arccos: (lambda y, a: -1.0 / np.sqrt(1.0 - a * a),),
-    np.arctan: (lambda y, a: 1.0 / (1.0 + a * a),),
-}
-
-# What does not change by a little: no slopes are lost there.
-_COMPARISONS = {np.equal, np.not_equal, np.less, np.less_equal, np.greater, np.greater_equal}
-FLAT = frozenset(_COMPARISONS | {np.sign, np.floor, np.ceil, np.isfinite, np.isnan})
 
 
 def singular(coupling: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -74,15 +47,14 @@ def entropy_and_gradient(
 
     `free_rows` are those that are not zero at all configurations; without any the entropy is zero.
     """
-    n, shape, r = coupling.shape[1], coupling.shape[2:], len(free_rows)
-    if n == 1 or not r:
-        return np.zeros(shape), np.zeros(coupling.shape)
-    found = kernel.entropies(coupling if r == 6 else coupling[list(free_rows)])
-    value, by_free = found[0].reshape(shape), found[1:].reshape(r, n, *shape)
-    if r == 6:
-        return value, by_free
-    gradient = np.zeros(coupling.shape)
-    gradient[list(free_rows)] = by_free
+    rows, shape = list(free_rows), coupling.shape[1:]
+    if shape[0] == 1 or not rows:
+        return np.zeros(shape[1:]), np.zeros(coupling.shape)
+    found = kernel.entropies(coupling if len(rows) == 6 else coupling[rows])
+    value, gradient = found[0].reshape(shape[1:]), found[1:].reshape(len(rows), *shape)
+    if len(rows) < 6:
+        by_free, gradient = gradient, np.zeros(coupling.shape)
+        gradient[rows] = by_free
     return value, gradient
 
 
@@ -94,10 +66,7 @@ def velocity_slopes(stack: ArmStack, arm: ArmValues, rates: FloatArray) -> tuple
 
 
 def coupling_slopes(stack: ArmStack, arm: ArmValues, by_coupling: FloatArray) -> FloatArray:
-    """Gradient (n, ...) by the joint positions of a function of the coupling, with slopes (6, n, ...).
-
-    Of several functions, which come first, one by one.
-    """
+    """Slopes (..., n, S, K) by the joint positions of what has slopes (..., 6, n, S, K) by the coupling."""
     several = by_coupling.reshape(-1, *arm.coupling.shape)
     found = [kernel.coupling_slopes(stack.tree, arm.positions, one) for one in several]
     return np.reshape(found, (*by_coupling.shape[: -arm.coupling.ndim], *arm.positions.shape))
@@ -110,10 +79,10 @@ def forces(
     accelerations: FloatArray,
     own_spin: FloatArray | None = None,
 ) -> FloatArray:
-    """Torques of the joints (n, ...) [N m, or N], below them force and moment (6, ...) that hold the base.
+    """Torques H_q u' + C_q of the joints (n, ...) [N m, or N], below them what holds the base (6, ...).
 
-    The torques are H_q u' + C_q: the base reacts as far as the mode of the stack leaves it free. What holds
-    the base is in base axes, the moment about its centre of mass [N, N m]; `own_spin` as in `Motions`.
+    The base reacts as far as the mode of the stack leaves it free. What holds it is a force [N] and a moment
+    about its centre of mass [N m], base axes; `own_spin` as in `Motions`.
     """
     own = np.zeros((3, *joints.shape[1:])) if own_spin is None else own_spin
     return kernel.dynamics(stack.tree, joints, rates, accelerations, own).reshape(-1, *joints.shape[1:])
@@ -142,3 +111,29 @@ def force_slopes(
         "by_rates": 0.5 * (faster[0] - faster[1]),
         "by_accelerations": forces(stack, q, still, unit),
     }
+
+
+def wheel_shares(wheels: ReactionWheels | None) -> FloatArray:
+    """A^+ (w, 3): the wheels' shares of a momentum or a torque in root axes; no rows without wheels."""
+    return np.zeros((0, 3)) if wheels is None else np.linalg.pinv(wheels.axes.T)
+
+
+def held_momentum(arm: ArmValues) -> FloatArray:
+    """D (3, n, ...): angular momentum a joint rate about the system's centre of mass, base axes.
+
+    The base's attitude held, its place free or held: moving on evenly, a system has none about its own centre
+    of mass.
+    """
+    return arm.angular - cross(arm.com[:, None], arm.linear)
+
+
+def wheel_total(
+    sms: SpaceManipulator, wheels: ReactionWheels, q: FloatArray, v: FloatArray, momentum: FloatArray
+) -> FloatArray:
+    """Momenta h_0 (w,) that wheels would have with all else at rest, from those of now (w,) [N m s].
+
+    At a measured state q (nq,), v (6 + n,): what arm and turning base have is the wheels' in the end.
+    """
+    angular = pin.computeCentroidalMomentum(sms.model, sms.model.createData(), q, v).angular
+    in_root_axes = pin.Quaternion(q[3:7]).toRotationMatrix().T @ angular
+    return np.asarray(momentum + wheel_shares(wheels) @ in_root_axes)
