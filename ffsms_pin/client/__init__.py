@@ -8,7 +8,8 @@ if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.client.braking import Braking, brake
     from ffsms_pin.client.capture import AfterCapture, after_capture, rest_momentum
     from ffsms_pin.client.client import Client, Shape
-    from ffsms_pin.client.estimate import ClientEstimate, ClientSensor, measured
+    from ffsms_pin.client.estimate import ClientEstimate
+    from ffsms_pin.client.sensor import ClientSensor, measured
 
 __all__ = [
     "AfterCapture",

@@ -8,73 +8,32 @@ J = R I R^T the latter move as
 
 and a Kalman filter of these twelve numbers (Kalman 1960) takes every measurement where it was made. From
 there the client's own torque-free motion predicts any time, so a latency costs nothing but freshness.
+
+A measurement that the estimate and its covariance make all but impossible is refused: its innovation nu, of
+covariance S, has nu^T S^-1 nu above what one right measurement in a thousand has. Where those that are
+refused agree with each other, it is the estimate that is wrong, and it begins again from them.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 from scipy.linalg import expm
+from scipy.special import chdtri
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client.client import Client
+from ffsms_pin.client.sensor import ClientSensor
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["ClientEstimate", "ClientSensor", "measured"]
+__all__ = ["ClientEstimate"]
 
-
-@dataclass(frozen=True)
-class ClientSensor:
-    """How a client is seen: a camera or a lidar with what follows its markers.
-
-    Attributes
-    ----------
-    position_noise, attitude_noise, velocity_noise, rate_noise : float
-        One standard deviation of each axis [m], [rad], [m/s], [rad/s].
-    latency : float
-        Age of a measurement when it arrives [s].
-    period : float
-        Between two measurements [s].
-    seed : int
-        Of the noise.
-    """
-
-    position_noise: float = 0.002
-    attitude_noise: float = 0.005
-    velocity_noise: float = 0.002
-    rate_noise: float = 0.002
-    latency: float = 0.1
-    period: float = 0.1
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        for name in ("position_noise", "attitude_noise", "velocity_noise", "rate_noise"):
-            checks.positive(f"client sensor {name}", getattr(self, name))
-        checks.at_least_zero("client sensor latency", self.latency, "s")
-        checks.positive("client sensor period", self.period, "s")
-        checks.whole("client sensor seed", self.seed, 0)
-
-    @property
-    def deviations(self) -> FloatArray:
-        """Of position, velocity, attitude and angular velocity, (12,)."""
-        noise = self.position_noise, self.velocity_noise, self.attitude_noise, self.rate_noise
-        return np.repeat(noise, 3)
-
-
-def measured(client: Client, t: float, sensor: ClientSensor, rng: np.random.Generator) -> Client:
-    """The client as it is seen at a time t [s]; its own time zero is then."""
-    checks.instance("client", client, Client)
-    checks.instance("sensor", sensor, ClientSensor)
-    checks.instance("rng", rng, np.random.Generator)
-    noise = sensor.deviations * rng.normal(size=12)
-    pose = client.pose(t)
-    pose.translation = pose.translation + noise[:3]
-    pose.rotation = pin.exp3(noise[6:9]) @ pose.rotation
-    twist = client.twist(t) + np.concatenate([noise[3:6], noise[9:]])
-    return Client(client.mass, client.inertia, pose, twist, client.shapes)
+_MOST_UNLIKELY = float(chdtri(12, 1e-3))  # squares of twelve normal numbers, one in a thousand is above
+# So many refused in a row are looked at together; an estimate begins again from one with which three agree.
+_REFUSED, _AGREE = 5, 3
 
 
 class ClientEstimate:
@@ -87,12 +46,24 @@ class ClientEstimate:
     t : float
         When it was made [s].
     sensor : ClientSensor
+
+    Attributes
+    ----------
+    refused, restarts : int
+        How many measurements were refused so far, and how often the estimate began again.
     """
 
     def __init__(self, first: Client, t: float, sensor: ClientSensor) -> None:
         checks.instance("first", first, Client)
         checks.instance("sensor", sensor, ClientSensor)
-        self._body, self._since, self._sensor = first, checks.number("t", t), sensor
+        self.refused = self.restarts = 0
+        self._sensor = sensor
+        self._refused: list[tuple[Client, float]] = []  # the last ones, since one was taken
+        self._begin(first, checks.number("t", t))
+
+    def _begin(self, first: Client, t: float) -> None:
+        """Know what one measurement says."""
+        self._body, self._since, sensor = first, t, self._sensor
         J = _world_inertia(first)
         self._P = np.diag(sensor.deviations**2)
         self._P[9:, 9:] = J @ self._P[9:, 9:] @ J.T  # of the angular momentum
@@ -129,10 +100,49 @@ class ClientEstimate:
         """At time zero, see `Client`."""
         return self.pose(0.0)
 
-    def observe(self, seen: Client, t: float) -> None:
-        """Take a measurement, which was made at time t [s], after the last one."""
+    @property
+    def covariance(self) -> FloatArray:
+        """Of position, velocity, attitude and angular momentum (12, 12), at the last measurement."""
+        return self._P.copy()
+
+    @one_blas_thread()
+    def observe(self, seen: Client, t: float) -> bool:
+        """Take a measurement that was made at time t [s]; false where it is refused as an outlier.
+
+        `InvalidValue`: it was made before the last one, or is of another body.
+        """
         checks.instance("seen", seen, Client)
-        self._predict(checks.number("t", t))
+        if checks.number("t", t) < self._since:
+            raise InvalidValue("t", t, f"must not lie before the last measurement, at {self._since:g} s")
+        body = self._body
+        if not (np.isclose(seen.mass, body.mass) and np.allclose(seen.inertia, body.inertia)):
+            raise InvalidValue(
+                "seen",
+                seen.mass,
+                f"must have mass and inertia of the client that is estimated, {body.mass:g} kg",
+            )
+        self._predict(t)
+        innovation, H = self._innovation(seen)
+        noise = np.diag(self._sensor.deviations**2)
+        S = H @ self._P @ H.T + noise
+        if innovation @ np.linalg.solve(S, innovation) > _MOST_UNLIKELY:
+            self._refuse(seen, t)
+            return False
+        self._refused = []
+        K = np.linalg.solve(S, H @ self._P).T
+        x = K @ innovation
+        keep = np.eye(12) - K @ H
+        self._P = keep @ self._P @ keep.T + K @ noise @ K.T
+        body = self._body
+        turned = pin.exp3(x[6:9]) @ body.start_pose.rotation
+        pose = pin.SE3(turned, body.start_pose.translation + x[:3])
+        rate = turned @ np.linalg.solve(body.inertia, turned.T @ (body.momentum[3:] + x[9:]))
+        twist = np.concatenate([body.start_twist[:3] + x[3:6], rate])
+        self._body = Client(body.mass, body.inertia, pose, twist, body.shapes, body.link_placement)
+        return True
+
+    def _innovation(self, seen: Client) -> tuple[FloatArray, FloatArray]:
+        """By how much a measurement differs from what is expected (12,), and its slopes (12, 12)."""
         body, R = self._body, self._body.start_pose.rotation
         turn = pin.log3(seen.start_pose.rotation @ R.T)
         shift = seen.start_pose.translation - body.start_pose.translation
@@ -141,19 +151,21 @@ class ClientEstimate:
         H = np.eye(12)
         H[9:, 9:] = J_inverse
         H[9:, 6:9] = J_inverse @ pin.skew(h) - pin.skew(spin)
-        innovation = np.concatenate(
-            [shift, seen.start_twist[:3] - body.start_twist[:3], turn, seen.start_twist[3:] - spin]
-        )
-        S = H @ self._P @ H.T + np.diag(self._sensor.deviations**2)
-        K = np.linalg.solve(S, H @ self._P).T
-        x = K @ innovation
-        keep = np.eye(12) - K @ H
-        self._P = keep @ self._P @ keep.T + K @ np.diag(self._sensor.deviations**2) @ K.T
-        turned = pin.exp3(x[6:9]) @ R
-        pose = pin.SE3(turned, body.start_pose.translation + x[:3])
-        rate = turned @ np.linalg.solve(body.inertia, turned.T @ (h + x[9:]))
-        twist = np.concatenate([body.start_twist[:3] + x[3:6], rate])
-        self._body = Client(body.mass, body.inertia, pose, twist, body.shapes, body.link_placement)
+        moved, turning = seen.start_twist[:3] - body.start_twist[:3], seen.start_twist[3:] - spin
+        return np.concatenate([shift, moved, turn, turning]), H
+
+    def _refuse(self, seen: Client, t: float) -> None:
+        """Leave a measurement out, and begin again where those that were left out agree."""
+        self.refused += 1
+        self._refused = [*self._refused, (seen, t)][-_REFUSED:]
+        for i in range(len(self._refused) - _AGREE):
+            (first, then), *others = self._refused[i:]
+            fresh = ClientEstimate(first, then, self._sensor)
+            if sum(fresh.observe(*other) for other in others) >= _AGREE:
+                self._body, self._since, self._P = fresh._body, fresh._since, fresh._P
+                self._refused = []
+                self.restarts += 1
+                return
 
     def _predict(self, t: float) -> None:
         """Carry the estimate and its covariance to a time."""

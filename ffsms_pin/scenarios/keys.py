@@ -52,9 +52,11 @@ __all__ = [
     "PerJointPositive",
     "Positive",
     "Rows",
+    "Share",
     "Shifts",
     "Sizes2",
     "Sizes3",
+    "Spans",
     "Text",
     "Texts",
     "Vector3",
@@ -90,6 +92,18 @@ def _finite_or_infinite(value: float) -> float:
     if math.isnan(value) or LARGEST < value < math.inf:
         raise unusable(f"must be finite and at most {LARGEST:g}, or inf")
     return value
+
+
+def _part(value: float) -> float:
+    if not 0.0 <= value < 1.0:
+        raise unusable("must be at least zero and below one")
+    return value
+
+
+def _forwards(span: tuple[float, ...]) -> tuple[float, ...]:
+    if span[1] <= span[0]:
+        raise unusable("must be pairs of a begin and a later end")
+    return span
 
 
 def _some_text(value: str) -> str:
@@ -141,6 +155,7 @@ NotNegative: TypeAlias = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_na
 Limit: TypeAlias = Annotated[float, Field(ge=SMALLEST_POSITIVE), AfterValidator(_finite_or_infinite)]
 Margin: TypeAlias = Annotated[float, Field(ge=0.0), AfterValidator(_finite_or_infinite)]
 AnyTime: TypeAlias = Annotated[float, Field(ge=-LARGEST), AfterValidator(_finite_or_infinite)]
+Share: TypeAlias = Annotated[float, AfterValidator(_part)]
 Whole: TypeAlias = Annotated[int, Field(ge=0)]
 Text: TypeAlias = Annotated[str, AfterValidator(_some_text)]
 
@@ -156,6 +171,8 @@ Sizes2: TypeAlias = Annotated[list[Positive], _TWO, _TUPLE, _listed(2)]
 Sizes3: TypeAlias = Annotated[list[Positive], _THREE, _TUPLE, _listed(3)]
 Vector6: TypeAlias = Annotated[list[Number], _SIX, _TUPLE, _listed(6)]
 Rows: TypeAlias = Annotated[list[Vector3], _TUPLE, _listed(of="rows of 3 numbers")]
+_Span: TypeAlias = Annotated[list[Number], _TWO, _TUPLE, AfterValidator(_forwards), _listed(2)]
+Spans: TypeAlias = Annotated[list[_Span], _TUPLE, _listed(of="pairs of times")]
 _Square: TypeAlias = Annotated[list[Numbers], _TUPLE, AfterValidator(_square)]
 
 _ONE, _LIST, _FLAT, _ROWS = Tag("one"), Tag("list"), Tag("flat"), Tag("rows")

@@ -67,5 +67,6 @@ class _Watching(Replanning):
         if self._look - 1e-9 <= t <= self.problem.duration - 1.0 + 1e-9:
             self._look += self._sensor.period
             then = t - self._sensor.latency
-            self._estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
+            if self._sensor.sees(then, self._rng):
+                self._estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
         super().observe(t, q, v)

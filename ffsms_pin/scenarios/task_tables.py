@@ -10,7 +10,9 @@ from ffsms_pin.scenarios.keys import (
     NotNegative,
     Numbers,
     Positive,
+    Share,
     Sizes3,
+    Spans,
     Text,
     Vector3,
     Whole,
@@ -95,6 +97,10 @@ class Sensor(Keys):
     latency: NotNegative = key("s", "0.1", "age of a measurement when it arrives")
     period: Positive = key("s", "0.1", "between two of them")
     seed: Whole = key("", "0", "of the noise")
+    outliers: Share = key("", "0", "share of the measurements that are grossly wrong")
+    outlier_size: Positive = key("", "100", "how many times as large their noise is")
+    dropouts: Share = key("", "0", "share of the measurements that are lost")
+    hidden: Spans = key("s", "never", "pairs of times, from when to when nothing is seen")
 
 
 class ClientBody(Keys):

@@ -1,10 +1,14 @@
-"""A client that is seen noisily and late."""
+"""A client that is seen noisily and late, and sometimes wrongly or not at all."""
+
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
+import pytest
 
 import ffsms_pin as ffsms
 from ffsms_pin.client import ClientEstimate, ClientSensor, measured
+from ffsms_pin.errors import InvalidValue
 
 SENSOR = ClientSensor(0.002, 0.005, 0.002, 0.002, latency=0.2)
 END = 12.0
@@ -55,7 +59,7 @@ def test_its_covariance_is_honest() -> None:
         turn = pin.log3(client.pose(6.0).rotation @ estimate.pose(6.0).rotation.T)
         change = client.momentum[3:] - estimate.momentum[3:]
         x = np.concatenate([shift, (client.twist(6.0) - estimate.twist(6.0))[:3], turn, change])
-        shares.append(x @ np.linalg.solve(estimate._P, x) / 12.0)
+        shares.append(x @ np.linalg.solve(estimate.covariance, x) / 12.0)
     assert 0.7 < np.mean(shares) < 1.35
 
 
@@ -66,3 +70,52 @@ def test_without_noise_it_is_exact() -> None:
     for t in (0.5, 1.0, 5.0):
         estimate.observe(measured(client, t, tiny, rng), t)
     assert _errors(estimate, client, 20.0).max() < 1e-6
+
+
+def _seen_with_outliers(share: float, seed: int) -> tuple[np.ndarray, ClientEstimate]:
+    """Errors 12 s on, and the estimate, where so many measurements are grossly wrong."""
+    client, rng, sensor = _client(), np.random.default_rng(seed), replace(SENSOR, outliers=share)
+    estimate = ClientEstimate(measured(client, 0.0, sensor, rng), 0.0, sensor)
+    for t in np.arange(0.1, END + 0.05, 0.1):
+        estimate.observe(measured(client, float(t), sensor, rng), float(t))
+    return _errors(estimate, client, END), estimate
+
+
+def test_outliers_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a fifth of them grossly wrong the estimate is as good as without; if all were taken it is not."""
+    found = [_seen_with_outliers(0.2, seed) for seed in range(5)]
+    assert max(errors[0] for errors, _ in found) < 3e-3
+    assert all(10 < one.refused < 50 for _, one in found)
+    monkeypatch.setattr("ffsms_pin.client.estimate._MOST_UNLIKELY", np.inf)
+    assert min(_seen_with_outliers(0.2, seed)[0][0] for seed in range(2)) > 5e-3
+
+
+def test_a_wrong_beginning_is_left_behind() -> None:
+    client, rng = _client(), np.random.default_rng(0)
+    wrong = measured(client, 0.0, replace(SENSOR, outliers=1.0 - 1e-12), rng)
+    estimate = ClientEstimate(wrong, 0.0, SENSOR)
+    taken = [estimate.observe(measured(client, 0.1 * k, SENSOR, rng), 0.1 * k) for k in range(1, 11)]
+    assert (taken[:4], taken[5:]) == ([False] * 4, [True] * 5)
+    assert estimate.restarts == 1
+    assert _errors(estimate, client, 2.0)[0] < 0.01
+
+
+def test_old_measurements_and_other_bodies_are_refused() -> None:
+    client, rng = _client(), np.random.default_rng(0)
+    estimate = ClientEstimate(measured(client, 1.0, SENSOR, rng), 1.0, SENSOR)
+    with pytest.raises(InvalidValue, match=r"t must not lie before .* 1 s, got 0\.5"):
+        estimate.observe(measured(client, 0.5, SENSOR, rng), 0.5)
+    other = ffsms.Client(81.0, client.inertia, client.start_pose, client.start_twist)
+    with pytest.raises(InvalidValue, match=r"must have mass and inertia of the client .* 80 kg"):
+        estimate.observe(other, 2.0)
+    assert estimate.observe(measured(client, 1.5, SENSOR, rng), 1.5)
+
+
+def test_what_is_hidden_or_lost_is_not_seen() -> None:
+    rng = np.random.default_rng(0)
+    sensor = replace(SENSOR, dropouts=0.3, hidden=[(2.0, 3.0)])
+    assert not any(sensor.sees(float(t), rng) for t in np.linspace(2.0, 3.0, 50))
+    assert 0.6 < np.mean([sensor.sees(1.0, rng) for _ in range(2000)]) < 0.8
+    for wrong in ({"outliers": 1.0}, {"dropouts": -0.1}, {"hidden": [(3.0, 2.0)]}, {"hidden": 3.0}):
+        with pytest.raises(InvalidValue, match="client sensor"):
+            replace(SENSOR, **wrong)

@@ -97,7 +97,8 @@ def _text(names: set[str]) -> str:
     if {"attitude", "dump"} <= names:
         rest = rest.replace("[attitude]\n[attitude.dump]", "[attitude.dump]")
     if "client" in names:
-        sensor = "[client.sensor]\nseed = 1\n" if "replanning" in names else ""
+        faults = "outliers = 0.1\ndropouts = 0.1\nhidden = [[0.2, 0.4]]\n"
+        sensor = f"[client.sensor]\nseed = 1\n{faults}" if "replanning" in names else ""
         rest = rest.replace("{sensor}", sensor)
     else:
         rest = TARGET + rest

@@ -135,6 +135,9 @@ def test_a_results_folder_shows_the_client(outcome: Any, tmp_path: Path) -> None
         ("size = [0.5", "position = [1.0, 0.0, 0.0]\nsize = [0.5", "both place it"),
         ("[contact]", "[contact]\nstiffness = 100.0", "compliant"),
         ("size = [0.5, 0.6, 0.7]", "size = [0.5, 0.6, 0.7]\n[client.sensor]\nperiod = 0.1", "re-planning"),
+        ("[meet]", "[client.sensor]\noutliers = 1.0\n[meet]", r"outliers .*below one"),
+        ("[meet]", "[client.sensor]\nhidden = [[1.0]]\n[meet]", r"hidden.* list of 2 numbers"),
+        ("[meet]", "[client.sensor]\nhidden = [[2.0, 1.0]]\n[meet]", r"hidden .*a later end"),
         ("inertia = [6.0, 9.0, 11.0]", "inertia = [1.0, 1.0, 11.0]", r"\[client\]"),
     ],
 )
