@@ -42,7 +42,7 @@ if TYPE_CHECKING:  # and each when it is first used
         WheelEnergy,
         WheelMomentum,
     )
-    from ffsms_pin.opt.terms.paper import ideal_cosine, soft_assistance, step_cost
+    from ffsms_pin.opt.terms.terms import ideal_cosine, soft_assistance, step_cost
     from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = [

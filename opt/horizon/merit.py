@@ -284,7 +284,7 @@ def sums(
     for residual, weight in residuals:
         (motion, instants), by = residual.where or (None, slice(None)), residual.slopes
         if "by_entropy" in by:
-            entropy = motions.entropy_slope
+            entropy = motions.entropy_and_slope[1]
         given.append((every[instants], motion, weight, residual.value, by))
     maps = (spline.travel.free, spline.rates.free, spline.accelerations.free)
     arrays = (motions.joints, motions.rates, motions.base_attitude, motions.own_spin, entropy)

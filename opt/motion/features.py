@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,11 +22,16 @@ if TYPE_CHECKING:
 
 __all__ = ["Change", "Features", "StepFeatures"]
 
-_ONE = np.ones((1, 1))
+_ONE, _OWN = np.ones((1, 1)), np.ones((1, 1, 1))  # slopes of a number by itself, and of one a joint
 _OF_MOTIONS = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
 _OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
 # Velocities, by what they move.
 _VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
+
+
+def _moving(by: str, name: str, slope: FloatArray, words: str) -> Any:
+    """A property: what motions have by a name, as a feature that moves by itself."""
+    return property(lambda m: m.feature(getattr(m.motions, name), {by: slope}), doc=words)
 
 
 class Features:
@@ -67,59 +71,35 @@ class Features:
     def frame(self, name: str, on: str = INERTIAL) -> Frame:
         """Position of any frame of the robot, a `Frame`; "tip" is the end effector.
 
-        On the "base" it is seen from the base link's frame, in its axes. A `FrameNotFound` names the frames
-        that there are.
+        On the "base" it is seen from the base link's frame, in its axes.
         """
         m, frame = self.motions, RobotFrame.of(self.motions.stack, name)
         if frame.body is None and on == INERTIAL:
             return self.tip
-        R, seen = m.base_attitude, frame.of_arm(m.arm)
+        R, (position, rotation, linear, angular) = m.base_attitude, frame.of_arm(m.arm)
         if on == BASE:
-            moved, turned = {"by_joints": seen.linear}, {"by_joints": seen.angular}
-            return Frame(seen.position, seen.rotation, moved, turned, self.where)
-        lever = apply(R, seen.position - m.stack.base_com[:, None, None])
+            return Frame(position, rotation, {"by_joints": linear}, {"by_joints": angular}, self.where)
+        lever = apply(R, position - m.stack.base_com[:, None, None])
         return Frame(
             m.base_position + lever,
-            apply(R, seen.rotation),
-            lambda: {"by_base": EYE, "by_base_turn": -skew(lever), "by_joints": apply(R, seen.linear)},
-            lambda: {"by_base_turn": EYE, "by_joints": apply(R, seen.angular)},
+            apply(R, rotation),
+            lambda: {"by_base": EYE, "by_base_turn": -skew(lever), "by_joints": apply(R, linear)},
+            lambda: {"by_base_turn": EYE, "by_joints": apply(R, angular)},
             self.where,
         )
 
-    @cached_property
-    def velocity(self) -> Feature:
-        """Velocity of the end effector (3, S, K) [m/s]."""
-        return self.feature(self.motions.velocity, {"by_velocity": EYE})
-
-    @cached_property
-    def spin(self) -> Feature:
-        """Angular velocity of the end effector (3, S, K) [rad/s]."""
-        return self.feature(self.motions.spin, {"by_spin": EYE})
-
-    @property
-    def base_spin(self) -> Feature:
-        """Angular velocity of the base (3, S, K) [rad/s]."""
-        return self.feature(self.motions.base_spin, {"by_base_spin": EYE})
+    velocity = _moving("by_velocity", "velocity", EYE, "Velocity of the end effector (3, S, K) [m/s].")
+    spin = _moving("by_spin", "spin", EYE, "Angular velocity of the end effector (3, S, K) [rad/s].")
+    base_spin = _moving("by_base_spin", "base_spin", EYE, "Angular velocity of the base (3, S, K) [rad/s].")
+    joints = _moving("own_joint", "joints", _OWN, "Joint positions (n, S, K).")
+    rates = _moving("own_rate", "rates", _OWN, "Joint rates (n, S, K).")
+    accelerations = _moving("own_acceleration", "accelerations", _OWN, "Joint accelerations (n, S, K).")
+    entropy = _moving("by_entropy", "entropy", _ONE, "H_norm (S, K).")
 
     @cached_property
     def base_turn(self) -> Feature:
         """Rotation vector of the base from its attitude at the start (3, S, K) [rad]."""
         return self.base.turn_from(self.motions.rotation_start)
-
-    @property
-    def joints(self) -> Feature:
-        """Joint positions (n, S, K)."""
-        return self.feature(self.motions.joints, {"own_joint": _ONE[None]})
-
-    @property
-    def rates(self) -> Feature:
-        """Joint rates (n, S, K)."""
-        return self.feature(self.motions.rates, {"own_rate": _ONE[None]})
-
-    @property
-    def accelerations(self) -> Feature:
-        """Joint accelerations (n, S, K)."""
-        return self.feature(self.motions.accelerations, {"own_acceleration": _ONE[None]})
 
     @cached_property
     def _forces(self) -> Feature:
@@ -139,11 +119,6 @@ class Features:
         """Force and moment about its centre of mass that hold the base (6, S, K), base axes [N, N m]."""
         wrench: Feature = self._forces[-6:]
         return wrench
-
-    @cached_property
-    def entropy(self) -> Feature:
-        """H_norm (S, K)."""
-        return self.feature(self.motions.entropy, {"by_entropy": _ONE})
 
     @cached_property
     def arm_momentum(self) -> Feature:
@@ -192,41 +167,35 @@ class Features:
         m = self.motions
         return self.at(*np.nonzero(np.broadcast_to(m.weights > 0.0, m.rates.shape[1:])))
 
-    def at(self, motion: Indices, instants: Indices) -> Features:
-        """The same at V instants of motions, as one motion of V instants: where something costs much."""
+    def at(self, motion: Indices | None, instants: Indices | slice) -> Features:
+        """The same at V instants of motions, as one motion of V instants; or, of all motions, at a span."""
 
         def pick(values: FloatArray) -> FloatArray:
+            if motion is None:
+                return values[..., instants]
             return np.ascontiguousarray(values[..., motion, instants])[..., None, :]
 
-        return self._picked(pick, (motion, instants), instants)
-
-    def during(self, first: int, last: int) -> Features:
-        """The same from one instant to another, by index: for what counts only then."""
-        span = slice(first, last + 1)
-        found = self._picked(lambda values: values[..., span], (None, np.arange(first, last + 1)), span)
-        found.tip = self.tip.during(span)
-        return found
-
-    def _picked(
-        self, pick: Callable[[FloatArray], FloatArray], where: Where, instants: Indices | slice
-    ) -> Features:
         whole = self.motions
         values: dict[str, Any] = {name: pick(getattr(whole, name)) for name in _OF_MOTIONS}
         values.update({name: getattr(whole, name)[..., instants] for name in _OF_INSTANTS})
+        where = motion, np.arange(len(whole.times))[instants]
         return Features(replace(whole, evaluated=None, **values), self.duration, where)
+
+    def during(self, first: int, last: int) -> Features:
+        """The same from one instant to another, by index."""
+        span = slice(first, last + 1)
+        found = self.at(None, span)
+        found.tip = self.tip.during(span)
+        return found
 
 
 class Change(NamedTuple):
-    """How c features at a step's start change with its joint rates u.
+    """How c features at a step's start change with its joint rates u."""
 
-    `value` (c,) is at the state, with the rates of the step's start. By what moves they change by
-    flow (c, n) @ u + flow_drift (c,) a second; by the rates themselves, at the same state, by jump (c, n).
-    """
-
-    value: FloatArray
-    flow: FloatArray
-    flow_drift: FloatArray
-    jump: FloatArray
+    value: FloatArray  # (c,) at the state, with the rates of the step's start
+    flow: FloatArray  # (c, n) by what moves they change by flow @ u + flow_drift a second
+    flow_drift: FloatArray  # (c,)
+    jump: FloatArray  # (c, n) by the rates themselves, at the same state
 
 
 class StepFeatures(Features):
@@ -282,7 +251,7 @@ class StepFeatures(Features):
         flow, jump = np.zeros((c, n + 1)), np.zeros((c, n))
         for name, slope in feature.by_all().items():
             if name == "by_entropy":
-                name, slope = "by_coupling", slope[..., None, None, :, :] * m.entropy_slope
+                name, slope = "by_coupling", slope[..., None, None, :, :] * m.entropy_and_slope[1]
             if name == "by_coupling":
                 flow[:, :n] += coupling_slopes(m.stack, m.arm, slope).reshape(-1, n)
                 continue

@@ -13,20 +13,11 @@ from ffsms_pin.system.batch.arm import ArmStack, ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, skew
 from ffsms_pin.system.mechanism import frame_index
 
-__all__ = ["BASE", "EYE", "INERTIAL", "Frame", "FrameValues", "RobotFrame"]
+__all__ = ["BASE", "EYE", "INERTIAL", "Frame", "RobotFrame"]
 
 # The axes that something is given in.
 INERTIAL, BASE = "inertial", "base"
 EYE = np.eye(3)[..., None, None]  # slopes of a vector by itself
-
-
-class FrameValues(NamedTuple):
-    """A frame at a stack of configurations, base axes; the last two a unit rate of each joint, base fixed."""
-
-    position: FloatArray  # (3, ...) from the root [m]
-    rotation: FloatArray  # (3, 3, ...)
-    linear: FloatArray  # (3, n, ...)
-    angular: FloatArray
 
 
 class RobotFrame(NamedTuple):
@@ -47,14 +38,17 @@ class RobotFrame(NamedTuple):
         moves = stack.carries[:, body] if body >= 0 else np.zeros(stack.n)
         return cls(moves, body, placement.translation.copy(), placement.rotation.copy())
 
-    def of_arm(self, arm: ArmValues) -> FrameValues:
-        """The frame of an arm that is evaluated already."""
+    def of_arm(self, arm: ArmValues) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Position (3, ...), rotation (3, 3, ...), linear and angular velocity a joint rate (3, n, ...).
+
+        From the root of a fixed base, in its axes [m].
+        """
         shape = arm.axes.shape[2:]
         along = (..., *(None,) * len(shape))
         moves = self.moves[along]
         angular = arm.axes * moves
         if self.body is None:
-            return FrameValues(arm.tip, arm.tip_rotation, arm.arm, angular)
+            return arm.tip, arm.tip_rotation, arm.arm, angular
         if self.body < 0:
             position = np.broadcast_to(self.offset[along], (3, *shape))
             rotation = np.broadcast_to(self.turn[along], (3, 3, *shape))
@@ -63,7 +57,7 @@ class RobotFrame(NamedTuple):
             position = arm.points[:, self.body] + np.einsum("xy...,y->x...", carrier, self.offset)
             rotation = np.einsum("xy...,yz->xz...", carrier, self.turn)
         linear = arm.velocities * moves + cross(angular, position[:, None])
-        return FrameValues(position, rotation, linear, angular)
+        return position, rotation, linear, angular
 
 
 class Frame(Feature):

@@ -155,11 +155,6 @@ class Motions:
         """H_norm (S, K)."""
         return self.entropy_and_slope[0]
 
-    @property
-    def entropy_slope(self) -> FloatArray:
-        """Slopes (6, n, S, K) of H_norm by `ArmValues.coupling`."""
-        return self.entropy_and_slope[1]
-
     @cached_property
     def forces(self) -> FloatArray:
         """Joint torques and what holds the base (n + 6, S, K), as `mechanics.forces` has them."""

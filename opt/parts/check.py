@@ -47,8 +47,7 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
     Raises
     ------
     PartError
-        A slope is wrong: the text names the part, the slope and both values. Or the part fails, or gives a
-        wrong shape.
+        A slope is wrong: the text names part, slope and both values. Or the part fails, or a shape is wrong.
     """
     if not isinstance(part, (Term, Limit)):
         raise InvalidValue("part", part, "must be an opt.Term or an opt.Limit")
@@ -81,12 +80,8 @@ def check(part: Term | Limit, problem: Problem, tolerance: float = 1e-4, seed: i
 
 def _dense(part: Any, method: str, motions: Motions) -> list[Feature]:
     """What the part gives, each as a feature of all instants with all its slopes."""
-    found = formulas(part, method, Features(motions))
-    return [one if one.where is None else _spread(one, *one.where, motions) for one in found]
 
-
-def _spread(one: Feature, motion: Indices | None, instants: Indices | slice, motions: Motions) -> Feature:
-    def spread(values: FloatArray) -> FloatArray:
+    def spread(values: FloatArray, motion: Indices | None, instants: Indices | slice) -> FloatArray:
         full = np.zeros((*values.shape[:-2], *motions.rates.shape[1:]))
         if motion is None:
             full[..., instants] = values
@@ -94,7 +89,12 @@ def _spread(one: Feature, motion: Indices | None, instants: Indices | slice, mot
             full[..., motion, instants] = values[..., 0, :]
         return full
 
-    return Feature(spread(one.value), {name: spread(x) for name, x in one.slopes.items()})
+    dense = []
+    for one in formulas(part, method, Features(motions)):
+        where = one.where or (None, slice(None))
+        slopes = {name: spread(slope, *where) for name, slope in one.slopes.items()}
+        dense.append(Feature(spread(one.value, *where), slopes))
+    return dense
 
 
 def _compared(part: Any, method: str, i: int, one: Feature, motions: Motions, tolerance: float) -> float:
@@ -139,9 +139,9 @@ def _check_rows(limit: Limit, problem: Problem, motion: Motions, tolerance: floa
 
 
 def _state(problem: Problem, q: FloatArray, rates: FloatArray, t: float) -> StepState:
-    left, total = problem.duration - t, problem.wheel_total if problem.wheels is not None else None
-    given = (problem.dt, left, problem.momentum, problem.q0[:7], t, problem.mode, total)
-    return StepState(problem.sms, q, rates, *given)
+    total = problem.wheel_total if problem.wheels is not None else None
+    given = (problem.momentum, problem.q0[:7], t, problem.mode, total)
+    return StepState(problem.sms, q, rates, problem.dt, problem.duration - t, *given)
 
 
 def _moved(problem: Problem, state: StepState, rates: FloatArray, by: float) -> StepState:
@@ -178,13 +178,9 @@ def _leads_out(limit: Limit, problem: Problem, state: StepState, rows: Rows) -> 
     if len(rows.lower) != 1:
         return
     outwards = float(rows.lower[0] > -UNBOUNDED) - float(rows.upper[0] < UNBOUNDED)
-    before = _penalty(limit, state)
-    if outwards == 0.0 or before == 0.0:
-        return
-    after = _penalty(limit, _moved(problem, state, outwards * rows.G[0], _STEP))
-    if after > before * (1.0 + 1e-9):
+    before, after = (
+        sum(float(np.sum(one.value**2)) for one in residuals_of(limit, StepFeatures(at).motions))
+        for at in (state, _moved(problem, state, outwards * rows.G[0], _STEP))
+    )
+    if 0.0 < before * (1.0 + 1e-9) < after:
         raise PartError(limit, "rows", "lead deeper into the limit where it is broken: a sign is wrong")
-
-
-def _penalty(limit: Limit, state: StepState) -> float:
-    return sum(float(np.sum(one.value**2)) for one in residuals_of(limit, StepFeatures(state).motions))

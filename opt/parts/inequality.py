@@ -25,46 +25,23 @@ class Inequality(Limit):
     themselves, such as a speed, must be there at the step's end. In whole motions what it lacks is a penalty,
     and at the end the least of it is the verdict.
 
-    Attributes
-    ----------
-    unit : str
-        Of room, for messages.
-    scale : float or None
-        So much of room weighs like a target missed by one arm's length. None: the arm's length, for metres.
-    margin : float
-        What whole motions keep in hand, as a share of `scale`: a penalty gives way a little, and they are
-        watched at some instants only.
-    in_hand : float or None
-        The same in room's unit. None: `margin` times `scale`.
-    rate : float
-        In a step room may shrink at most so fast relative to itself, so that the arm can still brake [1/s].
-    step_margin : float
-        What a step keeps in hand, in room's unit: for what happens within it.
-    give : float
-        How far a row of a step gives way per unit of the step's slack, in room's unit per metre. 0: never;
-        only for what can always be kept.
-    when : {"always", "deadline", "last tenth"}
-        When there must be room. Before that a step may go without as much as the arm is trusted to make up in
-        the time that is left; where more is missing it shrinks as fast as it takes.
-    trusted : float
-        How fast an arm is trusted to make up room that is missing, in its unit a second.
-    binding : float or None
-        With less room the limit binds. None: with a little more than is kept in hand.
-    most_reserve : float
-        Of `reserve` (see `Limit`) no more than this is kept, in room's unit.
+    Attributes of the class say how, each with a default for room in metres; docs/own-parts.md explains them.
     """
 
-    unit: str = "m"
-    scale: float | None = None
-    margin: float = 0.01
-    in_hand: float | None = None
-    rate: float = 2.0
-    step_margin: float = 2e-3
+    unit: str = "m"  # of room, for messages
+    scale: float | None = None  # so much of room weighs like a target missed by an arm's length; None: that
+    margin: float = 0.01  # share of `scale` that whole motions keep in hand: a penalty gives way a little
+    in_hand: float | None = None  # the same in room's unit; None: `margin` times `scale`
+    rate: float = 2.0  # [1/s] room may shrink at most so fast relative to itself, so that the arm can brake
+    step_margin: float = 2e-3  # what a step keeps in hand, in room's unit: for what happens within it
+    # How far a step's row gives way per unit of its slack, in room's unit per metre; 0: never.
     give: float = 1.0
+    # "always", "deadline" or "last tenth": when there must be room. Before that a step may go without as much
+    # as the arm is trusted to make up in the time that is left, in room's unit a second.
     when: str = "always"
     trusted: float = 0.05
-    binding: float | None = None
-    most_reserve: float = np.inf
+    binding: float | None = None  # with less room it binds; None: with a little more than is kept in hand
+    most_reserve: float = np.inf  # of `Limit.reserve` no more than this is kept, in room's unit
 
     @abstractmethod
     def room(self, m: Features) -> Any:

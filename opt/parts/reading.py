@@ -29,7 +29,6 @@ __all__ = [
     "objective_of",
     "residuals_of",
     "rows_of",
-    "share_of",
     "violation_of",
 ]
 
@@ -106,6 +105,13 @@ class JointResidual(Feature):
 
 
 _BY_HAND = (Residual, JointResidual)
+# What methods must return, in words.
+_KINDS: dict[str, tuple[Any, str]] = {
+    "rows": ((Rows, type(None)), "opt.Rows or None"),
+    "step_objective": ((tuple, type(None)), "a matrix and a vector, or None"),
+    "violation": (Violation, "an opt.Violation"),
+    "share": ((int, float, np.number), "a number"),
+}
 
 
 def checked_parts(name: str, parts: Any, kind: type) -> tuple[Any, ...]:
@@ -116,9 +122,8 @@ def checked_parts(name: str, parts: Any, kind: type) -> tuple[Any, ...]:
         if not isinstance(getattr(part, "name", None), str):
             raise InvalidValue(name, part, "must have a `name` each, a text")
     names = [part.name for part in parts]
-    for one in names:
-        if names.count(one) > 1:
-            raise InvalidValue(name, one, "must have one part of each name; give yours another `name`")
+    if twice := [one for one in names if names.count(one) > 1]:
+        raise InvalidValue(name, twice[0], "must have one part of each name; give yours another `name`")
     return tuple(parts)
 
 
@@ -128,27 +133,23 @@ def residuals_of(part: Any, motions: Motions | Features) -> list[Feature]:
     return [one for one in formulas(part, "residual", seen) if one.value.size]
 
 
-def asked(part: Any, method: str, *arguments: Any) -> Any:
-    """What a method of a part gives; an error in it becomes one that names part and method."""
+def asked(part: Any, method: str, seen: Any) -> Any:
+    """What a method of a part gives; an error in it, or another kind of answer, names part and method."""
     try:
-        return getattr(part, method)(*arguments)
+        found = getattr(part, method)(seen)
     except FfsmsError:
         raise
     except Exception as error:
         raise PartError(part, method, f"failed with {type(error).__name__}: {error}") from error
-
-
-def _answer(part: Any, method: str, seen: Any, kinds: Any, wanted: str) -> Any:
-    """Likewise, of a kind that the text says."""
-    found = asked(part, method, seen)
+    kinds, wanted = _KINDS.get(method, (object, ""))
     if not isinstance(found, kinds):
         raise PartError(part, method, f"must return {wanted}; got {type(found).__name__}")
     return found
 
 
 def rows_of(limit: Any, step: StepState) -> Rows | None:
-    """Rows of a limit in a step; a `PartError` where they fail or have wrong shapes."""
-    rows: Rows | None = _answer(limit, "rows", step, (Rows, type(None)), "opt.Rows or None")
+    """Rows of a limit in a step, of the right shapes."""
+    rows: Rows | None = asked(limit, "rows", step)
     if rows is None:
         return None
     k, n = len(rows.lower), len(step.rates)
@@ -162,24 +163,18 @@ def rows_of(limit: Any, step: StepState) -> Rows | None:
 
 
 def objective_of(term: Any, step: StepState) -> tuple[FloatArray, FloatArray] | None:
-    """What a term adds to a step's objective; a `PartError` where it fails or has wrong shapes."""
-    found, n = asked(term, "step_objective", step), len(step.rates)
-    if found is None:
-        return None
-    if not isinstance(found, tuple) or [np.shape(one) for one in found] != [(n, n), (n,)]:
+    """What a term adds to a step's objective, of the right shapes."""
+    found: tuple[FloatArray, FloatArray] | None = asked(term, "step_objective", step)
+    n = len(step.rates)
+    if found is not None and [np.shape(one) for one in found] != [(n, n), (n,)]:
         raise PartError(term, "step_objective", f"must give a matrix ({n}, {n}) and a vector ({n},), or None")
     return found
 
 
 def violation_of(limit: Any, motion: Motions) -> Violation:
-    """What a finished motion makes of a limit; a `PartError` where it fails or says something else."""
-    found: Violation = _answer(limit, "violation", motion, Violation, "an opt.Violation")
+    """What a finished motion makes of a limit."""
+    found: Violation = asked(limit, "violation", motion)
     return found
-
-
-def share_of(term: Any, motion: Motions) -> float:
-    """What a term comes to for a finished motion; a `PartError` where it fails or gives no number."""
-    return float(_answer(term, "share", motion, (int, float, np.number), "a number"))
 
 
 def formulas(part: Any, method: str, features: Features) -> list[Feature]:
@@ -190,10 +185,11 @@ def formulas(part: Any, method: str, features: Features) -> list[Feature]:
 def _answers(part: Any, method: str, features: Features) -> list[Any]:
     before = lost_slopes()
     found = _flat(asked(part, method, features))
-    if lost_slopes() > before:  # a feature was made a plain array on the way: its slopes are not all there
-        plain = (isinstance(one, Feature) and not isinstance(one, _BY_HAND) for one in found)
-        return [one.value if lost else one for one, lost in zip(found, plain, strict=True)]
-    return found
+    if lost_slopes() == before:
+        return found
+    # A feature was made a plain array on the way: slopes are not all there, unless they are by hand.
+    lost = [isinstance(one, Feature) and not isinstance(one, _BY_HAND) for one in found]
+    return [one.value if plain else one for one, plain in zip(found, lost, strict=True)]
 
 
 def _flat(found: Any) -> list[Any]:
@@ -201,18 +197,20 @@ def _flat(found: Any) -> list[Any]:
 
 
 def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Feature:
+    """Answer i of a part, checked; differenced where it has no slopes."""
     if isinstance(found, _BY_HAND):
         return _by_hand(part, method, found, features)
     if not isinstance(found, (Feature, np.ndarray, float, int)):
         wanted = "a Feature, a Residual, an array (S, K), or a list of these"
         raise PartError(part, method, f"must return {wanted}; got {type(found).__name__}")
-    plain = not isinstance(found, Feature)
-    one: Any = Feature(np.asarray(found, dtype=np.float64)) if plain else found
+    one: Any = found if isinstance(found, Feature) else np.asarray(found, dtype=np.float64)
     S, K = features.motions.rates.shape[1:]
-    if (plain or one.where is None) and (one.shape[-2:] != (S, K) or one.ndim > 3):
+    if getattr(one, "where", None) is None and (one.shape[-2:] != (S, K) or one.ndim > 3):
         shapes = f"{(S, K)} or (c, S, K) = (c, {S}, {K})"
         raise PartError(part, method, f"must return shape (S, K) = {shapes}; got {one.shape}")
-    return Feature(one.value, _differences(part, method, i, features), features.where) if plain else one
+    if isinstance(one, Feature):
+        return one
+    return Feature(one, _differences(part, method, i, features), features.where)
 
 
 def _by_hand(part: Any, method: str, found: Feature, features: Features) -> Feature:
@@ -274,7 +272,8 @@ def _nudged(motions: Motions, name: str, i: int, by: float) -> Motions:
     values: dict[str, Any] = {one.name: getattr(motions, one.name) for one in fields(_Nudged)}
     values["evaluated"] = None if name == "by_joints" else motions.arm
     if name == "by_entropy":
-        values["entropy_and_slope"] = (motions.entropy + by, motions.entropy_slope)
+        entropy, slope = motions.entropy_and_slope
+        values["entropy_and_slope"] = (entropy + by, slope)
     elif name in _TURNS:
         values[_TURNS[name]] = apply(exp3(by * np.eye(3)[i])[..., None, None], values[_TURNS[name]])
     else:

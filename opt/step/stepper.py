@@ -25,8 +25,8 @@ from ffsms_pin.opt.step.programme import (
     programme_of,
 )
 from ffsms_pin.opt.step.state import REFERENCES, StepState
-from ffsms_pin.opt.terms.paper import ideal_cosine, step_cost
 from ffsms_pin.opt.terms.term import Term
+from ffsms_pin.opt.terms.terms import ideal_cosine, step_cost
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.threads import OneThread

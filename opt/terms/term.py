@@ -31,15 +31,14 @@ def time_scale(motions: Motions | Features) -> float:
 class Term(ABC):
     """What a motion should be like: the integral of squared residuals is its share of the objective.
 
-    Make a subclass in a file of your own and hand it to `opt.Problem(terms=[...])`; docs/own-parts.md builds
-    one.
+    Make a subclass in a file of your own and hand it to `opt.Problem(terms=[...])`: see docs/own-parts.md.
 
     Attributes
     ----------
     name : str
         Key of `Trajectory.shares`.
     tie_breaker : bool
-        Whether the term only decides between motions that cost the same in the other terms. Default: no.
+        Whether the term only decides between motions that cost the same in the other terms.
     smooths : bool
         Whether the term weighs more at the beginning of a search, where it leads round poor minima.
     step_weight : float
@@ -61,11 +60,10 @@ class Term(ABC):
 
     @abstractmethod
     def residual(self, m: Any) -> Formula:
-        """What is to be small at every instant: its squares, integrated over time, times the weight.
+        """What is to be small at every instant, the square root of the weight in it.
 
-        A feature (S, K) or (c, S, K) made of `m`, the `opt.Features` of whole motions, or a list of these.
-        The weight is in it as its square root: `return np.sqrt(self.weight) * ...`. An array without slopes
-        will do; it is differenced, which is slow. Slopes by hand are an `opt.Residual`.
+        A feature (S, K) or (c, S, K) made of `m`, the `opt.Features` of whole motions, or a list of these. An
+        array without slopes will do; it is differenced, which is slow. Slopes by hand are an `opt.Residual`.
         """
 
     def step_objective(self, step: StepState) -> tuple[FloatArray, FloatArray] | None:

@@ -54,7 +54,7 @@ def plain_rows(spline: RateSpline, at: Motions, residual: Residual, s: int) -> t
     n, M, stack, arm = at.stack.n, spline.size, at.stack, at.arm
     spin_q, jstar_q = velocity_slopes(stack, arm, at.rates)
     tip_spin_q = spin_q + tip_turning_slopes(stack, arm, at.rates)
-    entropy_q = coupling_slopes(stack, arm, at.entropy_slope)
+    entropy_q = coupling_slopes(stack, arm, at.entropy_and_slope[1])
     maps = [
         np.einsum("km,ij->kimj", one.free, np.eye(n)).reshape(-1, n, M * n)
         for one in (spline.travel, spline.rates, spline.accelerations)
