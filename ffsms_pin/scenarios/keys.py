@@ -2,7 +2,8 @@
 
 Values are as TOML writes them, without conversion: `true` is no number, and "3" is none either. Every key is
 a field made by `key` or `angle`; the page of the documentation, the JSON Schema and the checks follow from
-it. A key that a file leaves out is left out of the model, too: the library's defaults apply.
+it. A key that a file leaves out is left out of the model, too: the library's defaults apply. All names without
+an underscore are for the tables.
 """
 
 from __future__ import annotations
@@ -31,43 +32,6 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ffsms_pin.checks import LARGEST, SMALLEST_POSITIVE
-
-__all__ = [
-    "DEGREES",
-    "AnyTime",
-    "ByJoint",
-    "Gain",
-    "Inertia",
-    "Keys",
-    "Limit",
-    "Margin",
-    "NameOrIndex",
-    "NotNegative",
-    "Number",
-    "Numbers",
-    "OneOf",
-    "PerJoint",
-    "PerJointLimit",
-    "PerJointNotNegative",
-    "PerJointPositive",
-    "Positive",
-    "Rows",
-    "Share",
-    "Shifts",
-    "Sizes2",
-    "Sizes3",
-    "Spans",
-    "Text",
-    "Texts",
-    "Vector3",
-    "Vector6",
-    "Whole",
-    "about",
-    "angle",
-    "key",
-    "radians",
-    "table",
-]
 
 DEGREES = "_deg"  # ending of the keys that give an angle in degrees
 
