@@ -22,7 +22,7 @@ from ffsms_pin.engine.interrupts import put_off, quiet
 from ffsms_pin.engine.worker import NOT_STARTED
 from ffsms_pin.errors import ClusterError, DependencyMissing, InvalidValue
 
-__all__ = ["Cluster", "check_installed", "checked_jobs", "connected", "embedded", "started", "usable_cores"]
+__all__ = ["Cluster", "checked_jobs", "connected", "embedded", "packages", "started", "usable_cores"]
 
 ALLOWED_FAILURES = 6  # deaths of workers that a task may have been assigned to; Dask's default is 3
 MOST_JOBS = 1024
@@ -170,10 +170,9 @@ def started(jobs: int, allowed_failures: int, module: str = "") -> Cluster:
     """A cluster of this machine: the scheduler in this process, workers with one thread each, on loopback.
 
     Whoever starts it ends it, by its `end`. Dask gives up a task when more than `allowed_failures` workers
-    died to which it was assigned. Workers import `module`, where it is not empty, while they start: their
-    work will need it.
+    died to which it was assigned.
     """
-    dask, distributed = _packages()
+    dask, distributed = packages()
     scratch = tempfile.mkdtemp(prefix="ffsms-pin-scheduler-")
     with ExitStack() as stack:
         try:
@@ -206,7 +205,7 @@ def connected(address: str) -> Iterator[Cluster]:
     """A cluster that stands already, at its scheduler's address; `ClusterError` where nothing answers."""
     if not isinstance(address, str) or "://" not in address:
         raise InvalidValue("scheduler", address, "must be an address as tcp://host:8786")
-    dask, distributed = _packages()
+    dask, distributed = packages()
     with quiet(), dask.config.set({"distributed.comm.timeouts.connect": f"{_CONNECTING:g}s"}):
         try:
             with put_off():
@@ -222,12 +221,8 @@ def connected(address: str) -> Iterator[Cluster]:
                 client.close(timeout=_CLOSING)
 
 
-def check_installed() -> None:
-    """Raise `DependencyMissing` where Dask is not installed."""
-    _packages()
-
-
-def _packages() -> tuple[Any, Any]:
+def packages() -> tuple[Any, Any]:
+    """Dask and distributed; `DependencyMissing` where they are not installed."""
     try:
         import dask
         import distributed

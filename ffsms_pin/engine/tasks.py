@@ -71,13 +71,13 @@ def outcomes(
         While going through the outcomes: the processes cannot be started.
     """
     from ffsms_pin.engine import kept  # what one process does without
-    from ffsms_pin.engine.cluster import check_installed, checked_jobs
+    from ffsms_pin.engine.cluster import checked_jobs, packages
 
     instance("tasks", tasks, Iterable)
     jobs = checked_jobs(jobs)
     if jobs == 1:
         return _here(work, shared, tasks)
-    check_installed()
+    packages()
     return kept.over(work, shared, tasks, jobs, largest_chunk)
 
 

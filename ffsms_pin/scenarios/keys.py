@@ -2,8 +2,8 @@
 
 Values are as TOML writes them, without conversion: `true` is no number, and "3" is none either. Every key is
 a field made by `key` or `angle`; the page of the documentation, the JSON Schema and the checks follow from
-it. A key that a file leaves out is left out of the model, too: the library's defaults apply. All names without
-an underscore are for the tables.
+it. A key that a file leaves out is left out of the model, too: the library's defaults apply. All names
+without an underscore are for the tables.
 """
 
 from __future__ import annotations
