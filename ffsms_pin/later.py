@@ -15,7 +15,8 @@ __all__ = ["later"]
 def later(package: str) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """`__getattr__` and `__dir__` of a package, whose names are those that it imports for type checkers.
 
-    The imports stand once, in its `if TYPE_CHECKING:`. Each is made when its name is first asked for.
+    The imports stand once, in its `if TYPE_CHECKING:`. Each is made when its name is first asked for. A name
+    that a module inside the package has too must be imported at once: the module would take its place.
     """
     module = sys.modules[package]
     imports = [

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics  # named as its module
 from ffsms_pin.later import later
 
 if TYPE_CHECKING:  # and each when it is first used
@@ -15,7 +16,6 @@ if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.control.passivity import PassivitySlidingMode
     from ffsms_pin.control.pd import PD, ComputedTorque
     from ffsms_pin.control.quaternion_feedback import QuaternionFeedback
-    from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics
     from ffsms_pin.control.sliding_mode import SlidingModeController
     from ffsms_pin.control.station_keeping import StationKeeping
     from ffsms_pin.control.super_twisting import SuperTwisting
