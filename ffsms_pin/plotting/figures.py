@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,10 +18,12 @@ from ffsms_pin.plotting.motion import motion_sides, plot_motion, times_drawn
 from ffsms_pin.plotting.series import near_limits, plot_series
 from ffsms_pin.plotting.style import applied, legend_above, share_legend, stack, subplots
 from ffsms_pin.scenarios import Outcome
-from ffsms_pin.scenarios.capture import Captured
 from ffsms_pin.storage import path_like, write_atomically
 from ffsms_pin.studies.tracked import end_effector_path
 from ffsms_pin.system import SpaceManipulator
+
+if TYPE_CHECKING:
+    from ffsms_pin.studies.capture import Captured
 
 __all__ = ["FIGURES", "figure", "figure_names", "save_figure", "save_figures", "save_formats"]
 

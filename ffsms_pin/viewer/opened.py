@@ -12,10 +12,10 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.opt.trajectory import REACH
 from ffsms_pin.scenarios import Outcome
-from ffsms_pin.scenarios.capture import whole_tracking
-from ffsms_pin.scenarios.client_motion import client_motion
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import write_content
+from ffsms_pin.studies.capture import whole_tracking
+from ffsms_pin.studies.client_motion import client_motion
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.around import Body, add_actuators, add_client, add_obstacles
 from ffsms_pin.viewer.frames import (

@@ -9,10 +9,10 @@ import pytest
 from ffsms_pin import scenarios
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Meet, Problem
-from ffsms_pin.scenarios.capture import whole_tracking
-from ffsms_pin.scenarios.client_motion import ClientMotion, client_motion
 from ffsms_pin.scenarios.definition import save_scenario
-from ffsms_pin.scenarios.reading import packaged_path
+from ffsms_pin.scenarios.file import packaged_path
+from ffsms_pin.studies.capture import whole_tracking
+from ffsms_pin.studies.client_motion import ClientMotion, client_motion
 
 SHORT = """
 [robot]
