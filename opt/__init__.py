@@ -35,8 +35,10 @@ from ffsms_pin.opt.terms import (
     Term,
     WheelEnergy,
     WheelMomentum,
+    ideal_cosine,
+    soft_assistance,
+    step_cost,
 )
-from ffsms_pin.opt.terms.terms import ideal_cosine, soft_assistance, step_cost
 from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = [

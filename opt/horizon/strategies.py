@@ -21,8 +21,8 @@ from ffsms_pin.opt.horizon.search import Search, cost_of
 from ffsms_pin.opt.horizon.shooting import spread_postures, straight_time, too_short
 from ffsms_pin.opt.horizon.spline import embedded
 from ffsms_pin.opt.horizon.starts import free_marches, march_starts, marched, moves_to, reference_stepper
+from ffsms_pin.opt.parts.term import REFERENCE_TIME
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
-from ffsms_pin.opt.terms.term import REFERENCE_TIME
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
 __all__ = ["QUICK", "STRATEGIES", "Strategy", "starts_within"]

@@ -15,7 +15,7 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, prepared
 from ffsms_pin.opt.parts.reading import rows_of
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Step
-from ffsms_pin.opt.terms.terms import soft_assistance, step_cost
+from ffsms_pin.opt.terms import soft_assistance, step_cost
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["NonlinearStepper"]
