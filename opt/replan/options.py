@@ -24,10 +24,9 @@ class ReplanOptions:
     ----------
     period : float
         Between two re-plans [s], and never more than a tenth of the time left: a base that moves by
-        centimetres a second is not astray by then, and near the deadline errors matter at once.
+        centimetres a second is not astray by then.
     long, middle, short : Grid
-        Splines of the rest of the motion: while more than half of the whole time is left, more than a tenth,
-        less.
+        Splines while more than half of the whole time is left, more than a tenth, less.
     cost_until : float
         While less than this share of the whole time is left, the paper's cost is left out: it does not see
         speed, and only stirs an arm that comes to rest.
@@ -41,7 +40,8 @@ class ReplanOptions:
         close what error is left. Where velocities are asked for the last plan is followed to its end, for a
         step knows a place only.
     last_plan : float
-        [s] So long before the deadline the last plan is made of a goal that is met exactly (`Goal.exact`).
+        [s] So long before the deadline the last plan is made of a goal that must be met exactly
+        (`Goal.exact`); it is followed to its end.
     changed : float
         An estimated mass is taken over when it has changed by this share.
     return_rate : float
@@ -49,21 +49,19 @@ class ReplanOptions:
     arrived_miss : float
         [m] A plan that ends within this arrives; a tenth of the paper's r_th, twice the tolerance of plans.
     follow_miss : float
-        [m] Where the plan ends further away it is followed to its end: single steps would only push against
-        what is in the way.
+        [m] A plan that ends further away is followed to its end: steps would push against what is in the way.
     search_again : float
         [s] Where the rest of a plan does not arrive or breaks a limit, a whole search is made, at most once
         in this time, and at most once in a quarter of the time left.
     dead_band : float, optional
-        [m] After the deadline an arm that is this near to a goal that stands still rests until it is further
-        away. Default: three times the noise with which its place is seen, from 0.1 to 1 mm; none with perfect
-        sensors.
+        [m] After the deadline an arm that is this near to a goal that stands still rests. Default: three
+        times the noise with which its place is seen, from 0.1 to 1 mm; none with perfect sensors.
     settle : float
         [s] With noisy or late sensors what error is left after the deadline is closed as calmly as if there
         were so much time; with a limit on the jerk in five times that, also shortly before the deadline.
     jerk : array_like, optional
-        [rad/s^3] One number or (n,). Commanded accelerations change no faster, as far as the limits allow:
-        these come first. Default: no limit.
+        [rad/s^3] One number or (n,). Commanded accelerations change no faster, as far as the limits allow.
+        Default: no limit.
     """
 
     period: float = 0.1

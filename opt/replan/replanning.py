@@ -74,7 +74,7 @@ class Replanning:
             self._renew_stepper()
         followed = "another thread has begun to follow this Replanning, and it remembers one motion only; "
         self._thread = OneThread(f"{followed}make one for each run: opt.Replanning(problem)", for_good=True)
-        self._step, self._seen, self._rests = -1, problem.q0, False
+        self._step, self._now, self._seen, self._rests = -1, 0.0, problem.q0, False
         self._start, self._rates = problem.joints0, problem.joint_rates.copy()
         self._accelerations = np.zeros(n)
         self.failed_steps = self.failed_in_a_row = 0
@@ -114,7 +114,7 @@ class Replanning:
     @property
     def mode(self) -> Literal["plan", "step", "hold"]:
         """What the steps follow at present: the plan; the way to the goal; likewise after the deadline."""
-        left = self._left
+        left = self.problem.duration - self._now
         if left <= 0.5 * self.problem.dt:
             return "hold"
         return "step" if left <= self._handover and not self._passing else "plan"
@@ -122,7 +122,7 @@ class Replanning:
     @property
     def plan_age(self) -> float:
         """Time since the present plan was made, at the last planning step [s]."""
-        return max(self._step, 0) * self.problem.dt - self._planner.made
+        return self._now - self._planner.made
 
     @property
     def note(self) -> str:
@@ -136,10 +136,7 @@ class Replanning:
         return "; ".join(notes)
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Plan the next step at t [s] from the measured state, and the whole rest, where they are due.
-
-        An `InUse` says that another thread has begun.
-        """
+        """Plan the next step at t [s] from the measured state, and the whole rest, where they are due."""
         q, v = sized("q", q, self.problem.sms.nq), sized("v", v, self.problem.sms.nv)
         with self._thread:
             step = int(number("t", t) / self.problem.dt + 1e-6)
@@ -160,15 +157,16 @@ class Replanning:
         failed = planner.failed
         self._start = np.where(failed, self.problem.sms.layout.positions(q), self._start)
         self._rates = np.where(failed, 0.0, self._rates)
-        self._step, now, self._seen = step, step * dt, q.copy()
+        self._step, self._now, self._seen = step, step * dt, q.copy()
+        now, left = self._now, self.problem.duration - self._now
         deadline = now if self.problem.goal.moves else self.problem.duration
         goal, self._uncorrectable = self._correctable.goal(self.problem.goal, q, deadline)
         plan, robot = planner.current, planner.robot
-        if plan is None or (self._left > self._handover and now >= planner.due - 1e-9):
+        if plan is None or (left > self._handover and now >= planner.due - 1e-9):
             plan = planner.plan(now, q, self._start, self._rates, goal)
             if planner.robot is not robot:
                 self._renew_stepper()
-        chosen = self._stepped(now, q, plan, goal)
+        chosen = self._stepped(q, plan, goal)
         self.failed_in_a_row = 0 if chosen.solved else self.failed_in_a_row + 1
         self.failed_steps += not chosen.solved
         rates = np.where(failed, 0.0, chosen.joint_rates)
@@ -177,15 +175,15 @@ class Replanning:
     def observe_wheels(self, momentum: ArrayLike) -> None:
         """Take in the measured momenta (w,) of the wheels that hold the attitude, against the base [N m s].
 
-        To be called before `observe`. Without it conservation gives them from the start on: what thrusters
-        take out of the wheels meanwhile is not known.
+        To be called before `observe`; without it conservation gives them, whatever thrusters took out of
+        them.
         """
         if (wheels := self.problem.wheels) is not None:
             self._wheels = vector("momentum", momentum, len(wheels), "N m s")
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Joint positions, rates and accelerations, each (n,), at t [s], as last planned."""
-        return self._after(number("t", t) - max(self._step, 0) * self.problem.dt)
+        return self._after(number("t", t) - self._now)
 
     def expect_noise(self, distance: float) -> None:
         """Count on sensors that see the end effector's place with this standard deviation [m]."""
@@ -202,14 +200,10 @@ class Replanning:
         self._planner.without(joint)
         self._renew_stepper()
 
-    @property
-    def _left(self) -> float:
-        return self.problem.duration - max(self._step, 0) * self.problem.dt
-
-    def _stepped(self, now: float, q: FloatArray, plan: JointPlan, goal: Goal) -> Step:
+    def _stepped(self, q: FloatArray, plan: JointPlan, goal: Goal) -> Step:
         """The next step: along the plan, or to the goal."""
-        dt, left, options = self.problem.dt, self.problem.duration - now, self.options
-        rotation, wanted = None, None
+        dt, now, options = self.problem.dt, self._now, self.options
+        left, rotation, wanted = self.problem.duration - now, None, None
         if self.mode == "plan" or plan.miss > options.follow_miss:
             position = goal.place(now).at(q).position
             there, wanted = plan.sample(now + dt)

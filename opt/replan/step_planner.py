@@ -29,7 +29,7 @@ class StepPlanner(Stepper):
     Parameters
     ----------
     kappa : float
-        Sharpness of C~. The paper does not state its value; ours, 10, makes C~ nearly max(0, cos(theta_a)).
+        Sharpness of C~, which the paper does not state; 10 makes C~ nearly max(0, cos(theta_a)).
     clearance : float
         The paper's d_safe between points of the arm, and the margin to the base box [m].
     collision : {"points", "shapes", "off"}

@@ -144,13 +144,11 @@ def programme_of(
     weights: StepWeights,
     rows: Sequence[Rows],
 ) -> tuple[WantedMotion, Programme]:
-    """The wanted motion and the programme, with the rows of limits, then s >= 0 and slack >= 0.
+    """The motion to a target (3,) [m], and an attitude (3, 3), at acos(cosine) to the way, and its programme.
 
-    The motion leads to a target (3,) [m], and an attitude (3, 3), at the angle acos(cosine) to the way there.
-    `side` (3,) is a vector whose part across the way is the side to move on; zero: as the end effector moves.
-
-    A row lower <= G u <= upper becomes lower <= G V alpha <= upper. Where it gives way, a side becomes a row
-    of its own, G V alpha + give slack >= lower or G V alpha - give slack <= upper.
+    The part of `side` (3,) across the way is the side to move on; zero: as the end effector moves. A row
+    lower <= G u <= upper becomes lower <= G V alpha <= upper; where it gives way, each side becomes a row of
+    its own, G V alpha + give slack >= lower or G V alpha - give slack <= upper. Last come s and slack >= 0.
     """
     given = step.J_star, step.V, step.rates, step.tip_drift, step.sms.limits.acceleration
     when = cosine, step.time_left, step.dt

@@ -141,10 +141,7 @@ class Stepper:
         base_start: FloatArray | None = None,
         deadline: float | None = None,
     ) -> None:
-        """Forget the last step; the arguments are the attributes.
-
-        Of `side` the part across the way to the target counts; zero: as the end effector moves.
-        """
+        """Forget the last step; of `side` the part across the way counts, zero: as the end effector moves."""
         self.side, self.base_start, self.deadline = vector("side", side, 3), base_start, deadline
         # Of the last solution: rates at its end, since V turns from step to step; s and slack; multipliers.
         self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None
@@ -176,7 +173,27 @@ class Stepper:
         `prefer` (n,) are joint rates to come as near to as the limits allow, instead of to the target.
         """
         with self._alone:
-            return self._solved(*self._build(q, rates, target, time_left, rotation, prefer))
+            step, wanted, programme = self._build(q, rates, target, time_left, rotation, prefer)
+            n, V = self.sms.n, step.V
+            self.side, self.base_start = wanted.side, step.base_start
+            self.deadline = step.time + step.time_left
+            start = None
+            if self._last is not None:  # the last solution, in the basis of this step
+                last, more, z = self._last
+                start = np.concatenate([last.dot(V), more]), z
+            found, slack = self._solver.solve(programme, start), 0.0
+            if found.solved:
+                chosen, slack = self._within(step, V.dot(found.x[:n])), max(0.0, float(found.x[n + 1]))
+                self._last = chosen, found.x[n:], found.z
+                if self._in_braking:
+                    slower = self._within(step, braking(step))
+                    chosen = self._within(step, stoppable(self._in_braking, step, chosen, slower))
+            else:
+                chosen, self._last = self._within(step, braking(step)), None
+            velocity = step.J_star.dot(chosen) + step.tip_drift
+            cos_theta = cosine_of_triples(velocity.tolist()[:3], wanted.towards.tolist())
+            cost = step_cost(cos_theta, step.entropy, self.kappa)
+            return Step(chosen.dot(V), chosen, cos_theta, step.entropy, cost, found.solved, slack)
 
     def _checked(
         self, q: ArrayLike, joint_rates: ArrayLike, target: Any, time_left: float
@@ -222,29 +239,6 @@ class Stepper:
             H[:n, :n] += V.T.dot(W).dot(V)
             g[:n] -= w.dot(V)
         return step, wanted, programme
-
-    def _solved(self, step: StepState, wanted: WantedMotion, programme: Programme) -> Step:
-        """Solve a programme, remember its solution, and say what it comes to."""
-        n, V = self.sms.n, step.V
-        self.side, self.base_start = wanted.side, step.base_start
-        self.deadline = step.time + step.time_left
-        start = None
-        if self._last is not None:  # the last solution, in the basis of this step
-            rates, more, z = self._last
-            start = np.concatenate([rates.dot(V), more]), z
-        found, slack = self._solver.solve(programme, start), 0.0
-        if found.solved:
-            chosen, slack = self._within(step, V.dot(found.x[:n])), max(0.0, float(found.x[n + 1]))
-            self._last = chosen, found.x[n:], found.z
-            if self._in_braking:
-                slower = self._within(step, braking(step))
-                chosen = self._within(step, stoppable(self._in_braking, step, chosen, slower))
-        else:
-            chosen, self._last = self._within(step, braking(step)), None
-        velocity = step.J_star.dot(chosen) + step.tip_drift
-        cos_theta = cosine_of_triples(velocity.tolist()[:3], wanted.towards.tolist())
-        cost = step_cost(cos_theta, step.entropy, self.kappa)
-        return Step(chosen.dot(V), chosen, cos_theta, step.entropy, cost, found.solved, slack)
 
     def _within(self, step: StepState, rates: FloatArray) -> FloatArray:
         """Rates (n,) within the joints' bounds to the last bit, where a limit keeps them."""
