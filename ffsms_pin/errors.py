@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -67,10 +67,10 @@ class InvalidValue(FfsmsError, ValueError):
         self.value = value
 
 
-def meant(name: str | Path, known: Sequence[str]) -> str:
-    """A question with the known name that is most like another, or nothing where none is."""
-    near = get_close_matches(str(name), known, n=1)
-    return f"did you mean '{near[0]}'?" if near else ""
+def meant(name: str | Path, known: Iterable[str], before: str = "") -> str:
+    """A question with the known name that is most like another, after `before`; nothing where none is."""
+    near = get_close_matches(str(name), list(known), n=1, cutoff=0.5)
+    return f"{before}did you mean '{near[0]}'?" if near else ""
 
 
 def advised(words: str, way: str, known: Container[str] | None = None) -> str:

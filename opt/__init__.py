@@ -1,45 +1,51 @@
 """Coupling-informed planning: problems made of terms and limits, and solvers that only stack them."""
 
-from ffsms_pin.opt.goals import Also, Corridor, Goal, Meet, Moving, Pose, Position, Via
-from ffsms_pin.opt.horizon import SearchOptions, shortest, solve
-from ffsms_pin.opt.limits import (
-    UNBOUNDED,
-    AlphaBox,
-    BaseLimits,
-    Clearance,
-    JointLimits,
-    Limit,
-    Obstacle,
-    Rows,
-    TorqueLimits,
-    Violation,
-    WheelLimits,
-)
-from ffsms_pin.opt.motion import Feature, Features, Motions
-from ffsms_pin.opt.parts.check import check
-from ffsms_pin.opt.parts.inequality import Inequality
-from ffsms_pin.opt.parts.reading import JointResidual, Residual
-from ffsms_pin.opt.planning.plan import METHODS, plan, plan_each, plan_many
-from ffsms_pin.opt.problem import Problem
-from ffsms_pin.opt.replan.options import ReplanOptions
-from ffsms_pin.opt.replan.replanning import Replanning
-from ffsms_pin.opt.replan.step_planner import StepPlanner
-from ffsms_pin.opt.step.programme import StepProblem, StepWeights
-from ffsms_pin.opt.step.stepper import Step
-from ffsms_pin.opt.terms import (
-    BaseTurn,
-    Coupling,
-    Effort,
-    Propellant,
-    Smooth,
-    Term,
-    WheelEnergy,
-    WheelMomentum,
-    ideal_cosine,
-    soft_assistance,
-    step_cost,
-)
-from ffsms_pin.opt.trajectory import Trajectory
+from typing import TYPE_CHECKING
+
+from ffsms_pin.later import later
+
+if TYPE_CHECKING:  # and each when it is first used
+    from ffsms_pin.opt.goals import Also, Corridor, Goal, Meet, Moving, Pose, Position, Via
+    from ffsms_pin.opt.horizon.search import SearchOptions
+    from ffsms_pin.opt.horizon.solve import shortest, solve
+    from ffsms_pin.opt.limits import (
+        UNBOUNDED,
+        AlphaBox,
+        BaseLimits,
+        Clearance,
+        JointLimits,
+        Limit,
+        Obstacle,
+        Rows,
+        TorqueLimits,
+        Violation,
+        WheelLimits,
+    )
+    from ffsms_pin.opt.motion import Feature, Features, Motions
+    from ffsms_pin.opt.parts.check import check
+    from ffsms_pin.opt.parts.inequality import Inequality
+    from ffsms_pin.opt.parts.reading import JointResidual, Residual
+    from ffsms_pin.opt.planning.plan import METHODS, plan, plan_each, plan_many
+    from ffsms_pin.opt.problem import Problem
+    from ffsms_pin.opt.replan.options import ReplanOptions
+    from ffsms_pin.opt.replan.replanning import Replanning
+    from ffsms_pin.opt.replan.step_planner import StepPlanner
+    from ffsms_pin.opt.step.programme import StepProblem, StepWeights
+    from ffsms_pin.opt.step.stepper import Step
+    from ffsms_pin.opt.terms import (
+        BaseTurn,
+        Coupling,
+        Effort,
+        Propellant,
+        Smooth,
+        Term,
+        WheelEnergy,
+        WheelMomentum,
+        ideal_cosine,
+        soft_assistance,
+        step_cost,
+    )
+    from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = [
     "METHODS",
@@ -95,6 +101,9 @@ __all__ = [
     "solve",
     "step_cost",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__, _ = later(__name__)
 
 
 def __dir__() -> list[str]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 import subprocess
 import sys
+from types import ModuleType
 
 import pytest
 from scipy.linalg import lapack as whole
@@ -61,6 +64,20 @@ def test_the_core_loads_no_solver_that_it_may_not_need(part: str) -> None:
     allowed = {"scipy", "proxsuite"} if part != "control" else {"scipy"}
     assert packages(loaded) & set(SLOW) <= allowed
     assert not loaded & {"scipy.optimize", "scipy.interpolate", "scipy.integrate"}
+
+
+@pytest.mark.parametrize(
+    "part", ["client", "control", "engine", "opt", "plotting", "scenarios", "simulation"]
+)
+def test_names_that_are_imported_later_are_all_shown_and_none_is_a_module(part: str) -> None:
+    package = importlib.import_module(f"ffsms_pin.{part}")
+    for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+        importlib.import_module(module.name)
+    assert set(package.__all__) <= set(dir(package))
+    for name in package.__all__:
+        assert not isinstance(getattr(package, name), ModuleType), name
+    with pytest.raises(AttributeError, match="no_such_name"):
+        package.no_such_name  # noqa: B018 - the access is the test
 
 
 def test_routines_of_lapack_are_scipy_s_own() -> None:

@@ -15,10 +15,10 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from ffsms_pin.atlas.dataset import Blocks, BlockWork, check_installed, xarray
-from ffsms_pin.atlas.measures import AtlasWork, measured, unit_directions
+from ffsms_pin.atlas.measures import AtlasWork, measured
 from ffsms_pin.atlas.sampling import BLOCK, Sampling
 from ffsms_pin.atlas.workspace import write_workspace
-from ffsms_pin.checks import instance, one_of, optional_callable, whole
+from ffsms_pin.checks import direction, instance, one_of, optional_callable, whole
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, parts_folder, run
 from ffsms_pin.errors import ResultError
 from ffsms_pin.storage import check_readable, path_like, remove_leftovers, require_space
@@ -28,11 +28,10 @@ from ffsms_pin.version import __version__
 
 __all__ = ["atlas", "digest", "open_atlas"]
 
-#: Rows of a block: what is lost when a run is killed, and what a process holds in memory.
+# Rows of a block: what is lost when a run is killed, and what a process holds in memory.
 CHUNK = BLOCK
 _SAMPLES = "samples.zarr"
-#: Along the longest side of a workspace.
-CELLS = 48
+CELLS = 48  # along the longest side of a workspace
 
 
 def atlas(
@@ -99,7 +98,8 @@ def atlas(
     if target.exists():
         raise ResultError(out, "is there already; remove it, or choose another name")
     sampling = Sampling.of(sms, samples, method, seed)
-    work = AtlasWork(sms, sampling, unit_directions(directions))
+    units = (direction(f"directions[{i}]", given) for i, given in enumerate(directions))
+    work = AtlasWork(sms, sampling, tuple(tuple(unit.tolist()) for unit in units))
     numbers = 7 + sms.n + min(6, sms.n) + len(work.directions)
     require_space(target, 4 * numbers * sampling.rows)
     parts, specification = ChunkFolder(parts_folder(target)), _specification(work)
@@ -118,12 +118,11 @@ def atlas(
         scheduler=scheduler,
         shard=shard,
         prepare=partial(_make, blocks, work, parts),
-        progress=None if progress is None else partial(_in_rows, progress, blocks.rows),
+        progress=progress and (lambda done, of: progress(min(done * CHUNK, sampling.rows), sampling.rows)),
     )
     if shard is not None:
         return None
-    attributes = {**_attributes(work, over), **(provenance or {})}
-    _write(target, blocks, over, cells, attributes)
+    _write(target, blocks, over, cells, {**_attributes(work, over), **(provenance or {})})
     shutil.rmtree(parts.path, ignore_errors=True)
     return target
 
@@ -151,15 +150,15 @@ def _make(blocks: Blocks, work: AtlasWork, parts: ChunkFolder) -> None:
     try:
         with staged_folder(parts.path, _SAMPLES) as staging:
             new = replace(blocks, path=staging / _SAMPLES)
-            new.make(example, _coordinates(work))
+            coordinates: dict[str, Any] = {"joint": work.sms.joint_names, "axis": list("xyz")}
+            coordinates["mode"] = list(range(1, min(6, work.sms.n) + 1))
+            if work.directions:
+                coordinates["direction"] = [" ".join(f"{x:.6g}" for x in row) for row in work.directions]
+            new.make(example, coordinates)
             new.path.rename(blocks.path)
     except OSError as error:
         if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # then another shard was faster
             raise ResultError(parts.path, f"cannot be written ({error.strerror or error})") from None
-
-
-def _in_rows(progress: Callable[[int, int], None], rows: Chunks, done: int, of: int) -> None:
-    progress(min(done * rows.size, rows.rows), rows.rows)
 
 
 def _write(target: Path, blocks: Blocks, over: str, cells: int, attributes: Mapping[str, Any]) -> None:
@@ -177,17 +176,6 @@ def _write(target: Path, blocks: Blocks, over: str, cells: int, attributes: Mapp
         if isinstance(error, ResultError):
             raise
         raise ResultError(target, f"cannot be written ({error.strerror or error})") from None
-
-
-def _coordinates(work: AtlasWork) -> dict[str, Any]:
-    coordinates: dict[str, Any] = {
-        "joint": work.sms.joint_names,
-        "axis": ["x", "y", "z"],
-        "mode": list(range(1, min(6, work.sms.n) + 1)),
-    }
-    if work.directions:
-        coordinates["direction"] = [" ".join(f"{x:.6g}" for x in row) for row in work.directions]
-    return coordinates
 
 
 def _specification(work: AtlasWork) -> dict[str, Any]:

@@ -18,10 +18,10 @@ from ffsms_pin.atlas.measures import AtlasWork
 from ffsms_pin.engine import Chunks
 from ffsms_pin.errors import DependencyMissing, ResultError
 
-__all__ = ["FORMAT", "BlockWork", "Blocks", "check_installed", "long_name", "save", "unit", "xarray"]
+__all__ = ["BlockWork", "Blocks", "check_installed", "described", "long_name", "save", "unit", "xarray"]
 
 # Of the file: what every version of the two packages from 2024 on reads and writes.
-FORMAT = 2
+_FORMAT = 2
 _DIMENSIONS = {
     "joints": ("sample", "joint"),
     "end_effector": ("sample", "axis"),
@@ -56,11 +56,7 @@ class Blocks:
     def make(self, example: Mapping[str, Any], coordinates: Mapping[str, Any]) -> None:
         """Write the dataset without its values: names, kinds and shapes are those of a table of one row."""
         variables = {
-            name: (
-                _DIMENSIONS.get(name, ("sample",)),
-                np.asarray(values),
-                {"units": unit(name), "long_name": long_name(name)},
-            )
+            name: (_DIMENSIONS.get(name, ("sample",)), np.asarray(values), described(name))
             for name, values in example.items()
         }
         data = xarray().Dataset(variables, coords=dict(coordinates))
@@ -71,13 +67,7 @@ class Blocks:
             group[name].resize((self.rows.rows, *group[name].shape[1:]))
 
     def write(self, block: int, table: Mapping[str, Any]) -> None:
-        """Fill one block with the table of its rows.
-
-        Raises
-        ------
-        ResultError
-            The disk is full, or the folder is gone.
-        """
+        """Fill one block with the table of its rows; `ResultError` says that the disk is full, for one."""
         rows = self.rows.rows_of(block)
         try:
             group = _opened(self.path)
@@ -101,27 +91,22 @@ class Blocks:
 
 @dataclass(frozen=True)
 class BlockWork:
-    """The work of some blocks, for `ffsms_pin.engine.run`: fill them, and tell how many rows each has.
-
-    Attributes
-    ----------
-    work : AtlasWork
-    blocks : Blocks
-    """
+    """The work of some blocks, for `ffsms_pin.engine.run`: fill them, and tell how many rows each has."""
 
     work: AtlasWork
     blocks: Blocks
 
     def __call__(self, indices: range) -> dict[str, Any]:
-        """Fill these blocks; the table has the number of rows of each."""
-        for block in indices:
-            self.blocks.write(block, self.work(self.blocks.rows.rows_of(block)))
-        return {"rows": np.array([len(self.blocks.rows.rows_of(block)) for block in indices])}
+        """The table of these blocks, which are filled."""
+        rows = [self.blocks.rows.rows_of(block) for block in indices]
+        for block, here in zip(indices, rows, strict=True):
+            self.blocks.write(block, self.work(here))
+        return {"rows": np.array([len(here) for here in rows])}
 
 
 def save(data: Any, path: Path, **how: Any) -> None:
     """Write a dataset."""
-    data.to_zarr(path, consolidated=False, zarr_format=FORMAT, **how)
+    data.to_zarr(path, consolidated=False, zarr_format=_FORMAT, **how)
 
 
 def _opened(path: Path) -> Any:
@@ -142,6 +127,11 @@ def unit(name: str) -> str:
     return _NAMES_AND_UNITS[found[1] if found else name][1]
 
 
+def described(name: str) -> dict[str, str]:
+    """A quantity's attributes in a dataset."""
+    return {"units": unit(name), "long_name": long_name(name)}
+
+
 def check_installed() -> None:
     """Raise `DependencyMissing` where xarray or zarr is not installed, without importing them."""
     if find_spec("xarray") is None or find_spec("zarr") is None:
@@ -149,13 +139,7 @@ def check_installed() -> None:
 
 
 def xarray() -> Any:
-    """The module xarray, with zarr beside it.
-
-    Raises
-    ------
-    DependencyMissing
-        One of them is not installed.
-    """
+    """The module xarray, with zarr beside it; `DependencyMissing` where one is not installed."""
     check_installed()
     import xarray
 

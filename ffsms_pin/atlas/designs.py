@@ -68,14 +68,17 @@ def with_base_mass(sms: SpaceManipulator, mass: float) -> SpaceManipulator:
     """The robot with a base of another mass [kg], its inertia in proportion, its centre of mass as it is."""
     base = sms.model.inertias[1]
     share = positive("mass", mass, "kg") / base.mass
-    return sms.with_inertias([pin.Inertia(mass, base.lever, share * base.inertia), *_arm(sms)])
+    return _with_base(sms, pin.Inertia(mass, base.lever, share * base.inertia))
 
 
 def with_base_inertia(sms: SpaceManipulator, factor: float) -> SpaceManipulator:
     """The robot with a base of `factor` times the inertia about its centre of mass; the mass stays."""
     base = sms.model.inertias[1]
-    inertia = positive("factor", factor) * base.inertia
-    return sms.with_inertias([pin.Inertia(base.mass, base.lever, inertia), *_arm(sms)])
+    return _with_base(sms, pin.Inertia(base.mass, base.lever, positive("factor", factor) * base.inertia))
+
+
+def _with_base(sms: SpaceManipulator, base: pin.Inertia) -> SpaceManipulator:
+    return sms.with_inertias([base, *list(sms.model.inertias)[2:]])
 
 
 def with_mount_moved(sms: SpaceManipulator, shift: ArrayLike) -> SpaceManipulator:
@@ -85,9 +88,7 @@ def with_mount_moved(sms: SpaceManipulator, shift: ArrayLike) -> SpaceManipulato
     """
     by = vector("shift", shift, 3, "m")
     model = sms.model.copy()
-    _move_joints(model, 1, np.eye(3), by)
-    if int(model.frames[sms.frame_id].parentJoint) == 1:
-        _move_frame(model, sms.frame_id, np.eye(3), by)
+    _move(model, 1, [sms.frame_id], np.eye(3), by)
     return _remade(sms, model)
 
 
@@ -96,13 +97,6 @@ def with_link_length(sms: SpaceManipulator, joint: str, factor: float) -> SpaceM
 
     The length runs from the joint to the next one, or to the end effector. Material is added as the link
     grows: its cross section and its mass per length stay. Axes of joints keep their directions.
-
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    joint : str
-    factor : float
-        Above zero.
 
     Raises
     ------
@@ -117,16 +111,13 @@ def with_link_length(sms: SpaceManipulator, joint: str, factor: float) -> SpaceM
     along = _length(sms, index)
     size = float(np.linalg.norm(along))
     if size < _NO_LENGTH:
-        raise InvalidValue(
-            "joint", joint, "must carry a link that has a length; the next joint is at its origin"
-        )
+        problem = "must carry a link that has a length; the next joint is at its origin"
+        raise InvalidValue("joint", joint, problem)
     unit = along / size
     stretch = np.eye(3) + (by - 1.0) * np.outer(unit, unit)
     model.inertias[index] = stretched(model.inertias[index], stretch, by)
-    _move_joints(model, index, stretch, np.zeros(3))
-    for k, frame in enumerate(model.frames):
-        if int(frame.parentJoint) == index and frame.type != pin.FrameType.JOINT:
-            _move_frame(model, k, stretch, np.zeros(3))
+    frames = [k for k, frame in enumerate(model.frames) if frame.type != pin.FrameType.JOINT]
+    _move(model, index, frames, stretch, np.zeros(3))
     return _remade(sms, model)
 
 
@@ -140,10 +131,6 @@ def stretched(body: pin.Inertia, stretch: FloatArray, mass: float) -> pin.Inerti
     return pin.Inertia(mass * body.mass, stretch @ body.lever, np.trace(moved) * np.eye(3) - moved)
 
 
-def _arm(sms: SpaceManipulator) -> list[pin.Inertia]:
-    return list(sms.model.inertias)[2:]
-
-
 def _length(sms: SpaceManipulator, joint: int) -> FloatArray:
     """From a joint to the next one on the way to the end effector, else to any next one (3,) [m]."""
     model, frame = sms.model, sms.model.frames[sms.frame_id]
@@ -155,25 +142,21 @@ def _length(sms: SpaceManipulator, joint: int) -> FloatArray:
     return np.array(model.jointPlacements[nexts[0]].translation) if nexts else np.zeros(3)
 
 
-def _move_joints(model: pin.Model, parent: int, turn: FloatArray, shift: FloatArray) -> None:
+def _move(model: pin.Model, parent: int, frames: list[int], turn: FloatArray, shift: FloatArray) -> None:
+    """Take the joints that a joint carries, and of these frames its own, to where their origins go."""
+
+    def moved(place: pin.SE3) -> pin.SE3:
+        return pin.SE3(place.rotation, turn @ place.translation + shift)
+
     for j in range(2, model.njoints):
         if int(model.parents[j]) == parent:
-            place = model.jointPlacements[j]
-            model.jointPlacements[j] = pin.SE3(place.rotation, turn @ place.translation + shift)
-
-
-def _move_frame(model: pin.Model, index: int, turn: FloatArray, shift: FloatArray) -> None:
-    place = model.frames[index].placement
-    model.frames[index].placement = pin.SE3(place.rotation, turn @ place.translation + shift)
+            model.jointPlacements[j] = moved(model.jointPlacements[j])
+    for k in frames:
+        if int(model.frames[k].parentJoint) == parent:
+            model.frames[k].placement = moved(model.frames[k].placement)
 
 
 def _remade(sms: SpaceManipulator, model: pin.Model) -> SpaceManipulator:
-    return SpaceManipulator(
-        model,
-        sms.end_effector,
-        sms.base_size,
-        sms.base_box_placement,
-        limits=sms.limits,
-        wheels=sms.wheels,
-        thrusters=sms.thrusters,
-    )
+    box = (sms.base_size, sms.base_box_placement)
+    made = SpaceManipulator(model, sms.end_effector, *box, limits=sms.limits)
+    return made.with_actuators(sms.wheels, sms.thrusters)

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ffsms_pin.atlas.sampling import Sampling
-from ffsms_pin.checks import FloatArray, instance, matrix, vector
+from ffsms_pin.checks import FloatArray, instance, matrix
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.batch.quantities import assistance, base_motion, pseudo_inverse
 
-__all__ = ["SCALARS", "AtlasWork", "measured", "unit_directions", "wheel_momentum_per_speed"]
+__all__ = ["SCALARS", "AtlasWork", "measured", "wheel_momentum_per_speed"]
 
 #: Quantities of one number a sample.
 SCALARS = ("entropy", "manipulability", "base_translation", "base_rotation")
@@ -26,15 +26,7 @@ _BLOCK = 2048  # configurations together: what is between them stays in the proc
 
 @dataclass(frozen=True)
 class AtlasWork:
-    """The table of a range of rows, for `ffsms_pin.engine.run`.
-
-    Attributes
-    ----------
-    sms : SpaceManipulator
-    sampling : Sampling
-    directions : tuple of tuple of float
-        Of unit length, base axes.
-    """
+    """The table of a range of rows, for `ffsms_pin.engine.run`; directions are units (3,), base axes."""
 
     sms: SpaceManipulator
     sampling: Sampling
@@ -43,9 +35,8 @@ class AtlasWork:
     def __call__(self, rows: range) -> dict[str, NDArray[np.float32]]:
         """Measures of these rows; see `measured`."""
         joints = self.sampling.joints(rows)
-        parts = [
-            measured(self.sms, joints[k : k + _ROWS], self.directions) for k in range(0, len(rows), _ROWS)
-        ]
+        blocks = (joints[k : k + _ROWS] for k in range(0, len(rows), _ROWS))
+        parts = [measured(self.sms, block, self.directions) for block in blocks]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
@@ -90,24 +81,6 @@ def measured(
     return {name: np.ascontiguousarray(values, dtype=np.float32) for name, values in table.items()}
 
 
-def unit_directions(directions: Sequence[ArrayLike]) -> tuple[tuple[float, ...], ...]:
-    """Directions of unit length from vectors (3,) of any.
-
-    Raises
-    ------
-    InvalidValue
-        One is not three numbers, or vanishes.
-    """
-    found = []
-    for i, direction in enumerate(directions):
-        given = vector(f"directions[{i}]", direction, 3)
-        length = float(np.linalg.norm(given))
-        if length == 0.0:
-            raise InvalidValue(f"directions[{i}]", direction, "must not vanish")
-        found.append(tuple((given / length).tolist()))
-    return tuple(found)
-
-
 def wheel_momentum_per_speed(sms: SpaceManipulator, joints: FloatArray) -> FloatArray:
     """Momentum of the fullest wheel for 1 m/s of the end effector in its worst direction (N,) [N m s].
 
@@ -115,19 +88,7 @@ def wheel_momentum_per_speed(sms: SpaceManipulator, joints: FloatArray) -> Float
     and share the momentum by the pseudo-inverse of their axes, A^+. With D the angular momentum a joint rate
     about the system's centre of mass and J_v the linear rows of J* of this mode, a unit velocity of the end
     effector by the least joint rates fills the wheels by A^+ D J_v^+. For each wheel the worst direction
-    gives the length of its row.
-
-    Parameters
-    ----------
-    sms : SpaceManipulator
-        With wheels.
-    joints : ndarray, shape (N, n)
-        [rad]
-
-    Raises
-    ------
-    InvalidValue
-        The robot has no wheels.
+    gives the length of its row. Joints are (N, n) [rad]; `InvalidValue`: the robot has no wheels.
     """
     if sms.wheels is None:
         raise InvalidValue("sms", sms, "must have reaction wheels; see SpaceManipulator.with_actuators")

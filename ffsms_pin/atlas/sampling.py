@@ -19,8 +19,7 @@ from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["BLOCK", "Sampling"]
 
-#: Rows of one Sobol net.
-BLOCK = 65536
+BLOCK = 65536  # rows of one Sobol net
 
 
 @dataclass(frozen=True)
@@ -50,13 +49,7 @@ class Sampling:
     def of(cls, sms: SpaceManipulator, samples: int, method: str = "sobol", seed: int = 0) -> Sampling:
         """Over the joint limits of a robot; a revolute joint without limits runs over one turn.
 
-        Parameters
-        ----------
-        sms : SpaceManipulator
-        samples : int
-            Of a grid, the largest number of rows: it gets as many points on each joint as fit.
-        method : {"sobol", "grid"}
-        seed : int
+        Of a grid, `samples` is the largest number of rows: it gets as many points on each joint as fit.
 
         Raises
         ------
@@ -77,9 +70,8 @@ class Sampling:
             points = round(rows ** (1.0 / sms.n))
             points -= points**sms.n > rows
             if points < 2:
-                raise InvalidValue(
-                    "samples", samples, f"must be at least {2**sms.n} for a grid of {sms.n} joints"
-                )
+                least = f"must be at least {2**sms.n} for a grid of {sms.n} joints"
+                raise InvalidValue("samples", samples, least)
             rows = points**sms.n
         return cls(tuple(lower.tolist()), tuple(upper.tolist()), rows, method, seed)
 
@@ -96,24 +88,19 @@ class Sampling:
     def joints(self, rows: range) -> FloatArray:
         """Joint positions (len(rows), n) of consecutive rows [rad]."""
         instance("rows", rows, range)
-        share = self._grid(rows) if self.method == "grid" else self._net(rows)
+        if self.method == "grid":
+            index = np.arange(rows.start, rows.stop)
+            places = np.unravel_index(index, (self.points,) * self.n)
+            share = np.stack(places, axis=1) / (self.points - 1)
+        else:
+            share = self._net(rows)
         lower, upper = np.array(self.lower), np.array(self.upper)
         return np.asarray(lower + share * (upper - lower))
 
     def content(self) -> Mapping[str, Any]:
         """All of it, for JSON."""
-        return {
-            "method": self.method,
-            "rows": self.rows,
-            "seed": self.seed,
-            "lower": list(self.lower),
-            "upper": list(self.upper),
-        }
-
-    def _grid(self, rows: range) -> FloatArray:
-        index = np.arange(rows.start, rows.stop)
-        places = np.unravel_index(index, (self.points,) * self.n)
-        return np.stack(places, axis=1) / (self.points - 1)
+        limits = {"lower": list(self.lower), "upper": list(self.upper)}
+        return {"method": self.method, "rows": self.rows, "seed": self.seed, **limits}
 
     def _net(self, rows: range) -> FloatArray:
         parts = []

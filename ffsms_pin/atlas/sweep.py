@@ -14,7 +14,7 @@ from ffsms_pin.atlas.build import digest
 from ffsms_pin.atlas.designs import Design
 from ffsms_pin.atlas.measures import measured, wheel_momentum_per_speed
 from ffsms_pin.atlas.sampling import Sampling
-from ffsms_pin.checks import FloatArray, instance, number, one_of, positive, whole
+from ffsms_pin.checks import FloatArray, instance, number, one_of, positive
 from ffsms_pin.engine import Chunks, Shard, run
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
@@ -22,7 +22,7 @@ from ffsms_pin.version import __version__
 
 __all__ = ["OF_WHEELS", "STATISTICS", "Sweep", "pareto", "sweep"]
 
-#: Of each design, over its samples.
+# Of each design, over its samples.
 STATISTICS = {
     "reach": "largest distance of the end effector from the base's centre of mass [m]",
     "base_translation": "base translation per metre of the end effector, median [m/m]",
@@ -32,7 +32,7 @@ STATISTICS = {
     "entropy": "entropy of the coupling, median [-]",
     "manipulability": "manipulability of J*, median [-]",
 }
-#: Besides, of a robot with reaction wheels.
+# Besides, of a robot with reaction wheels.
 OF_WHEELS = {
     "wheel_momentum": "momentum of the fullest wheel at 1 m/s of the end effector, base not turning [N m s]"
 }
@@ -60,13 +60,7 @@ class Sweep:
         return len(self.statistics["reach"])
 
     def best(self, motion: str = "base_rotation") -> NDArray[np.bool_]:
-        """Designs (D,) that no other one beats both in reach and in how little the base moves.
-
-        Parameters
-        ----------
-        motion : str
-            A statistic that should be small.
-        """
+        """Designs (D,) that no other one beats both in reach and in a statistic that should be small."""
         small = self.statistics[one_of("motion", motion, self.statistics)]
         return pareto(self.statistics["reach"], small)
 
@@ -137,8 +131,6 @@ def sweep(
     """
     instance("sms", sms, SpaceManipulator)
     work = SweepWork(sms, _axes(sms, parameters), Sampling.of(sms, samples, seed=seed))
-    count = len(work.designs())
-    whole("the number of designs", count, 1)
     specification = {
         "what": "sweep",
         "model": sms.model.name,
@@ -150,7 +142,7 @@ def sweep(
     }
     place = run(
         work,
-        Chunks(count, 8),
+        Chunks(len(work.designs()), 8),
         folder,
         specification=specification,
         jobs=jobs,
@@ -162,9 +154,8 @@ def sweep(
         return None
     tables = list(place.tables())
     columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-    return Sweep(
-        {name: columns[name] for name, _ in work.axes}, {name: columns[name] for name in names_of(sms)}
-    )
+    axes = {name: columns[name] for name, _ in work.axes}
+    return Sweep(axes, {name: columns[name] for name in names_of(sms)})
 
 
 def names_of(sms: SpaceManipulator) -> list[str]:

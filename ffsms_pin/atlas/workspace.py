@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsms_pin.atlas.dataset import long_name, save, unit, xarray
+from ffsms_pin.atlas.dataset import described, save, xarray
 from ffsms_pin.atlas.measures import SCALARS
 from ffsms_pin.checks import FloatArray
 
@@ -26,14 +26,8 @@ Tables = Callable[[], Iterator[Mapping[str, Any]]]
 class Cells:
     """Cubes that fill a box, in base axes from the base's centre of mass.
 
-    Attributes
-    ----------
-    origin : ndarray, shape (3,)
-        The box's least corner [m].
-    edge : float
-        Of a cube [m].
-    shape : tuple of int
-        Cubes along x, y, z; one along an axis on which the end effector does not move.
+    The origin (3,) is the box's least corner [m], the edge that of a cube [m]. The shape is how many cubes
+    stand along x, y, z: one along an axis on which the end effector does not move.
     """
 
     origin: FloatArray
@@ -63,46 +57,11 @@ class Cells:
         }
 
 
-@dataclass
-class _Statistics:
-    """Running mean, least and largest of one quantity in every cell."""
-
-    cells: int
-    total: FloatArray = field(init=False)
-    least: FloatArray = field(init=False)
-    largest: FloatArray = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.total = np.zeros(self.cells)
-        self.least = np.full(self.cells, np.inf)
-        self.largest = np.full(self.cells, -np.inf)
-
-    def add(self, index: NDArray[np.intp], values: FloatArray) -> None:
-        self.total += np.bincount(index, values, minlength=self.cells)
-        np.minimum.at(self.least, index, values)
-        np.maximum.at(self.largest, index, values)
-
-    def result(self, count: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-        """(3, x, y, z), in the order of `STATISTICS`; NaN in cells without a sample."""
-        there = count > 0
-        mean = self.total / np.where(there, count, 1)
-        found = np.where(there, np.stack([mean, self.least, self.largest]), np.nan)
-        return found.reshape(3, *shape)
-
-
 def write_workspace(path: Path, tables: Tables, cells: int, attributes: Mapping[str, Any]) -> None:
-    """Write the tables of an atlas as statistics over cells of the workspace.
+    """Write the tables of an atlas as statistics over cells of the workspace, into a new folder.
 
-    Parameters
-    ----------
-    path : Path
-        A folder that is not there yet.
-    tables : callable
-        Gives the tables; it is called twice: for the extent of the workspace, and for the statistics.
-    cells : int
-        Along the longest side of the workspace.
-    attributes : mapping
-        Of the dataset.
+    `tables` gives them; it is called twice: for the extent of the workspace, whose longest side has `cells`
+    cells, and for the statistics.
     """
     least, largest = np.full(3, np.inf), np.full(3, -np.inf)
     for table in tables():
@@ -110,20 +69,21 @@ def write_workspace(path: Path, tables: Tables, cells: int, attributes: Mapping[
         np.maximum(largest, table["end_effector"].max(axis=0), out=largest)
     box = Cells.around(least, largest, cells)
     size = int(np.prod(box.shape))
-    count, found = np.zeros(size, dtype=int), dict[str, _Statistics]()
+    count, found = np.zeros(size, dtype=int), dict[str, FloatArray]()
     for table in tables():
         index = box.index(table["end_effector"].astype(np.float64))
         count += np.bincount(index, minlength=size)
         for name, values in _columns(table).items():
-            found.setdefault(name, _Statistics(size)).add(index, values.astype(np.float64))
-    arrays: dict[str, Any] = {
-        name: (("statistic", *_AXES), statistics.result(count, box.shape))
-        for name, statistics in found.items()
-    }
-    arrays["count"] = (_AXES, count.reshape(box.shape))
-    variables = {
-        name: (*array, {"units": unit(name), "long_name": long_name(name)}) for name, array in arrays.items()
-    }
+            one = found.setdefault(name, np.repeat([[0.0], [np.inf], [-np.inf]], size, axis=1))
+            one[0] += np.bincount(index, values.astype(np.float64), minlength=size)
+            np.minimum.at(one[1], index, values.astype(np.float64))
+            np.maximum.at(one[2], index, values.astype(np.float64))
+    variables: dict[str, Any] = {}
+    for name, one in found.items():
+        one[0] /= np.where(count > 0, count, 1)
+        values = np.where(count > 0, one, np.nan).reshape(3, *box.shape)
+        variables[name] = (("statistic", *_AXES), values, described(name))
+    variables["count"] = (_AXES, count.reshape(box.shape), described("count"))
     coordinates = {
         "statistic": list(STATISTICS),
         **{name: ((name,), centres, {"units": "m"}) for name, centres in box.centres().items()},
@@ -134,7 +94,6 @@ def write_workspace(path: Path, tables: Tables, cells: int, attributes: Mapping[
 
 def _columns(table: Mapping[str, Any]) -> dict[str, Any]:
     """The quantities that a cell has statistics of; of several numbers a sample, one each."""
-    columns = {"sigma_1": table["sigma"][:, 0], **{name: table[name] for name in SCALARS}}
-    for k, values in enumerate(np.transpose(table.get("assistance", np.empty((0, 0)))), start=1):
-        columns[f"assistance_{k}"] = values
-    return columns
+    assistance = np.transpose(table.get("assistance", np.empty((0, 0))))
+    numbered = {f"assistance_{k}": values for k, values in enumerate(assistance, start=1)}
+    return {"sigma_1": table["sigma"][:, 0], **{name: table[name] for name in SCALARS}, **numbered}

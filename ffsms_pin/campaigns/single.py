@@ -15,8 +15,7 @@ from ffsms_pin.errors import FfsmsWarning
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
 from ffsms_pin.scenarios import Scenario
-from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, planned, prepared
-from ffsms_pin.scenarios.conditions import controller
+from ffsms_pin.scenarios.closed_loop import Attempt, ClosedLoop, attempt, controller, planned, prepared
 from ffsms_pin.studies.extremes import base_numbers
 from ffsms_pin.studies.tracked import arrived, joint_error_numbers
 from ffsms_pin.system import SpaceManipulator

@@ -6,7 +6,16 @@ from argparse import ArgumentParser, Namespace, _ArgumentGroup
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-__all__ = ["PACKAGED_OR_FILE", "Command", "add_robot", "add_scenario", "add_work", "work_arguments"]
+__all__ = [
+    "PACKAGED_OR_FILE",
+    "Command",
+    "add_jobs",
+    "add_robot",
+    "add_scenario",
+    "add_work",
+    "option",
+    "work_arguments",
+]
 
 PACKAGED_OR_FILE = "a packaged one, as case-2, or a scenario file (TOML)"
 
@@ -22,13 +31,32 @@ class Command(NamedTuple):
     resumes: bool = False  # whether the same command goes on where it was stopped
 
 
+def option(
+    parser: ArgumentParser | _ArgumentGroup,
+    name: str,
+    metavar: str | None,
+    what: str,
+    default: Any = None,
+    *,
+    shown: str = "",
+    kind: type = str,
+    **others: Any,
+) -> None:
+    """Add an option with a value; its help ends with the default, or what is `shown` for it.
+
+    Its `kind` is that of the default, where there is one.
+    """
+    if default is not None:
+        shown, kind = f"{default:g}" if isinstance(default, float) else str(default), type(default)
+    words = f"{what} (default: {shown})" if shown else what
+    parser.add_argument(name, metavar=metavar, type=kind, default=default, help=words, **others)
+
+
 def add_scenario(parser: ArgumentParser, results: str, words: str = "") -> None:
     """Add the scenario, where `words` say what it may be, --out and --allow-import."""
     if words:
         parser.add_argument("scenario", metavar="SCENARIO", help=words)
-    parser.add_argument(
-        "--out", metavar="DIR", help=f"folder for the results (default: results/SCENARIO{results})"
-    )
+    option(parser, "--out", "DIR", "folder for the results", shown=f"results/SCENARIO{results}")
     parser.add_argument(
         "--allow-import",
         action="store_true",
@@ -39,22 +67,20 @@ def add_scenario(parser: ArgumentParser, results: str, words: str = "") -> None:
 def add_robot(parser: ArgumentParser) -> None:
     """Add the robot, and the frame that is its end effector."""
     parser.add_argument("model", metavar="MODEL", help="a robot by name, as planar_3r, or a URDF file")
-    parser.add_argument(
-        "--end-effector", metavar="FRAME", help="its frame (default: the last link's, where there is one)"
-    )
+    option(parser, "--end-effector", "FRAME", "its frame", shown="the last link's, where there is one")
+
+
+def add_jobs(parser: ArgumentParser | _ArgumentGroup) -> None:
+    """Add --jobs."""
+    option(parser, "--jobs", "N", "processes at once", shown="one a core", kind=int)
 
 
 def add_work(parser: ArgumentParser | _ArgumentGroup) -> None:
     """Add --jobs, --scheduler and --shard, for work that is done in chunks."""
-    parser.add_argument("--jobs", type=int, metavar="N", help="processes at once (default: one a core)")
-    parser.add_argument(
-        "--scheduler", metavar="ADDRESS", help="a Dask scheduler that stands, as tcp://host:8786"
-    )
-    parser.add_argument(
-        "--shard",
-        metavar="I/N",
-        help="do every N-th chunk from the I-th on, in this process; the command without it does the rest",
-    )
+    add_jobs(parser)
+    option(parser, "--scheduler", "ADDRESS", "a Dask scheduler that stands, as tcp://host:8786")
+    words = "do every N-th chunk from the I-th on, in this process; the command without it does the rest"
+    option(parser, "--shard", "I/N", words)
 
 
 def work_arguments(arguments: Namespace) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""`ffsms-pin atlas`: the coupling of a robot over its joint ranges or its workspace."""
+"""`ffsms-pin atlas` and `ffsms-pin sweep`: the coupling of a robot, and of changed designs of it."""
 
 from __future__ import annotations
 
@@ -7,18 +7,24 @@ import shlex
 import sys
 from pathlib import Path
 
-from ffsms_pin.atlas import atlas, open_atlas
+import numpy as np
+from rich.markup import escape
+from rich.table import Table
+
+from ffsms_pin.atlas import Sweep, atlas, open_atlas, sweep
 from ffsms_pin.cli.arguments import work_arguments
-from ffsms_pin.cli.output import say
+from ffsms_pin.cli.output import output_console, say
 from ffsms_pin.cli.progress import shown_progress
-from ffsms_pin.cli.results_folder import results_folder
+from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import require
 from ffsms_pin.models import load
+from ffsms_pin.version import __version__
 
-__all__ = ["run"]
+__all__ = ["designs", "sample"]
 
 
-def run(arguments: argparse.Namespace) -> int:
+def sample(arguments: argparse.Namespace) -> int:
     """Sample, and write the dataset and the figures."""
     if arguments.figures:
         require("plot", "figures of an atlas")
@@ -50,3 +56,79 @@ def run(arguments: argparse.Namespace) -> int:
             save_formats(figure, staging / "atlas")
     say(f"atlas: {out}")
     return 0
+
+
+def designs(arguments: argparse.Namespace) -> int:
+    """Measure, print the table and write the results."""
+    require("plot", "the figure of a sweep")
+    sms = load(arguments.model, end_effector=arguments.end_effector, wheels=arguments.wheel)
+    parameters = dict(_parameter(text) for text in arguments.vary)
+    folder = chosen_folder(arguments.out, f"{Path(arguments.model).stem}-sweep")
+    with shown_progress() as progress:
+        found = sweep(
+            sms,
+            parameters,
+            folder,
+            arguments.samples,
+            seed=arguments.seed,
+            progress=lambda done, whole: progress("designs", done / whole),
+            **work_arguments(arguments),
+        )
+    if found is None:
+        say(f"shard {arguments.shard}: done")
+        return 0
+    _write(found, folder, sms.model.name)
+    output_console().print(_table(found))
+    say(f"results: {folder}")
+    return 0
+
+
+def _parameter(text: str) -> tuple[str, list[float]]:
+    """Name and values of "name=1,2,3" or "name=first:last:count"."""
+    name, _, values = text.rpartition("=")
+    try:
+        if ":" in values:
+            first, last, count = values.split(":")
+            if 1 <= int(count) <= 10_000:
+                return name, np.linspace(float(first), float(last), int(count)).tolist()
+        elif name:
+            return name, [float(value) for value in values.split(",")]
+    except ValueError:
+        pass
+    raise InvalidValue("--vary", text, "must be NAME=value,value,... or NAME=first:last:count")
+
+
+def _write(found: Sweep, folder: Path, model: str) -> None:
+    from ffsms_pin.plotting import save_formats
+    from ffsms_pin.plotting.atlas import plot_pareto
+    from ffsms_pin.plotting.style import stack
+
+    content = {
+        "model": model,
+        "source": f"ffsms-pin {__version__}",
+        "command": shlex.join(["ffsms-pin", *sys.argv[1:]]),
+        "parameters": {name: values.tolist() for name, values in found.parameters.items()},
+        "statistics": {name: values.tolist() for name, values in found.statistics.items()},
+        "not_beaten": found.best().tolist(),
+    }
+    write_numbers(folder / "sweep.json", content)
+    motions = [name for name in ("base_rotation", "wheel_momentum") if name in found.statistics]
+    figure, panels = stack(len(motions))
+    for motion, panel in zip(motions, panels, strict=True):
+        plot_pareto(found, motion, ax=panel)
+    save_formats(figure, folder / "pareto")
+
+
+def _table(found: Sweep) -> Table:
+    best = found.best()
+    title = f"{int(best.sum())} of {len(found)} designs are not beaten in both reach and base rotation"
+    table = Table(title=title, title_justify="left")
+    wanted = ("reach", "base_rotation", "base_translation", "wheel_momentum", "entropy")
+    shown = [name for name in wanted if name in found.statistics]
+    for name in (*found.parameters, *shown):
+        table.add_column(escape(name), justify="right")
+    columns = [*found.parameters.values(), *(found.statistics[name] for name in shown)]
+    order = sorted((i for i in range(len(found)) if best[i]), key=lambda i: found.statistics["reach"][i])
+    for i in order:
+        table.add_row(*(f"{column[i]:.4g}" for column in columns))
+    return table

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 
 from rich.table import Table
@@ -13,10 +12,9 @@ from ffsms_pin.campaigns.report import report_numbers
 from ffsms_pin.cli.arguments import work_arguments
 from ffsms_pin.cli.output import NO_FIGURES, new_table, output_console, say
 from ffsms_pin.cli.progress import counted_progress
-from ffsms_pin.cli.results_folder import chosen_folder
+from ffsms_pin.cli.results_folder import chosen_folder, write_numbers
 from ffsms_pin.errors import ResultError
 from ffsms_pin.extras import installed
-from ffsms_pin.storage import write_content
 
 __all__ = ["run", "run_merge"]
 
@@ -54,8 +52,7 @@ def _merged(folder: Path, partial: bool = False) -> None:
     """Merge a campaign, write its report and figures into its folder, and print the report."""
     campaigns.merge(folder, partial=partial)
     found = campaigns.report(folder)
-    numbers = json.dumps(report_numbers(found), indent=2, allow_nan=False)
-    write_content(folder / "report.json", numbers + "\n")
+    write_numbers(folder / "report.json", report_numbers(found))
     if installed("plot"):
         from ffsms_pin.plotting import save_formats
         from ffsms_pin.plotting.comparisons import plot_campaign

@@ -14,9 +14,10 @@ from rich.table import Table
 
 from ffsms_pin.cli.output import Rows, new_table, output_console, say, side_by_side
 from ffsms_pin.cli.progress import shown_progress
-from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_results
+from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
 from ffsms_pin.control import LAWS
 from ffsms_pin.engine import parts_folder
+from ffsms_pin.plotting import save_formats
 from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_modes, plot_robustness
 from ffsms_pin.scenarios import Scenario, compare_laws, robustness, scenario
 from ffsms_pin.scenarios.comparisons import compare, compare_modes, comparison_numbers, law_numbers
@@ -148,7 +149,8 @@ def _written(
     with results_folder(folder) as staging, shown_progress() as progress:
         found = compared(progress)
         numbers = numbers_of(found)
-        write_results(staging / name, numbers, plot(found))
+        write_numbers(staging / f"{name}.json", numbers)
+        save_formats(plot(found), staging / name)
     return found, numbers
 
 

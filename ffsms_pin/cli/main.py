@@ -62,8 +62,8 @@ class _Parser(argparse.ArgumentParser):
         found, rest = super().parse_known_args(args, namespace)
         if rest:
             option = rest[0].partition("=")[0]
-            guess = meant(option, list(self._option_string_actions)) if option.startswith("-") else ""
-            self.error(f"unknown argument '{rest[0]}'" + (f"; {guess}" if guess else ""))
+            guess = meant(option, self._option_string_actions, "; ") if option.startswith("-") else ""
+            self.error(f"unknown argument '{rest[0]}'{guess}")
         return found, rest
 
     def error(self, message: str) -> NoReturn:
@@ -117,8 +117,8 @@ def _no_command(given: Sequence[str]) -> str:
         return "name a command, as: ffsms-pin run case-2"
     if given[0].startswith("-") or given[0] in _COMMANDS:
         return ""
-    guess = meant(given[0], list(_COMMANDS))
-    return f"there is no command '{given[0]}'; " + (guess or f"there are {', '.join(_COMMANDS)}")
+    guess = meant(given[0], _COMMANDS) or f"there are {', '.join(_COMMANDS)}"
+    return f"there is no command '{given[0]}'; {guess}"
 
 
 def _failed(words: str, code: int) -> int:

@@ -14,7 +14,7 @@ from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.storage import regular_target, remove_leftovers, replace_file, require_space, write_content
 from ffsms_pin.storage.temporary import COMPLETE, is_abandoned, locked_folder, open_folder
 
-__all__ = ["chosen_folder", "results_folder", "write_results"]
+__all__ = ["chosen_folder", "results_folder", "write_numbers"]
 
 _SPACE = 16e6  # [bytes] for figures and numbers: less free space is found out before a run
 
@@ -26,12 +26,9 @@ def chosen_folder(out: str | None, name: str) -> Path:
     return Path(out) if out is not None else Path("results") / name
 
 
-def write_results(path: Path, numbers: Any, figure: Any) -> None:
-    """Write numbers to path.json, and a figure beside it, as pdf and png."""
-    from ffsms_pin.plotting import save_formats
-
-    write_content(path.with_suffix(".json"), json.dumps(numbers, indent=2, allow_nan=False) + "\n")
-    save_formats(figure, path)
+def write_numbers(path: Path, numbers: Any) -> None:
+    """Write numbers as JSON."""
+    write_content(path, json.dumps(numbers, indent=2, allow_nan=False) + "\n")
 
 
 @contextmanager

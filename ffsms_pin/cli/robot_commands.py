@@ -4,121 +4,78 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 
-from ffsms_pin.cli.arguments import Command, add_robot, add_work
+from ffsms_pin.cli.arguments import Command, add_robot, add_work, option
 
 __all__ = ["ROBOT_COMMANDS"]
 
 
 def _atlas(parser: ArgumentParser) -> None:
     add_robot(parser)
+    words = "one row a sample, or statistics in each cell of the workspace"
+    option(parser, "--over", None, words, "joints", choices=("joints", "workspace"))
+    option(parser, "--samples", "N", "how many", 100_000)
+    words = "points that fill the joint ranges evenly, or the same number on each joint"
+    option(parser, "--method", None, words, "sobol", choices=("sobol", "grid"))
+    option(parser, "--seed", "N", "of the points", 0)
+    words = "for the coupling assistance, base axes; may be given several times"
     parser.add_argument(
-        "--over",
-        choices=("joints", "workspace"),
-        default="joints",
-        help="one row a sample, or statistics in each cell of the workspace (default: joints)",
+        "--direction", metavar=("X", "Y", "Z"), nargs=3, type=float, action="append", default=[], help=words
     )
-    parser.add_argument(
-        "--samples", type=int, metavar="N", default=100_000, help="how many (default: 100000)"
-    )
-    parser.add_argument(
-        "--method",
-        choices=("sobol", "grid"),
-        default="sobol",
-        help="points that fill the joint ranges evenly, or the same number on each joint (default: sobol)",
-    )
-    parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the points (default: 0)")
-    parser.add_argument(
-        "--direction",
-        nargs=3,
-        type=float,
-        action="append",
-        default=[],
-        metavar=("X", "Y", "Z"),
-        help="for the coupling assistance, base axes; may be given several times",
-    )
-    parser.add_argument(
-        "--cells", type=int, metavar="N", default=48, help="along the workspace's longest side (default: 48)"
-    )
-    parser.add_argument("--out", metavar="FILE", help="the dataset (default: MODEL-OVER.zarr)")
-    parser.add_argument("--figures", metavar="DIR", help="folder for figures (pdf and png)")
+    option(parser, "--cells", "N", "along the workspace's longest side", 48)
+    option(parser, "--out", "FILE", "the dataset", shown="MODEL-OVER.zarr")
+    option(parser, "--figures", "DIR", "folder for figures (pdf and png)")
     add_work(parser)
 
 
 def _sweep(parser: ArgumentParser) -> None:
     add_robot(parser)
-    parser.add_argument(
-        "--wheel",
-        action="append",
-        default=[],
-        metavar="JOINT",
-        help="a continuous joint of the URDF file that is a reaction wheel; again for each wheel",
-    )
-    parser.add_argument(
-        "--vary", action="append", required=True, metavar="NAME=VALUES", help="a parameter; see above"
-    )
-    parser.add_argument(
-        "--samples", type=int, metavar="N", default=16384, help="configurations a design (default: 16384)"
-    )
-    parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the configurations (default: 0)")
-    parser.add_argument("--out", metavar="DIR", help="folder for the results (default: results/MODEL-sweep)")
+    words = "a continuous joint of the URDF file that is a reaction wheel; again for each wheel"
+    parser.add_argument("--wheel", metavar="JOINT", action="append", default=[], help=words)
+    option(parser, "--vary", "NAME=VALUES", "a parameter; see above", action="append", required=True)
+    option(parser, "--samples", "N", "configurations a design", 16384)
+    option(parser, "--seed", "N", "of the configurations", 0)
+    option(parser, "--out", "DIR", "folder for the results", shown="results/MODEL-sweep")
     add_work(parser)
 
 
 def _info(parser: ArgumentParser) -> None:
     add_robot(parser)
-    parser.add_argument(
-        "--joints-deg",
-        metavar="ANGLE",
-        nargs="+",
-        type=float,
-        help="posture for the coupling, one a joint (default: zero, or the middle of the limits"
-        " where zero is outside)",
+    words, shown = (
+        "posture for the coupling, one a joint",
+        "zero, or the middle of the limits where zero is outside",
     )
+    option(parser, "--joints-deg", "ANGLE", words, shown=shown, kind=float, nargs="+")
 
 
 def _inspect(parser: ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", help="a URDF file, or the name of a packaged robot")
-    parser.add_argument("--repair", metavar="OUT", help="write a URDF that loads, and list the changes")
-    for name, what, default in (
-        ("rate", "rate", "[rad/s or m/s] (default: 0.5)"),
-        ("effort", "torque or force", "[N m or N] (default: 100)"),
-    ):
-        words = f"{what} limit for joints without one, with --repair {default}"
-        parser.add_argument(f"--{name}", type=float, metavar="LIMIT", help=words)
+    option(parser, "--repair", "OUT", "write a URDF that loads, and list the changes")
+    words = "limit for joints without one, with --repair"
+    option(parser, "--rate", "LIMIT", f"rate {words} [rad/s or m/s]", shown="0.5", kind=float)
+    option(parser, "--effort", "LIMIT", f"torque or force {words} [N m or N]", shown="100", kind=float)
 
 
 def _view(parser: ArgumentParser) -> None:
     parser.add_argument("results", metavar="RESULTS", help="folder that `ffsms-pin run` wrote")
-    parser.add_argument("--html", metavar="FILE", help="write this file, and do not open it")
+    option(parser, "--html", "FILE", "write this file, and do not open it")
     parser.add_argument(
         "--plan", action="store_true", help="show the plan as planned, not the simulated motion"
     )
-    parser.add_argument(
-        "--robot",
-        metavar="ROBOT",
-        help="the robot, or the scenario file that names it, where the results cannot say",
+    words = "the robot, or the scenario file that names it, where the results cannot say"
+    option(parser, "--robot", "ROBOT", words)
+    option(parser, "--end-effector", "FRAME", "with --robot: the frame that is meant")
+    option(parser, "--speed", "TIMES", "2 plays twice as fast as true", 1.0)
+    words = (
+        "where it is looked at from first: free, front (from +x), side (from -y), top, or base, which "
+        "turns with the base"
     )
-    parser.add_argument("--end-effector", metavar="FRAME", help="with --robot: the frame that is meant")
-    parser.add_argument(
-        "--speed", type=float, default=1.0, metavar="TIMES", help="2 plays twice as fast as true (default: 1)"
-    )
-    parser.add_argument(
-        "--camera",
-        metavar="VIEW",
-        default="free",
-        help="where it is looked at from first: free, front (from +x), side (from -y), top, or base, which "
-        "turns with the base (default: free)",
-    )
-    parser.add_argument(
-        "--show", metavar="LAYERS", help="what is visible at first: 'all', or names with commas between"
-    )
+    option(parser, "--camera", "VIEW", words, "free")
+    option(parser, "--show", "LAYERS", "what is visible at first: 'all', or names with commas between")
     film = parser.add_argument_group("films")
-    film.add_argument("--record", metavar="FILE", help="write a film of one pass, to a .gif or .mp4")
-    film.add_argument("--fps", type=float, metavar="N", help="pictures a second (default: 20; mp4: 30)")
-    film.add_argument(
-        "--size", metavar="WxH", default="800x600", help="of the pictures in pixels (default: 800x600)"
-    )
-    film.add_argument("--browser", metavar="PROGRAM", help="Chromium or Chrome (default: the first found)")
+    option(film, "--record", "FILE", "write a film of one pass, to a .gif or .mp4")
+    option(film, "--fps", "N", "pictures a second", shown="20; mp4: 30", kind=float)
+    option(film, "--size", "WxH", "of the pictures in pixels", "800x600")
+    option(film, "--browser", "PROGRAM", "Chromium or Chrome", shown="the first found")
 
 
 def _docs(parser: ArgumentParser) -> None:
@@ -128,7 +85,7 @@ def _docs(parser: ArgumentParser) -> None:
 
 ROBOT_COMMANDS = {
     "atlas": Command(
-        "atlas:run",
+        "atlas:sample",
         "sample a robot's coupling over its joints or its workspace",
         """\
 Sample a robot's configurations and measure at each: singular values and entropy of the coupling,
@@ -142,7 +99,7 @@ example: ffsms-pin atlas planar_3r --over workspace --samples 1000000 --out plan
         resumes=True,
     ),
     "sweep": Command(
-        "sweep:run",
+        "atlas:designs",
         "measure changed designs of a robot",
         """\
 Change a robot's design, and measure each combination: reach, base motion for a metre of the end effector,
@@ -160,7 +117,7 @@ example: ffsms-pin sweep planar_3r --vary base_mass=0.5,1,2,4 --vary link:joint_
         resumes=True,
     ),
     "info": Command(
-        "info:run",
+        "info:info",
         "show a robot",
         """\
 Show a robot: masses, joint limits, how well conditioned its base inertia is, and its dynamic coupling.
@@ -170,7 +127,7 @@ example: ffsms-pin info planar_3r --joints-deg 1 1 1
         _info,
     ),
     "inspect": Command(
-        "inspect:run",
+        "info:inspected",
         "look for faults in a URDF file, and mend them",
         """\
 Look through a URDF file: masses and inertias link by link, joint limits, and everything that is wrong.
@@ -203,7 +160,7 @@ Recording needs Chromium or Chrome, which draws without a window, and pip instal
         _view,
     ),
     "docs": Command(
-        "docs:run",
+        "docs:page",
         "show a page of the documentation",
         """\
 Show a page of the documentation, as it came with this version; without a name, the list of pages.

@@ -1,30 +1,31 @@
-"""`ffsms-pin run`: plan, track, print the summary, write the results."""
+"""`ffsms-pin run`: plan, track, print the summary as a table, write the results."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import webbrowser
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
-from ffsms_pin.cli.output import NO_FIGURES, desktop, output_console, say
+from ffsms_pin import scenarios
+from ffsms_pin.cli.output import NO_FIGURES, desktop, limit_text, new_table, output_console, range_text, say
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder
-from ffsms_pin.cli.summary_table import summary_table
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import installed
 from ffsms_pin.scenarios import Outcome, Scenario, scenario, summary
-from ffsms_pin.scenarios import run as run_scenario
-from ffsms_pin.scenarios.client_motion import client_motion
 from ffsms_pin.scenarios.definition import save_scenario
 from ffsms_pin.scenarios.run import StageProgress, writes_files
 from ffsms_pin.storage import write_content
 
-__all__ = ["run"]
+__all__ = ["run", "summary_table"]
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -38,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     errors = Console(stderr=True)
     failure: BaseException | None = None
     with results_folder(folder, at_once=writes_files(chosen)) as staging, shown_progress(errors) as progress:
-        outcome = run_scenario(chosen, progress, folder=folder, allow_outside=arguments.allow_outside)
+        outcome = scenarios.run(chosen, progress, folder=folder, allow_outside=arguments.allow_outside)
         _save(outcome, staging)
         try:
             numbers = _derive(outcome, staging, arguments.figures, progress)
@@ -63,7 +64,7 @@ def _save(outcome: Outcome, staging: Path) -> None:
     outcome.tracking.save(staging / "tracking.npz")
     if outcome.capture is not None:
         outcome.capture.tracking.save(staging / "capture.npz")
-        client_motion(outcome.plant, outcome.tracking, outcome.capture).save(staging / "client.npz")
+        scenarios.client_motion(outcome.plant, outcome.tracking, outcome.capture).save(staging / "client.npz")
     save_scenario(outcome.scenario, staging / "scenario.json")
 
 
@@ -107,3 +108,148 @@ def _show(folder: Path, drawn: bool) -> None:
         return
     if not (desktop() and webbrowser.open(shown.resolve().as_uri())):
         say(f"to look at: {shown}")
+
+
+def summary_table(numbers: Mapping[str, Any]) -> Table:
+    """Table of what `ffsms_pin.scenarios.summary` gives."""
+    table = new_table(f"{numbers['scenario']}: {numbers['robot']}", "quantity", "value", "limit")
+    _add_plan(table, numbers)
+    table.add_section()
+    for name, words in numbers["conditions"].items():  # what the scenario says about its closed loop
+        table.add_row(escape(name), escape(words))
+    _add_joints(table, numbers["joints"])
+    _add_tracking(table, numbers)
+    if "capture" in numbers:
+        _add_capture(table, numbers["capture"])
+    table.add_section()
+    timing = numbers["timing"]
+    table.add_row("planning", f"{timing['planning_s']:.2f} s")
+    table.add_row("  per step", f"{timing['planning_per_step_ms']:.3f} ms")
+    table.add_row("tracking", f"{timing['tracking_s']:.2f} s")
+    table.add_row("  per control step", f"{timing['tracking_per_control_step_ms']:.3f} ms")
+    return table
+
+
+def _add_plan(table: Table, numbers: Mapping[str, Any]) -> None:
+    reached = "[green]yes[/]" if numbers["reached"] else "[red]no[/]"
+    table.add_row("reached", reached)
+    table.add_row("within tolerance", "yes" if numbers["within_tolerance"] else "[yellow]no[/]")
+    if numbers["note"]:
+        table.add_row("  note", escape(numbers["note"]))
+    reach = _length(numbers["reach_m"])
+    table.add_row("final error", _length(numbers["final_error_m"]), reach)
+    table.add_row("error over the last 10 %", _length(numbers["error_over_last_10_percent_m"]), reach)
+    table.add_row("cost integral", f"{numbers['cost_integral_s']:.3g} s")
+    clearance = numbers["clearance"]
+    if clearance["least_m"] is not None:
+        table.add_row(
+            "least clearance", _length(clearance["least_m"]), f">= {_length(clearance['wanted_m'])}"
+        )
+    base = numbers["base"]
+    table.add_row(
+        "base translation, max / final",
+        f"{_length(base['translation_max_m'])} / {_length(base['translation_final_m'])}",
+    )
+    table.add_row(
+        "base rotation, max / final", f"{base['rotation_max_deg']:.2f} / {base['rotation_final_deg']:.2f} deg"
+    )
+
+
+def _add_joints(table: Table, joints: list[Mapping[str, Any]]) -> None:
+    for joint in joints:
+        table.add_section()
+        unit = "deg" if "position_min_deg" in joint else "m"
+        moment = "Nm" if "torque_limit_Nm" in joint else "N"
+        table.add_row(
+            escape(f"{joint['name']}: position"),
+            f"{joint[f'position_min_{unit}']:.4g} to {joint[f'position_max_{unit}']:.4g} {unit}",
+            range_text(joint[f"position_lower_limit_{unit}"], joint[f"position_upper_limit_{unit}"], unit),
+        )
+        rows = (
+            ("rate", f"rate_max_{unit}_per_s", f"rate_limit_{unit}_per_s", f"{unit}/s"),
+            (
+                "acceleration",
+                f"acceleration_max_{unit}_per_s2",
+                f"acceleration_limit_{unit}_per_s2",
+                f"{unit}/s²",
+            ),
+            ("torque, tracking", f"tracking_torque_max_{moment}", f"torque_limit_{moment}", moment),
+        )
+        for label, key, limit, written in rows:
+            value, most = f"{joint[key]:.4g} {written}", limit_text(joint[limit], written)
+            table.add_row(f"  largest {label}", value, most)
+
+
+def _add_tracking(table: Table, numbers: Mapping[str, Any]) -> None:
+    tracking, reach = numbers["tracking"], _length(numbers["reach_m"])
+    table.add_section()
+    for unit in ("rad", "m"):
+        if f"joint_error_max_{unit}" in tracking:
+            largest, final = tracking[f"joint_error_max_{unit}"], tracking[f"joint_error_final_{unit}"]
+            table.add_row("tracking: joint error, max / final", f"{largest:.3g} / {final:.3g} {unit}")
+    table.add_row(
+        "  longest time constant of the gains",
+        f"{tracking['longest_time_constant_s']:.3g} s",
+        f"{numbers['duration_s']:g} s",
+    )
+    table.add_row("  end effector from plan, largest", _length(tracking["end_effector_deviation_max_m"]))
+    table.add_row("  final error to target", _final_error(tracking), reach)
+    if tracking["open_loop"] is not None:
+        table.add_row("  the same, plan made once", _final_error(tracking["open_loop"]), reach)
+    if tracking["least_clearance_m"] is not None:
+        wanted = f">= {_length(numbers['clearance']['wanted_m'])}"
+        table.add_row("  least clearance", _length(tracking["least_clearance_m"]), wanted)
+    for label, note in (("note", tracking["note"]), ("re-planning says", tracking["planning_note"])):
+        if note:
+            table.add_row(f"  {label}", escape(note))
+    _add_base(table, tracking)
+    table.add_row(
+        "  total momentum, largest",
+        f"{tracking['momentum_linear_max_kg_m_per_s']:.1e} kg m/s, "
+        f"{tracking['momentum_angular_max_kg_m2_per_s']:.1e} kg m²/s",
+    )
+    table.add_row("  energy less work, relative", f"{tracking['energy_error_relative']:.1e}")
+
+
+def _add_base(table: Table, tracking: Mapping[str, Any]) -> None:
+    """What wheels and thrusters did."""
+    base = tracking["base"]
+    if "wheels" in tracking or "propellant_kg" in tracking:
+        turn = f"{base['rotation_max_deg']:.3g} / {base['rotation_final_deg']:.3g} deg"
+        table.add_row("  base rotation, max / final", turn)
+    for wheel in tracking.get("wheels", ()):
+        done = f"{wheel['momentum_max_Nms']:.3g} N m s, {wheel['torque_max_Nm']:.3g} N m"
+        table.add_row(escape(f"  {wheel['name']}: largest momentum, torque"), done)
+    if "propellant_kg" in tracking:
+        table.add_row("  propellant", f"{1e3 * tracking['propellant_kg']:.3g} g")
+
+
+def _add_capture(table: Table, capture: Mapping[str, Any]) -> None:
+    """Contact, braking, and the rate that the momentum dictates."""
+    table.add_section()
+    speed, spin = 1e3 * capture["contact_velocity_m_per_s"], capture["contact_velocity_deg_per_s"]
+    table.add_row("capture: grasp missed by", f"{_length(capture['miss_m'])}, {capture['miss_deg']:.2g} deg")
+    table.add_row("  relative velocity at contact", f"{speed:.2g} mm/s, {spin:.2g} deg/s")
+    if capture["contact_force_max_N"] is not None:
+        felt = f"{capture['contact_force_max_N']:.3g} N, {capture['contact_torque_max_Nm']:.3g} N m"
+        table.add_row("  largest force and torque in the grasp", felt)
+    table.add_row("  total momentum changed by, relative", f"{capture['momentum_change_relative']:.1e}")
+    share = f"{100.0 * capture['braking_torque_share']:.3g} % of the torques"
+    table.add_row("  joints braked in", f"{capture['braking_s']:.3g} s", share)
+    if capture["braking_note"]:
+        table.add_row("  note", escape(capture["braking_note"]))
+    for label, key in (("said", "predicted_base_rate_deg_per_s"), ("found", "final_base_rate_deg_per_s")):
+        rates = ", ".join(f"{rate:.4f}" for rate in capture[key])
+        table.add_row(f"  base rate at the end, {label}", f"{rates} deg/s")
+
+
+def _final_error(run: Mapping[str, Any]) -> str:
+    """Where a run ended: in red where that is too far away."""
+    if run.get("stopped"):
+        return f"[red]{escape(run['stopped'])}[/]"
+    text = _length(run["final_error_m"])
+    return text if run["arrived"] else f"[red]{text}[/]"
+
+
+def _length(metres: float) -> str:
+    return f"{1e3 * metres:.3g} mm" if abs(metres) < 1.0 else f"{metres:.3f} m"

@@ -7,8 +7,7 @@ import json
 import sys
 
 from ffsms_pin.errors import InvalidValue, meant
-from ffsms_pin.scenarios.file import schema
-from ffsms_pin.scenarios.reading import packaged_path, scenario_names
+from ffsms_pin.scenarios.file import packaged_path, scenario_names, schema
 
 __all__ = ["run"]
 
@@ -19,8 +18,7 @@ def run(arguments: argparse.Namespace) -> int:
         sys.stdout.write(json.dumps(schema(), indent=2, ensure_ascii=False) + "\n")
         return 0
     if arguments.name not in (names := scenario_names()):
-        guess = meant(arguments.name, names)
-        must = f"must be one of {', '.join(names)}" + (f"; {guess}" if guess else "")
-        raise InvalidValue("--print", arguments.name, must)
+        guess = meant(arguments.name, names, "; ")
+        raise InvalidValue("--print", arguments.name, f"must be one of {', '.join(names)}{guess}")
     sys.stdout.write(packaged_path(arguments.name).read_text(encoding="utf-8"))
     return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 
-from ffsms_pin.cli.arguments import PACKAGED_OR_FILE, Command, add_scenario, add_work
+from ffsms_pin.cli.arguments import PACKAGED_OR_FILE, Command, add_jobs, add_scenario, add_work, option
 
 __all__ = ["SCENARIO_COMMANDS"]
 
@@ -54,43 +54,34 @@ def _scenario(parser: ArgumentParser) -> None:
 
 def _compare(parser: ArgumentParser) -> None:
     add_scenario(parser, "-comparison", PACKAGED_OR_FILE)
-    parser.add_argument(
-        "--methods",
-        metavar="METHOD",
-        nargs="+",
-        help="only these, of horizon, step, paper, resolved-rate, least-disturbance, minimum-effort"
-        " (default: all that know what the scenario asks for)",
-    )
+    methods = "horizon, step, paper, resolved-rate, least-disturbance, minimum-effort"
+    shown = "all that know what the scenario asks for"
+    option(parser, "--methods", "METHOD", f"only these, of {methods}", shown=shown, nargs="+")
 
 
 def _laws(parser: ArgumentParser) -> None:
     add_scenario(parser, "-laws", PACKAGED_OR_FILE)
-    parser.add_argument(
-        "--laws",
-        metavar="LAW",
-        nargs="+",
-        help="only these, of sliding-mode, passivity, super-twisting, computed-torque, pd (default: all)",
-    )
+    laws = "sliding-mode, passivity, super-twisting, computed-torque, pd"
+    option(parser, "--laws", "LAW", f"only these, of {laws}", shown="all", nargs="+")
 
 
 def _robustness(parser: ArgumentParser) -> None:
     add_scenario(parser, "-robustness", PACKAGED_OR_FILE)
-    parser.add_argument("--plants", type=int, metavar="N", default=200, help="how many (default: 200)")
-    parser.add_argument("--seed", type=int, metavar="N", default=1, help="of the plants (default: 1)")
-    parser.add_argument("--jobs", type=int, metavar="N", help="processes at once (default: one a core)")
+    option(parser, "--plants", "N", "how many", 200)
+    option(parser, "--seed", "N", "of the plants", 1)
+    add_jobs(parser)
     for name, default, what in (
         ("arm-mass", 0.2, "the mass of every body of the arm, inertia with it"),
         ("base-mass", 0.1, "the mass of the base"),
         ("base-inertia", 0.1, "the inertia of the base"),
     ):
-        words = f"by what share {what} is off at most (default: {default:g})"
-        parser.add_argument(f"--{name}", type=float, metavar="SHARE", default=default, help=words)
+        option(parser, f"--{name}", "SHARE", f"by what share {what} is off at most", default)
 
 
 def _campaign(parser: ArgumentParser) -> None:
     add_scenario(parser, "-campaign", "a scenario file (TOML) with [campaign.draw]")
-    parser.add_argument("--runs", type=int, metavar="N", required=True, help="how many")
-    parser.add_argument("--seed", type=int, metavar="N", help="of the first run (default: the file's, or 1)")
+    option(parser, "--runs", "N", "how many", kind=int, required=True)
+    option(parser, "--seed", "N", "of the first run", shown="the file's, or 1", kind=int)
     add_work(parser.add_mutually_exclusive_group())
 
 
@@ -101,7 +92,7 @@ def _merge(parser: ArgumentParser) -> None:
 
 SCENARIO_COMMANDS = {
     "quickstart": Command(
-        "quickstart:run",
+        "docs:quickstart",
         "write a notebook to begin with",
         """\
 Write a notebook with a first robot, plan, simulation and film into the current folder.

@@ -16,11 +16,11 @@ from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.models import load
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.scenarios import Scenario, scenario, scenario_names
-from ffsms_pin.scenarios.capture import joined
-from ffsms_pin.scenarios.client_motion import ClientMotion
 from ffsms_pin.scenarios.definition import load_scenario
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import read_content
+from ffsms_pin.studies.capture import joined
+from ffsms_pin.studies.client_motion import ClientMotion
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer import View, view
 

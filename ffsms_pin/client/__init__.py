@@ -1,10 +1,15 @@
 """Clients: free rigid bodies in torque-free motion, which a servicer is to meet and to capture."""
 
-from ffsms_pin.client.braking import Braking, brake
-from ffsms_pin.client.capture import AfterCapture, after_capture, rest_momentum
-from ffsms_pin.client.client import Client, Shape
-from ffsms_pin.client.estimate import ClientEstimate
-from ffsms_pin.client.sensor import ClientSensor, measured
+from typing import TYPE_CHECKING
+
+from ffsms_pin.later import later
+
+if TYPE_CHECKING:  # and each when it is first used
+    from ffsms_pin.client.braking import Braking, brake
+    from ffsms_pin.client.capture import AfterCapture, after_capture, rest_momentum
+    from ffsms_pin.client.client import Client, Shape
+    from ffsms_pin.client.estimate import ClientEstimate
+    from ffsms_pin.client.sensor import ClientSensor, measured
 
 __all__ = [
     "AfterCapture",
@@ -18,3 +23,6 @@ __all__ = [
     "measured",
     "rest_momentum",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = later(__name__)

@@ -1,18 +1,24 @@
 """Control: joint torques that make a free-floating arm follow a joint motion, and laws of the base."""
 
-from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView
-from ffsms_pin.control.coordinated import Coordinated
-from ffsms_pin.control.dumping import MomentumDump
-from ffsms_pin.control.gains import check_time_constants
-from ffsms_pin.control.law import JointLaw
-from ffsms_pin.control.modulation import PulseWidth
-from ffsms_pin.control.passivity import PassivitySlidingMode
-from ffsms_pin.control.pd import PD, ComputedTorque
-from ffsms_pin.control.quaternion_feedback import QuaternionFeedback
-from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics
-from ffsms_pin.control.sliding_mode import SlidingModeController
-from ffsms_pin.control.station_keeping import StationKeeping
-from ffsms_pin.control.super_twisting import SuperTwisting
+from typing import TYPE_CHECKING
+
+from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamics  # named as its module
+from ffsms_pin.later import later
+
+if TYPE_CHECKING:  # and each when it is first used
+    from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView
+    from ffsms_pin.control.coordinated import Coordinated
+    from ffsms_pin.control.dumping import MomentumDump
+    from ffsms_pin.control.gains import check_time_constants
+    from ffsms_pin.control.law import JointLaw
+    from ffsms_pin.control.laws import LAWS
+    from ffsms_pin.control.modulation import PulseWidth
+    from ffsms_pin.control.passivity import PassivitySlidingMode
+    from ffsms_pin.control.pd import PD, ComputedTorque
+    from ffsms_pin.control.quaternion_feedback import QuaternionFeedback
+    from ffsms_pin.control.sliding_mode import SlidingModeController
+    from ffsms_pin.control.station_keeping import StationKeeping
+    from ffsms_pin.control.super_twisting import SuperTwisting
 
 __all__ = [
     "LAWS",
@@ -35,11 +41,5 @@ __all__ = [
     "reduced_dynamics",
 ]
 
-# By the names that scenario files use.
-LAWS: dict[str, type[JointLaw]] = {
-    "sliding-mode": SlidingModeController,
-    "passivity": PassivitySlidingMode,
-    "super-twisting": SuperTwisting,
-    "computed-torque": ComputedTorque,
-    "pd": PD,
-}
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = later(__name__)

@@ -5,12 +5,16 @@ nor on the order, nor on how often the run was killed and begun again. See `run`
 rows in memory. `outcomes` is for tasks that give objects, one by one and in order.
 """
 
-from ffsms_pin.engine.chunks import Chunks, Shard
-from ffsms_pin.engine.folder import ChunkFolder, parts_folder
-from ffsms_pin.engine.kept import end_kept
-from ffsms_pin.engine.outcomes import Outcome, all_results, outcomes
-from ffsms_pin.engine.run import collected, run
-from ffsms_pin.engine.task import Table, joined
+from typing import TYPE_CHECKING
+
+from ffsms_pin.later import later
+
+if TYPE_CHECKING:  # and each when it is first used
+    from ffsms_pin.engine.folder import ChunkFolder, parts_folder
+    from ffsms_pin.engine.kept import end_kept
+    from ffsms_pin.engine.rows import Chunks, Shard, Table, joined
+    from ffsms_pin.engine.runs import collected, run
+    from ffsms_pin.engine.tasks import Outcome, all_results, outcomes
 
 __all__ = [
     "ChunkFolder",
@@ -26,3 +30,6 @@ __all__ = [
     "parts_folder",
     "run",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = later(__name__)

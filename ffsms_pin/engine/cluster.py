@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import IO, Any
 from uuid import uuid4
 
+from ffsms_pin.checks import whole
 from ffsms_pin.engine.interrupts import put_off, quiet
 from ffsms_pin.engine.worker import NOT_STARTED
 from ffsms_pin.errors import ClusterError, DependencyMissing, InvalidValue
 
-__all__ = ["Cluster", "check_installed", "connected", "embedded", "started", "usable_cores"]
+__all__ = ["Cluster", "checked_jobs", "connected", "embedded", "packages", "started", "usable_cores"]
 
 ALLOWED_FAILURES = 6  # deaths of workers that a task may have been assigned to; Dask's default is 3
 MOST_JOBS = 1024
@@ -57,6 +58,14 @@ def usable_cores() -> int:
     from dask.system import CPU_COUNT
 
     return int(CPU_COUNT)
+
+
+def checked_jobs(jobs: int | None) -> int:
+    """The number of workers that is asked for; by default one a core."""
+    jobs = usable_cores() if jobs is None else whole("jobs", jobs, 1)
+    if jobs > MOST_JOBS:
+        raise InvalidValue("jobs", jobs, f"must not exceed {MOST_JOBS}")
+    return jobs
 
 
 class Cluster:
@@ -161,10 +170,9 @@ def started(jobs: int, allowed_failures: int, module: str = "") -> Cluster:
     """A cluster of this machine: the scheduler in this process, workers with one thread each, on loopback.
 
     Whoever starts it ends it, by its `end`. Dask gives up a task when more than `allowed_failures` workers
-    died to which it was assigned. Workers import `module`, where it is not empty, while they start: their
-    work will need it.
+    died to which it was assigned.
     """
-    dask, distributed = _packages()
+    dask, distributed = packages()
     scratch = tempfile.mkdtemp(prefix="ffsms-pin-scheduler-")
     with ExitStack() as stack:
         try:
@@ -197,7 +205,7 @@ def connected(address: str) -> Iterator[Cluster]:
     """A cluster that stands already, at its scheduler's address; `ClusterError` where nothing answers."""
     if not isinstance(address, str) or "://" not in address:
         raise InvalidValue("scheduler", address, "must be an address as tcp://host:8786")
-    dask, distributed = _packages()
+    dask, distributed = packages()
     with quiet(), dask.config.set({"distributed.comm.timeouts.connect": f"{_CONNECTING:g}s"}):
         try:
             with put_off():
@@ -213,12 +221,8 @@ def connected(address: str) -> Iterator[Cluster]:
                 client.close(timeout=_CLOSING)
 
 
-def check_installed() -> None:
-    """Raise `DependencyMissing` where Dask is not installed."""
-    _packages()
-
-
-def _packages() -> tuple[Any, Any]:
+def packages() -> tuple[Any, Any]:
+    """Dask and distributed; `DependencyMissing` where they are not installed."""
     try:
         import dask
         import distributed

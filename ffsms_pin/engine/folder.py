@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ffsms_pin.checks import instance, whole
-from ffsms_pin.engine.chunks import Chunks
-from ffsms_pin.engine.task import load_table
+from ffsms_pin.engine.rows import Chunks, load_table
 from ffsms_pin.errors import InvalidValue, ResultError
 from ffsms_pin.storage import check_writable, path_like, read_content, remove_leftovers, write_content
 

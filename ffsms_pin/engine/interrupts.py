@@ -1,8 +1,4 @@
-"""What Dask must not lose, and what it must not say.
-
-`put_off`: Ctrl-C waits for the end of a block, where the KeyboardInterrupt cannot be lost.
-`quiet`: Dask's log says nothing of lost connections, since what matters is an error of ours.
-"""
+"""What Dask must not lose, Ctrl-C, and what its log must not say: lost connections are an error of ours."""
 
 from __future__ import annotations
 
@@ -27,13 +23,10 @@ _before: list[int] = []  # levels, while there are users
 def put_off(wake: Callable[[], object] | None = None) -> Iterator[None]:
     """Call the handlers of SIGINT and SIGTERM at the end of the block, not within it.
 
-    Python runs a handler between any two steps of the main thread. What it raises in a `__del__` or in the
-    callback of a weak reference, as Dask has them, Python prints and drops: the program goes on as if nobody
-    had pressed Ctrl-C. The second signal within a block does not wait, so the block may always be left.
-
-    Handlers are those that stand when the block begins, a program's own ones too, and stand again after it.
-    Signals that have no handler in Python keep their effect. In other threads than the main one, which get no
-    signals, nothing happens. `wake` is called when a signal is put off, to end what the block waits for.
+    What a handler raises in a `__del__` or in the callback of a weak reference, as Dask has them, Python
+    prints and drops: the program goes on as if nobody had pressed Ctrl-C. The second signal within a block
+    does not wait. `wake` is called when a signal is put off, to end what the block waits for. Threads other
+    than the main one get no signals.
     """
     if current_thread() is not main_thread():
         yield

@@ -1,21 +1,33 @@
-"""`kept`: an embedded cluster whose workers wait a minute for the next call, which need not start them."""
+"""Independent tasks over workers that wait a minute for the next call, which need not start them."""
 
 from __future__ import annotations
 
 import atexit
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+import pickle
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from itertools import islice
 from threading import Lock, Timer
+from typing import Any, TypeVar
 
 from ffsms_pin.engine.cluster import Cluster, started
 from ffsms_pin.engine.interrupts import quiet
+from ffsms_pin.engine.rows import sent
+from ffsms_pin.engine.spread import Killed, spread
+from ffsms_pin.engine.tasks import Answer, Common, Outcome, Unsent, answer, told
+from ffsms_pin.errors import TaskError
 
-__all__ = ["end_kept", "kept"]
+__all__ = ["end_kept", "kept", "over"]
 
 IDLE = 60.0  # [s]
 # A death is held against the few tasks of that worker at once: each is tried again alone.
 _ALLOWED_FAILURES = 0
+# A chunk is at most this share of what is done already, so that the last ones end together.
+SHARE = 1.0 / 64.0
+
+T = TypeVar("T")
 
 
 class _Clusters:
@@ -119,3 +131,97 @@ def _forget() -> None:
 
 
 os.register_at_fork(after_in_child=_forget)
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Tasks that are handed out together, and the index of the first."""
+
+    first: int
+    tasks: list[bytes]
+
+
+def over(
+    work: Callable[[Any, Any], T], shared: Any, tasks: Iterable[Any], jobs: int, largest_chunk: int
+) -> Generator[Outcome[T], None, None]:
+    """`outcomes` with several processes."""
+    import cloudpickle
+
+    common: bytes = cloudpickle.dumps((work, shared))
+    chunks = _chunks(tasks, jobs, largest_chunk)
+    early: dict[int, list[Answer]] = {}  # by their first index, those that ended before an earlier chunk
+    following = 0  # index of the next outcome
+
+    def ready() -> Iterator[Outcome[T]]:
+        nonlocal following
+        while following in early:
+            for found in early.pop(following):
+                yield Outcome(following, *found)
+                following += 1
+
+    def handed(chunk: _Chunk) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        return sent, (_answers, common, chunk.tasks)
+
+    with kept(jobs) as cluster:
+        while True:
+            killed: list[_Chunk] = []
+            undisturbed = _until(killed, chunks)
+            with closing(spread(cluster, undisturbed, handed, lambda: len(early))) as ended:
+                for chunk, found in ended:
+                    if isinstance(found, Killed):
+                        killed.append(chunk)
+                    else:
+                        early[chunk.first] = [_unpacked(data) for data in found]
+                        yield from ready()
+            if not killed:
+                return
+            for chunk in killed:
+                early[chunk.first] = [_alone(cluster, common, task) for task in chunk.tasks]
+            yield from ready()
+
+
+def _chunks(tasks: Iterable[Any], jobs: int, largest: int) -> Iterator[_Chunk]:
+    """Chunks of tasks; they grow with the number handed out."""
+    rest, first = iter(tasks), 0
+    while chunk := list(islice(rest, min(largest, 1 + int(SHARE * first / jobs)))):
+        yield _Chunk(first, [_packed(task) for task in chunk])
+        first += len(chunk)
+
+
+def _until(killed: list[_Chunk], chunks: Iterator[_Chunk]) -> Iterator[_Chunk]:
+    """Chunks, as long as none has been given up: then those on their way come to their end first."""
+    while not killed:
+        chunk = next(chunks, None)
+        if chunk is None:
+            return
+        yield chunk
+
+
+def _alone(cluster: Cluster, common: bytes, task: bytes) -> Answer:
+    """What comes of a task that was on its way to a worker that died, with nothing else on its way."""
+    ((_, found),) = spread(cluster, [task], lambda one: (sent, (_answers, common, [one])))
+    if isinstance(found, Killed):
+        return None, TaskError("the process that worked on it died (out of memory?)")
+    return _unpacked(found[0])
+
+
+def _packed(thing: Any) -> bytes:
+    """A task or an answer as bytes; what cannot be pickled becomes its error."""
+    import cloudpickle
+
+    try:
+        data: bytes = cloudpickle.dumps(thing)
+    except Exception as error:  # whatever its class makes of being copied
+        data = pickle.dumps(Unsent(told(error)))
+    return data
+
+
+def _answers(common: Common, tasks: list[bytes]) -> list[bytes]:
+    """In a worker: what became of some tasks."""
+    return [_packed(answer(common, lambda data=data: pickle.loads(data))) for data in tasks]  # type: ignore[misc]
+
+
+def _unpacked(data: bytes) -> Answer:
+    """The answer that a worker sent."""
+    found = pickle.loads(data)
+    return (None, found.error) if isinstance(found, Unsent) else found

@@ -14,10 +14,9 @@ from queue import Empty, SimpleQueue
 from typing import Any
 from uuid import uuid4
 
-from ffsms_pin.engine.chunks import Chunks, halves
 from ffsms_pin.engine.cluster import Cluster
 from ffsms_pin.engine.interrupts import put_off
-from ffsms_pin.engine.task import Table, Work, computed, joined, sent
+from ffsms_pin.engine.rows import Chunks, Table, Work, computed, halves, joined, sent
 from ffsms_pin.errors import ClusterError, TaskError
 
 __all__ = ["KILLED", "Killed", "Lost", "Submit", "chunk_results", "spread"]

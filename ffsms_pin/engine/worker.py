@@ -81,10 +81,8 @@ def _remove(folder: str) -> None:
 def _end_with_parent(parent: int, last: Callable[[], None]) -> None:
     """End this process soon after its parent has ended, however that came about, and call `last` just before.
 
-    A process whose parent was killed is not told: it would wait for work that nobody sends, and hold memory
-    and semaphores. A thread looks every second whose child this process is; when that changes, the process
-    ends at once, without the clean-up that might wait for the parent. `parent` is its process id as it knows
-    it itself: it may be gone before this is called.
+    A process whose parent was killed is not told: a thread looks every second whose child this process is.
+    It ends at once then, without the clean-up that might wait for the parent.
     """
     threading.Thread(target=_watch, args=(parent, last), name="end-with-parent", daemon=True).start()
 

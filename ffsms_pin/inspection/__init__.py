@@ -1,7 +1,6 @@
 """What is wrong with a URDF file, and files that are mended with every change listed."""
 
 from ffsms_pin.inspection.faults import Change, Fault
-from ffsms_pin.inspection.repair import repair
-from ffsms_pin.inspection.report import JointReport, LinkReport, Report, inspect
+from ffsms_pin.inspection.report import JointReport, LinkReport, Report, inspect, repair
 
 __all__ = ["Change", "Fault", "JointReport", "LinkReport", "Report", "inspect", "repair"]

@@ -32,15 +32,7 @@ _RULES: tuple[Callable[[ElementTree.Element, Settings], Iterator[Fault]], ...] =
 
 
 class Examination(NamedTuple):
-    """What was found, and the robot as it is after every mend.
-
-    Attributes
-    ----------
-    faults : list of Fault
-    mended : Element
-    refusal : FfsmsError or None
-        Why the strict reader refuses the mended robot; None where it loads.
-    """
+    """What was found, the robot as it is after every mend, and why the strict reader refuses that, if so."""
 
     faults: list[Fault]
     mended: ElementTree.Element
@@ -75,9 +67,9 @@ def examine(settings: Settings) -> Examination:
         if not thin:
             break
         for fault in thin:
-            faults.append(fault)
-            if fault.mend is not None:
-                fault.mend()
+            assert fault.mend is not None
+            fault.mend()
+        faults += thin
         refused = refusal(settings.path, robot)
     if refused is not None and not any(fault.blocks and fault.mend is None for fault in faults):
         problem = refused.problem if isinstance(refused, InvalidUrdf) else str(refused)

@@ -11,17 +11,7 @@ __all__ = ["Change", "Fault", "Settings"]
 
 @dataclass(frozen=True)
 class Change:
-    """One change that a repair made.
-
-    Attributes
-    ----------
-    where : str
-        The link, joint or file.
-    problem : str
-        What was wrong.
-    remedy : str
-        What was done.
-    """
+    """One change that a repair made: to which link, joint or file, what was wrong, and what was done."""
 
     where: str
     problem: str
@@ -42,7 +32,7 @@ class Fault:
     problem : str
         What is wrong.
     blocks : bool
-        Whether `load` refuses the file because of it. Where False, the file loads as it is.
+        Whether `load` refuses the file because of it.
     remedy : str or None
         What a repair does; None where only the file's author can tell what is right.
     """
@@ -59,17 +49,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Settings:
-    """What the rules need besides the file's elements.
-
-    Attributes
-    ----------
-    path : Path
-        The file.
-    rate : float
-        Rate limit for joints without one [rad/s or m/s].
-    effort : float
-        Torque or force limit for joints without one [N m or N].
-    """
+    """The file, and the rate [rad/s, m/s] and effort [N m, N] that joints without such limits get."""
 
     path: Path
     rate: float

@@ -36,8 +36,7 @@ def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[F
         inertial = link.find("inertial")
         if inertial is None:
             continue
-        where = f"link '{link.get('name', '')}'"
-        element = inertial.find("inertia")
+        where, element = f"link '{link.get('name', '')}'", inertial.find("inertia")
         mass, tensor = inertial_numbers(link)
         if inertial.find("mass") is None:
             yield Fault(where, "its <inertial> has no <mass>", True)
@@ -45,30 +44,19 @@ def inertia_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[F
             yield Fault(where, f"its mass is negative, {mass:g} kg", True)
         elif element is None:
             if mass:
-                yield Fault(
-                    where,
-                    "its <inertial> has no <inertia>",
-                    True,
-                    f"that of a solid aluminium sphere of {mass:g} kg",
-                    partial(set_inertia, inertial, solid_sphere(mass)),
-                )
+                problem, remedy = "its <inertial> has no <inertia>", "that of a solid aluminium sphere"
+                mend = partial(set_inertia, inertial, solid_sphere(mass))
+                yield Fault(where, problem, True, f"{remedy} of {mass:g} kg", mend)
             elif mass == 0.0:
-                yield Fault(
-                    where,
-                    "its <inertial> has no mass and no <inertia>",
-                    True,
-                    "<inertial> taken out",
-                    partial(link.remove, inertial),
-                )
+                problem, mend = "its <inertial> has no mass and no <inertia>", partial(link.remove, inertial)
+                yield Fault(where, problem, True, "<inertial> taken out", mend)
         elif missing := [key for key in INERTIA_KEYS if key not in element.attrib]:
-            products = all(i != j for i, j in (INERTIA_KEYS[key] for key in missing))
-            yield Fault(
-                where,
-                f"its <inertia> has no {', '.join(missing)}",
-                True,
-                "set to zero" if products else None,
-                partial(element.attrib.update, dict.fromkeys(missing, "0")) if products else None,
-            )
+            problem = f"its <inertia> has no {', '.join(missing)}"
+            if all(i != j for i, j in (INERTIA_KEYS[key] for key in missing)):  # products of inertia alone
+                mend = partial(element.attrib.update, dict.fromkeys(missing, "0"))
+                yield Fault(where, problem, True, "set to zero", mend)
+            else:
+                yield Fault(where, problem, True)
         elif tensor is not None:
             yield from _tensor_faults(inertial, tensor, where)
 
@@ -83,27 +71,19 @@ def _tensor_faults(inertial: ElementTree.Element, tensor: FloatArray, where: str
         a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
         problem = f"its inertia breaks the triangle inequality: {a:.6g} + {b:.6g} < {c:.6g} kg m^2"
     nearest = nearest_inertia(tensor, 0.0)
-    yield Fault(
-        where,
-        problem,
-        True,
-        f"nearest inertia of a rigid body: principal {principal_text(nearest)} kg m^2",
-        partial(set_inertia, inertial, nearest),
-    )
+    remedy = f"nearest inertia of a rigid body: principal {principal_text(nearest)} kg m^2"
+    yield Fault(where, problem, True, remedy, partial(set_inertia, inertial, nearest))
 
 
 def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
     """Bodies that move, or are the base, without any mass."""
-    fixed: dict[str, list[str]] = {}
-    moving: dict[str, list[str]] = {}
+    fixed, moving = _carried(robot)
     joint_of: dict[str, ElementTree.Element] = {}
     for joint in robot.findall("joint"):
         parent, child = joint.find("parent"), joint.find("child")
         if parent is None or child is None or child.get("link", "") in joint_of:
             return  # not a tree: the strict check says so
         joint_of[child.get("link", "")] = joint
-        side = moving if joint.get("type") in _MOVING else fixed
-        side.setdefault(parent.get("link", ""), []).append(child.get("link", ""))
     weights = {link.get("name", ""): inertial_numbers(link)[0] for link in robot.findall("link")}
     for name in weights:
         carrier = joint_of.get(name)
@@ -112,14 +92,10 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
         group = _group(name, fixed)
         if any(weights.get(link) for link in group):
             continue
-        carries = any(moving.get(link) for link in group)
         if carrier is None:
-            yield Fault(
-                f"link '{name}'",
-                "the base has no mass; a satellite needs one: put the arm on one with ffsms_pin.mount",
-                True,
-            )
-        elif carries:
+            problem = "the base has no mass; a satellite needs one: put the arm on one with ffsms_pin.mount"
+            yield Fault(f"link '{name}'", problem, True)
+        elif any(moving.get(link) for link in group):
             yield Fault(f"link '{name}'", "it moves, and carries further joints, but has no mass", True)
         else:
             where = f"joint '{carrier.get('name', '')}'"
@@ -129,12 +105,7 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
 
 def thicken(robot: ElementTree.Element, group_of: str) -> Iterator[Fault]:
     """Mend the rods and point masses of the body that begins with the link `group_of`."""
-    fixed: dict[str, list[str]] = {}
-    for joint in robot.findall("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
-        if parent is not None and child is not None and joint.get("type") not in _MOVING:
-            fixed.setdefault(parent.get("link", ""), []).append(child.get("link", ""))
-    group = _group(group_of, fixed)
+    group = _group(group_of, _carried(robot)[0])
     for link in robot.findall("link"):
         mass, tensor = inertial_numbers(link)
         inertial = link.find("inertial")
@@ -143,16 +114,13 @@ def thicken(robot: ElementTree.Element, group_of: str) -> Iterator[Fault]:
         principal = np.linalg.eigvalsh(tensor)
         if principal[0] > 1e-9 * principal[2]:
             continue
-        better = (
-            nearest_inertia(tensor, ROUNDING * principal[2]) if principal[2] > 0.0 else solid_sphere(mass)
-        )
-        yield Fault(
-            f"link '{link.get('name', '')}'",
-            f"its inertia is not positive definite: principal inertias {principal_text(tensor)} kg m^2",
-            True,
-            f"principal inertias set to {principal_text(better)} kg m^2",
-            partial(set_inertia, inertial, better),
-        )
+        better = solid_sphere(mass)
+        if principal[2] > 0.0:
+            better = nearest_inertia(tensor, ROUNDING * principal[2])
+        problem = f"its inertia is not positive definite: principal inertias {principal_text(tensor)} kg m^2"
+        remedy = f"principal inertias set to {principal_text(better)} kg m^2"
+        mend = partial(set_inertia, inertial, better)
+        yield Fault(f"link '{link.get('name', '')}'", problem, True, remedy, mend)
 
 
 def solid_sphere(mass: float) -> FloatArray:
@@ -161,7 +129,20 @@ def solid_sphere(mass: float) -> FloatArray:
     return 0.4 * mass * radius**2 * np.eye(3)
 
 
+def _carried(robot: ElementTree.Element) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
+    """Links that each link carries by fixed joints, and by moving ones."""
+    fixed: dict[str, list[str]] = {}
+    moving: dict[str, list[str]] = {}
+    for joint in robot.findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        if parent is not None and child is not None:
+            side = moving if joint.get("type") in _MOVING else fixed
+            side.setdefault(parent.get("link", ""), []).append(child.get("link", ""))
+    return fixed, moving
+
+
 def _group(link: str, fixed: dict[str, list[str]]) -> set[str]:
+    """A link with all that is fixed to it."""
     group, stack = {link}, [link]
     while stack:
         further = [child for child in fixed.get(stack.pop(), []) if child not in group]

@@ -22,13 +22,8 @@ def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
     """A robot without a name, which urdfdom refuses."""
     if not robot.get("name"):
         name = settings.path.stem or "robot"
-        yield Fault(
-            "robot",
-            "it has no name",
-            True,
-            f"named '{name}' after the file",
-            partial(robot.set, "name", name),
-        )
+        remedy = f"named '{name}' after the file"
+        yield Fault("robot", "it has no name", True, remedy, partial(robot.set, "name", name))
 
 
 def root_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
@@ -49,14 +44,10 @@ def root_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
             and sum(p.get("link") == parent.get("link") for p in robot.iterfind("joint/parent")) == 1
         )
         if on_root:
-            name = roots[0].get("name", "")
-            yield Fault(
-                where,
-                f"it lets the robot float in the link '{name}', but the library adds the free-flyer itself",
-                True,
-                f"taken out, with the link '{name}'",
-                partial(_remove, robot, [roots[0], joint]),
-            )
+            link = f"the link '{roots[0].get('name', '')}'"
+            problem = f"it lets the robot float in {link}, but the library adds the free-flyer itself"
+            mend = partial(_remove, robot, [roots[0], joint])
+            yield Fault(where, problem, True, f"taken out, with {link}", mend)
         else:
             yield Fault(where, "a floating joint inside the robot cannot be used", True)
 
@@ -71,89 +62,55 @@ def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fau
         if mimic is not None:
             yield _mimic_fault(robot, joint, mimic, where)
             continue
-        axis = joint.find("axis")
-        if axis is not None and (length := _length(axis.get("xyz", "0 0 0"))) is not None:
-            if length < 1e-9:
-                yield Fault(where, "its axis is zero", True)
-                continue
-            if abs(length - 1.0) > 1e-3:
-                yield Fault(
-                    where, f"its axis has length {length:.4g}, and is read as if it had length 1", False
-                )
+        length = _axis_length(joint)
+        if length < 1e-9:
+            yield Fault(where, "its axis is zero", True)
+            continue
+        if abs(length - 1.0) > 1e-3:
+            problem = f"its axis has length {length:.4g}, and is read as if it had length 1"
+            yield Fault(where, problem, False)
         yield from _limit_faults(joint, where, settings)
         for dynamics in joint.findall("dynamics"):
             if dynamics.get("damping") is None and dynamics.get("friction") is None:
-                yield Fault(
-                    where,
-                    "a <dynamics> with neither damping nor friction",
-                    True,
-                    "taken out",
-                    partial(joint.remove, dynamics),
-                )
+                problem = "a <dynamics> with neither damping nor friction"
+                yield Fault(where, problem, True, "taken out", partial(joint.remove, dynamics))
 
 
 def _limit_faults(joint: ElementTree.Element, where: str, settings: Settings) -> Iterator[Fault]:
     kind, limit = joint.get("type"), joint.find("limit")
-    limited, unit = kind != "continuous", "m" if kind == "prismatic" else "rad"
-    usual = {
-        "velocity": (settings.rate, f"{unit}/s"),
-        "effort": (settings.effort, "N" if kind == "prismatic" else "N m"),
-    }
-    if limit is None:
-        if not limited:
-            yield Fault(where, "it has no rate limit and no torque limit", False)
+    unit, force, reach = ("m", "N", 1.0) if kind == "prismatic" else ("rad", "N m", math.pi)
+    usual = {"velocity": (settings.rate, f"{unit}/s"), "effort": (settings.effort, force)}
+    between = {"lower": words(-reach), "upper": words(reach)}
+    if limit is None and kind == "continuous":
+        yield Fault(where, "it has no rate limit and no torque limit", False)
+    elif limit is None:
+        told = " and ".join(f"{key} {value:g} {measure}" for key, (value, measure) in usual.items())
+        values = between | {key: words(value) for key, (value, _) in usual.items()}
+        blocks = kind != "revolute"  # which `load` limits like this too
+        remedy = f"limited to +/-{reach:.4g} {unit}, {told}"
+        mend = partial(_add_limit, joint, values)
+        yield Fault(where, f"it is {kind} but has no <limit>", blocks, remedy, mend)
+    else:
+        for key, (value, measure) in usual.items():
+            text = limit.get(key)
+            if text is None or float(text) <= 0.0:
+                problem = f"it has no {key} limit" if text is None else f"its {key} limit is {text}"
+                remedy = f"{key} limit set to {value:g} {measure}"
+                yield Fault(where, problem, True, remedy, partial(limit.set, key, words(value)))
+        low, high = limit.get("lower", "0"), limit.get("upper", "0")
+        if kind == "continuous":
             return
-        reach = 1.0 if kind == "prismatic" else math.pi
-        values = {"lower": -reach, "upper": reach} | {key: value for key, (value, _) in usual.items()}
-        yield Fault(
-            where,
-            f"it is {kind} but has no <limit>",
-            kind != "revolute",  # which `load` limits like this too
-            f"limited to +/-{reach:.4g} {unit}, "
-            + " and ".join(f"{key} {value:g} {measure}" for key, (value, measure) in usual.items()),
-            partial(_add_limit, joint, values),
-        )
-        return
-    for key, (value, measure) in usual.items():
-        text = limit.get(key)
-        if text is None or float(text) <= 0.0:
-            problem = f"it has no {key} limit" if text is None else f"its {key} limit is {text}"
-            remedy = f"{key} limit set to {value:g} {measure}"
-            yield Fault(where, problem, True, remedy, partial(limit.set, key, words(value)))
-    if limited:
-        yield from _range_faults(joint, limit, where, unit)
-
-
-def _range_faults(
-    joint: ElementTree.Element, limit: ElementTree.Element, where: str, unit: str
-) -> Iterator[Fault]:
-    given = "lower" in limit.attrib or "upper" in limit.attrib
-    low, high = limit.get("lower", "0"), limit.get("upper", "0")
-    if not given:
-        reach = 1.0 if unit == "m" else math.pi
-        yield Fault(
-            where,
-            "its <limit> has neither lower nor upper",
-            True,
-            f"limited to +/-{reach:.4g} {unit}",
-            partial(limit.attrib.update, {"lower": words(-reach), "upper": words(reach)}),
-        )
-    elif float(low) > float(high):
-        yield Fault(
-            where,
-            f"its limits are the wrong way round: lower {low}, upper {high}",
-            True,
-            "exchanged",
-            partial(limit.attrib.update, {"lower": high, "upper": low}),
-        )
-    elif float(low) == float(high):
-        yield Fault(
-            where,
-            f"its limits leave no room: lower and upper are both {low}",
-            True,
-            f"made fixed at {low} {unit}",
-            partial(fix_joint, joint, float(low)),
-        )
+        if not {"lower", "upper"} & set(limit.attrib):
+            problem, remedy = "its <limit> has neither lower nor upper", f"limited to +/-{reach:.4g} {unit}"
+            yield Fault(where, problem, True, remedy, partial(limit.attrib.update, between))
+        elif float(low) > float(high):
+            problem = f"its limits are the wrong way round: lower {low}, upper {high}"
+            mend = partial(limit.attrib.update, {"lower": high, "upper": low})
+            yield Fault(where, problem, True, "exchanged", mend)
+        elif float(low) == float(high):
+            problem = f"its limits leave no room: lower and upper are both {low}"
+            mend = partial(fix_joint, joint, float(low))
+            yield Fault(where, problem, True, f"made fixed at {low} {unit}", mend)
 
 
 def _mimic_fault(
@@ -162,18 +119,11 @@ def _mimic_fault(
     leaders = [other.get("name", "") for other in robot.findall("joint") if other is not joint]
     blocks = mimic.get("joint", "") not in leaders  # else `load` locks it too
     problem = f"it mimics '{mimic.get('joint', '')}', and cannot follow it"
-    offset = mimic.get("offset", "0")
-    axis = joint.find("axis")
-    usable = axis is None or (_length(axis.get("xyz", "0 0 0")) or 0.0) > 1e-9
-    if not usable:
+    if _axis_length(joint) <= 1e-9:
         return Fault(where, problem, True)
-    return Fault(
-        where,
-        problem,
-        blocks,
-        f"made fixed at its offset, {offset}",
-        partial(fix_joint, joint, float(offset)),
-    )
+    offset = mimic.get("offset", "0")
+    mend = partial(fix_joint, joint, float(offset))
+    return Fault(where, problem, blocks, f"made fixed at its offset, {offset}", mend)
 
 
 def shape_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
@@ -194,8 +144,8 @@ def shape_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fau
                         yield Fault(where, f"the {kind} mesh '{name}' is not found", False)
 
 
-def _add_limit(joint: ElementTree.Element, values: dict[str, float]) -> None:
-    ElementTree.SubElement(joint, "limit", {key: words(value) for key, value in values.items()})
+def _add_limit(joint: ElementTree.Element, values: dict[str, str]) -> None:
+    ElementTree.SubElement(joint, "limit", values)
 
 
 def _remove(robot: ElementTree.Element, items: list[ElementTree.Element]) -> None:
@@ -203,6 +153,7 @@ def _remove(robot: ElementTree.Element, items: list[ElementTree.Element]) -> Non
         robot.remove(item)
 
 
-def _length(text: str) -> float | None:
-    numbers = text.split()
-    return math.hypot(*map(float, numbers)) if len(numbers) == 3 and all(map(is_number, numbers)) else None
+def _axis_length(joint: ElementTree.Element) -> float:
+    """Of a joint whose numbers are plain."""
+    axis = joint.find("axis")
+    return 1.0 if axis is None else math.hypot(*map(float, axis.get("xyz", "0 0 0").split()))

@@ -7,6 +7,7 @@ import math
 import operator
 import re
 from collections.abc import Callable, Iterator
+from functools import partial
 from xml.etree import ElementTree
 
 from ffsms_pin.inspection.faults import Fault, Settings
@@ -68,13 +69,11 @@ def faults_in(item: ElementTree.Element, where: str) -> Iterator[Fault]:
             if text is None or _plain(text, count):
                 continue
             better = _mended(text, count, f"{element.tag} {key}")
-            yield Fault(
-                where,
-                f'{key}="{text}" in <{element.tag}> is not {_wanted(count)}: readers drop or refuse it',
-                element.tag not in _NOT_READ,
-                None if better is None else f'written as "{better}"',
-                None if better is None else _setter(element, key, better),
-            )
+            wanted = "a plain decimal number" if count == 1 else f"{count} plain decimal numbers"
+            problem = f'{key}="{text}" in <{element.tag}> is not {wanted}: readers drop or refuse it'
+            remedy = None if better is None else f'written as "{better}"'
+            mend = None if better is None else partial(element.set, key, better)
+            yield Fault(where, problem, element.tag not in _NOT_READ, remedy, mend)
 
 
 def mended_number(text: str) -> str | None:
@@ -124,11 +123,3 @@ def _mended(text: str, count: int, what: str) -> str | None:
         if len(words) == count and None not in mended:
             return " ".join(str(word) for word in mended)
     return None
-
-
-def _wanted(count: int) -> str:
-    return "a plain decimal number" if count == 1 else f"{count} plain decimal numbers"
-
-
-def _setter(element: ElementTree.Element, key: str, text: str) -> Callable[[], None]:
-    return lambda: element.set(key, text)

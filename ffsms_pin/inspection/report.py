@@ -1,23 +1,27 @@
-"""`inspect`: what is in a URDF file, link by link, and what is wrong with it."""
+"""`inspect`: what is in a URDF file, and what is wrong with it; `repair`: one that loads, changes listed."""
 
 from __future__ import annotations
 
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from ffsms_pin.errors import InvalidValue, ModelNotFound
+from ffsms_pin.checks import positive
+from ffsms_pin.errors import InvalidUrdf, InvalidValue, ModelNotFound
 from ffsms_pin.inspection.examination import examine, refusal
-from ffsms_pin.inspection.faults import Fault, Settings
+from ffsms_pin.inspection.faults import Change, Fault, Settings
 from ffsms_pin.inspection.inertias import inertial_numbers
+from ffsms_pin.storage import write_content
+from ffsms_pin.system.shapes import find_mesh
 from ffsms_pin.system.urdf_elements import read_robot
 from ffsms_pin.system.urdf_leniency import DEFAULT_EFFORT, DEFAULT_RATE
 from ffsms_pin.urdf import model_names, model_path
 
-__all__ = ["JointReport", "LinkReport", "Report", "checked_path", "inspect"]
+__all__ = ["JointReport", "LinkReport", "Report", "inspect", "repair"]
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,6 @@ class Report:
         Whether `repair` makes a file of it that loads.
     links, joints : tuple of LinkReport, of JointReport
     faults : tuple of Fault
-        Of all of them `blocks` says whether it keeps the file from loading, and `remedy` what a repair does.
     """
 
     path: Path
@@ -99,7 +102,7 @@ def inspect(path: str | os.PathLike[str]) -> Report:
     InvalidUrdf
         The file cannot be read, or is no XML with a <robot> element.
     """
-    file = checked_path(path)
+    file = _checked_path(path)
     robot = read_robot(file)
     refused = refusal(file, robot)
     found = examine(Settings(file, DEFAULT_RATE, DEFAULT_EFFORT))
@@ -115,7 +118,7 @@ def inspect(path: str | os.PathLike[str]) -> Report:
     )
 
 
-def checked_path(path: str | os.PathLike[str]) -> Path:
+def _checked_path(path: str | os.PathLike[str]) -> Path:
     """Path of a file or of a packaged robot, which must be there."""
     if not isinstance(path, (str, os.PathLike)):
         raise InvalidValue("path", path, "must be a path")
@@ -152,8 +155,75 @@ def _link(link: ElementTree.Element) -> LinkReport:
 def _joint(joint: ElementTree.Element) -> JointReport:
     limit = joint.find("limit")
     values = {} if limit is None else limit.attrib
-    return JointReport(
-        joint.get("name", ""),
-        joint.get("type", ""),
-        *(values.get(key) for key in ("lower", "upper", "velocity", "effort")),
-    )
+    limits = (values.get(key) for key in ("lower", "upper", "velocity", "effort"))
+    return JointReport(joint.get("name", ""), joint.get("type", ""), *limits)
+
+
+def repair(
+    path: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    rate: float = DEFAULT_RATE,
+    effort: float = DEFAULT_EFFORT,
+) -> list[Change]:
+    """Write a URDF that `ffsms_pin.load` takes, and say what was changed.
+
+    Only what keeps a file from loading is mended, numbers that readers drop, and what `load` assumes with a
+    warning. Where it takes knowledge that the file does not hold (a negative mass, a base without mass, two
+    roots), nothing is written.
+
+    Parameters
+    ----------
+    path : str or path
+        The file to mend; it is left alone unless `out` is the same.
+    out : str or path
+        The file to write; the changes stand in a comment at its head too.
+    rate : float
+        Rate limit for joints without one [rad/s or m/s].
+    effort : float
+        Torque or force limit for joints without one [N m or N].
+
+    Returns
+    -------
+    list of Change
+        Empty where the file loads as it is: `out` is then a plain copy in content.
+
+    Raises
+    ------
+    InvalidUrdf
+        Something is wrong that cannot be mended.
+    ModelNotFound, InvalidValue, ResultError
+        There is no such file, `rate` or `effort` cannot be used, or `out` cannot be written.
+    """
+    if not isinstance(out, (str, os.PathLike)):
+        raise InvalidValue("out", out, "must be a path")
+    settings = Settings(_checked_path(path), positive("rate", rate), positive("effort", effort))
+    found = examine(settings)
+    if found.refusal is not None:
+        stuck = [str(fault) for fault in found.faults if fault.blocks and fault.mend is None]
+        raise InvalidUrdf(settings.path, f"cannot be mended: {'; '.join(stuck)}")
+    mended = [fault for fault in found.faults if fault.mend is not None]
+    changes = [Change(fault.where, fault.problem, str(fault.remedy)) for fault in mended]
+    changes += _move_meshes(found.mended, settings.path, Path(out))
+    if changes:
+        # Two dashes would end a comment.
+        told = "\n".join(["Changed by ffsms-pin:", *(f"  {change}" for change in changes), ""])
+        comment: Any = ElementTree.Comment(" " + told.replace("--", "- -"))
+        comment.tail = "\n"
+        found.mended.insert(0, comment)
+    text = ElementTree.tostring(found.mended, encoding="utf-8", xml_declaration=True)
+    write_content(out, text)
+    return changes
+
+
+def _move_meshes(robot: ElementTree.Element, source: Path, out: Path) -> list[Change]:
+    """Mesh names that count from the file's folder, for a file in another folder."""
+    moved: dict[Change, None] = {}
+    for mesh in robot.iter("mesh"):
+        name = mesh.get("filename", "")
+        found = find_mesh(name, source)
+        if "://" in name or found is None or find_mesh(name, out) == found:
+            continue
+        new = Path(os.path.relpath(found, os.path.abspath(out.parent))).as_posix()
+        mesh.set("filename", new)
+        moved[Change("file", f"the mesh '{name}' counts from the old folder", f"written as '{new}'")] = None
+    return list(moved)

@@ -34,22 +34,18 @@ def to_mjcf(sms: SpaceManipulator, timestep: float = 1e-3, actuators: bool = Tru
     instance("sms", sms, SpaceManipulator)
     positive("timestep", timestep, "s")
     instance("actuators", actuators, bool)
-    model = sms.model
-    axes = joint_axes(sms)
-    children: dict[int, list[int]] = {j: [] for j in range(model.njoints)}
-    for j in range(2, model.njoints):
-        children[model.parents[j]].append(j)
+    model, axes = sms.model, joint_axes(sms)
 
     def body(j: int) -> str:
-        text = _inertial(model.inertias[j])
         if j == 1:
-            text = '<body name="base"><freejoint name="base"/>' + text
+            text = '<body name="base"><freejoint name="base"/>'
         else:
-            text = f'<body name="{model.names[j]}_link" {_place(model.jointPlacements[j])}>{joint(j)}' + text
+            text = f'<body name="{model.names[j]}_link" {_place(model.jointPlacements[j])}>{joint(j)}'
+        text += _inertial(model.inertias[j])
         frame = model.frames[sms.frame_id]
         if frame.parentJoint == j:
             text += f'<site name="end_effector" {_place(frame.placement)}/>'
-        return text + "".join(body(k) for k in children[j]) + "</body>"
+        return text + "".join(body(k) for k in model.children[j]) + "</body>"
 
     def joint(j: int) -> str:
         i = j - 2

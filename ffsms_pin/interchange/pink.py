@@ -64,9 +64,8 @@ class FloatingConfiguration(pink.Configuration):  # type: ignore[misc]
         rates = vector("velocity", velocity, self.sms.nv)[6:]
         first = self.sms.velocity(self.q, rates, self.momentum)
         middle = pin.integrate(self.model, self.q, 0.5 * dt * first)
-        return np.array(
-            pin.integrate(self.model, self.q, dt * self.sms.velocity(middle, rates, self.momentum))
-        )
+        over = dt * self.sms.velocity(middle, rates, self.momentum)
+        return np.array(pin.integrate(self.model, self.q, over))
 
     def integrate_inplace(self, velocity: ArrayLike, dt: float) -> None:
         """Go on by `dt` [s], as `integrate` says."""

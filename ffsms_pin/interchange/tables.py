@@ -35,6 +35,7 @@ __all__ = [
 
 TIME = "time [s]"
 BASE = ("base.x [m]", "base.y [m]", "base.z [m]", "base.qx", "base.qy", "base.qz", "base.qw")
+_ROOT = "inertial, root origin"
 _OF_A_JOINT = ("position [rad]", "rate [rad/s]")
 
 
@@ -118,11 +119,7 @@ def to_xarray(sms: SpaceManipulator, motion: Trajectory | Tracking) -> Any:
     data = {
         "position": (("time", "joint"), joints, {"units": "rad"}),
         "rate": (("time", "joint"), motion.v[:, 6:], {"units": "rad/s"}),
-        "base_position": (
-            ("time", "axis"),
-            motion.q[:, :3],
-            {"units": "m", "frame": "inertial, root origin"},
-        ),
+        "base_position": (("time", "axis"), motion.q[:, :3], {"units": "m", "frame": _ROOT}),
         "base_quaternion": (("time", "part"), motion.q[:, 3:7], {"order": "x, y, z, w"}),
         "position_error": (("time",), motion.position_error, {"units": "m"}),
     }
@@ -144,10 +141,7 @@ def check_motion(sms: SpaceManipulator, motion: Trajectory | Tracking) -> None:
 
 
 def columns(sms: SpaceManipulator, motion: Trajectory | Tracking) -> dict[str, FloatArray]:
-    """The motion at its nodes: time, pose of the root frame, joint positions and rates, and more.
-
-    Columns (N + 1,) by name; the robot's joints name them.
-    """
+    """Columns (N + 1,) by name: time, pose of the root frame, positions and rates of each joint, and more."""
     check_motion(sms, motion)
     joints = np.stack([sms.joint_positions(q) for q in motion.q])
     found: dict[str, FloatArray] = {TIME: motion.t}
@@ -167,11 +161,7 @@ def trajectory(sms: SpaceManipulator, table: dict[str, FloatArray], source: str)
     """The trajectory whose joint rates a table holds, with the base moving as momentum conservation says.
 
     The first row gives the start, the rates all that follows; its target is where the end effector ends.
-
-    Raises
-    ------
-    InvalidValue
-        A column is missing, the times are not in even steps from zero, or a number is not finite.
+    `InvalidValue`: a column is missing, the times are not in even steps from zero, or a number is not finite.
     """
     instance("sms", sms, SpaceManipulator)
     wanted = [TIME, *BASE, *(f"{name}.{what}" for name in sms.joint_names for what in _OF_A_JOINT)]

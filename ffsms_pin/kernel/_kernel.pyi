@@ -6,7 +6,6 @@ from typing import Any, TypeAlias
 from ffsms_pin.checks import FloatArray as Array
 
 Pair: TypeAlias = tuple[Array, Array]
-Maps: TypeAlias = tuple[Array, Array, Array]  # of a spline: travel, rates, accelerations
 Quadrature: TypeAlias = tuple[Array, Array, int]  # integral_to_points, integral_over, late
 
 class Tree:
@@ -40,21 +39,10 @@ def spline_attitudes(
     quadrature: Quadrature, omega: Array, inverse: Array, start: Array, momentum: Array, /
 ) -> Array: ...
 def sums(
-    tree: Tree, maps: Maps, quadrature: Quadrature, motions: Any, residuals: Sequence[Any], chosen: Any, /
+    tree: Tree, maps: Array, quadrature: Quadrature, motions: Array, residuals: Sequence[Any], chosen: Any, /
 ) -> Pair: ...
 def cone_marches(
-    tree: Tree,
-    steps: int,
-    duration: float,
-    kappa: float,
-    mean_speed: float,
-    damping: float,
-    joints: Array,
-    places: Array,
-    attitude: Array,
-    rotation: Array | None,
-    sides: Array,
-    /,
+    tree: Tree, steps: int, march: Array, rotation: Array | None, joints: Array, sides: Array, /
 ) -> Array: ...
 
 # bind_step.cpp
@@ -102,4 +90,4 @@ def near_parts(
     near: Array,
     /,
     *table: Any,
-) -> tuple[Array, Array, list[tuple[int, list[tuple[float, int]]]], Array]: ...
+) -> tuple[Array, Array, list[tuple[int, list[tuple[float, int]], Array]]]: ...

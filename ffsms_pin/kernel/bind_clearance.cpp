@@ -45,9 +45,8 @@ constexpr double kExact = 1e-7;  // [m] of bounds from above and from below that
 
 // Distances (V) and nearest points (V, 3, 3), in axes of the first body, of V entries (pair of bodies,
 // configuration); bounds from below, no points, where they are not below `near`. Of the entries (U) that have
-// pairs of parts which overlap, or of which one has no corners: the entry, and these pairs, each with a bound
-// from below, and the second body as the first sees it, (U, 4, 3): three rows of its attitude, then its
-// place.
+// pairs of parts which overlap, or of which one has no corners: the entry, these pairs, each with a bound
+// from below, and the second body as the first sees it (12,): its attitude, then its place.
 nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1> turns,
                      Table<double, 3, -1, -1> origins, Indices columns, Indices at, Vector near,
                      Table<double, -1, 17> bodies, Table<double, -1, 17> parts, Table<Index, -1, 2> ends,
@@ -62,7 +61,7 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
     return Hull{corner + begins(p), begins(p + 1) - begins(p), round[0], round[1],
                 of_numbers<Vec3<double>>(round + 2)};
   };
-  std::vector<Placed> placed(bodies.shape(0)), seen;
+  std::vector<Placed> placed(bodies.shape(0));
   std::vector<Vec3<double>> centres(bodies.shape(0)), ways(pairs.shape(0), Vec3<double>{});
   std::vector<std::pair<double, Index>> close;  // pairs of parts that may be near, and bounds
   const Size size = columns.shape(0);
@@ -109,13 +108,9 @@ nb::tuple near_parts(const Tree& tree, Matrix joints, Table<double, 3, 3, -1, -1
       }
     }
     least = most < near(v) || left.size() > 0 ? most : std::max(least, beyond);
-    if (left.size() == 0) continue;
-    entries.append(nb::make_tuple(v, left));
-    seen.push_back(relative);
+    if (left.size() > 0) entries.append(nb::make_tuple(v, left, array_of(relative)));
   }
-  Out as_seen = new_array(seen.size(), 4, 3);
-  std::memcpy(as_seen.data(), seen.data(), seen.size() * sizeof(Placed));
-  return nb::make_tuple(distance, points, entries, as_seen);
+  return nb::make_tuple(distance, points, entries);
 }
 
 // Distances (V) and nearest points (V, 3, 3) of the paper's points: `ends` are joints' origins in their

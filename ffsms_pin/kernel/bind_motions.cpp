@@ -15,10 +15,7 @@ namespace {
 using Slope = nb::ndarray<const double, nb::device::cpu>;
 
 // What Python hands over.
-using GivenQuadrature = std::tuple<In, Matrix, int>;   // integral_to_points, integral_over, late
-using GivenMaps = std::tuple<Matrix, Matrix, Matrix>;  // travel, rates, accelerations
-// joints, rates, base_attitude, own_spin, entropy_slope
-using GivenMotions = std::tuple<In, In, In, In, std::optional<In>>;
+using GivenQuadrature = std::tuple<In, Matrix, int>;  // integral_to_points, integral_over, late
 // Of one feature: instants, motion, weight, value, slopes by name.
 using GivenResidual =
     std::tuple<Indices, std::optional<Indices>, Vector, Slope, std::map<std::string, Slope>>;
@@ -48,8 +45,6 @@ const Index* checked(const Indices& array, Size count, Size end, const char* nam
   }
   return array.data();
 }
-
-// -- attitudes
 
 // Attitudes (9, 2 N + 1) at the nodes and in the middles of N steps, of angular velocities (3, 2 N + 1) in
 // base axes there: Simpson's rule and one bracket, and over a first half the parabola through the same
@@ -146,16 +141,6 @@ Out spline_attitudes(const GivenQuadrature& quadrature, const In& omega, const I
   return out;
 }
 
-// -- sums
-
-SplineMaps maps_of(const GivenMaps& given, Size instants) {
-  const auto& [travel, rates, accelerations] = given;
-  for (const Matrix* map : {&travel, &rates, &accelerations}) {
-    if (map->shape(0) != instants || map->shape(1) != travel.shape(1)) wrong("a map of the spline");
-  }
-  return {static_cast<int>(travel.shape(1)), {travel.data(), rates.data(), accelerations.data()}};
-}
-
 Residual residual_of(const GivenResidual& given, Size n, Size motions, Size instants) {
   const auto& [at, motion, weight, value, slopes] = given;
   const Size count = weight.size(), S = motion ? 1 : motions, rows = value.ndim() == 3 ? value.shape(0) : 0;
@@ -178,59 +163,41 @@ Residual residual_of(const GivenResidual& given, Size n, Size motions, Size inst
   return out;
 }
 
-// Gradients (T, M n) and Hessians (T, M n, M n) of T chosen motions.
-nb::tuple sums(const Tree& tree, const GivenMaps& maps, const GivenQuadrature& quadrature,
-               const GivenMotions& motions, const std::vector<GivenResidual>& residuals,
+// Gradients (T, M n) and Hessians (T, M n, M n) of T chosen motions (rows, S, K).
+nb::tuple sums(const Tree& tree, const Table<double, 3, -1, -1>& maps, const GivenQuadrature& quadrature,
+               const Table<double, -1, -1, -1>& motions, const std::vector<GivenResidual>& residuals,
                const Indices& chosen) {
   const Quadrature by = quadrature_of(quadrature);
-  const Size n = static_cast<Size>(tree.n), K = static_cast<Size>(by.instants());
-  const SplineMaps spline = maps_of(maps, K);
-  const auto& [joints, rates, attitude, own_spin, entropy_slope] = motions;
-  const Size size = n * static_cast<Size>(spline.size), stack = joints.size() / n, S = stack / K;
-  if (joints.size() != n * S * K || rates.size() != joints.size() || attitude.size() != 9 * stack ||
-      own_spin.size() != 3 * stack || (entropy_slope && entropy_slope->size() != 6 * n * stack))
-    wrong("an array");
-  const double* entropy = entropy_slope ? entropy_slope->data() : nullptr;
-  const MotionArrays arrays = {joints.data(), rates.data(), attitude.data(), own_spin.data(), entropy, stack};
+  const Size n = static_cast<Size>(tree.n), K = static_cast<Size>(by.instants()), S = motions.shape(1);
+  const Size size = n * maps.shape(2), count = chosen.shape(0), rows = motions.shape(0);
+  const bool entropy = rows == 8 * n + 12;
+  if (maps.shape(1) != K || motions.shape(2) != K || !(entropy || rows == 2 * n + 12)) wrong("an array");
+  const SplineMaps spline = {static_cast<int>(maps.shape(2)), maps.data()};
   std::vector<Residual> values;
   for (const auto& one : residuals) values.push_back(residual_of(one, n, S, K));
-  const Size count = chosen.shape(0);
   checked(chosen, count, S, "a chosen motion");
   Out gradient = new_array(count, size), hessian = new_array(count, size, size);
   std::fill_n(gradient.data(), gradient.size(), 0.0);
   std::fill_n(hessian.data(), hessian.size(), 0.0);
   std::vector<double> room(Sums::needed(tree, spline, by));
-  Sums all(tree, arrays, spline, by, room.data());
+  const MotionRows all = {motions.data(), S * K, entropy};
+  Sums sum(tree, all, spline, by, room.data());
   for (Size i = 0; i < count; ++i)
-    all.add(chosen(i), values, gradient.data() + i * size, hessian.data() + i * size * size);
+    sum.add(chosen(i), values, gradient.data() + i * size, hessian.data() + i * size * size);
   return nb::make_tuple(gradient, hessian);
 }
 
-// -- marches
-
-// Joint rates (S, steps, n) of marches to the sides (S, 3). `joints` are positions, limits and greatest rates
-// (4, n); `places` the target, the centre of mass and its drift.
-Out cone_marches(const Tree& tree, int steps, double duration, double kappa, double mean_speed,
-                 double damping, const Table<double, 4, -1>& joints, const Mat3<double>& places,
-                 const Mat3<double>& attitude, const std::optional<Mat3<double>>& rotation,
+// Joint rates (S, steps, n) of marches to the sides (S, 3), from the joints' positions, limits and greatest
+// rates (4, n).
+Out cone_marches(const Tree& tree, int steps, const ConeMarch& by,
+                 const std::optional<Mat3<double>>& rotation, const Table<double, 4, -1>& joints,
                  const Table<double, -1, 3>& sides) {
   const Size n = static_cast<Size>(tree.n), count = sides.shape(0);
   expect(joints.shape(1) == n, "an array has a wrong shape");
   Out rates = new_array(count, steps, n);
-  const ConeMarch by = {duration,
-                        steps,
-                        kappa,
-                        mean_speed,
-                        damping,
-                        joints.data(),
-                        places[0],
-                        places[1],
-                        places[2],
-                        attitude,
-                        rotation ? &*rotation : nullptr};
   for (Size s = 0; s < count; ++s) {
-    const auto side = of_numbers<Vec3<double>>(sides.data() + 3 * s);
-    cone_march(tree, by, side, rates.data() + s * static_cast<Size>(steps) * n);
+    cone_march(tree, steps, by, rotation, joints.data(), of_numbers<Vec3<double>>(sides.data() + 3 * s),
+               rates.data() + s * static_cast<Size>(steps) * n);
   }
   return rates;
 }

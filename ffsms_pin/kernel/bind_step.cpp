@@ -41,11 +41,11 @@ nb::tuple step_state(const Tree& tree, const RootPose& root, const Vector& joint
                            {{2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)}}}};
   Out columns = new_array(3, 6, n), basis = new_array(n, n);
   double V[kMostJoints * kMostJoints], sigma[kMostJoints];
-  for (int j = 0; j < n; ++j) {
-    Writer<double> write = {columns.data() + j, static_cast<Size>(n)};
-    for (const Vec3<double>& column : {arm.root[j], arm.spin[j], R * arm.jstar[j], R * arm.jstar_spin[j],
-                                       R * arm.tip_velocity[j], R * arm.tip_spin[j]})
-      write.put(&column);
+  Writer<double> write = {columns.data(), 1};
+  for (const auto* own : {arm.root, arm.spin}) write.put(own, n);
+  for (auto* base : {arm.jstar, arm.jstar_spin, arm.tip_velocity, arm.tip_spin}) {
+    for (int j = 0; j < n; ++j) base[j] = R * base[j];  // inertial axes
+    write.put(base, n);
   }
   // Singular values depend on the reference point, the base's centre of mass, and not on the axes.
   singular_values(6, n, arm.coupling, V, sigma);
@@ -115,20 +115,12 @@ nb::tuple step_programme(const Vec3<double>& way, const std::optional<Mat3<doubl
                          const Vec3<double>& side, double cosine, double time_left, double dt,
                          const StepWeights& weights, const std::vector<Rows>& limits) {
   const int n = static_cast<int>(rates.shape(0)), size = n + 2;
-  expect(n <= kMostJoints, "the kernel takes 1 to 64 joints");
-  const StepGiven by = {n,
-                        way,
-                        rotation ? &*rotation : nullptr,
-                        attitude,
-                        J.data(),
-                        V.data(),
-                        rates.data(),
-                        drift.data(),
-                        acceleration.data(),
-                        side,
-                        cosine,
-                        time_left,
-                        dt};
+  const Size joints = rates.shape(0);
+  expect(n <= kMostJoints && J.shape(1) == joints && V.size() == joints * joints,
+         "an array has a wrong shape");
+  expect_size(acceleration, joints);
+  const StepArrays arrays = {J.data(), V.data(), rates.data(), drift.data(), acceleration.data()};
+  const StepGiven by = {arrays, n, way, side, attitude, rotation, cosine, time_left, dt};
   const WantedMotion wanted = wanted_motion(by);
   Out goal = new_array(size + 1, size);
   std::fill_n(goal.data(), goal.size(), 0.0);

@@ -10,54 +10,54 @@
 
 namespace ffsms {
 
+// What all marches from one start share.
 struct ConeMarch {
   double duration;                  // [s]
-  int steps;                        // of one length
   double kappa;                     // of the paper's cost
   double mean_speed;                // of a straight way to the target [m/s]
   double damping;                   // of the least squares [m]
-  const double* joints;             // their positions, limits and greatest rates (4, n)
   Vec3<double> target, com, drift;  // of the centre of mass
   Mat3<double> attitude;            // of the base at the start
-  const Mat3<double>* rotation;     // wanted of the end effector, or null
 };
 
 // Least rates (n) with J u near to what is wanted (m), for J (m, n). Damping must not slow what can be done:
 // one step of refinement takes most of it back.
-inline void least_rates(int m, int n, const double (*J)[kMostJoints], const double* wanted, double damping,
-                        double* u) {
+inline void least_rates(int m, int n, const double* J, const double* wanted, double damping, double* u) {
   const int wide = m + 1;
   double left[6], equations[6 * 7];
   std::copy(wanted, wanted + m, left);
   std::fill(u, u + n, 0.0);
   for (int pass = 0; pass < 2; ++pass) {
     for (int i = 0; i < m; ++i) {
-      for (int j = 0; j < m; ++j) equations[i * wide + j] = dot(J[i], J[j], n);
+      for (int j = 0; j < m; ++j) equations[i * wide + j] = dot(J + i * n, J + j * n, n);
       equations[i * wide + i] += damping * damping;
       equations[i * wide + m] = left[i];
     }
     solve(equations, m);
-    for (int k = 0; k < n; ++k) {
-      for (int i = 0; i < m; ++i) u[k] += J[i][k] * equations[i * wide + m];
+    for (int i = 0; i < m; ++i) {
+      for (int k = 0; k < n; ++k) u[k] += J[i * n + k] * equations[i * wide + m];
     }
     for (int i = 0; i < m; ++i) {
       left[i] = wanted[i];
-      for (int k = 0; k < n; ++k) left[i] -= J[i][k] * u[k];
+      for (int k = 0; k < n; ++k) left[i] -= J[i * n + k] * u[k];
     }
   }
 }
 
-// Joint rates (steps, n) of a march to that side of the target's direction; straight where it is zero.
-inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side, double* out) {
-  const int n = tree.n, rows = by.rotation ? 6 : 3;
-  const double *low = by.joints + n, *high = low + n, *most = high + n;
-  const double dt = by.duration / by.steps;
+// Joint rates (steps, n) of a march to that side of the target's direction; straight where it is zero. Leads
+// to an attitude, where one is wanted, from the joints' positions, limits and greatest rates (4, n).
+inline void cone_march(const Tree& tree, int steps, const ConeMarch& by,
+                       const std::optional<Mat3<double>>& rotation, const double* joints, Vec3<double> side,
+                       double* out) {
+  const int n = tree.n;
+  const double *low = joints + n, *high = low + n, *most = high + n;
+  const double dt = by.duration / steps;
   const bool straight = dot(side, side) == 0.0;
-  double q[kMostJoints] = {}, J[6][kMostJoints], wanted[6], unused[6 * kMostJoints], speed = 0.0;
-  std::copy(by.joints, low, q);
+  double q[kMostJoints] = {}, J[6 * kMostJoints], wanted[6], unused[6 * kMostJoints], speed = 0.0;
+  std::copy(joints, low, q);
   Mat3<double> R = by.attitude;
   Arm<double> arm;
-  for (int k = 0; k < by.steps; ++k, out += n) {
+  for (int k = 0; k < steps; ++k, out += n) {
     evaluate(tree, q, arm);
     const Vec3<double> com = by.com + (k * dt) * by.drift;
     const Vec3<double> way = by.target - com - R * (arm.tip - arm.com);
@@ -72,26 +72,21 @@ inline void cone_march(const Tree& tree, const ConeMarch& by, Vec3<double> side,
     // The speed rises over a tenth of the time to its mean.
     const double mean = std::fmax(by.mean_speed, distance / by.duration);
     speed = std::fmin(share * distance / std::fmax(cosine, kLeastApproach),
-                      speed + 10.0 / by.steps * mean * kArrivalPower);
+                      speed + 10.0 / steps * mean * kArrivalPower);
     const Vec3<double> velocity = speed * e - by.drift;
-    Vec3<double> turn = Vec3<double>{};
-    if (by.rotation) turn = share * log3(*by.rotation * transposed(R * arm.tip_rotation));
-    for (int x = 0; x < 3; ++x) {
-      wanted[x] = velocity[x];
-      wanted[3 + x] = turn[x];
-    }
+    Vec3<double> turn = {}, spin = {}, moved[kMostJoints], turned[kMostJoints];
+    if (rotation) turn = share * log3(*rotation * transposed(R * arm.tip_rotation));
     for (int j = 0; j < n; ++j) {
-      const Vec3<double> moved = R * arm.jstar[j];
-      const Vec3<double> turned = R * arm.jstar_spin[j];
-      for (int x = 0; x < 3; ++x) {
-        J[x][j] = moved[x];
-        J[3 + x][j] = turned[x];
-      }
+      moved[j] = R * arm.jstar[j];
+      turned[j] = R * arm.jstar_spin[j];
     }
-    least_rates(rows, n, J, wanted, by.damping, out);
+    Writer<double> rows = {J, 1}, asked = {wanted, 1};
+    for (const auto* columns : {moved, turned}) rows.put(columns, n);
+    asked.put(&velocity);
+    asked.put(&turn);
+    least_rates(rotation ? 6 : 3, n, J, wanted, by.damping, out);
     double used = 1.0;  // of the greatest rates, the largest share
     for (int j = 0; j < n; ++j) used = std::fmax(used, std::fabs(out[j]) / std::fmax(most[j], 1e-12));
-    Vec3<double> spin = Vec3<double>{};
     for (int j = 0; j < n; ++j) {
       const double rate = most[j] > 0.0 ? out[j] / used : 0.0;
       out[j] = std::fmin(std::fmax(rate, (low[j] - q[j]) / dt), (high[j] - q[j]) / dt);

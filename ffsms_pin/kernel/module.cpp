@@ -1,8 +1,8 @@
 // The module: the robot, functions of it at stacks of configurations, from arrays (rows, ...) to new ones
 // (rows, B), and what other files bind. Shapes are checked in the bindings, the headers do the work.
 #include "arrays.hpp"
-#include "dynamics.hpp"
 #include "entropy.hpp"
+#include "slopes.hpp"
 
 namespace ffsms {
 namespace {
@@ -103,126 +103,12 @@ Out at_each(const Tree& tree, std::initializer_list<Given> given, int rows, cons
   });
 }
 
-// What `ArmValues` holds beside the positions, in its order.
-Out arm_values(const Tree& tree, const In& positions) {
-  const int n = tree.n;
-  return at_each(tree, {{positions, n}}, 42 * n + 27, [n](auto& work, auto& write) {
-    const auto& arm = work.arm;
-    for (const auto* columns :
-         {arm.axis, arm.velocity, arm.linear, arm.angular, arm.spin, arm.root, arm.tip_velocity, arm.jstar})
-      write.put(columns, n);
-    for (const auto* vector : {&arm.com, &arm.tip}) write.put(vector);
-    for (const auto* matrix : {&arm.inverse, &arm.tip_rotation}) write.put(matrix);
-    write.put(arm.coupling, 6 * n);
-    write.put(arm.origin, n + 1);
-    write.put(arm.rotation, n);
-  });
-}
-
-// C_bm and J* (6, n), the end effector from the base's centre of mass.
-Out coupled(const Tree& tree, const In& positions) {
-  const int n = tree.n;
-  return at_each(tree, {{positions, n}}, 12 * n + 3, [&](auto& work, auto& write) {
-    work.arm.tip = work.arm.tip - decltype(work.arm.tip)(tree.base_com);
-    write.put(work.arm.coupling, 6 * n);
-    write.put(work.arm.jstar, n);
-    write.put(work.arm.jstar_spin, n);
-    write.put(&work.arm.tip);
-  });
-}
-
-// J_m (6, n), on a fixed base.
-Out manipulator_jacobian(const Tree& tree, const In& positions) {
-  return at_each(tree, {{positions, tree.n}}, 6 * tree.n, [&](auto& work, auto& write) {
-    write.put(work.arm.tip_velocity, tree.n);
-    write.put(work.arm.tip_spin, tree.n);
-  });
-}
-
-// H_q (n, n).
-Out reduced(const Tree& tree, const In& positions) {
-  return at_each(tree, {{positions, tree.n}}, tree.n * tree.n, [&](auto& work, auto& write) {
-    reduced_inertia(tree, work.arm, work.matrix);
-    write.put(work.matrix, tree.n * tree.n);
-  });
-}
-
-// Of the base's angular velocity and of the end effector's velocity (3, n) each.
-Out velocities(const Tree& tree, const In& positions, const In& rates) {
-  const int n = tree.n;
-  return at_each(tree, {{positions, n}, {rates, n}}, 6 * n, [&](auto& work, auto& write) {
-    velocity_slopes(tree, work.arm, work.given[1], work.columns[0], work.columns[1]);
-    for (const auto* slopes : work.columns) write.put(slopes, n);
-  });
-}
-
-// Of the angular momentum (3, n) while the base's attitude is held.
-Out momenta(const Tree& tree, const In& positions, const In& rates) {
-  const int n = tree.n;
-  return at_each(tree, {{positions, n}, {rates, n}}, 3 * n, [&](auto& work, auto& write) {
-    momentum_slopes(tree, work.arm, work.given[1], work.columns[0]);
-    write.put(work.columns[0], n);
-  });
-}
-
-// Gradient (n) of a function of the coupling with slopes (6, n).
-Out couplings(const Tree& tree, const In& positions, const In& by_coupling) {
-  const int n = tree.n;
-  return at_each(tree, {{positions, n}, {by_coupling, 6 * n}}, n, [&](auto& work, auto& write) {
-    coupling_slopes(tree, work.arm, work.given[1], work.numbers);
-    write.put(work.numbers, n);
-  });
-}
-
-// Torques of the joints (n), force and moment (6) that hold the base.
-Out forces(const Tree& tree, const In& positions, const In& rates, const In& accelerations,
-           const In& own_spin) {
-  const int n = tree.n;
-  const auto given = {Given{positions, n}, {rates, n}, {accelerations, n}, {own_spin, 3}};
-  return at_each(tree, given, n + 6, [&](auto& work, auto& write) {
-    auto* own = work.given[3];
-    auto *force = &work.columns[0][0], *moment = &work.columns[1][0];
-    dynamics(tree, work.arm, work.given[1], work.given[2], {{own[0], own[1], own[2]}}, work.numbers, *force,
-             *moment);
-    write.put(work.numbers, n);
-    write.put(force);
-    write.put(moment);
-  });
-}
-
 // Rows and columns of matrices (rows, n, ...).
 std::pair<int, int> sizes(const In& matrices) {
   expect(matrices.ndim() >= 2, "matrices have two axes");
   const Size rows = matrices.shape(0), n = matrices.shape(1);
   expect(rows >= 1 && rows <= kMostRows && n >= 1 && n <= kMostJoints, "too many rows or joints");
   return {static_cast<int>(rows), static_cast<int>(n)};
-}
-
-// H_norm of matrices: one row, then rows n of its gradient.
-Out entropies(const In& matrices) {
-  const auto [rows, n] = sizes(matrices);
-  const int size = rows * n;
-  return stack({{matrices, size}}, 1 + size, [rows = rows, n = n](auto& work, auto& write) {
-    work.matrix[0] = entropy(rows, n, work.given[0], work.matrix + 1);
-    write.put(work.matrix, 1 + rows * n);
-  });
-}
-
-// Singular values of matrices, the largest first; without vectors the lesser of rows and n. With vectors n of
-// them, then V (n, n).
-Out singular(const In& matrices, bool vectors) {
-  const auto [rows, n] = sizes(matrices);
-  const int size = rows * n, count = vectors ? n + n * n : std::min(rows, n);
-  return stack({{matrices, size}}, count, [=, rows = rows, n = n](auto& work, auto& write) {
-    auto *C = work.given[0], *V = vectors ? work.matrix : nullptr;
-    // So that no square overflows, or vanishes.
-    auto largest = std::decay_t<decltype(*C)>(kTiny);
-    for (int i = 0; i < size; ++i) largest = larger(largest, magnitude(C[i]));
-    write.put(work.numbers, singular_values(rows, n, C, V, work.numbers, largest));
-    for (int i = 0; vectors && i < n; ++i) {
-      for (int j = 0; j < n; ++j) write.put(&V[j * n + i]);
-    }
-  });
 }
 
 }  // namespace
@@ -240,16 +126,108 @@ NB_MODULE(_kernel, m) {
         expect(state.size() == sizeof(Tree), "a tree of another build");
         std::memcpy(static_cast<void*>(&self), state.data(), sizeof(Tree));
       });
-  m.def("arm_values", &arm_values);
-  m.def("coupled", &coupled);
-  m.def("manipulator_jacobian", &manipulator_jacobian);
-  m.def("reduced_inertia", &reduced);
-  m.def("velocity_slopes", &velocities);
-  m.def("momentum_slopes", &momenta);
-  m.def("coupling_slopes", &couplings);
-  m.def("dynamics", &forces);
-  m.def("entropies", &entropies);
-  m.def("singular_values", &singular);
+
+  // What `ArmValues` holds beside the positions, in its order.
+  m.def("arm_values", [](const Tree& tree, const In& positions) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}}, 42 * n + 27, [n](auto& work, auto& write) {
+      const auto& arm = work.arm;
+      for (const auto* columns :
+           {arm.axis, arm.velocity, arm.linear, arm.angular, arm.spin, arm.root, arm.tip_velocity, arm.jstar})
+        write.put(columns, n);
+      for (const auto* vector : {&arm.com, &arm.tip}) write.put(vector);
+      for (const auto* matrix : {&arm.inverse, &arm.tip_rotation}) write.put(matrix);
+      write.put(arm.coupling, 6 * n);
+      write.put(arm.origin, n + 1);
+      write.put(arm.rotation, n);
+    });
+  });
+  // C_bm and J* (6, n), the end effector from the base's centre of mass.
+  m.def("coupled", [](const Tree& tree, const In& positions) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}}, 12 * n + 3, [&](auto& work, auto& write) {
+      const auto tip = work.arm.tip - decltype(work.arm.tip)(tree.base_com);
+      write.put(work.arm.coupling, 6 * n);
+      for (const auto* columns : {work.arm.jstar, work.arm.jstar_spin}) write.put(columns, n);
+      write.put(&tip);
+    });
+  });
+  // J_m (6, n), on a fixed base.
+  m.def("manipulator_jacobian", [](const Tree& tree, const In& positions) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}}, 6 * n, [n](auto& work, auto& write) {
+      for (const auto* columns : {work.arm.tip_velocity, work.arm.tip_spin}) write.put(columns, n);
+    });
+  });
+  // H_q (n, n).
+  m.def("reduced_inertia", [](const Tree& tree, const In& positions) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}}, n * n, [&](auto& work, auto& write) {
+      reduced_inertia(tree, work.arm, work.matrix);
+      write.put(work.matrix, n * n);
+    });
+  });
+  // Of the base's angular velocity and of the end effector's velocity (3, n) each.
+  m.def("velocity_slopes", [](const Tree& tree, const In& positions, const In& rates) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}, {rates, n}}, 6 * n, [&](auto& work, auto& write) {
+      velocity_slopes(tree, work.arm, work.given[1], work.columns[0], work.columns[1]);
+      for (const auto* slopes : work.columns) write.put(slopes, n);
+    });
+  });
+  // Of the angular momentum (3, n) while the base's attitude is held.
+  m.def("momentum_slopes", [](const Tree& tree, const In& positions, const In& rates) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}, {rates, n}}, 3 * n, [&](auto& work, auto& write) {
+      momentum_slopes(tree, work.arm, work.given[1], work.columns[0]);
+      write.put(work.columns[0], n);
+    });
+  });
+  // Gradient (n) of a function of the coupling with slopes (6, n).
+  m.def("coupling_slopes", [](const Tree& tree, const In& positions, const In& by_coupling) {
+    const int n = tree.n;
+    return at_each(tree, {{positions, n}, {by_coupling, 6 * n}}, n, [&](auto& work, auto& write) {
+      coupling_slopes(tree, work.arm, work.given[1], work.numbers);
+      write.put(work.numbers, n);
+    });
+  });
+  // Torques of the joints (n), force and moment (6) that hold the base; `own` is what momentum adds to its
+  // spin.
+  m.def("dynamics",
+        [](const Tree& tree, const In& joints, const In& rates, const In& accelerations, const In& own) {
+          const int n = tree.n;
+          const auto given = {Given{joints, n}, {rates, n}, {accelerations, n}, {own, 3}};
+          return at_each(tree, given, n + 6, [&](auto& work, auto& write) {
+            const auto* spin = work.given[3];
+            auto *force = work.columns[0], *moment = work.columns[1];
+            dynamics(tree, work.arm, work.given[1], work.given[2], {{spin[0], spin[1], spin[2]}},
+                     work.numbers, *force, *moment);
+            write.put(work.numbers, n);
+            for (const auto* vector : {force, moment}) write.put(vector);
+          });
+        });
+  // H_norm of matrices: one row, then rows n of its gradient.
+  m.def("entropies", [](const In& matrices) {
+    const auto [rows, n] = sizes(matrices);
+    return stack({{matrices, rows * n}}, 1 + rows * n, [rows = rows, n = n](auto& work, auto& write) {
+      work.matrix[0] = entropy(rows, n, work.given[0], work.matrix + 1);
+      write.put(work.matrix, 1 + rows * n);
+    });
+  });
+  // Singular values of matrices, the largest first; without vectors the lesser of rows and n. With vectors n
+  // of them, then V (n, n).
+  m.def("singular_values", [](const In& matrices, bool vectors) {
+    const auto [rows, n] = sizes(matrices);
+    const int count = vectors ? n + n * n : std::min(rows, n);
+    return stack({{matrices, rows * n}}, count, [vectors, rows = rows, n = n](auto& work, auto& write) {
+      auto *C = work.given[0], *V = vectors ? work.matrix : nullptr;
+      // So that no square overflows, or vanishes.
+      auto largest = std::decay_t<decltype(*C)>(kTiny);
+      for (int i = 0; i < rows * n; ++i) largest = larger(largest, magnitude(C[i]));
+      write.put(work.numbers, singular_values(rows, n, C, V, work.numbers, largest));
+      for (int i = 0; vectors && i < n * n; ++i) write.put(&V[i % n * n + i / n]);
+    });
+  });
   bind_clearance(m);
   bind_motions(m);
   bind_step(m);

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "arm.hpp"
 
@@ -136,17 +137,18 @@ inline bool solve(double* A, int size) {
   return true;
 }
 
-// What one step is given of n joints; null: no attitude is wanted.
-struct StepGiven {
+// What one step is given of n joints: its arrays, and the rest.
+struct StepArrays {
+  const double *J, *V;          // J* (6, n), and the basis of the rates (n, n)
+  const double *rates, *drift;  // (n), and of the end effector with the joints at rest (6)
+  const double* acceleration;   // limits (n)
+};
+struct StepGiven : StepArrays {
   int n;
-  Vec3<double> way;              // to the target [m]
-  const Mat3<double>* rotation;  // wanted of the end effector
-  Mat3<double> attitude;         // that it has
-  const double *J, *V;           // J* (6, n), and the basis of the rates (n, n)
-  const double *rates, *drift;   // (n), and of the end effector with the joints at rest (6)
-  const double* acceleration;    // limits (n)
-  Vec3<double> side;             // of the way, to move on; zero: as the end effector moves
-  double cosine, time_left, dt;  // of the angle between motion and way; [s]
+  Vec3<double> way, side;                // to the target [m]; of it, to move on, or zero: as it moves
+  Mat3<double> attitude;                 // of the end effector
+  std::optional<Mat3<double>> rotation;  // that is wanted of it
+  double cosine, time_left, dt;          // of the angle between motion and way; [s]
 };
 
 // Unit vectors to the target, along the wanted motion, and across the way; the wanted spin, and the speed.

@@ -62,16 +62,18 @@ struct Value {
   Index instant() const { return of.instants[i]; }
 };
 
-// Dense arrays of motions; the entropy's slopes by C_bm may be absent.
-struct MotionArrays {
-  const double *joints, *rates, *attitude, *own_spin, *entropy_slope;  // (n), (n), (3, 3), (3), (6, n)
-  std::size_t stack;                                                   // numbers in a row
+// Rows of motions, `stack` numbers each: joints and rates (n) each, the base's attitude (9), what momentum
+// adds to its spin (3), and where they are there, the entropy's slopes by C_bm (6 n).
+struct MotionRows {
+  const double* first;
+  std::size_t stack;
+  bool entropy;
 };
 
-// Maps from M control points of one joint to its travel, rate and acceleration at all instants, (K, M).
+// Maps from M control points of one joint to its travel, rate and acceleration at all instants, (3, K, M).
 struct SplineMaps {
   int size;
-  const double* map[3];
+  const double* maps;
 };
 
 // The robot at one instant, base axes: vectors that turn with everything, and the base's attitude; how each
@@ -98,7 +100,7 @@ Of<double> lane(const Of<T>& packs, int i) {
 class Sums {
  public:
   // `room`: as many numbers as `needed` says, to work in.
-  Sums(const Tree& tree, const MotionArrays& motions, const SplineMaps& spline, const Quadrature& by,
+  Sums(const Tree& tree, const MotionRows& motions, const SplineMaps& spline, const Quadrature& by,
        double* room)
       : tree_(tree), motions_(motions), spline_(spline), quadrature_(by), room_(room) {
     std::fill_n(rows_, kBatch * size_, 0.0);
@@ -141,7 +143,7 @@ class Sums {
  private:
   static constexpr int kBatch = 4;  // rows that one pass over the Hessian adds
 
-  const double* map(int which, Index k) const { return spline_.map[which] + k * spline_.size; }
+  const double* map(int which, Index k) const { return spline_.maps + (which * K_ + k) * spline_.size; }
 
   // Early instants depend on the first control points alone. The base's turn within an interval follows from
   // all points of it, and from those before.
@@ -170,18 +172,15 @@ class Sums {
     T joints[kMostJoints], rates[kMostJoints], by_coupling[6 * kMostJoints], by_entropy[kMostJoints] = {};
     Vec3<T> spin_slope[kMostJoints], tip_slope[kMostJoints], turning_slope[kMostJoints], base_spin;
     Instant<T> at;
-    const auto read = [&](const double* from, auto* values, int count) {
-      Reader<T>{from + motion_ * K_ + begin, motions_.stack}.next(values, count);
-    };
-    read(motions_.joints, joints, n_);
-    read(motions_.rates, rates, n_);
-    read(motions_.attitude, &at.attitude, 1);
-    read(motions_.own_spin, &base_spin, 1);
+    Reader<T> read = {motions_.first + motion_ * K_ + begin, motions_.stack};
+    for (T* row : {joints, rates}) read.next(row, n_);
+    read.next(&at.attitude);
+    read.next(&base_spin);
     evaluate(tree_, joints, arm);
     velocity_slopes(tree_, arm, rates, spin_slope, tip_slope);
     turning_slopes(tree_, arm, rates, turning_slope);
-    if (motions_.entropy_slope) {
-      read(motions_.entropy_slope, by_coupling, 6 * n_);
+    if (motions_.entropy) {
+      read.next(by_coupling, 6 * n_);
       coupling_slopes(tree_, arm, by_coupling, by_entropy);
     }
     const int lanes = sizeof(T) / sizeof(double);
@@ -278,7 +277,7 @@ class Sums {
     for (int j = 0; r.by[kEntropy] && j < n_; ++j) own[j] += value.by(kEntropy) * columns[j].entropy;
     if (r.by[kCoupling]) {
       double joints[kMostJoints], by_coupling[6 * kMostJoints], gradient[kMostJoints];
-      Reader<double>{motions_.joints + motion_ * K_ + k, motions_.stack}.next(joints, n_);
+      Reader<double>{motions_.first + motion_ * K_ + k, motions_.stack}.next(joints, n_);
       for (int c = 0; c < 6; ++c) {
         for (int j = 0; j < n_; ++j) by_coupling[c * n_ + j] = value(r.by[kCoupling], c, j);
       }
@@ -354,7 +353,7 @@ class Sums {
   }
 
   const Tree& tree_;
-  const MotionArrays& motions_;
+  const MotionRows& motions_;
   const SplineMaps& spline_;
   const Quadrature& quadrature_;
   double* room_;

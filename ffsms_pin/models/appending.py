@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import number, per_joint
 from ffsms_pin.errors import FfsmsWarning, InvalidUrdf, InvalidValue, UnsupportedJoint
-from ffsms_pin.models.base import SatelliteBase
-from ffsms_pin.models.composition import satellite_shapes
+from ffsms_pin.models.base import SatelliteBase, satellite_shapes
 from ffsms_pin.storage import check_readable, read_content
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.joints import JointLayout
@@ -75,7 +74,8 @@ def append(
     What the model fixes to its universe is fixed to the satellite. `shapes` are the visual and the collision
     shapes of the arm; those of the satellite are added to both.
     """
-    arm, shapes = _lock(_of_one_freedom(arm), shapes, locked or {})
+    _check_freedoms(arm)
+    arm, shapes = _lock(arm, shapes, locked or {})
     satellite = _satellite(base)
     model = pin.appendModel(satellite, arm, _SATELLITE, placement)
     description = None
@@ -113,21 +113,18 @@ def whole(
     return SpaceManipulator(model, tool, base_size, None, acceleration, description=description)
 
 
-def _of_one_freedom(arm: Any) -> Any:
+def _check_freedoms(arm: Any) -> None:
+    """Raise `UnsupportedJoint` unless each joint has one degree of freedom, and there is one."""
     name = arm.name or "the arm"
     if arm.njoints < 2:
         raise UnsupportedJoint(name, "the model has no joint; an arm needs at least one")
     for j in range(1, arm.njoints):
-        freedoms = arm.joints[j].nv
+        joint, freedoms = f"joint '{arm.names[j]}'", arm.joints[j].nv
         if freedoms == 6 and arm.parents[j] == 0:
-            raise UnsupportedJoint(
-                name, f"joint '{arm.names[j]}' is a free-flyer, which the satellite has: give the arm without"
-            )
+            problem = f"{joint} is a free-flyer, which the satellite has: give the arm without"
+            raise UnsupportedJoint(name, problem)
         if freedoms != 1:
-            raise UnsupportedJoint(
-                name, f"joint '{arm.names[j]}' has {freedoms} degrees of freedom; one is supported"
-            )
-    return arm
+            raise UnsupportedJoint(name, f"{joint} has {freedoms} degrees of freedom; one is supported")
 
 
 def _lock(arm: Any, shapes: ShapePair, locked: Mapping[str, float]) -> tuple[Any, ShapePair]:

@@ -11,22 +11,15 @@ from ffsms_pin.urdf import model_names, model_path
 
 __all__ = ["ARMS", "Arm", "find_arm"]
 
-
 PACKAGE = "example-robot-data-loaders"
 
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm's file and how it is used.
+    """An arm's file and how it is used: the end-effector frame (None: the last link), and locked joints.
 
-    Attributes
-    ----------
-    file : str
-        Path, or for the arms of example-robot-data the path below its folder of robots.
-    end_effector : str or None
-        Name of the end-effector frame; None = the last link.
-    locked : tuple of (str, float)
-        Joints that become fixed, with their positions [rad or m]; the links beyond keep their masses.
+    The file of an arm of example-robot-data is a path below the package's folder of robots. Locked joints
+    have their positions [rad or m].
     """
 
     file: str

@@ -111,33 +111,16 @@ def load(
             robot, end_effector, base_size, acceleration, velocity, torque, locked=locked, shapes=shapes
         )
     refuse_shapes(visual, collision)
+    common: dict[str, Any] = {
+        "end_effector": end_effector, "base_size": base_size, "acceleration": acceleration,
+        "velocity": velocity, "torque": torque, "locked": locked, "inertias": inertias,
+    }  # fmt: skip
     if isinstance(robot, str) and robot in satellite_names():
         if wheels:
             raise InvalidValue("wheels", wheels, "are joints of a URDF; here use with_actuators(wheels=...)")
-        sms = mount(
-            robot[len(_PREFIX) :],
-            end_effector=end_effector,
-            locked=locked,
-            velocity=velocity,
-            torque=torque,
-            acceleration=acceleration,
-            base_size=base_size,
-            inertias=inertias,
-        )
+        sms = mount(robot[len(_PREFIX) :], **common)
         return sms if srdf is None else system.with_srdf(sms, srdf)
     try:
-        return system.load(
-            robot,
-            end_effector,
-            base_size,
-            acceleration,
-            package_dirs,
-            wheels,
-            srdf,
-            velocity=velocity,
-            torque=torque,
-            locked=locked,
-            inertias=inertias,
-        )
+        return system.load(robot, package_dirs=package_dirs, wheels=wheels, srdf=srdf, **common)
     except ModelNotFound as error:
         raise ModelNotFound(error.model, [*model_names(), *satellite_names()]) from None

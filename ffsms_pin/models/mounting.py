@@ -11,12 +11,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import pose
+from ffsms_pin.checks import instance, pose
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.models.appending import append, is_mjcf, read_mjcf
 from ffsms_pin.models.arms import ARMS, find_arm
-from ffsms_pin.models.base import SatelliteBase
-from ffsms_pin.models.composition import compose
+from ffsms_pin.models.base import SatelliteBase, compose
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.loading import build, checked, folders
 from ffsms_pin.system.shapes import checked_shapes, refuse_shapes
@@ -103,10 +102,8 @@ def mount(
     InvalidValue
         An argument cannot be used; the message names it.
     """
-    if base is None:
-        base = SatelliteBase()
-    elif not isinstance(base, SatelliteBase):
-        raise InvalidValue("base", base, "must be a SatelliteBase")
+    base = SatelliteBase() if base is None else base
+    instance("base", base, SatelliteBase)
     if placement is None:
         placement = face_placement(base)
     else:
@@ -116,34 +113,25 @@ def mount(
     except (TypeError, ValueError):
         raise InvalidValue("locked", locked, "must map names of joints to positions") from None
     limits = {"velocity": velocity, "torque": torque, "acceleration": acceleration}
+    given, shapes = None, None
     if isinstance(arm, pin.Model):
-        shapes = checked_shapes(arm, visual, collision)
-        sms = append(arm, base, placement, end_effector, joints, **limits, base_size=base_size, shapes=shapes)
-        return _actuated(sms, wheels, thrusters)
-    refuse_shapes(visual, collision)
-    path, known = find_arm(arm)
-    if is_mjcf(path):
-        model, shapes = read_mjcf(path)
+        given, shapes = arm, checked_shapes(arm, visual, collision)
+    else:
+        refuse_shapes(visual, collision)
+        path, known = find_arm(arm)
+        if is_mjcf(path):
+            given, shapes = read_mjcf(path)
+    if given is not None:
         sms = append(
-            model, base, placement, end_effector, joints, **limits, base_size=base_size, shapes=shapes
+            given, base, placement, end_effector, joints, **limits, base_size=base_size, shapes=shapes
         )
-        return _actuated(sms, wheels, thrusters)
-    joints = dict(known.locked) | joints
-    name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
-    robot = compose(name, base, path, placement, folders(package_dirs))
-    urdf = checked(robot, path, joints, inertias, velocity, torque, stacklevel=3)
-    if end_effector is None:
-        end_effector = known.end_effector
-    sms = build(urdf, end_effector, base_size, acceleration, velocity, DEFAULT_RATE, torque)
-    return _actuated(sms, wheels, thrusters)
-
-
-def _actuated(
-    sms: SpaceManipulator, wheels: ReactionWheels | None, thrusters: Thrusters | None
-) -> SpaceManipulator:
-    if wheels is None and thrusters is None:
-        return sms
-    return sms.with_actuators(wheels=wheels, thrusters=thrusters)
+    else:
+        name = f"satellite_{arm if str(arm) in ARMS else path.stem}"
+        robot = compose(name, base, path, placement, folders(package_dirs))
+        urdf = checked(robot, path, dict(known.locked) | joints, inertias, velocity, torque, stacklevel=3)
+        tool = known.end_effector if end_effector is None else end_effector
+        sms = build(urdf, tool, base_size, acceleration, velocity, DEFAULT_RATE, torque)
+    return sms if wheels is None and thrusters is None else sms.with_actuators(wheels, thrusters)
 
 
 def face_placement(base: SatelliteBase) -> Any:

@@ -1,39 +1,42 @@
 """Figures: each function draws one panel, on axes that are given or on a new figure, and returns the axes."""
 
+from typing import TYPE_CHECKING
+
 from ffsms_pin.extras import require
+from ffsms_pin.later import later
 
 require("plot", "drawing figures")
 
-# ruff: noqa: E402  # the check comes first, so that its message is the one that is seen
-from ffsms_pin.plotting.comparisons import plot_modes
-from ffsms_pin.plotting.coupling import (
-    entropy_grid,
-    plot_assistance,
-    plot_cost,
-    plot_entropy,
-    plot_entropy_map,
-    plot_position_error,
-    plot_sigma,
-    plot_sigma_bands,
-)
-from ffsms_pin.plotting.figures import FIGURES, figure, save_figure, save_figures, save_formats
-from ffsms_pin.plotting.joints import (
-    plot_base_angular_velocity,
-    plot_base_position,
-    plot_base_rotation,
-    plot_base_velocity,
-    plot_joint_error,
-    plot_joint_positions,
-    plot_joint_rate_error,
-    plot_joint_rates,
-    plot_torques,
-    plot_tracked_position_error,
-    plot_wheel_momentum,
-    plot_wheel_torque,
-    plot_wheels,
-)
-from ffsms_pin.plotting.motion import motion_sides, plot_motion
-from ffsms_pin.plotting.series import plot_bands, plot_error_bands, plot_torque_bands
+if TYPE_CHECKING:  # and each when it is first used
+    from ffsms_pin.plotting.comparisons import plot_modes
+    from ffsms_pin.plotting.coupling import (
+        entropy_grid,
+        plot_assistance,
+        plot_cost,
+        plot_entropy,
+        plot_entropy_map,
+        plot_position_error,
+        plot_sigma,
+        plot_sigma_bands,
+    )
+    from ffsms_pin.plotting.figures import FIGURES, figure, save_figure, save_figures, save_formats
+    from ffsms_pin.plotting.joints import (
+        plot_base_angular_velocity,
+        plot_base_position,
+        plot_base_rotation,
+        plot_base_velocity,
+        plot_joint_error,
+        plot_joint_positions,
+        plot_joint_rate_error,
+        plot_joint_rates,
+        plot_torques,
+        plot_tracked_position_error,
+        plot_wheel_momentum,
+        plot_wheel_torque,
+        plot_wheels,
+    )
+    from ffsms_pin.plotting.motion import motion_sides, plot_motion
+    from ffsms_pin.plotting.series import plot_bands, plot_error_bands, plot_torque_bands
 
 __all__ = [
     "FIGURES",
@@ -69,3 +72,6 @@ __all__ = [
     "save_figures",
     "save_formats",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = later(__name__)

@@ -152,24 +152,10 @@ def _sigma_name(i: int) -> str:
 def entropy_grid(
     sms: SpaceManipulator, joints: tuple[int, int], at: ArrayLike | None = None, points: int = 41
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Entropy over two joints; it does not depend on where the base is.
+    """Positions (points,) [rad] of two joints, and the entropy over them, (points, points): [second, first].
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    joints : tuple of int
-        The two joints, counted from 0; each runs over its limits, or one turn where it has none.
-    at : array_like, shape (n,), optional
-        Positions of the other joints [rad]; default zero.
-    points : int
-        On each axis.
-
-    Returns
-    -------
-    first, second : ndarray, shape (points,)
-        Joint positions [rad].
-    entropy : ndarray, shape (points, points)
-        Rows of the second joint, columns of the first.
+    The joints, counted from 0, run over their limits, or one turn where they have none; the others are `at`
+    (n,) [rad], by default zero. Where the base is does not matter.
     """
     instance("sms", sms, SpaceManipulator)
     if not isinstance(joints, tuple | list) or len(joints) != 2:
@@ -198,15 +184,10 @@ def plot_entropy_map(
     points: int = 41,
     trajectory: Trajectory | None = None,
 ) -> Axes:
-    """Map of the entropy over two joints, and the way of a trajectory over it.
+    """Map of the entropy over two joints (see `entropy_grid`), and the way of a trajectory over it.
 
-    Parameters
-    ----------
-    sms, joints, at, points
-        As of `entropy_grid`.
-    trajectory : Trajectory, optional
-        Drawn as a line from its start (circle) to its end (dot). Where it moves other joints too, the map
-        under it is only that of `at`.
+    The way is a line from its start (circle) to its end (dot). Where the trajectory moves other joints too,
+    the map under it is only that of `at`.
     """
     first, second, entropy = entropy_grid(sms, joints, at, points)
     units = [joint_units(sms)[k] for k in joints]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,39 +18,42 @@ from ffsms_pin.plotting.motion import motion_sides, plot_motion, times_drawn
 from ffsms_pin.plotting.series import near_limits, plot_series
 from ffsms_pin.plotting.style import applied, legend_above, share_legend, stack, subplots
 from ffsms_pin.scenarios import Outcome
-from ffsms_pin.scenarios.capture import Captured
 from ffsms_pin.storage import path_like, write_atomically
 from ffsms_pin.studies.tracked import end_effector_path
 from ffsms_pin.system import SpaceManipulator
+
+if TYPE_CHECKING:
+    from ffsms_pin.studies.capture import Captured
 
 __all__ = ["FIGURES", "figure", "figure_names", "save_figure", "save_figures", "save_formats"]
 
 Panel = Callable[[Outcome, Axes], Any]
 
+
+def _of_plan(plot: Callable[..., Any]) -> Panel:
+    return lambda o, ax: plot(o.trajectory, ax)
+
+
+def _of_tracking(plot: Callable[..., Any]) -> Panel:
+    return lambda o, ax: plot(o.sms, o.tracking, ax)
+
+
+def _of_both(plot: Callable[..., Any]) -> Panel:
+    return lambda o, ax: plot(o.sms, o.trajectory, ax, o.tracking)
+
+
 FIGURES: Mapping[str, tuple[Panel, ...]] = {
-    "joints": (
-        lambda o, ax: joints.plot_joint_positions(o.sms, o.trajectory, ax, o.tracking),
-        lambda o, ax: joints.plot_joint_rates(o.sms, o.trajectory, ax, o.tracking),
-    ),
+    "joints": (_of_both(joints.plot_joint_positions), _of_both(joints.plot_joint_rates)),
     "coupling": (
-        lambda o, ax: coupling.plot_cost(o.trajectory, ax),
-        lambda o, ax: coupling.plot_assistance(o.trajectory, ax),
+        _of_plan(coupling.plot_cost),
+        _of_plan(coupling.plot_assistance),
         lambda o, ax: coupling.plot_entropy(o.trajectory, ax, o.sms, o.tracking),
-        lambda o, ax: coupling.plot_sigma(o.sms, o.trajectory, ax, o.tracking),
-        lambda o, ax: coupling.plot_position_error(o.trajectory, ax),
+        _of_both(coupling.plot_sigma),
+        _of_plan(coupling.plot_position_error),
     ),
-    "base-linear": (
-        lambda o, ax: joints.plot_base_position(o.sms, o.trajectory, ax, o.tracking),
-        lambda o, ax: joints.plot_base_velocity(o.sms, o.trajectory, ax, o.tracking),
-    ),
-    "base-angular": (
-        lambda o, ax: joints.plot_base_rotation(o.sms, o.trajectory, ax, o.tracking),
-        lambda o, ax: joints.plot_base_angular_velocity(o.sms, o.trajectory, ax, o.tracking),
-    ),
-    "tracking-joints": (
-        lambda o, ax: joints.plot_joint_error(o.sms, o.tracking, ax),
-        lambda o, ax: joints.plot_joint_rate_error(o.sms, o.tracking, ax),
-    ),
+    "base-linear": (_of_both(joints.plot_base_position), _of_both(joints.plot_base_velocity)),
+    "base-angular": (_of_both(joints.plot_base_rotation), _of_both(joints.plot_base_angular_velocity)),
+    "tracking-joints": (_of_tracking(joints.plot_joint_error), _of_tracking(joints.plot_joint_rate_error)),
     "tracking-torques": (
         lambda o, ax: joints.plot_tracked_position_error(
             o.tracking, ax, None if o.open_loop is None else o.open_loop.tracking
@@ -69,7 +72,7 @@ _MORE: Mapping[str, tuple[Panel, ...]] = {
     ),
     "wheels": (
         lambda o, ax: joints.plot_wheels(o.sms, o.trajectory, o.tracking, ax),
-        lambda o, ax: joints.plot_wheel_torque(o.sms, o.tracking, ax),
+        _of_tracking(joints.plot_wheel_torque),
         lambda o, ax: plot_series(
             ax, o.tracking.t, np.degrees(o.tracking.base_rotation), "base turned by [deg]"
         ),

@@ -1,15 +1,14 @@
 """Scenario files: a whole run in one TOML file, from the robot to what disturbs it."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from ffsms_pin.scenarios.client_motion import ClientMotion, client_motion
-from ffsms_pin.scenarios.closed_loop import Attempt
+from ffsms_pin.later import later
 from ffsms_pin.scenarios.definition import Scenario, scenario, scenario_names
 from ffsms_pin.scenarios.run import Outcome, Timing, run
 from ffsms_pin.scenarios.summary import summary
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # and each when it is first used
+    from ffsms_pin.scenarios.closed_loop import Attempt
     from ffsms_pin.scenarios.comparisons import (
         Comparison,
         LawComparison,
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
         compare_modes,
     )
     from ffsms_pin.scenarios.plants import Robustness, robustness
+    from ffsms_pin.studies.client_motion import ClientMotion, client_motion
 
 __all__ = [
     "Attempt",
@@ -41,11 +41,5 @@ __all__ = [
     "summary",
 ]
 
-if not TYPE_CHECKING:  # a type checker takes the names above, and reports one that is misspelt
-
-    def __getattr__(name: str) -> Any:
-        """What compares several runs: a run alone does without."""
-        if name not in __all__:
-            raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-        module = "plants" if name in ("Robustness", "robustness") else "comparisons"
-        return getattr(import_module(f"{__name__}.{module}"), name)
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = later(__name__)

@@ -1,26 +1,148 @@
-"""A scenario's closed loop: what it follows, and what acts in it, checked before anything is planned."""
+"""A scenario's closed loop: its laws, what they follow, and what acts, checked before anything is planned."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
+from ffsms_pin import control, opt, simulation
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import Client, ClientEstimate, ClientSensor, measured
 from ffsms_pin.errors import SimulationDiverged, SimulationStopped
-from ffsms_pin.opt import AlphaBox, Problem, Replanning, ReplanOptions, SearchOptions, Trajectory, Via
+from ffsms_pin.models import load
 from ffsms_pin.opt.planning.plan import plan_problem
-from ffsms_pin.scenarios.conditions import loop_options
 from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.task import sensor
-from ffsms_pin.simulation import Controller, Reference, Tracking, simulate
+from ffsms_pin.scenarios.fits import COORDINATED_WITH, STATION_KEEPING
+from ffsms_pin.scenarios.keys import DEGREES, radians
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Attempt", "ClosedLoop", "Held", "attempt", "planned", "prepared", "replanning"]
+__all__ = [
+    "Attempt",
+    "ClosedLoop",
+    "Held",
+    "attempt",
+    "base_law",
+    "control_steps",
+    "controller",
+    "loop_options",
+    "planned",
+    "prepared",
+]
+
+_CONTROL_STEP = 1e-3  # [s] `simulate`'s default
+
+
+def loop_options(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> dict[str, Any]:
+    """Keyword arguments of `simulate` for a plan that starts at q0 (nq,), but the reference and the law."""
+    start = scenario.plant_start(sms, q0)
+    given = scenario.simulation
+    with scenario.named("plant"):
+        simulated = _plant(scenario, sms)
+    options: dict[str, Any] = {
+        "dt": scenario.control.get("dt", _CONTROL_STEP),
+        "q0": q0 if start is None else start,
+        "plant": simulated,
+        "integrator": given.get("integrator", "rk4"),
+        "disturbances": tuple(simulation.Wrench(**one) for one in scenario.disturbance),
+        "events": (
+            *(simulation.Capture(**one) for one in scenario.capture),
+            *(simulation.JointFault(**one) for one in scenario.fault),
+        ),
+    }
+    if "v0" in given:
+        options["v0"] = given["v0"]
+    elif "momentum" in given or scenario.plan.get("mode", "floating") == "floating":
+        # A plan with momentum is one for a plant that has it; one that holds the base says so itself.
+        options["momentum"] = given.get("momentum", scenario.plan.get("momentum"))
+        if options["momentum"] is None and scenario.meet is not None and scenario.meet.get("rest_after"):
+            options["momentum"] = scenario.problem(sms, q0).momentum
+    with scenario.named("attitude"):
+        law = base_law(scenario.attitude, sms)
+    if law is not None:
+        options["base_controller"] = law
+    if "wheel_momentum" in given:
+        options["wheel_momentum"] = given["wheel_momentum"]
+    if scenario.friction:
+        options["friction"] = simulation.JointFriction(**radians(scenario.friction))
+    if scenario.actuator:
+        options["actuator"] = simulation.Actuator(**radians(scenario.actuator))
+    if scenario.sensors:
+        options["sensors"] = simulation.Sensors(**radians(scenario.sensors))
+    if scenario.estimator:
+        noises = _without(scenario.estimator, "on")
+        options["estimator"] = scenario.estimator.get("on", True) and simulation.Estimator(**noises)
+    if scenario.watchdog is not None:
+        options["watchdog"] = simulation.Watchdog(**_without(radians(scenario.watchdog), "path"))
+    return options
+
+
+def _plant(scenario: Scenario, sms: SpaceManipulator) -> SpaceManipulator:
+    """What is simulated: the model, or a robot with other inertial parameters, or another robot."""
+    given = dict(scenario.plant)
+    simulated, shares = sms, given.pop("random", None)
+    if "model" in given:
+        path = scenario.robot_path(given.pop("model"))
+        simulated = load(path, end_effector=given.pop("end_effector", sms.end_effector))
+        simulated = simulated.with_actuators(wheels=sms.wheels, thrusters=sms.thrusters)
+        if simulated.joint_names == sms.joint_names:  # `simulate` refuses another plant
+            simulated = simulated.with_limits(sms.limits)
+    if given:
+        simulated = simulation.perturb(simulated, **given)
+    if shares is not None:
+        seed = np.random.default_rng(shares["seed"])
+        (simulated,) = simulation.random_plants(simulated, seed, 1, **_without(shares, "seed"))
+    return simulated
+
+
+def controller(scenario: Scenario, sms: SpaceManipulator, law: str | None = None) -> control.JointLaw:
+    """A law of `LAWS`, by default the scenario's own, with the scenario's gains for it and torque limits."""
+    law = scenario.law if law is None else law
+    own = law == scenario.law
+    given = scenario.control if own else scenario.laws.get(law, {})
+    gains = _without(given, "law", "dt", "offset", "offset" + DEGREES, "torque_limit")
+    if law == "super-twisting":
+        gains["dt"] = scenario.duration / control_steps(scenario)
+    torque_limit = scenario.per_joint(sms, "control", "torque_limit")
+    attitude = scenario.attitude or {}
+    if law == COORDINATED_WITH and attitude.get("law") == "coordinated":
+        return control.Coordinated(sms, torque_limit=torque_limit, **gains, **_base_options(attitude))
+    return control.LAWS[law](sms, torque_limit=torque_limit, **gains)
+
+
+def control_steps(scenario: Scenario) -> int:
+    """How many control steps `simulate` makes: a whole number of them fills the run."""
+    return max(1, round(scenario.duration / float(scenario.control.get("dt", _CONTROL_STEP))))
+
+
+def base_law(attitude: Mapping[str, Any] | None, sms: SpaceManipulator) -> control.BaseLaw | None:
+    """The law of the base that a scenario's [attitude] describes; None where the base is left to itself."""
+    if attitude is None:
+        return None
+    laws: dict[str, Callable[..., control.BaseLaw]] = {
+        "quaternion": control.QuaternionFeedback,
+        "coordinated": control.Coordinated,
+        STATION_KEEPING: control.StationKeeping,
+    }
+    return laws[attitude.get("law", "quaternion")](sms, **_base_options(attitude))
+
+
+def _base_options(attitude: Mapping[str, Any]) -> dict[str, Any]:
+    """Keyword arguments of the laws."""
+    options = radians(_without(attitude, "law", "dump"))
+    if "attitude" in options:
+        options["attitude"] = pin.rpy.rpyToMatrix(np.array(options["attitude"]))
+    if attitude.get("dump") is not None:
+        options["dump"] = control.MomentumDump(**attitude["dump"])
+    return options
+
+
+def _without(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
+    """All but some keys."""
+    return {key: value for key, value in values.items() if key not in keys}
 
 
 class Attempt(NamedTuple):
@@ -34,7 +156,7 @@ class Attempt(NamedTuple):
         When and why; empty where it ran to its end.
     """
 
-    tracking: Tracking
+    tracking: simulation.Tracking
     stopped: str
 
 
@@ -52,30 +174,36 @@ class ClosedLoop:
         plant: SpaceManipulator = self.options["plant"]
         return plant
 
-    def reference(self, plan: Trajectory) -> Reference:
+    def reference(self, plan: opt.Trajectory) -> simulation.Reference:
         """What is to be followed: the plan, or a new reference that plans again."""
-        return replanning(self.scenario, self.sms, plan) if self.scenario.replans else self.plan_once(plan)
+        if not self.scenario.replans:
+            return self.plan_once(plan)
+        from ffsms_pin.scenarios.replanning import replanning  # a plan made once does without
 
-    def plan_once(self, plan: Trajectory) -> Reference:
+        return replanning(self.scenario, self.sms, plan)
+
+    def plan_once(self, plan: opt.Trajectory) -> simulation.Reference:
         """The plan, and after its end the rest that it ends in for as long as the scenario holds."""
         hold = self.scenario.duration - self.scenario.arrival
         return Held(plan, hold) if hold > 0.0 else plan
 
     def run(
         self,
-        reference: Reference,
-        law: Controller,
+        reference: simulation.Reference,
+        law: simulation.Controller,
         progress: Callable[[float], None] | None = None,
         **others: Any,
-    ) -> Tracking:
+    ) -> simulation.Tracking:
         """Follow a reference under a law; `others` stand in for the scenario's options of `simulate`."""
-        return simulate(self.sms, reference, law, progress=progress, **{**self.options, **others})
+        return simulation.simulate(self.sms, reference, law, progress=progress, **{**self.options, **others})
 
 
 def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> ClosedLoop:
     """The closed loop of a scenario, whose plan starts at q0 (nq,), checked against robot and motion."""
     loop = ClosedLoop(scenario, sms, loop_options(scenario, sms, q0))
     if scenario.replans:
+        from ffsms_pin.scenarios.replanning import replanning
+
         replanning(scenario, sms)
     # `simulate` looks at all it is given before the first control step: what cannot be used shows up now, and
     # not after the planning.
@@ -84,7 +212,7 @@ def prepared(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> Close
     return loop
 
 
-def attempt(run: Callable[[], Tracking]) -> Attempt:
+def attempt(run: Callable[[], simulation.Tracking]) -> Attempt:
     """A run to its end, or to where a watchdog or a state that is not finite stopped it."""
     try:
         return Attempt(run(), "")
@@ -98,74 +226,19 @@ def planned(
     q0: FloatArray,
     progress: Callable[[float], None] | None,
     method: str | None = None,
-) -> Trajectory:
+) -> opt.Trajectory:
     """The scenario's plan from q0; `method` stands in for the scenario's own."""
     method = scenario.plan.get("method", "horizon") if method is None else method
-    options = SearchOptions(time_limit=scenario.plan.get("time_limit"))
+    options = opt.SearchOptions(time_limit=scenario.plan.get("time_limit"))
     trajectory = plan_problem(scenario.problem(sms, q0), method, options, progress)
     # r_th judges a plan; it does not steer it.
     return replace(trajectory, reach=scenario.plan.get("reach", trajectory.reach))
 
 
-def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | None = None) -> Replanning:
-    """A reference that plans again from the measured state; one run uses it up.
-
-    Where the client has a sensor, what is planned for is its estimate. Waypoints without a time get that at
-    which `plan` passes them: the loop cannot see what was passed.
-    """
-    seen = sensor(scenario)
-    client = None if scenario.client is None else scenario.made_client(sms)
-    estimate = None
-    if client is not None and seen is not None:  # one measurement when the motion begins, late and noisy
-        first = measured(client, -seen.latency, seen, np.random.default_rng(seen.seed))
-        estimate = ClientEstimate(first, -seen.latency, seen)
-    problem = scenario.problem(sms, dt=scenario.reference.get("dt"), client=estimate)
-    if not any(isinstance(limit, AlphaBox) for limit in problem.limits):
-        problem = replace(problem, limits=(*problem.limits, AlphaBox()))  # the paper's step has it always
-    if plan is not None:
-        limits = [
-            one.timed(plan) if isinstance(one, Via) and one.time is None else one for one in problem.limits
-        ]
-        problem = replace(problem, limits=limits)
-    options = ReplanOptions(
-        dead_band=scenario.reference.get("dead_band"), jerk=scenario.per_joint(sms, "reference", "jerk")
-    )
-    hold = scenario.reference.get("hold", 0.0)
-    if client is None or seen is None or estimate is None:
-        return Replanning(problem, hold, options=options)
-    return _Watching(problem, client, seen, estimate, hold=hold, options=options)
-
-
-class _Watching(Replanning):
-    """A `Replanning` to a client that a noisy and late sensor measures meanwhile; `client` is the true one.
-
-    The problem's goal and obstacles hold the `estimate`, which each measurement renews. The last one is made
-    a second before the deadline: what is corrected later leaves a velocity, and a hand that is near hides the
-    markers.
-    """
-
-    def __init__(
-        self, problem: Problem, client: Client, sensor: ClientSensor, estimate: ClientEstimate, **others: Any
-    ) -> None:
-        super().__init__(problem, **others)
-        self._estimate, self._client, self._sensor = estimate, client, sensor
-        self._rng = np.random.default_rng((sensor.seed, 1))
-        self._look = sensor.period
-
-    def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
-        """Measure the client where that is due, then plan."""
-        if self._look - 1e-9 <= t <= self.problem.duration - 1.0 + 1e-9:
-            self._look += self._sensor.period
-            then = t - self._sensor.latency
-            if self._sensor.sees(then, self._rng):
-                self._estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
-        super().observe(t, q, v)
-
-
 class Held:
     """A plan made once, and for `hold` [s] after its end the rest that it ends in."""
 
-    def __init__(self, plan: Trajectory, hold: float) -> None:
+    def __init__(self, plan: opt.Trajectory, hold: float) -> None:
         self.q, self.target, self.sample = plan.q, plan.target, plan.sample
         self.momentum, self.base_mode = plan.momentum, plan.mode
         self.duration = plan.duration + hold

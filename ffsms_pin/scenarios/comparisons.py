@@ -12,8 +12,7 @@ from ffsms_pin.checks import instance, one_of
 from ffsms_pin.control import LAWS, JointLaw
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import METHODS, SearchOptions, Trajectory
-from ffsms_pin.scenarios.closed_loop import Attempt, attempt, planned, prepared
-from ffsms_pin.scenarios.conditions import controller
+from ffsms_pin.scenarios.closed_loop import Attempt, attempt, controller, planned, prepared
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.run import StageProgress, check_call, stage
 from ffsms_pin.studies.extremes import plan_numbers, why_not_reached

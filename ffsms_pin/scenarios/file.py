@@ -1,10 +1,11 @@
-"""A scenario file as one model: its tables, its JSON Schema, and what is wrong with a file in one line."""
+"""Scenario files: those that ship with the library, their one model, and what is wrong with a file."""
 
 from __future__ import annotations
 
-import difflib
 import math
-from collections.abc import Collection, Mapping
+import sys
+from collections.abc import Iterable, Mapping
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -13,13 +14,49 @@ from pydantic_core import ErrorDetails
 
 from ffsms_pin.checks import SMALLEST_POSITIVE
 from ffsms_pin.control import LAWS
-from ffsms_pin.errors import InvalidScenario, short
+from ffsms_pin.errors import InvalidScenario, meant, short
 from ffsms_pin.scenarios import loop_tables, robot_tables, task_tables
 from ffsms_pin.scenarios.fits import check_fits, gains_of
 from ffsms_pin.scenarios.keys import DEGREES, Keys, about, table
 from ffsms_pin.scenarios.plan_tables import OWN, PARTS, LimitTable, Plan, TermTable
+from ffsms_pin.storage import read_content
 
-__all__ = ["ScenarioFile", "checked_tables", "models_in", "schema"]
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+__all__ = ["ScenarioFile", "checked_tables", "models_in", "packaged_path", "read", "scenario_names", "schema"]
+
+
+def scenario_names() -> list[str]:
+    """Names of the scenarios that ship with the library."""
+    folder = files("ffsms_pin.scenarios")
+    return sorted(item.name[: -len(".toml")] for item in folder.iterdir() if item.name.endswith(".toml"))
+
+
+def packaged_path(name: str) -> Path:
+    """File of a scenario that ships with the library."""
+    return Path(str(files("ffsms_pin.scenarios") / f"{name}.toml"))
+
+
+def read(source: Path) -> dict[str, Any]:
+    """What a TOML file holds; `InvalidScenario`: it is missing, cannot be read, or is not TOML."""
+    try:
+        return tomllib.loads(read_content(source).decode("utf-8-sig"))
+    except (FileNotFoundError, NotADirectoryError):
+        packaged = scenario_names()
+        raise InvalidScenario(
+            source,
+            f"there is no such file, nor a packaged scenario of that name ({', '.join(packaged)})"
+            + meant(source, packaged, "; "),
+        ) from None
+    except OSError as error:
+        raise InvalidScenario(source, f"cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InvalidScenario(source, "is not a TOML file (not UTF-8 text)") from None
+    except (ValueError, RecursionError) as error:  # also a path with a null character
+        raise InvalidScenario(source, f"is not a TOML file ({error})") from None
 
 
 def _gains(law: str) -> type[Keys]:
@@ -207,7 +244,5 @@ def _out_of_range(value: Any, limits: Mapping[str, Any]) -> str:
     return "must not be negative" if least == 0.0 else f"must be at least {least:g}"
 
 
-def _suggestion(word: str, allowed: Collection[str]) -> str:
-    near = difflib.get_close_matches(word, allowed, n=1, cutoff=0.5)
-    meant = f"did you mean '{near[0]}'? " if near else ""
-    return f"{meant}(allowed: {', '.join(sorted(allowed))})"
+def _suggestion(word: str, allowed: Iterable[str]) -> str:
+    return f"{meant(word, allowed)} (allowed: {', '.join(sorted(allowed))})".lstrip()

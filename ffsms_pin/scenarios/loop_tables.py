@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from ffsms_pin.control import LAWS
-from ffsms_pin.scenarios.keys import Keys, angle, key, table
-from ffsms_pin.scenarios.values import (
+from ffsms_pin.scenarios.keys import (
     AnyTime,
     Gain,
     Inertia,
+    Keys,
     Margin,
     NameOrIndex,
     NotNegative,
@@ -28,6 +28,9 @@ from ffsms_pin.scenarios.values import (
     Vector3,
     Vector6,
     Whole,
+    angle,
+    key,
+    table,
 )
 from ffsms_pin.simulation import INTEGRATORS
 

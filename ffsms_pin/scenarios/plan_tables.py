@@ -1,35 +1,46 @@
-"""Tables of a scenario file about the plan: its time, its method, its terms and limits.
+"""Tables of a scenario file about the plan, and the terms and limits that [[term]] and [[limit]] describe.
 
-A [[term]] or [[limit]] is one of the library's by a short name, or a user's own by an import path.
+Each of these is one of the library's by a short name, or a user's own by an import path.
 """
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import os
+import re
+import sys
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeAlias, Union, get_args
+from importlib.machinery import PathFinder
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
 from pydantic import ConfigDict, Discriminator, Tag, create_model
 
-from ffsms_pin.opt import (
-    METHODS,
-    AlphaBox,
-    BaseLimits,
-    BaseTurn,
-    Clearance,
-    Coupling,
-    Effort,
-    JointLimits,
-    Propellant,
-    Smooth,
-    TorqueLimits,
-    WheelEnergy,
-    WheelLimits,
-    WheelMomentum,
+from ffsms_pin import opt
+from ffsms_pin.errors import FfsmsError, InvalidScenario
+from ffsms_pin.scenarios.keys import (
+    Keys,
+    Limit,
+    NotNegative,
+    OneOf,
+    Positive,
+    Text,
+    Texts,
+    Vector6,
+    angle,
+    key,
+    radians,
+    table,
 )
-from ffsms_pin.scenarios.keys import Keys, angle, key, table
-from ffsms_pin.scenarios.values import Limit, NotNegative, OneOf, Positive, Text, Texts, Vector6
 
-__all__ = ["HELD_BY", "OWN", "PACKAGED", "PARTS", "BaseMotion", "LimitTable", "Plan", "TermTable", "is_own"]
+if TYPE_CHECKING:
+    from ffsms_pin.scenarios.definition import Scenario
+
+__all__ = ["HELD_BY", "OWN", "PACKAGED", "PARTS", "LimitTable", "Plan", "TermTable", "made_part"]
+
+_KINDS: Mapping[str, type] = {"term": opt.Term, "limit": opt.Limit}
+_IMPORT_PATH = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 # Modes of a plan that a closed loop can follow, and what then holds the attitude.
 HELD_BY: Mapping[str, str] = {
@@ -66,7 +77,7 @@ class Plan(Keys):
     kappa: Positive = key("", "10", "sharpness of the paper's C~. Ours: close to max(0, cos(theta_a))")
     clearance: NotNegative = key("m", "0.01", "the paper's d_safe")
     collision: _Collision = key("", '"auto"', _COLLISION)
-    method: Annotated[str, OneOf(METHODS)] = key(
+    method: Annotated[str, OneOf(opt.METHODS)] = key(
         "", '"horizon"', "one of `opt.METHODS`; the others are there for comparison"
     )
     reach: Positive = key(
@@ -114,11 +125,13 @@ class OwnPart(Keys):
     use: Text = key("", "", f'a class of your own, as "{OWN}"', required=True)
 
 
-def _part(use: str, what: str, base: type[Keys] = Keys, **keys: tuple[Any, Any]) -> type[Keys]:
-    """The table of a term or limit of the library: its name, what it is, and its keys."""
+def _part(
+    use: str, made: type, what: str, base: type[Keys] = Keys, **keys: tuple[Any, Any]
+) -> tuple[str, type, type[Keys]]:
+    """A term or limit of the library: its name in a file, its class, and its table."""
     fields: dict[str, Any] = {"use": (Literal[use], key("", "", what, required=True)), **keys}
     title = "".join(word.capitalize() for word in use.split("-"))
-    return create_model(title, __base__=base, __doc__=f"{what}.", **fields)
+    return use, made, create_model(title, __base__=base, __doc__=f"{what}.", **fields)
 
 
 def _weight(default: str, kind: Any = NotNegative) -> tuple[Any, Any]:
@@ -130,71 +143,75 @@ _KAPPA = (Positive, key("", "10", "sharpness of the paper's C~"))
 _WATT = (Positive, key("W", "1e-3", "power of a wheel below which its size is rounded off"))
 _NEWTON = (Positive, key("N", "1e-3", "force of a thruster below which its size is rounded off"))
 
-_OURS: Mapping[str, Mapping[type, type[Keys]]] = {
-    "term": {
-        Coupling: _part(
-            "coupling", "the paper's cost; there by default", kappa=_KAPPA, weight=_weight("1", Positive)
+_OURS = {
+    "term": (
+        _part(
+            "coupling",
+            opt.Coupling,
+            "the paper's cost; there by default",
+            kappa=_KAPPA,
+            weight=_weight("1", Positive),
         ),
-        Smooth: _part("smooth", "small joint accelerations; there by default", weight=_weight("1e-5")),
-        Effort: _part("effort", "little joint travel; there by default", weight=_weight("1e-4")),
-        BaseTurn: _part("base-turn", "little turning of the base", weight=_weight("0.1")),
-        WheelMomentum: _part(
-            "wheel-momentum", "where wheels hold the base: little spin momentum", weight=_weight("1")
+        _part("smooth", opt.Smooth, "small joint accelerations; there by default", weight=_weight("1e-5")),
+        _part("effort", opt.Effort, "little joint travel; there by default", weight=_weight("1e-4")),
+        _part("base-turn", opt.BaseTurn, "little turning of the base", weight=_weight("0.1")),
+        _part(
+            "wheel-momentum",
+            opt.WheelMomentum,
+            "where wheels hold the base: little spin momentum",
+            weight=_weight("1"),
         ),
-        WheelEnergy: _part(
-            "wheel-energy", "where wheels hold the base: little energy", weight=_weight("1"), rounding=_WATT
+        _part(
+            "wheel-energy",
+            opt.WheelEnergy,
+            "where wheels hold the base: little energy",
+            weight=_weight("1"),
+            rounding=_WATT,
         ),
-        Propellant: _part(
+        _part(
             "propellant",
+            opt.Propellant,
             "where thrusters hold the base: little propellant",
             weight=_weight("0.1"),
             rounding=_NEWTON,
         ),
-    },
-    "limit": {
-        JointLimits: _part("joints", "the joints' limits, of [limits]; there by default"),
-        Clearance: _part(
+    ),
+    "limit": (
+        _part("joints", opt.JointLimits, "the joints' limits, of [limits]; there by default"),
+        _part(
             "clearance",
+            opt.Clearance,
             "a clearance; there by default",
             clearance=_CLEARANCE,
             collision=(_Collision, key("", '"auto"', _COLLISION)),
         ),
-        BaseLimits: _part("base", "how far and how fast the base may move", BaseMotion),
-        AlphaBox: _part("alpha-box", "the paper's box of alpha, for whole motions too"),
-        TorqueLimits: _part("torques", "the joints' torques; there by default"),
-        WheelLimits: _part(
-            "wheels", "the wheels' torque and momentum; there of itself where they hold the base"
+        _part("base", opt.BaseLimits, "how far and how fast the base may move", BaseMotion),
+        _part("alpha-box", opt.AlphaBox, "the paper's box of alpha, for whole motions too"),
+        _part("torques", opt.TorqueLimits, "the joints' torques; there by default"),
+        _part(
+            "wheels",
+            opt.WheelLimits,
+            "the wheels' torque and momentum; there of itself where they hold the base",
         ),
-    },
+    ),
 }
 
 
-def _use(table: type[Keys]) -> str:
-    """The name of a term or limit in a file."""
-    return str(get_args(table.model_fields["use"].annotation)[0])
-
-
 PACKAGED: Mapping[str, Mapping[str, type]] = {
-    kind: {_use(table): made for made, table in tables.items()} for kind, tables in _OURS.items()
+    kind: {use: made for use, made, _ in rows} for kind, rows in _OURS.items()
 }
 """The library's own terms and limits by their names in a scenario file."""
 
 PARTS: Mapping[str, Mapping[str, type[Keys]]] = {
-    kind: {**{_use(table): table for table in tables.values()}, "own": OwnPart}
-    for kind, tables in _OURS.items()
+    kind: {**{use: table for use, _, table in rows}, "own": OwnPart} for kind, rows in _OURS.items()
 }
 """The tables [[term]] and [[limit]] by their `use`; "own" is a class of the user's."""
-
-
-def is_own(use: str) -> bool:
-    """Whether `use` is a user's own class, as "package.module:Class"."""
-    return ":" in use
 
 
 def _which(given: Any) -> str:
     """Which table a row is: one of the library's by its name, else the user's own."""
     use = given.get("use") if isinstance(given, Mapping) else getattr(given, "use", None)
-    return use if isinstance(use, str) and use.strip() and not is_own(use) else "own"
+    return use if isinstance(use, str) and use.strip() and ":" not in use else "own"
 
 
 def _either(tables: Mapping[str, type[Keys]]) -> Any:
@@ -205,3 +222,79 @@ def _either(tables: Mapping[str, type[Keys]]) -> Any:
 
 TermTable: Any = _either(PARTS["term"])
 LimitTable: Any = _either(PARTS["limit"])
+
+
+def made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, Any]) -> Any:
+    """One term or limit of a file: the row `number` of [[kind]], from 1.
+
+    Modules of a user's own are looked for in the file's folder first, and imported, which runs their code,
+    only where the scenario allows it. `InvalidScenario`: the class is not there, is no term or limit, does
+    not take the values, or may not be imported.
+    """
+    source, use = scenario.source, values["use"]
+    title = f"[[{kind}]] {number} use = '{use}'"
+    arguments = {key: value for key, value in values.items() if key != "use"}
+    if ":" not in use:
+        return _called(source, title, PACKAGED[kind][use], radians(arguments))
+    if not _IMPORT_PATH.fullmatch(use):
+        raise InvalidScenario(source, f"{title} must be written package.module:Class")
+    if not scenario.allow_import:
+        raise InvalidScenario(
+            source,
+            f"{title} would run the code of that module: allow it, if you trust it, with --allow-import "
+            "(in Python: scenario(..., allow_import=True))",
+        )
+    part = _imported(source, title, use)
+    if not (isinstance(part, type) and issubclass(part, _KINDS[kind])):
+        raise InvalidScenario(source, f"{title} is no subclass of opt.{_KINDS[kind].__name__}")
+    made = _called(source, title, part, arguments)
+    if not isinstance(getattr(made, "name", None), str):
+        raise InvalidScenario(source, f"{title} has no `name`: give the class one, a text")
+    return made
+
+
+def _imported(source: Path, title: str, use: str) -> Any:
+    """What an import path names, with the file's folder first on sys.path while it is imported."""
+    module_name, _, class_name = use.partition(":")
+    folder = str(source.resolve().parent)
+    importlib.invalidate_caches()
+    sys.path.insert(0, folder)
+    try:
+        module = importlib.import_module(module_name)
+    except Exception as error:  # whatever the user's code raises
+        raise InvalidScenario(source, f"{title} cannot be imported from {folder} ({_line(error)})") from error
+    finally:
+        sys.path.remove(folder)
+    # A module is loaded once by its name: one of the same name from another folder would be taken for it.
+    package = module_name.partition(".")[0]
+    here = PathFinder.find_spec(package, [folder])
+    loaded = getattr(sys.modules[package], "__file__", None) or "elsewhere"
+    if here is not None and here.origin and os.path.realpath(here.origin) != os.path.realpath(loaded):
+        raise InvalidScenario(
+            source,
+            f"{title}: another module '{package}' is loaded already ({loaded}); give yours another name",
+        )
+    if not hasattr(module, class_name):
+        raise InvalidScenario(source, f"{title}: module '{module_name}' has no {class_name}")
+    return getattr(module, class_name)
+
+
+def _called(source: Path, title: str, part: Any, arguments: Mapping[str, Any]) -> Any:
+    try:
+        inspect.signature(part).bind(**arguments)
+    except TypeError as error:
+        known = ", ".join(name for name in inspect.signature(part).parameters if not name.startswith("_"))
+        raise InvalidScenario(
+            source, f"{title} does not take these keys: {error} (it takes: {known or 'none'})"
+        ) from None
+    try:
+        return part(**arguments)
+    except FfsmsError as error:
+        raise InvalidScenario(source, f"{title}: {error}") from None
+    except Exception as error:  # whatever the user's code raises
+        raise InvalidScenario(source, f"{title} cannot be made of these values ({_line(error)})") from error
+
+
+def _line(error: Exception) -> str:
+    """An error of a user's code in one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"

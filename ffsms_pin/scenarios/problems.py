@@ -1,52 +1,43 @@
-"""The planning problem of a scenario: its goal, and every term and limit, made anew.
-
-Terms and limits are the library's by a short name, or a user's own by an import path.
-"""
+"""The planning problem of a scenario: goals, waypoints, client, obstacles, terms and limits of its tables."""
 
 from __future__ import annotations
 
-import importlib
-import inspect
-import os
-import re
-import sys
-from collections.abc import Mapping
-from importlib.machinery import PathFinder
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import coal
+import numpy as np
+import pinocchio as pin
+
+from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import Client, ClientEstimate
+from ffsms_pin.client import Client, ClientEstimate, ClientSensor
 from ffsms_pin.errors import FfsmsError, InvalidScenario
-from ffsms_pin.opt import (
-    BaseLimits,
-    BaseTurn,
-    Clearance,
-    Coupling,
-    Effort,
-    Goal,
-    JointLimits,
-    Limit,
-    Problem,
-    Smooth,
-    Term,
-    TorqueLimits,
-)
 from ffsms_pin.scenarios.keys import radians
-from ffsms_pin.scenarios.plan_tables import PACKAGED, is_own
-from ffsms_pin.scenarios.task import goal_of, made_obstacles, meeting, other_goals, waypoints
+from ffsms_pin.scenarios.plan_tables import made_part
+from ffsms_pin.storage import LARGEST_DATA, check_readable
 from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_motion import straight_end
+from ffsms_pin.system.mechanism import frame_index
 
 if TYPE_CHECKING:
     from ffsms_pin.scenarios.definition import Scenario
 
-__all__ = ["planning_problem"]
+__all__ = ["made_client", "made_obstacles", "meeting", "planning_problem", "sensor"]
 
-_KINDS: Mapping[str, type] = {"term": Term, "limit": Limit}
-_NAME = r"[A-Za-z_]\w*"
-_IMPORT_PATH = re.compile(rf"{_NAME}(\.{_NAME})*:{_NAME}")
+# Keys that each shape of an obstacle needs.
+_SHAPE_KEYS: Mapping[str, tuple[str, ...]] = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+    "mesh": ("file",),
+}
+_SIZES = ("size", "radius", "length", "file", "scale")
 
-Part = TypeVar("Part", Term, Limit)
+Part = TypeVar("Part", opt.Term, opt.Limit)
 
 
 def planning_problem(
@@ -55,19 +46,19 @@ def planning_problem(
     q0: FloatArray,
     dt: float | None,
     client: Client | ClientEstimate | None,
-) -> Problem:
+) -> opt.Problem:
     """What `Scenario.problem` gives, for a start q0 (nq,) and the client that is met, if any."""
     plan = scenario.plan
     with scenario.named():
-        goal = goal_of(scenario.target, sms, q0) if client is None else meeting(scenario.meet or {}, client)
-        return Problem(
+        goal = _target(scenario.target, sms, q0) if client is None else meeting(scenario.meet or {}, client)
+        return opt.Problem(
             sms,
             q0,
             goal,
             scenario.arrival,
             plan.get("dt", 0.01) if dt is None else dt,
             _terms(scenario, goal),
-            [*_limits(scenario, client), *_places(scenario, sms, q0)],
+            [*_limits(scenario, client), *_other_goals(scenario, sms, q0), *_waypoints(scenario, sms, q0)],
             scenario.per_joint(sms, "start", "joint_rates"),
             plan.get("momentum"),
             plan.get("locked", ()),
@@ -76,124 +67,224 @@ def planning_problem(
         )
 
 
-def _terms(scenario: Scenario, goal: Goal) -> list[Term]:
+def _terms(scenario: Scenario, goal: opt.Goal) -> list[opt.Term]:
     """Those that are there by default or by keys of [plan], and those of [[term]]."""
     plan = scenario.plan
-    terms: list[Term] = [Smooth()]
+    terms: list[opt.Term] = [opt.Smooth(), opt.Effort(plan["effort"]) if "effort" in plan else opt.Effort()]
     if goal.coupled or "kappa" in plan:
-        terms.insert(0, Coupling(plan.get("kappa", 10.0)))
-    terms.append(Effort(plan["effort"]) if "effort" in plan else Effort())
+        terms.insert(0, opt.Coupling(plan.get("kappa", 10.0)))
     if plan.get("base", 0.0) > 0.0:
-        terms.append(BaseTurn(plan["base"]))
-    own = [_made_part(scenario, "term", i, row) for i, row in enumerate(scenario.term, start=1)]
-    return _with_parts(terms, own)
+        terms.append(opt.BaseTurn(plan["base"]))
+    return _with_rows(scenario, "term", terms)
 
 
-def _limits(scenario: Scenario, client: Client | ClientEstimate | None) -> list[Limit]:
+def _limits(scenario: Scenario, client: Client | ClientEstimate | None) -> list[opt.Limit]:
     """Those that are there by default or by keys of [plan], and those of [[limit]]."""
     around = made_obstacles(scenario.source, scenario.obstacle, client)
-    clear = Clearance(*scenario.clearance, obstacles=around)
-    limits: list[Limit] = [JointLimits(), TorqueLimits(), clear]
-    if "base_limits" in scenario.plan:
-        limits.append(BaseLimits(**radians(scenario.plan["base_limits"])))
-    own = [
-        clear if row["use"] == "clearance" else _made_part(scenario, "limit", i, row)
-        for i, row in enumerate(scenario.limit, start=1)
+    limits: list[opt.Limit] = [
+        opt.JointLimits(),
+        opt.TorqueLimits(),
+        opt.Clearance(*scenario.clearance, obstacles=around),
     ]
-    return _with_parts(limits, own)
+    if "base_limits" in scenario.plan:
+        limits.append(opt.BaseLimits(**radians(scenario.plan["base_limits"])))
+    return _with_rows(scenario, "limit", limits)
 
 
-def _places(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[Limit]:
-    """Goals of other frames, and waypoints."""
-    for i, row in enumerate(scenario.also, start=1):
-        if row["frame"] == sms.end_effector:
-            raise InvalidScenario(
-                scenario.source, f"[[also]] {i} frame = '{row['frame']}' is the end effector: use [target]"
-            )
-    goals = other_goals(scenario.also, sms, q0)
-    for one in goals:
-        one.for_robot(sms)  # looks for the frame
-    return [*goals, *waypoints(scenario.via, sms, q0)]
-
-
-def _with_parts(given: list[Part], more: list[Part]) -> list[Part]:
-    """Both lists; a part of the second takes the place of one of the same name in the first."""
+def _with_rows(scenario: Scenario, kind: str, given: list[Part]) -> list[Part]:
+    """Terms or limits with those of [[kind]], which take the places of others of the same name."""
+    ours = {part.name: part for part in given}
+    more: list[Part] = [
+        # The clearance between the same bodies and obstacles, as `Scenario.clearance` reads it.
+        ours["clearance"] if row["use"] == "clearance" else made_part(scenario, kind, i, row)
+        for i, row in enumerate(getattr(scenario, kind), start=1)
+    ]
     names = [part.name for part in more]
     return [part for part in given if part.name not in names] + more
 
 
-def _made_part(scenario: Scenario, kind: str, number: int, values: Mapping[str, Any]) -> Any:
-    """One term or limit of a file: the row `number` of [[kind]], from 1.
+@dataclass(frozen=True, eq=False)
+class _Straight:
+    """A place that moves at a constant velocity [m/s] and turns at a constant spin [rad/s], inertial axes.
 
-    Modules of a user's own are looked for in the file's folder first, and imported, which runs their code,
-    only where the scenario allows it. `InvalidScenario`: the class is not there, is no term or limit, does
-    not take the values, or may not be imported.
+    `position` (3,) [m] and `rotation` (3, 3), None where any will do, are those at the start.
     """
-    source, use = scenario.source, values["use"]
-    title = f"[[{kind}]] {number} use = '{use}'"
-    arguments = {key: value for key, value in values.items() if key != "use"}
-    if not is_own(use):
-        part = PACKAGED[kind][use]
-        return _called(source, title, part, radians(arguments))
-    if not _IMPORT_PATH.fullmatch(use):
-        raise InvalidScenario(source, f"{title} must be written package.module:Class")
-    if not scenario.allow_import:
-        raise InvalidScenario(
-            source,
-            f"{title} would run the code of that module: allow it, if you trust it, with --allow-import "
-            "(in Python: scenario(..., allow_import=True))",
-        )
-    part = _imported(source, title, use)
-    if not (isinstance(part, type) and issubclass(part, _KINDS[kind])):
-        raise InvalidScenario(source, f"{title} is no subclass of opt.{_KINDS[kind].__name__}")
-    made = _called(source, title, part, arguments)
-    if not isinstance(getattr(made, "name", None), str):
-        raise InvalidScenario(source, f"{title} has no `name`: give the class one, a text")
-    return made
+
+    position: FloatArray
+    velocity: FloatArray
+    rotation: FloatArray | None
+    spin: FloatArray
+
+    def __call__(self, t: float) -> Any:
+        """The position (3,) [m] or the pose (pinocchio.SE3) at a time [s]."""
+        place = self.position + t * self.velocity
+        if self.rotation is None:
+            return place
+        return pin.SE3(pin.exp3(t * self.spin) @ self.rotation, place)
 
 
-def _imported(source: Path, title: str, use: str) -> Any:
-    """What an import path names, with the file's folder first on sys.path while it is imported."""
-    module_name, _, class_name = use.partition(":")
-    folder = str(source.resolve().parent)
-    importlib.invalidate_caches()
-    sys.path.insert(0, folder)
+def _target(target: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray) -> opt.Goal:
+    """The goal that the table [target] describes, for a start q0 (nq,)."""
+    values = radians(target)
+    axes = _axes(values, sms, q0, sms.end_effector)
+    place = _place(values, axes)
+
+    def vector(key: str) -> FloatArray:
+        return np.asarray(axes.rotation @ np.array(values.get(key, (0.0, 0.0, 0.0))))
+
+    reaches = _only(values, "tolerance", "orientation_reach")
+    turned = isinstance(place, pin.SE3)
+    velocity, spin = vector("velocity"), vector("spin")
+    if velocity.any() or spin.any():
+        position, rotation = (place.translation, place.rotation) if turned else (place, None)
+        return opt.Moving(_Straight(position, velocity, rotation, spin), **reaches)
+    arrives = "arrival_velocity" in values
+    if turned:
+        twist = np.concatenate([vector("arrival_velocity"), vector("arrival_spin")]) if arrives else None
+        return opt.Pose(place, twist, **reaches)
+    return opt.Position(place, vector("arrival_velocity") if arrives else None, **reaches)
+
+
+def _other_goals(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.Also]:
+    """The goals of other frames, of [[also]]."""
+    found = []
+    for i, values in enumerate(map(radians, scenario.also), start=1):
+        frame = values["frame"]
+        if frame == sms.end_effector:
+            raise InvalidScenario(
+                scenario.source, f"[[also]] {i} frame = '{frame}' is the end effector: use [target]"
+            )
+        reaches = _only(values, "tolerance", "reach", "orientation_reach")
+        place = _place(values, _axes(values, sms, q0, frame))
+        goal = opt.Pose(place, **reaches) if isinstance(place, pin.SE3) else opt.Position(place, **reaches)
+        found.append(opt.Also(frame, goal))
+        found[-1].for_robot(sms)  # looks for the frame
+    return found
+
+
+def _waypoints(scenario: Scenario, sms: SpaceManipulator, q0: FloatArray) -> list[opt.Via]:
+    """The waypoints of [[via]]; they are numbered where they have no name."""
+    found = []
+    for i, values in enumerate(map(radians, scenario.via), start=1):
+        others = _only(values, "time", "reach", "orientation_reach")
+        place = _place(values, _axes(values, sms, q0, sms.end_effector))
+        found.append(opt.Via(place, name=values.get("name", f"via {i}"), **others))
+    return found
+
+
+def made_client(scenario: Scenario, sms: SpaceManipulator) -> Client:
+    """The client of a scenario; its time zero is the start of the motion.
+
+    Placed by `joints` its state is that at the deadline, its grasp where a straight joint-space move to these
+    joints, with rates that rise and fall smoothly, brings the end effector: so it can be met by construction.
+    """
+    assert scenario.client is not None
+    values = radians(scenario.client)
+    twist = np.concatenate([values.get("velocity", np.zeros(3)), values.get("spin", np.zeros(3))])
+    shapes = [coal.Box(*values["size"])] if "size" in values else []
+
+    def client(pose: Any, twist: FloatArray) -> Client:
+        return Client(values["mass"], np.array(values["inertia"]), pose, twist, shapes)
+
+    if "position" in values:
+        return client(_pose(values), twist)
+    joints = scenario.per_joint(sms, "client", "joints")
+    assert joints is not None  # the file has one of them
+    duration, q0 = scenario.arrival, scenario.start_configuration(sms)
+    end = sms.at(straight_end(sms, q0, joints, duration, scenario.plan.get("momentum")))
+    then = client(end.end_effector_pose * _grasp(scenario.meet or {}).inverse(), twist)
+    return client(then.pose(-duration), then.twist(-duration))
+
+
+def meeting(meet: Mapping[str, Any], client: Client | ClientEstimate) -> opt.Meet:
+    """The goal to meet a client, from the table [meet]."""
+    others = {key: value for key, value in radians(meet).items() if key not in ("grasp", "grasp_rpy")}
+    return opt.Meet(client, _grasp(meet), **others)
+
+
+def sensor(scenario: Scenario) -> ClientSensor | None:
+    """How the client is seen in the loop; None: where it is, is known."""
+    given = None if scenario.client is None else scenario.client.get("sensor")
+    return None if given is None else ClientSensor(**radians(given))
+
+
+def made_obstacles(source: Path, rows: Sequence[Mapping[str, Any]], client: Any = None) -> list[opt.Obstacle]:
+    """The obstacles of the file `source`: meshes lie beside it, and what is on no `client` is left out.
+
+    `InvalidScenario`: keys do not fit the shape, or a mesh is not there, cannot be read, or is not convex.
+    """
+    found = []
+    for i, row in enumerate(rows, start=1):
+        on = row.get("on", "inertial")
+        if on == "client" and client is None:
+            continue
+        title = f"[[obstacle]] {i}"
+        shape = _shape(source, title, row)
+        others = _only(row, "margin", "name")
+        try:
+            found.append(opt.Obstacle(shape, _pose(radians(row)), client if on == "client" else on, **others))
+        except FfsmsError as error:
+            raise InvalidScenario(source, f"{title}: {error}") from None
+    return found
+
+
+def _shape(source: Path, title: str, row: Mapping[str, Any]) -> Any:
+    kind = row["shape"]
+    needed = _SHAPE_KEYS[kind]
+    for key in needed:
+        if key not in row:
+            raise InvalidScenario(source, f"{title} {key} is missing: a {kind} needs {' and '.join(needed)}")
+    allowed = (*needed, "scale") if kind == "mesh" else needed
+    for key in _SIZES:
+        if key in row and key not in allowed:
+            raise InvalidScenario(
+                source, f"{title} {key} says nothing of a {kind}, which has {' and '.join(allowed)}"
+            )
+    if kind == "box":
+        return coal.Box(*row["size"])
+    if kind == "sphere":
+        return coal.Sphere(row["radius"])
+    if kind in ("cylinder", "capsule"):
+        return (coal.Cylinder if kind == "cylinder" else coal.Capsule)(row["radius"], row["length"])
+    path = source.parent / row["file"]
     try:
-        module = importlib.import_module(module_name)
-    except Exception as error:  # whatever the user's code raises
-        raise InvalidScenario(source, f"{title} cannot be imported from {folder} ({_line(error)})") from error
-    finally:
-        sys.path.remove(folder)
-    # A module is loaded once by its name: one of the same name from another folder would be taken for it.
-    package = module_name.partition(".")[0]
-    here = PathFinder.find_spec(package, [folder])
-    loaded = getattr(sys.modules[package], "__file__", None) or "elsewhere"
-    if here is not None and here.origin and os.path.realpath(here.origin) != os.path.realpath(loaded):
-        raise InvalidScenario(
-            source,
-            f"{title}: another module '{package}' is loaded already ({loaded}); give yours another name",
-        )
-    if not hasattr(module, class_name):
-        raise InvalidScenario(source, f"{title}: module '{module_name}' has no {class_name}")
-    return getattr(module, class_name)
+        check_readable(path, LARGEST_DATA)
+        return coal.MeshLoader().load(str(path), np.full(3, row.get("scale", 1.0)))
+    except FileNotFoundError:
+        raise InvalidScenario(source, f"{title} file = '{row['file']}' is not there") from None
+    except Exception as error:  # of the mesh readers: each has its own kinds
+        raise InvalidScenario(source, f"{title} file = '{row['file']}' cannot be read ({error})") from None
 
 
-def _called(source: Path, title: str, part: Any, arguments: Mapping[str, Any]) -> Any:
-    try:
-        inspect.signature(part).bind(**arguments)
-    except TypeError as error:
-        known = ", ".join(name for name in inspect.signature(part).parameters if not name.startswith("_"))
-        raise InvalidScenario(
-            source, f"{title} does not take these keys: {error} (it takes: {known or 'none'})"
-        ) from None
-    try:
-        return part(**arguments)
-    except FfsmsError as error:
-        raise InvalidScenario(source, f"{title}: {error}") from None
-    except Exception as error:  # whatever the user's code raises
-        raise InvalidScenario(source, f"{title} cannot be made of these values ({_line(error)})") from error
+def _only(values: Mapping[str, Any], *keys: str) -> dict[str, Any]:
+    """Those of some keys that are there."""
+    return {key: values[key] for key in keys if key in values}
 
 
-def _line(error: Exception) -> str:
-    """An error of a user's code in one line."""
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+def _grasp(meet: Mapping[str, Any]) -> Any:
+    values = radians(meet)
+    return _pose({"position": values.get("grasp"), "rpy": values.get("grasp_rpy")})
+
+
+def _pose(values: Mapping[str, Any]) -> Any:
+    """The pose (pinocchio.SE3) that `position` [m] and `rpy` [rad] say; zero where they are left out."""
+    zero = (0.0, 0.0, 0.0)
+    turn = pin.rpy.rpyToMatrix(np.array(values.get("rpy") or zero))
+    return pin.SE3(turn, np.array(values.get("position") or zero))
+
+
+def _place(values: Mapping[str, Any], axes: Any) -> Any:
+    """A position (3,) or a pose (pinocchio.SE3) in inertial axes."""
+    return axes * _pose(values) if "rpy" in values else np.asarray(axes.act(np.array(values["position"])))
+
+
+def _axes(values: Mapping[str, Any], sms: SpaceManipulator, q0: FloatArray, frame: str) -> Any:
+    """The pose (pinocchio.SE3) in whose axes a place is given: those at the start, which do not move."""
+    which = values.get("relative_to", "inertial")
+    if which == "inertial":
+        return pin.SE3.Identity()
+    if which == "base":
+        return pin.XYZQUATToSE3(np.asarray(q0[:7]))
+    data = sms.model.createData()
+    pin.forwardKinematics(sms.model, data, q0)
+    return pin.updateFramePlacement(sms.model, data, frame_index(sms.model, frame)).copy()

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
-from ffsms_pin.scenarios.keys import Keys, angle, key, table
-from ffsms_pin.scenarios.values import (
+from ffsms_pin.scenarios.keys import (
     ByJoint,
     Inertia,
+    Keys,
     NotNegative,
     Numbers,
     PerJoint,
@@ -21,6 +21,9 @@ from ffsms_pin.scenarios.values import (
     Text,
     Texts,
     Vector3,
+    angle,
+    key,
+    table,
 )
 
 __all__ = ["Attitude", "Dump", "Limits", "Mount", "Robot", "Start", "Thrusters", "Wheels"]

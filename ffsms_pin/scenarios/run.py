@@ -8,21 +8,33 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ffsms_pin import opt
 from ffsms_pin.checks import instance, optional_callable
 from ffsms_pin.control import JointLaw
 from ffsms_pin.errors import InvalidScenario
-from ffsms_pin.opt import Replanning, Trajectory
-from ffsms_pin.scenarios.capture import Captured, captured
-from ffsms_pin.scenarios.closed_loop import Attempt, attempt, planned, prepared
-from ffsms_pin.scenarios.conditions import control_steps, controller
+from ffsms_pin.scenarios.closed_loop import (
+    Attempt,
+    ClosedLoop,
+    attempt,
+    base_law,
+    control_steps,
+    controller,
+    planned,
+    prepared,
+)
 from ffsms_pin.scenarios.definition import Scenario
+from ffsms_pin.scenarios.fits import OF_COMPLIANCE
 from ffsms_pin.scenarios.keys import radians
+from ffsms_pin.scenarios.problems import meeting
 from ffsms_pin.simulation import Tracking, Watchdog
 from ffsms_pin.simulation.unfinished import check_stream
 from ffsms_pin.storage import check_writable, path_like, require_space
 from ffsms_pin.system import SpaceManipulator
+
+if TYPE_CHECKING:
+    from ffsms_pin.studies.capture import Captured
 
 __all__ = [
     "Outcome",
@@ -76,7 +88,7 @@ class Outcome:
     sms: SpaceManipulator
     plant: SpaceManipulator
     controller: JointLaw
-    trajectory: Trajectory
+    trajectory: opt.Trajectory
     tracking: Tracking
     timing: Timing
     note: str = ""
@@ -130,13 +142,13 @@ def run(
         tracking = loop.run(reference, law, stage(progress, "tracking"), **files)
         tracked = time.perf_counter()
         note, open_loop, capture = "", None, None
-        if isinstance(reference, Replanning):
+        if scenario.replans and isinstance(reference, opt.Replanning):
             note = reference.note
             open_loop = attempt(
                 partial(loop.run, loop.plan_once(trajectory), law, stage(progress, "plan once"))
             )
         if scenario.client is not None:
-            capture = captured(scenario, sms, trajectory, tracking, loop.options, stage(progress, "capture"))
+            capture = _capture(loop, trajectory, tracking, stage(progress, "capture"))
     return Outcome(
         scenario,
         sms,
@@ -148,6 +160,29 @@ def run(
         note,
         open_loop,
         capture,
+    )
+
+
+def _capture(
+    loop: ClosedLoop, plan: opt.Trajectory, tracking: Tracking, progress: Callable[[float], None] | None
+) -> Captured:
+    """What becomes of the client, under [contact]."""
+    from ffsms_pin.studies.capture import captured  # most scenarios have no client
+
+    scenario, contact = loop.scenario, loop.scenario.contact
+    client = scenario.made_client(loop.sms)
+    compliance = {key: contact[key] for key in OF_COMPLIANCE if key in contact}
+    return captured(
+        loop.sms,
+        plan,
+        tracking,
+        client,
+        meeting(scenario.meet or {}, client),
+        lambda robot: (controller(scenario, robot), base_law(scenario.attitude, robot)),
+        loop.options,
+        compliance=compliance if contact.get("kind") == "compliant" else None,
+        **{key: contact[key] for key in ("torque_share", "after") if key in contact},
+        progress=progress,
     )
 
 

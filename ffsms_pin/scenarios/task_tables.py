@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from ffsms_pin.scenarios.keys import Keys, angle, key, table
-from ffsms_pin.scenarios.values import (
+from ffsms_pin.scenarios.keys import (
     Inertia,
+    Keys,
     NotNegative,
     Numbers,
     Positive,
@@ -16,6 +16,9 @@ from ffsms_pin.scenarios.values import (
     Text,
     Vector3,
     Whole,
+    angle,
+    key,
+    table,
 )
 
 __all__ = ["AlsoGoal", "ClientBody", "Contact", "Meeting", "ObstacleBody", "Sensor", "Target", "Waypoint"]

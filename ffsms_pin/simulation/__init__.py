@@ -1,17 +1,22 @@
 """Simulation: a plant under forward dynamics, in closed loop with a controller and a reference."""
 
-from ffsms_pin.simulation.actuator import Actuator, JointFriction
-from ffsms_pin.simulation.closed_loop import simulate
-from ffsms_pin.simulation.disturbances import Wrench
-from ffsms_pin.simulation.estimator import Estimator
-from ffsms_pin.simulation.events import Capture, JointFault
-from ffsms_pin.simulation.integrators import INTEGRATORS
-from ffsms_pin.simulation.interfaces import Controller, Reference
-from ffsms_pin.simulation.many import simulate_each, simulate_many
-from ffsms_pin.simulation.plant import InertialError, perturb, random_plants
-from ffsms_pin.simulation.sensors import Sensors
-from ffsms_pin.simulation.tracking import Tracking
-from ffsms_pin.simulation.watchdog import Watchdog
+from typing import TYPE_CHECKING
+
+from ffsms_pin.later import later
+
+if TYPE_CHECKING:  # and each when it is first used
+    from ffsms_pin.simulation.actuator import Actuator, JointFriction
+    from ffsms_pin.simulation.closed_loop import simulate
+    from ffsms_pin.simulation.disturbances import Wrench
+    from ffsms_pin.simulation.estimator import Estimator
+    from ffsms_pin.simulation.events import Capture, JointFault
+    from ffsms_pin.simulation.integrators import INTEGRATORS
+    from ffsms_pin.simulation.interfaces import Controller, Reference
+    from ffsms_pin.simulation.many import simulate_each, simulate_many
+    from ffsms_pin.simulation.plant import InertialError, perturb, random_plants
+    from ffsms_pin.simulation.sensors import Sensors
+    from ffsms_pin.simulation.tracking import Tracking
+    from ffsms_pin.simulation.watchdog import Watchdog
 
 __all__ = [
     "INTEGRATORS",
@@ -33,3 +38,6 @@ __all__ = [
     "simulate_each",
     "simulate_many",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = later(__name__)

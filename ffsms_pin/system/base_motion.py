@@ -25,7 +25,7 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.system.batch.stacks import quaternions
 from ffsms_pin.system.manipulator import SpaceManipulator
 
-__all__ = ["advance", "roll_out"]
+__all__ = ["advance", "roll_out", "straight_end"]
 
 
 def advance(
@@ -71,6 +71,25 @@ def roll_out(
         sms.layout.set_positions(row, positions)
     configurations[0] = q
     return configurations, states[12 + n :].T.copy()
+
+
+def straight_end(
+    sms: SpaceManipulator,
+    q: FloatArray,
+    joints: FloatArray,
+    duration: float,
+    momentum: ArrayLike | None = None,
+    steps: int = 200,
+) -> FloatArray:
+    """Where (nq,) a straight move of the joints from q to `joints` (n,) ends.
+
+    Its rates rise and fall smoothly over its duration [s]; `momentum` is that of `roll_out`.
+    """
+    s, dt = np.linspace(0.0, 1.0, steps + 1), duration / steps
+    way = joints - sms.joint_positions(q)
+    rates = (way / duration) * (30.0 * s**2 * (1.0 - s) ** 2)[:, None]
+    ends, _ = roll_out(sms, q, rates[0], np.diff(rates, axis=0) / dt, dt, momentum)
+    return np.array(ends[-1])
 
 
 def _states(

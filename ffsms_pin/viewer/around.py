@@ -15,8 +15,8 @@ from ffsms_pin.opt import Obstacle
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.convex_parts import outline
 from ffsms_pin.viewer.frames import Frames
-from ffsms_pin.viewer.meshes import COLOURS, along_z, assistance_colour, hull, nozzle, rgb, tube
-from ffsms_pin.viewer.stage import Stage
+from ffsms_pin.viewer.meshes import AXIS_COLOURS, COLOURS, along_z, assistance_colour, hull, nozzle, rgb, tube
+from ffsms_pin.viewer.scene import Stage
 
 __all__ = ["Body", "add_actuators", "add_base_trail", "add_client", "add_obstacles", "add_path", "add_target"]
 
@@ -62,22 +62,19 @@ def add_base_trail(stage: Stage, frames: Frames) -> None:
     # Long enough to be seen outside of the box that hides the frame's origin.
     size = frames.sms.base_size
     length = 0.35 * stage.size if size is None else 0.85 * max(size)
+    poses = [state.base_pose for state in frames.states]
     rows = np.unique(np.linspace(0, len(frames.t) - 1, _INSTANTS).round().astype(int))
-    for i, row in enumerate(rows):
-        pose = frames.states[row].base_pose
+    for i, pose in enumerate(poses[row] for row in rows):
         strength = 0.25 + 0.75 * i / max(1, len(rows) - 1)
-        for axis, colour in enumerate(("#D55E00", "#009E73", "#0072B2")):
-            tip = pose.translation + length * pose.rotation[:, axis]
-            mesh = tube(np.array([pose.translation, tip]), 0.003 * stage.size, sides=6)
-            pale = 1.0 - strength * (1.0 - rgb(colour))
-            stage.mesh(
-                f"base trail/{i}/{'xyz'[axis]}", mesh, np.tile(pale, (len(mesh.vertices), 1)), flat=True
-            )
-    path = np.array([state.base_pose.translation for state in frames.states])
-    chosen = _thinned(path)
-    if chosen.size >= 2:
-        mesh = tube(path[chosen], 0.004 * stage.size)
-        stage.mesh("base trail/path", mesh, COLOURS["trail"], flat=True)
+        for axis, name, colour in zip(pose.rotation.T, "xyz", AXIS_COLOURS, strict=True):
+            ends = np.array([pose.translation, pose.translation + length * axis])
+            mesh = tube(ends, 0.003 * stage.size, sides=6)
+            pale = np.tile(1.0 - strength * (1.0 - rgb(colour)), (len(mesh.vertices), 1))
+            stage.mesh(f"base trail/{i}/{name}", mesh, pale, flat=True)
+    path = np.array([pose.translation for pose in poses])
+    rows = _thinned(path)
+    if rows.size >= 2:
+        stage.mesh("base trail/path", tube(path[rows], 0.004 * stage.size), COLOURS["trail"], flat=True)
 
 
 def _thinned(path: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
@@ -107,7 +104,7 @@ def add_actuators(stage: Stage, frames: Frames) -> None:
         for i, (place, push) in enumerate(zip(sms.thrusters.places, sms.thrusters.directions, strict=True)):
             stage.mesh(f"thrusters/{i}", nozzle(_NOZZLE * edge), COLOURS["thruster"])
             stage.place(f"thrusters/{i}", place, along_z(-push))  # it opens to where the jet goes
-    attitudes = np.array([pin.XYZQUATToSE3(q[:7]).rotation for q in frames.q])
+    attitudes = np.array([base.rotation for base in frames.bases])
     for name in drawn:
         stage.follow(name, frames.t, frames.q[:, :3], attitudes)
 
@@ -141,9 +138,8 @@ def add_obstacles(stage: Stage, frames: Frames, obstacles: Sequence[Obstacle]) -
         track = obstacle.track(frames.t)
         positions, rotations = track.positions, track.rotations
         if obstacle.on_base:
-            bases = [pin.XYZQUATToSE3(q[:7]) for q in frames.q]
-            positions = np.array([base.act(p) for base, p in zip(bases, positions, strict=True)])
-            rotations = np.array([base.rotation @ R for base, R in zip(bases, rotations, strict=True)])
+            positions = np.array([base.act(p) for base, p in zip(frames.bases, positions, strict=True)])
+            rotations = np.array([base.rotation @ R for base, R in zip(frames.bases, rotations, strict=True)])
         if obstacle.moves or obstacle.on_base:
             stage.follow(name, frames.t, positions, rotations)
         else:
@@ -162,39 +158,28 @@ class Body(Protocol):
 
 
 def add_client(stage: Stage, frames: Frames, client: Body, obstacles: Sequence[Obstacle]) -> None:
-    """Draw a client, and film its motion.
-
-    Parameters
-    ----------
-    stage : Stage
-    frames : Frames
-    client : Body
-    obstacles : sequence of Obstacle
-        Those that are on it are drawn with it.
-    """
+    """Draw a client with those of the obstacles that are on it, and film its motion."""
     own = [(geometry, placement) for geometry, placement in client.shapes]
     kept = [(one.shape, one.pose) for one in obstacles if one.moves]
     if not own and not kept:
         own = [(coal.Sphere(_BALL), pin.SE3.Identity())]
-    drawn = [(*one, _INSIDE) for one in own] + [(*one, 1.0) for one in kept if not _among(one, own)]
+    places = [_points(*one) for one in own]
+    drawn = [(*one, _INSIDE) for one in own]
+    drawn += [(*one, 1.0) for one in kept if not any(_same(_points(*one), other) for other in places)]
     for i, (shape, placement, size) in enumerate(drawn):
         name = f"client/{i}"
         stage.mesh(name, hull(outline(shape)), COLOURS["client"])
         stage.place(name, placement.translation, placement.rotation, size)
     largest = max(float(np.abs(outline(shape)).max()) for shape, _ in (*own, *kept))
-    for axis, colour in enumerate(("#D55E00", "#009E73", "#0072B2")):
-        end = 1.5 * largest * np.eye(3)[axis]
-        line = tube(np.array([np.zeros(3), end]), 0.004 * stage.size, sides=6)
-        stage.mesh(f"client/axes/{'xyz'[axis]}", line, colour, flat=True)
+    for axis, name, colour in zip(np.eye(3), "xyz", AXIS_COLOURS, strict=True):
+        line = tube(np.array([np.zeros(3), 1.5 * largest * axis]), 0.004 * stage.size, sides=6)
+        stage.mesh(f"client/axes/{name}", line, colour, flat=True)
     positions, attitudes = client.poses(frames.t)
     stage.follow("client", frames.t, positions, attitudes)
 
 
-def _among(one: tuple[Any, Any], others: Sequence[tuple[Any, Any]]) -> bool:
-    """Whether a shape stands among others: the same corners in the same place."""
-    points = _points(*one)
-    found = (_points(*other) for other in others)
-    return any(points.shape == other.shape and np.allclose(points, other, atol=1e-9) for other in found)
+def _same(one: FloatArray, other: FloatArray) -> bool:
+    return one.shape == other.shape and np.allclose(one, other, atol=1e-9)
 
 
 def _points(shape: Any, placement: Any) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray, one_of, vector
+from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.terms import ideal_cosine
@@ -27,7 +27,6 @@ __all__ = [
     "Target",
     "camera_facts",
     "camera_place",
-    "checked_camera",
     "riding",
     "surroundings",
     "target_function",
@@ -55,18 +54,7 @@ _ABOVE, _OBLIQUE = (-0.12, -0.75, 1.5), (1.0, -1.5, 0.95)
 
 @dataclass(frozen=True)
 class Frames:
-    """The instants that are shown.
-
-    Attributes
-    ----------
-    sms : SpaceManipulator
-    t : ndarray, shape (k,)
-        [s]
-    q, v : ndarray, shape (k, nq), (k, nv)
-    target : ndarray, shape (k, 3), or None
-        [m], inertial axes.
-    kappa : float
-    """
+    """The instants t (k,) [s] that are shown: q (k, nq), v (k, nv), target (k, 3) [m] in inertial axes."""
 
     sms: SpaceManipulator
     t: FloatArray
@@ -100,6 +88,11 @@ class Frames:
         return [self.sms.at(q, v) for q, v in zip(self.q, self.v, strict=True)]
 
     @cached_property
+    def bases(self) -> list[pin.SE3]:
+        """Poses of the base's root."""
+        return [pin.XYZQUATToSE3(q[:7]) for q in self.q]
+
+    @cached_property
     def tips(self) -> FloatArray:
         """Places of the end effector (k, 3) [m]."""
         return np.array([state.end_effector_pose.translation for state in self.states])
@@ -114,12 +107,8 @@ class Frames:
         """cos(theta_a) (k,); zero where nothing moves or there is no target."""
         if self.target is None:
             return np.zeros(len(self.t))
-        return np.array(
-            [
-                state.coupling.assistance(state.v[6:], goal - tip)
-                for state, goal, tip in zip(self.states, self.target, self.tips, strict=True)
-            ]
-        )
+        ways = zip(self.states, self.target - self.tips, strict=True)
+        return np.array([state.coupling.assistance(state.v[6:], way) for state, way in ways])
 
     @cached_property
     def ideal(self) -> FloatArray:
@@ -151,18 +140,9 @@ def surroundings(frames: Frames, others: FloatArray | None = None) -> tuple[Floa
         base = np.array((data.oMi[1] * sms.base_box_placement).translation)
         points.append(base + half * np.vstack([np.eye(3), -np.eye(3)]))
         points.append(np.array([data.oMi[j].translation for j in range(2, sms.model.njoints)]))
-    if frames.target is not None:
-        points.append(frames.target)
-    if others is not None:
-        points.append(others)
-    cloud = np.vstack(points)
+    cloud = np.vstack([*points, *(more for more in (frames.target, others) if more is not None)])
     low, high = cloud.min(axis=0), cloud.max(axis=0)
     return 0.5 * (low + high), max(0.5 * float(np.linalg.norm(high - low)), 1e-3)
-
-
-def checked_camera(name: str) -> str:
-    """The name of a camera; `InvalidValue` for others."""
-    return one_of("camera", name, tuple(CAMERAS))
 
 
 def camera_place(name: str, frames: Frames, radius: float) -> FloatArray:
@@ -178,23 +158,14 @@ def camera_place(name: str, frames: Frames, radius: float) -> FloatArray:
 
 
 def camera_facts(frames: Frames, camera: str, radius: float, centre: FloatArray) -> dict[str, Any]:
-    """What the page must know of the cameras.
+    """What the page must know of the cameras, of which `camera` is the first.
 
-    Parameters
-    ----------
-    frames : Frames
-    camera : str
-        The first one.
-    radius : float
-        Of what they see [m].
-    centre : ndarray, shape (3,)
-        What they turn about [m].
+    They see a ball of a radius [m] about a centre (3,) [m], about which they turn.
     """
-    places = {name: camera_place(name, frames, radius) for name in CAMERAS}
     return {
         "camera": camera,
-        "centre": [round(float(x), 5) for x in centre],
-        "cameras": {name: [round(float(x), 5) for x in place] for name, place in places.items()},
+        "centre": _rounded(centre),
+        "cameras": {name: _rounded(camera_place(name, frames, radius)) for name in CAMERAS},
         "riding": riding(frames, centre),
     }
 
@@ -202,21 +173,15 @@ def camera_facts(frames: Frames, camera: str, radius: float, centre: FloatArray)
 def riding(frames: Frames, centre: FloatArray) -> list[list[float]]:
     """Poses of the scene, frame by frame, under which the base stays where it is at first.
 
-    Parameters
-    ----------
-    frames : Frames
-    centre : ndarray, shape (3,)
-        What the camera turns about [m].
-
-    Returns
-    -------
-    list of list
-        Position [m] and quaternion (x, y, z, w) of the scene's root, 7 numbers a frame.
+    Each is a position [m] and a quaternion (x, y, z, w) of the scene's root; a camera turns about the centre.
     """
-    first = pin.SE3(np.eye(3), -centre) * pin.XYZQUATToSE3(frames.q[0, :7])
-    poses = [first * pin.XYZQUATToSE3(q[:7]).inverse() for q in frames.q]
-    rows = np.array([pin.SE3ToXYZQUAT(pose) for pose in poses])
+    first = pin.SE3(np.eye(3), -centre) * frames.bases[0]
+    rows = np.array([pin.SE3ToXYZQUAT(first * base.inverse()) for base in frames.bases])
     for k in range(1, len(rows)):  # q and -q are one attitude: neighbours take the same sign
         if rows[k, 3:] @ rows[k - 1, 3:] < 0.0:
             rows[k, 3:] *= -1.0
-    return [[round(float(value), 5) for value in row] for row in rows]
+    return [_rounded(row) for row in rows]
+
+
+def _rounded(values: FloatArray) -> list[float]:
+    return [round(float(value), 5) for value in values]

@@ -14,7 +14,7 @@ from tornado.iostream import IOStream
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from ffsms_pin.viewer.scene import SceneLog
+from ffsms_pin.viewer.scene import Scene
 
 __all__ = ["LOOPBACK", "Access", "LiveServer"]
 
@@ -40,19 +40,10 @@ _HEADERS = {
 class Access:
     """The rules of one server.
 
-    Parameters
-    ----------
-    port : int
-        That the server listens on.
-    any_host : bool
-        Whether a request may call the server by any name; otherwise only by a name of the loopback
-        interface with the server's port. A page of another site that had its own name point to this machine
-        (DNS rebinding) sends its own name and is refused.
-
-    Attributes
-    ----------
-    token : str
-        Random, 192 bits; part of the address of the page. Who does not know it gets nothing.
+    With `any_host` a request may call it by any name; otherwise only by a name of the loopback interface with
+    the server's port. A page of another site that had its own name point to this machine (DNS rebinding)
+    sends its own name and is refused. The token, of 192 random bits, is part of the address of the page: who
+    does not know it gets nothing.
     """
 
     port: int
@@ -80,11 +71,11 @@ class Access:
 class LiveServer(HTTPServer):
     """An HTTP server that holds a bounded number of connections."""
 
-    def initialize(self, access: Access, log: SceneLog) -> None:  # type: ignore[override]
+    def initialize(self, access: Access, scene: Scene) -> None:  # type: ignore[override]
         """Prepare the answers; tornado calls this with the arguments of the constructor."""
         self._streams: set[IOStream] = set()
         super().initialize(
-            _application(access, log),
+            _application(access, scene),
             idle_connection_timeout=_IDLE,
             body_timeout=_IDLE,
             max_header_size=_LARGEST,
@@ -107,7 +98,7 @@ class LiveServer(HTTPServer):
             stream.close()
 
 
-def _application(access: Access, log: SceneLog) -> Application:
+def _application(access: Access, scene: Scene) -> Application:
     viewer = files("ffsms_pin.viewer")
     script = (files("meshcat") / "viewer" / "dist" / "main.min.js").read_bytes()
     html, javascript = "text/html; charset=utf-8", "text/javascript; charset=utf-8"
@@ -116,7 +107,7 @@ def _application(access: Access, log: SceneLog) -> Application:
             (r"/([^/]*)/", _File, {"content": (viewer / "live.html").read_bytes(), "kind": html}),
             (r"/([^/]*)/live\.js", _File, {"content": (viewer / "live.js").read_bytes(), "kind": javascript}),
             (r"/([^/]*)/main\.min\.js", _File, {"content": script, "kind": javascript}),
-            (r"/([^/]*)/socket", _Socket, {"log": log}),
+            (r"/([^/]*)/socket", _Socket, {"scene": scene}),
         ],
         default_handler_class=_Guarded,  # every other address has no token, so it gets 403
         access=access,
@@ -159,8 +150,8 @@ class _File(_Guarded):
 class _Socket(_Guarded, WebSocketHandler):
     """Sends the scene to one page, and then what changes. What the page sends is dropped unread."""
 
-    def initialize(self, log: SceneLog) -> None:
-        self._scene = log
+    def initialize(self, scene: Scene) -> None:
+        self._scene = scene
         self._sending: asyncio.Task[None] | None = None
 
     def prepare(self) -> None:

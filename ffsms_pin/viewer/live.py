@@ -15,9 +15,9 @@ from ffsms_pin.simulation.interfaces import Reference
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.frames import Frames, Target, surroundings, target_function
 from ffsms_pin.viewer.overlays import CouplingLayer, LimitLayer
-from ffsms_pin.viewer.robot import Robot
+from ffsms_pin.viewer.robot import add_robot
+from ffsms_pin.viewer.scene import Stage
 from ffsms_pin.viewer.server import Server, open_browser
-from ffsms_pin.viewer.stage import Stage
 
 __all__ = ["LiveView"]
 
@@ -79,31 +79,30 @@ class LiveView:
         self._pause = 1.0 / positive("fps", fps, "1/s")
         self._goal = target_function(target)
         self._started = self._shown = -np.inf
-        self._failed = False
+        self._ended = False
         first = self._frame(0.0, sms.checked_configuration("q", q), np.zeros(sms.nv))
         centre, radius = surroundings(first)
         self._stage = stage = Stage(radius)
         stage.set_up(centre, radius * np.array([0.365, -0.876, 0.876]))
-        self._robot = Robot(stage, sms, "robot")
+        self._robot = add_robot(stage, sms, "robot")
         if first.target is not None:
             stage.ball("target", 0.022 * radius, "#D55E00")
         self._layers: list[Any] = [CouplingLayer(stage, first), LimitLayer(stage, first)]
         self._draw(first)
-        self._server = Server(host)
-        stage.scene.attach(self._server)
+        self._server = Server(host, stage.scene)
         self.url = self._server.url
         if browser:
             open_browser(self.url)
 
     def show(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """Show the state (q, v) at time t [s]; a page that fails is told in one warning, then left alone."""
-        if self._failed:
+        if self._ended:
             return
         try:
+            self._server.check()
             self._draw(self._frame(t, q, v))
         except Exception as error:  # whatever it is, the run that is watched matters more
-            self._failed = True
-            self._stage.scene.detach()
+            self._ended = True
             warnings.warn(
                 f"the live page shows nothing from t = {t:g} s on ({error}); the run goes on without it",
                 FfsmsWarning,
@@ -116,7 +115,7 @@ class LiveView:
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """`show`, but not more often than the page needs, and not sooner than `speed` allows."""
-        if self._failed:  # nobody watches any more: no reason to hold up the run
+        if self._ended:  # nobody watches any more: no reason to hold up the run
             return
         now = time.monotonic()
         if t <= 0.0 or not np.isfinite(self._started):
@@ -132,7 +131,7 @@ class LiveView:
 
     def close(self) -> None:
         """Stop the page."""
-        self._stage.scene.detach()
+        self._ended = True
         self._server.close()
 
     def __enter__(self) -> LiveView:

@@ -11,13 +11,12 @@ from ffsms_pin.checks import FloatArray
 
 __all__ = [
     "ASSISTANCE_STOPS",
-    "BACKGROUND",
+    "AXIS_COLOURS",
     "COLOURS",
     "USAGE_STOPS",
     "Mesh",
     "along_z",
     "arrow",
-    "as_number",
     "assistance_colour",
     "cone",
     "hull",
@@ -27,9 +26,6 @@ __all__ = [
     "turn_arrow",
     "usage_colour",
 ]
-
-# Top and bottom of the background.
-BACKGROUND = ([1.0, 1.0, 1.0], [0.86, 0.90, 0.94])
 
 COLOURS = {
     "target": "#D55E00",
@@ -47,6 +43,7 @@ COLOURS = {
     "thruster": "#3A3A3A",
 }
 
+AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")  # of x, y, z
 # cos(theta_a) from -1 (straight away) over 0 (across) to 1 (straight at the target).
 ASSISTANCE_STOPS = ("#8C3A00", "#B5B0A8", "#0072B2")
 # How much of a limit, or of a clearance, is used up: 0 to 1.
@@ -58,11 +55,6 @@ _SHARP = 200  # triangles; what has more is round
 def rgb(colour: str) -> FloatArray:
     """Red, green and blue (3,), 0 to 1, of "#RRGGBB"."""
     return np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
-
-
-def as_number(colour: str) -> int:
-    """The colour as Meshcat's materials take it."""
-    return int(colour[1:], 16)
 
 
 def assistance_colour(cosine: float) -> FloatArray:
@@ -77,8 +69,7 @@ def usage_colour(share: float) -> FloatArray:
 
 def _between(stops: tuple[str, ...], place: float) -> FloatArray:
     at = np.linspace(0.0, 1.0, len(stops))
-    table = np.array([rgb(stop) for stop in stops])
-    return np.array([np.interp(place, at, table[:, i]) for i in range(3)])
+    return np.array([np.interp(place, at, column) for column in np.array([rgb(stop) for stop in stops]).T])
 
 
 class Mesh(NamedTuple):
@@ -89,12 +80,11 @@ class Mesh(NamedTuple):
     along: FloatArray
 
 
-def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8, closed: bool = True) -> Mesh:
+def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8) -> Mesh:
     """A tube around a path (k, 3); `radii` one number or one a point, zero makes a tip."""
-    points = np.asarray(path, dtype=np.float64)
-    k = len(points)
-    radius = np.broadcast_to(np.asarray(radii, dtype=np.float64), (k,))
-    tangent = np.gradient(points, axis=0)
+    k = len(path)
+    radius = np.broadcast_to(radii, (k,))
+    tangent = np.gradient(path, axis=0)
     lengths = np.linalg.norm(tangent, axis=1)
     # Where the path stands still it has no direction of its own: it takes the last one.
     known = np.flatnonzero(lengths > 1e-12)
@@ -112,21 +102,17 @@ def tube(path: FloatArray, radii: FloatArray | float, sides: int = 8, closed: bo
         normal = normal / length if length > 1e-9 else _any_normal(tangent[i])
         across = np.cross(tangent[i], normal)
         ring = np.cos(angles)[:, None] * normal + np.sin(angles)[:, None] * across
-        rings.append(points[i] + radius[i] * ring)
-    faces = []
-    for i in range(k - 1):
-        for j in range(sides):
-            a, b = i * sides + j, i * sides + (j + 1) % sides
-            faces += [[a, b, b + sides], [a, b + sides, a + sides]]
-    vertices = np.concatenate(rings)
-    along = np.repeat(np.linspace(0.0, 1.0, k), sides)
-    if closed:
-        vertices = np.vstack([vertices, points[0], points[-1]])
-        along = np.append(along, [0.0, 1.0])
-        first, last, end = k * sides, k * sides + 1, (k - 1) * sides
-        for j in range(sides):
-            faces += [[first, (j + 1) % sides, j], [last, end + j, end + (j + 1) % sides]]
-    return Mesh(vertices, np.array(faces), along)
+        rings.append(path[i] + radius[i] * ring)
+    j = np.arange(sides)
+    following = (j + 1) % sides
+    here = (sides * np.arange(k - 1)[:, None] + j).ravel()
+    beside = (sides * np.arange(k - 1)[:, None] + following).ravel()
+    mantle = [here, beside, beside + sides, here, beside + sides, here + sides]
+    first, last, end = np.full(sides, k * sides), np.full(sides, k * sides + 1), (k - 1) * sides
+    ends = [first, following, j, last, end + j, end + following]
+    faces = np.vstack([np.column_stack(part).reshape(-1, 3) for part in (mantle, ends)])
+    along = np.append(np.repeat(np.linspace(0.0, 1.0, k), sides), [0.0, 1.0])
+    return Mesh(np.vstack([*rings, path[0], path[-1]]), faces, along)
 
 
 def arrow(radius: float) -> Mesh:
@@ -139,22 +125,17 @@ def arrow(radius: float) -> Mesh:
 
 def turn_arrow(radius: float) -> Mesh:
     """Three quarters of a ring of radius 1 about z with a head: a turn by the right-hand rule."""
-    shaft = np.linspace(0.0, 1.35 * np.pi, 40)
-    head = np.linspace(1.35 * np.pi, 1.6 * np.pi, 10)
-    angles = np.concatenate([shaft, head])
-    path = np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)])
-    radii = np.concatenate([np.full(len(shaft), radius), np.linspace(2.8 * radius, 0.0, len(head))])
-    return tube(path, radii, 12)
+    angles = np.append(np.linspace(0.0, 1.35 * np.pi, 40), np.linspace(1.35 * np.pi, 1.6 * np.pi, 10))
+    radii = np.append(np.full(40, radius), np.linspace(2.8 * radius, 0.0, 10))
+    return tube(np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)]), radii, 12)
 
 
 def cone() -> Mesh:
     """The side of a cone with its tip at the origin, height 1 along z and radius 1."""
     angles = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
-    rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones_like(angles)])
-    vertices = np.vstack([np.zeros(3), rim])
-    k = len(angles)
-    faces = np.array([[0, 1 + j, 1 + (j + 1) % k] for j in range(k)])
-    return Mesh(vertices, faces, np.concatenate([[0.0], np.ones(k)]))
+    rim = np.column_stack([np.cos(angles), np.sin(angles), np.ones(48)])
+    faces = np.array([[0, 1 + j, 1 + (j + 1) % 48] for j in range(48)])
+    return Mesh(np.vstack([np.zeros(3), rim]), faces, np.append(0.0, np.ones(48)))
 
 
 def nozzle(length: float) -> Mesh:

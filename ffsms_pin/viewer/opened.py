@@ -7,34 +7,32 @@ import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import umsgpack
-
-from ffsms_pin.checks import instance, positive
+from ffsms_pin.checks import instance, one_of, positive
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Obstacle, Trajectory
 from ffsms_pin.opt.trajectory import REACH
 from ffsms_pin.scenarios import Outcome
-from ffsms_pin.scenarios.capture import whole_tracking
-from ffsms_pin.scenarios.client_motion import client_motion
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import write_content
+from ffsms_pin.studies.capture import whole_tracking
+from ffsms_pin.studies.client_motion import client_motion
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.around import Body, add_actuators, add_client, add_obstacles
 from ffsms_pin.viewer.frames import (
+    CAMERAS,
     FREE,
     Frames,
     Result,
     Target,
     camera_facts,
     camera_place,
-    checked_camera,
     surroundings,
 )
 from ffsms_pin.viewer.page import LAYERS, chosen_layers, facts, page
 from ffsms_pin.viewer.recording import record
 from ffsms_pin.viewer.robot import draw_motion
+from ffsms_pin.viewer.scene import Stage
 from ffsms_pin.viewer.server import Server, open_browser
-from ffsms_pin.viewer.stage import Stage
 
 __all__ = ["View", "view", "view_capture"]
 
@@ -109,29 +107,25 @@ def view(
     if not isinstance(result, Trajectory | Tracking):
         raise InvalidValue("result", result, "must be a Trajectory or a Tracking")
     speed, fps = positive("speed", speed), positive("fps", fps, "1/s")
-    shown, camera = chosen_layers(show), checked_camera(camera)
+    shown, camera = chosen_layers(show), one_of("camera", camera, CAMERAS)
     planned = result if isinstance(result, Trajectory) else plan
-    if planned is not None and not isinstance(planned, Trajectory):
-        raise InvalidValue("plan", planned, "must be a Trajectory")
-    if target is None and planned is not None:
-        target = planned.target
-    kappa = _KAPPA if planned is None else planned.kappa
+    instance("plan", planned, Trajectory, optional=True)
+    kappa, reach, path = _KAPPA, REACH, None
+    if planned is not None:
+        kappa, reach = planned.kappa, planned.reach
+        target = planned.target if target is None else target
+        path = Frames.of(sms, planned, target, kappa, fps)
     frames = Frames.of(sms, result, target, kappa, fps)
-    path = None if planned is None else Frames.of(sms, planned, target, kappa, fps)
-    reach = REACH if planned is None else planned.reach
-    return View(
-        frames,
-        path,
-        result is not planned,
-        reach,
-        shown,
-        speed,
-        title or sms.model.name,
-        play,
-        obstacles,
-        client,
-        camera,
-    )
+    centre, radius = surroundings(frames, None if client is None else client.poses(frames.t)[0])
+    stage = Stage(radius)
+    stage.set_up(centre, camera_place(camera, frames, radius))
+    draw_motion(stage, frames, path, result is not planned, reach)
+    add_obstacles(stage, frames, [one for one in obstacles if client is None or not one.moves])
+    if client is not None:
+        add_client(stage, frames, client, obstacles)
+    add_actuators(stage, frames)
+    seen = camera_facts(frames, camera, radius, centre)
+    return View(frames, stage, seen, shown, speed, title or sms.model.name, play)
 
 
 class View:
@@ -140,36 +134,23 @@ class View:
     def __init__(
         self,
         frames: Frames,
-        plan: Frames | None,
-        tracked: bool,
-        reach: float,
+        stage: Stage,
+        seen: dict[str, Any],
         shown: set[str],
         speed: float,
         title: str,
         play: bool,
-        obstacles: Sequence[Obstacle] = (),
-        client: Body | None = None,
-        camera: str = FREE,
     ) -> None:
-        self._frames, self._title, self._speed, self._play = frames, title, speed, play
-        self._camera = camera
+        self._frames, self._stage, self._seen = frames, stage, seen
+        self._title, self._speed, self._play = title, speed, play
         self._server: Server | None = None
-        centre, radius = surroundings(frames, None if client is None else client.poses(frames.t)[0])
-        self._stage = stage = Stage(radius)
-        self._centre = centre
-        stage.set_up(centre, camera_place(camera, frames, radius))
-        draw_motion(stage, frames, plan, tracked, reach)
-        add_obstacles(stage, frames, [one for one in obstacles if client is None or not one.moves])
-        if client is not None:
-            add_client(stage, frames, client, obstacles)
-        add_actuators(stage, frames)
-        there = set(stage.nodes)
         self.layers: dict[str, bool] = {}
         """Whether each layer that the scene has is visible at first."""
+        there = stage.nodes
         for name, layer in LAYERS.items():
-            if not there.isdisjoint(layer.nodes):
-                self.layers[name] = name in shown
-                for node in there.intersection(layer.nodes):
+            for node in layer.nodes:
+                if node in there:
+                    self.layers[name] = name in shown
                     stage.root[node].set_property("visible", name in shown)
 
     def to_html(self, path: str | os.PathLike[str]) -> None:
@@ -178,17 +159,12 @@ class View:
 
     def html(self) -> str:
         """The text of that file."""
+        scene = self._stage.scene
         # The page has its own control of speed, so that its slider shows the motion's time.
-        film = {
-            "type": "set_animation",
-            "path": "",
-            "animations": self._stage.film.lower(1.0),
-            "options": {"play": True, "repetitions": 1_000_000},
-        }
-        commands = [*self._stage.scene.commands(), umsgpack.packb(film)]
-        seen = camera_facts(self._frames, self._camera, self._stage.size, self._centre)
-        found = facts(self._frames, self.layers, self._speed, self._play, seen)
-        return page(self._title, commands, found)
+        commands = [*scene.commands(), scene.film.command(1.0)]
+        return page(
+            self._title, commands, facts(self._frames, self.layers, self._speed, self._play, self._seen)
+        )
 
     def record(
         self,
@@ -248,9 +224,9 @@ class View:
             The page cannot be served.
         """
         if self._server is None:
-            self._server = Server(host)
-            self._stage.scene.attach(self._server)
-            self._server.film(self._stage.film.lower(self._speed))
+            scene = self._stage.scene
+            scene.put("set_animation", "", "", scene.film.command(self._speed))
+            self._server = Server(host, scene)
         if browser:
             open_browser(self._server.url)
         return self._server.url
@@ -258,7 +234,6 @@ class View:
     def close(self) -> None:
         """Stop the live page, where there is one."""
         if self._server is not None:
-            self._stage.scene.detach()
             self._server.close()
             self._server = None
 
@@ -269,10 +244,8 @@ class View:
         self.close()
 
     def _repr_html_(self) -> str:
-        frame = (
-            f'<iframe srcdoc="{html.escape(self.html())}" style="width: 100%; height: 480px; border: none">'
-        )
-        return f"{frame}</iframe>"
+        style = "width: 100%; height: 480px; border: none"
+        return f'<iframe srcdoc="{html.escape(self.html())}" style="{style}"></iframe>'
 
 
 def view_capture(outcome: Outcome, **options: Any) -> View:

@@ -9,7 +9,6 @@ The signs of u_i and v_i are arbitrary. They are chosen to agree with the motion
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,7 +29,7 @@ from ffsms_pin.viewer.meshes import (
     turn_arrow,
     usage_colour,
 )
-from ffsms_pin.viewer.stage import Stage
+from ffsms_pin.viewer.scene import Stage
 
 __all__ = ["ClearanceLayer", "CouplingLayer", "LimitLayer", "limit_usage"]
 
@@ -38,28 +37,11 @@ _LEAST_RATE = 1e-6  # [rad/s] slower joint motion has no direction to agree with
 _SAFE, _FREE = 0.01, 0.10  # [m] the paper's d_safe, and where room is plenty
 
 
-@dataclass(frozen=True)
-class _Scales:
-    """Metres in the scene for each unit of what is drawn."""
-
-    linear: float
-    turn: float
-    principal: float
-
-
 class CouplingLayer:
-    """Arrows that follow the frames; each under its own node, so that each can be switched off.
-
-    Parameters
-    ----------
-    stage : Stage
-    frames : Frames
-        The largest values among them set the lengths of the arrows.
-    """
+    """Arrows that follow the frames, whose largest values set the lengths; each under its own node."""
 
     def __init__(self, stage: Stage, frames: Frames) -> None:
         self._stage = stage
-        self._signs: FloatArray | None = None
         self._last_V: FloatArray | None = None
         radius = 0.011 * stage.size
         self._length = 0.42 * stage.size
@@ -69,11 +51,13 @@ class CouplingLayer:
         stage.mesh("base motion u1/rotation", turn_arrow(0.05), COLOURS["base_turn"], **look)
         self.shown = min(frames.sms.n, 6)
         for i in range(self.shown):
-            stage.mesh(f"principal motions/v{i + 1}", arrow(0.8 * radius), _faded("principal", i))
+            pale = 1.0 - (1.0 - rgb(COLOURS["principal"])) * 0.72**i  # for each further direction
+            colour = "#" + "".join(f"{round(255 * x):02X}" for x in pale)
+            stage.mesh(f"principal motions/v{i + 1}", arrow(0.8 * radius), colour)
         if frames.target is not None:
             stage.mesh("direction d", arrow(0.7 * radius), COLOURS["direction"])
             stage.mesh("cone of the cost", cone(), "#FFFFFF", opacity=0.35, flat=True)
-        self._scales = self._find_scales(frames)
+        self._linear, self._turn, self._principal = self._scales(frames)
 
     def show(self, frames: Frames, k: int) -> None:
         """Place everything as in frame k: at once, or where the scene is filming, in that frame."""
@@ -84,13 +68,13 @@ class CouplingLayer:
         base, tip = state.base_pose.translation, frames.tips[k]
 
         twist = signs[0] * coupling.sigma[0] * coupling.U[:, 0]
-        self._arrow("base motion u1/translation", base, self._scales.linear * twist[:3])
-        turn = self._scales.turn * float(np.linalg.norm(twist[3:]))
+        self._arrow("base motion u1/translation", base, self._linear * twist[:3])
+        turn = self._turn * float(np.linalg.norm(twist[3:]))
         stage.place("base motion u1/rotation", base, along_z(twist[3:]), turn)
 
         motions = state.J_star[:3] @ coupling.V * signs
         for i in range(self.shown):
-            self._arrow(f"principal motions/v{i + 1}", tip, self._scales.principal * motions[:, i])
+            self._arrow(f"principal motions/v{i + 1}", tip, self._principal * motions[:, i])
         if frames.target is not None:
             self._towards(frames, k, tip)
 
@@ -124,7 +108,8 @@ class CouplingLayer:
         self._last_V = V * signs
         return np.asarray(signs)
 
-    def _find_scales(self, frames: Frames) -> _Scales:
+    def _scales(self, frames: Frames) -> tuple[float, float, float]:
+        """Metres in the scene for a unit of u_1's translation, of its rotation, and of principal motions."""
         largest = np.full(3, 1e-12)
         for state in frames.states[:: max(1, len(frames.t) // 60)]:
             twist = state.coupling.sigma[0] * state.coupling.U[:, 0]
@@ -137,13 +122,7 @@ class CouplingLayer:
             turn = 0.0
         if largest[0] < 1e-9 * largest[1]:
             linear = 0.0
-        return _Scales(float(linear), float(turn), float(principal))
-
-
-def _faded(name: str, i: int) -> str:
-    """The colour, paler for each further direction."""
-    pale = 1.0 - (1.0 - rgb(COLOURS[name])) * 0.72**i
-    return "#" + "".join(f"{round(255 * x):02X}" for x in pale)
+        return float(linear), float(turn), float(principal)
 
 
 class LimitLayer:
@@ -185,7 +164,12 @@ class ClearanceLayer:
         points.append(np.array(self._data.oMf[sms.frame_id].translation))
         one, other = self._points.ends[nearest]
         start = points[one]
-        end = points[other] if other >= 0 else _on_box(sms, self._data, start)
+        if other >= 0:
+            end = points[other]
+        else:  # the base box
+            box: Any = self._data.oMi[1] * sms.base_box_placement
+            half = 0.5 * np.array(sms.base_size)
+            end = box.act(np.clip(box.actInv(start), -half, half))
         apart = end - start
         length = float(np.linalg.norm(apart))
         self._stage.place("clearance", start, along_z(apart), (1.0, 1.0, length))
@@ -202,10 +186,3 @@ def limit_usage(sms: SpaceManipulator, q: FloatArray, v: FloatArray) -> FloatArr
     position = np.where(bounded, away, 0.0)
     rate = np.abs(v[6:]) / limits.velocity
     return np.clip(np.maximum(position, rate), 0.0, 1.0)
-
-
-def _on_box(sms: SpaceManipulator, data: Any, point: FloatArray) -> FloatArray:
-    """The place on the base box that is nearest to a point outside of it."""
-    pose = data.oMi[1] * sms.base_box_placement
-    half = 0.5 * np.array(sms.base_size)
-    return np.asarray(pose.act(np.clip(pose.actInv(point), -half, half)))

@@ -8,7 +8,7 @@ import html
 import json
 import struct
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.resources import files
 from typing import Any
 
@@ -17,40 +17,28 @@ import numpy as np
 from ffsms_pin.checks import FloatArray, instance
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.viewer.frames import Frames
-from ffsms_pin.viewer.meshes import ASSISTANCE_STOPS, COLOURS, USAGE_STOPS
+from ffsms_pin.viewer.meshes import ASSISTANCE_STOPS, AXIS_COLOURS, COLOURS, USAGE_STOPS
 
-__all__ = ["DEFAULT", "LAYERS", "Layer", "chosen_layers", "facts", "page"]
+__all__ = ["LAYERS", "Layer", "chosen_layers", "facts", "page"]
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A part of the scene.
-
-    Attributes
-    ----------
-    label : str
-        In the legend.
-    nodes : tuple of str
-        Of the scene tree.
-    colour : str
-        Of the legend's swatch, as CSS.
-    """
+    """A part of the scene: its label in the legend, its nodes, and the colour of its swatch as CSS."""
 
     label: str
     nodes: tuple[str, ...]
     colour: str
 
 
-def _gradient(stops: Sequence[str]) -> str:
+def _gradient(*stops: str) -> str:
     return f"linear-gradient(to right, {', '.join(stops)})"
 
 
 LAYERS = {
-    "robot": Layer("satellite and arm", ("robot",), "linear-gradient(to right, #CCC7B8, #336BA1)"),
+    "robot": Layer("satellite and arm", ("robot",), _gradient("#CCC7B8", "#336BA1")),
     "ghosts": Layer(
-        "pale: at the start, at the end",
-        ("start", "end"),
-        f"linear-gradient(to right, {COLOURS['start']}, {COLOURS['end']})",
+        "pale: at the start, at the end", ("start", "end"), _gradient(COLOURS["start"], COLOURS["end"])
     ),
     "target": Layer("target", ("target",), COLOURS["target"]),
     "obstacles": Layer("obstacles", ("obstacles",), COLOURS["obstacle"]),
@@ -58,48 +46,33 @@ LAYERS = {
     "actuators": Layer(
         "reaction wheels, thrusters",
         ("wheels", "thrusters"),
-        f"linear-gradient(to right, {COLOURS['wheel']}, {COLOURS['thruster']})",
+        _gradient(COLOURS["wheel"], COLOURS["thruster"]),
     ),
-    "planned_path": Layer("planned path, by cos θₐ", ("planned path",), _gradient(ASSISTANCE_STOPS)),
+    "planned_path": Layer("planned path, by cos θₐ", ("planned path",), _gradient(*ASSISTANCE_STOPS)),
     "tracked_path": Layer("tracked path", ("tracked path",), COLOURS["tracked"]),
-    "base_trail": Layer(
-        "base frame over time", ("base trail",), "linear-gradient(to right, #D55E00, #009E73, #0072B2)"
-    ),
+    "base_trail": Layer("base frame over time", ("base trail",), _gradient(*AXIS_COLOURS)),
     "base_motion": Layer(
         "σ₁u₁: base motion, shift and turn",
         ("base motion u1",),
-        f"linear-gradient(to right, {COLOURS['base_linear']}, {COLOURS['base_turn']})",
+        _gradient(COLOURS["base_linear"], COLOURS["base_turn"]),
     ),
     "principal_motions": Layer(
         "J*v₁, J*v₂, … (paler): end effector", ("principal motions",), COLOURS["principal"]
     ),
     "direction": Layer("d: towards the target", ("direction d",), COLOURS["direction"]),
-    "cone": Layer("cone of the cost, by cos θₐ", ("cone of the cost",), _gradient(ASSISTANCE_STOPS)),
-    "limits": Layer("joints, by use of their limits", ("joint limits",), _gradient(USAGE_STOPS)),
-    "clearance": Layer("least clearance", ("clearance",), _gradient(USAGE_STOPS)),
+    "cone": Layer("cone of the cost, by cos θₐ", ("cone of the cost",), _gradient(*ASSISTANCE_STOPS)),
+    "limits": Layer("joints, by use of their limits", ("joint limits",), _gradient(*USAGE_STOPS)),
+    "clearance": Layer("least clearance", ("clearance",), _gradient(*USAGE_STOPS)),
 }
 """Every layer by the name that `show` takes, in the order of the legend."""
 
-DEFAULT = (
-    "robot",
-    "ghosts",
-    "target",
-    "obstacles",
-    "client",
-    "actuators",
-    "planned_path",
-    "tracked_path",
-    "base_motion",
-    "direction",
-    "cone",
-)
-"""What is shown unless it is said otherwise; the rest is in the scene too, switched off."""
+_OFF = ("base_trail", "principal_motions", "limits", "clearance")  # unless it is said otherwise
 
 
 def chosen_layers(show: str | Sequence[str] | None) -> set[str]:
     """The layers that `show` names: None for the default ones, "all", one name, or several."""
     if show is None:
-        return set(DEFAULT)
+        return set(LAYERS) - set(_OFF)
     if isinstance(show, str):
         show = tuple(LAYERS) if show == "all" else (show,)
     instance("show", show, Iterable)
@@ -126,11 +99,7 @@ def facts(
         ]
         ends = ["−1 away", "0 across", "1 at it"]
         scales.insert(0, {"label": "assistance cos θₐ", "stops": list(ASSISTANCE_STOPS), "ends": ends})
-    layers = [
-        {"name": name, "shown": on, "label": LAYERS[name].label, "colour": LAYERS[name].colour}
-        | {"nodes": list(LAYERS[name].nodes)}
-        for name, on in shown.items()
-    ]
+    layers = [{"name": name, "shown": on, **asdict(LAYERS[name])} for name, on in shown.items()]
     return {
         "t": _short(frames.t - frames.t[0]),
         "speed": speed,
@@ -148,16 +117,7 @@ def _short(values: FloatArray) -> list[float]:
 
 
 def page(title: str, commands: Sequence[bytes], facts: dict[str, Any]) -> str:
-    """The text of the file.
-
-    Parameters
-    ----------
-    title : str
-    commands : sequence of bytes
-        Meshcat's commands, packed, in order.
-    facts : dict
-        What the legend and the read-out show; see `page.html`.
-    """
+    """The text of the file, with Meshcat's packed commands in order, and what legend and read-out show."""
     framed = b"".join(struct.pack("<I", len(command)) + command for command in commands)
     # Without a time in the archive, the same scene gives the same text.
     packed = base64.b64encode(gzip.compress(framed, mtime=0)).decode("ascii")

@@ -10,53 +10,40 @@ import numpy as np
 import pinocchio as pin
 from pinocchio.visualize import MeshcatVisualizer
 
-from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import GeometryError
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.viewer.around import add_base_trail, add_path, add_target
 from ffsms_pin.viewer.frames import Frames
 from ffsms_pin.viewer.meshes import COLOURS, rgb
 from ffsms_pin.viewer.overlays import ClearanceLayer, CouplingLayer, LimitLayer
-from ffsms_pin.viewer.stage import Stage
+from ffsms_pin.viewer.scene import Stage
 
-__all__ = ["Robot", "draw_motion", "plain_shapes", "visual_shapes"]
+__all__ = ["add_robot", "draw_motion", "plain_shapes", "visual_shapes"]
 
 _BODY, _ARM = (0.80, 0.78, 0.72, 1.0), (0.20, 0.42, 0.63, 1.0)
 _GHOST_OPACITY = 0.22
 
 
-class Robot:
-    """One drawing of the robot in a scene.
+def add_robot(stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> Any:
+    """Draw the robot below a node; a MeshcatVisualizer, which displays a configuration (nq,).
 
-    Parameters
-    ----------
-    stage : Stage
-    sms : SpaceManipulator
-    name : str
-        Of the node that it is drawn below.
-    ghost : str, optional
-        A colour "#RRGGBB" for a pale, simplified drawing all of that colour.
+    With `ghost`, a colour "#RRGGBB", the drawing is pale, simplified, and all of that colour.
     """
-
-    def __init__(self, stage: Stage, sms: SpaceManipulator, name: str, ghost: str | None = None) -> None:
-        shapes = visual_shapes(sms)
-        if ghost is not None:
-            shapes = _simplified(shapes)
-        self._visualizer = MeshcatVisualizer(sms.model, None, shapes)
-        self._visualizer.initViewer(viewer=stage.root)
-        colour = None if ghost is None else [*rgb(ghost), _GHOST_OPACITY]
-        with warnings.catch_warnings():
-            # It warns of a shape that it cannot draw and goes on; a missing link should not pass unseen.
-            warnings.simplefilter("ignore")
-            warnings.simplefilter("error", UserWarning)
-            try:
-                self._visualizer.loadViewerModel(rootNodeName=name, visual_color=colour)
-            except UserWarning as problem:
-                raise GeometryError(f"a shape of the robot cannot be drawn ({problem})") from None
-
-    def display(self, q: FloatArray) -> None:
-        """Move to a configuration (nq,)."""
-        self._visualizer.display(q)
+    shapes = visual_shapes(sms)
+    if ghost is not None:
+        shapes = _simplified(shapes)
+    visualizer = MeshcatVisualizer(sms.model, None, shapes)
+    visualizer.initViewer(viewer=stage.root)
+    colour = None if ghost is None else [*rgb(ghost), _GHOST_OPACITY]
+    with warnings.catch_warnings():
+        # It warns of a shape that it cannot draw and goes on; a missing link should not pass unseen.
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("error", UserWarning)
+        try:
+            visualizer.loadViewerModel(rootNodeName=name, visual_color=colour)
+        except UserWarning as problem:
+            raise GeometryError(f"a shape of the robot cannot be drawn ({problem})") from None
+    return visualizer
 
 
 def visual_shapes(sms: SpaceManipulator) -> Any:
@@ -80,10 +67,8 @@ def plain_shapes(sms: SpaceManipulator) -> Any:
         shapes.addGeometryObject(_box(sms))
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
-    ends = [(j, data.oMi[j].translation) for j in range(2, model.njoints)]
-    tip_joint = int(model.frames[sms.frame_id].parentJoint)
-    links = [(int(model.parents[j]), place) for j, place in ends]
-    links.append((tip_joint, data.oMf[sms.frame_id].translation))
+    links = [(int(model.parents[j]), data.oMi[j].translation) for j in range(2, model.njoints)]
+    links.append((int(model.frames[sms.frame_id].parentJoint), data.oMf[sms.frame_id].translation))
     lengths = [float(np.linalg.norm(end - data.oMi[j].translation)) for j, end in links if j >= 2]
     radius = 0.06 * max([*lengths, 1e-3])
     for number, (j, end) in enumerate(links):
@@ -126,9 +111,9 @@ def _simplified(shapes: Any) -> Any:
 def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool, reach: float) -> None:
     """Put everything into the scene, then film it frame by frame."""
     sms = frames.sms
-    robot = Robot(stage, sms, "robot")
+    robot = add_robot(stage, sms, "robot")
     for name, row in (("start", 0), ("end", -1)):
-        Robot(stage, sms, name, COLOURS[name]).display(frames.q[row])
+        add_robot(stage, sms, name, COLOURS[name]).display(frames.q[row])
     if frames.target is not None:
         add_target(stage, frames, reach)
     if plan is not None:
@@ -139,12 +124,13 @@ def draw_motion(stage: Stage, frames: Frames, plan: Frames | None, tracked: bool
     layers: list[Any] = [CouplingLayer(stage, frames), LimitLayer(stage, frames)]
     if sms.base_size is not None:
         layers.append(ClearanceLayer(stage, frames))
+
+    def show(k: int) -> None:
+        robot.display(frames.q[k])
+        for layer in layers:
+            layer.show(frames, k)
+
+    show(0)  # where nothing plays, the scene stands at the start
     for k, t in enumerate(frames.t):
-        if k == 0:  # where nothing plays, the scene stands at the start
-            robot.display(frames.q[0])
-            for layer in layers:
-                layer.show(frames, 0)
-        with stage.scene.filming(stage.film, float(t - frames.t[0])):
-            robot.display(frames.q[k])
-            for layer in layers:
-                layer.show(frames, k)
+        with stage.scene.filming(float(t - frames.t[0])):
+            show(k)

@@ -1,23 +1,27 @@
-"""A Meshcat scene that needs no server: every drawing command is kept, and key frames make its film."""
+"""A Meshcat scene that needs no server, with key frames for its film, and the stage on which layers draw."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
+import meshcat.geometry as mg
 import numpy as np
 import pinocchio as pin
 import umsgpack
+from meshcat.visualizer import Visualizer
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import ViewerError
+from ffsms_pin.viewer.meshes import Mesh
 
-__all__ = ["Film", "Scene", "SceneLog", "Sink", "decomposed"]
+__all__ = ["ROOT", "Film", "Scene", "Stage"]
 
+ROOT = "/ffsms"
+_GONE = 1e-6  # as small as a thing gets that is not there: a scale of zero has no inverse
 _FLOAT32 = 0x17  # the extension type under which Meshcat's page reads an array of floats
 _STILL = 1e-7
 # What draws and moves things. Meshcat's page knows more commands, and one of them (`set_control`) evaluates
@@ -32,19 +36,9 @@ class Film:
         self._tracks: dict[tuple[str, str, str], tuple[list[float], list[FloatArray]]] = {}
 
     def key(self, path: str, name: str, kind: str, time: float, value: ArrayLike) -> None:
-        """Add one key frame.
+        """Add a key frame of a node's property, such as "position", at a time [s] that grows.
 
-        Parameters
-        ----------
-        path : str
-            Of the node.
-        name : str
-            Property in three.js, such as "position" or "material.color".
-        kind : str
-            Type of the track in three.js: "vector3", "quaternion", "color", "number".
-        time : float
-            [s], growing from call to call.
-        value : array_like
+        The kind of track is three.js': "vector3", "quaternion", "color", "number".
         """
         times, values = self._tracks.setdefault((path, name, kind), ([], []))
         times.append(time)
@@ -52,13 +46,15 @@ class Film:
 
     def place(self, path: str, time: float, matrix: FloatArray) -> None:
         """Add key frames of position, attitude and size from a matrix (4, 4)."""
-        position, quaternion, scale = decomposed(matrix)
-        self.key(path, "position", "vector3", time, position)
-        self.key(path, "quaternion", "quaternion", time, quaternion)
+        scale = np.linalg.norm(matrix[:3, :3], axis=0)
+        if np.linalg.det(matrix[:3, :3]) < 0.0:
+            scale[0] = -scale[0]
+        self.key(path, "position", "vector3", time, matrix[:3, 3].copy())
+        self.key(path, "quaternion", "quaternion", time, pin.Quaternion(matrix[:3, :3] / scale).coeffs())
         self.key(path, "scale", "vector3", time, scale)
 
-    def lower(self, speed: float) -> list[dict[str, Any]]:
-        """Meshcat's form of the animation, one clip a node, `speed` times as fast."""
+    def command(self, speed: float) -> bytes:
+        """The packed command that plays it over and over, `speed` times as fast: one clip a node."""
         clips: dict[str, list[dict[str, Any]]] = {}
         for (path, name, kind), (times, values) in self._tracks.items():
             at, rows = np.array(times) / speed, np.array(values)
@@ -67,155 +63,65 @@ class Film:
             clips.setdefault(path, []).append(
                 {"name": f".{name}", "type": kind, "times": _packed(at), "values": _packed(rows.ravel())}
             )
-        return [
+        animations = [
             {"path": path, "clip": {"fps": 1, "name": "default", "tracks": tracks}}
             for path, tracks in clips.items()
         ]
-
-
-def decomposed(matrix: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Position (3,), quaternion (x, y, z, w) and scale (3,) of a matrix (4, 4), as three.js has them."""
-    scale = np.linalg.norm(matrix[:3, :3], axis=0)
-    if np.linalg.det(matrix[:3, :3]) < 0.0:
-        scale[0] = -scale[0]
-    rotation = matrix[:3, :3] / scale
-    return matrix[:3, 3].copy(), np.array(pin.Quaternion(rotation).coeffs()), scale
+        options = {"play": True, "repetitions": 1_000_000}
+        data = {"type": "set_animation", "path": "", "animations": animations, "options": options}
+        return bytes(umsgpack.packb(data))
 
 
 def _packed(numbers: FloatArray | Sequence[float]) -> Any:
     return umsgpack.Ext(_FLOAT32, np.asarray(numbers, dtype=np.float32).tobytes())
 
 
-class Sink(Protocol):
-    """What takes packed commands: a running server."""
-
-    def forward(self, kind: str, path: str, name: str, packed: bytes) -> None:
-        """Take one command; `name` is that of the property, where it sets one."""
-
-
-@dataclass
-class _Node:
-    """The commands that make one node of the scene tree what it is."""
-
-    object: bytes | None = None
-    transform: bytes | None = None
-    properties: dict[str, bytes] = field(default_factory=dict)
-
-
 class Scene:
-    """Stands where Meshcat's `Visualizer` expects its window to a server.
-
-    Commands are kept by path, the last of a kind counts, as the server does it. While `filming`, transforms
-    become key frames instead.
-    """
-
-    def __init__(self) -> None:
-        self._nodes: dict[str, _Node] = {}
-        self._film: Film | None = None
-        self._time = 0.0
-        self._sink: Sink | None = None
-
-    def send(self, command: Any) -> None:
-        """Take a command of Meshcat's Python package (an object with `lower()`)."""
-        if self._film is not None and type(command).__name__ == "SetTransform":
-            self._film.place(command.path.lower(), self._time, np.asarray(command.matrix))
-            return
-        data = command.lower()
-        self._keep(data["type"], data["path"], data)
-
-    @property
-    def frame_time(self) -> float | None:
-        """Time [s] of the frame that is being filmed; None outside of `filming`."""
-        return self._time if self._film is not None else None
-
-    @contextmanager
-    def filming(self, film: Film, time: float) -> Iterator[None]:
-        """Inside the block, transforms go to `film` as key frames at `time` [s]."""
-        self._film, self._time = film, time
-        try:
-            yield
-        finally:
-            self._film = None
-
-    def attach(self, sink: Sink) -> None:
-        """Send everything to a server, and from now on every command as it comes."""
-        for command in self._all():
-            sink.forward(*command)
-        self._sink = sink
-
-    def detach(self) -> None:
-        """Send no more."""
-        self._sink = None
-
-    @property
-    def paths(self) -> list[str]:
-        """Paths of everything that the scene holds."""
-        return list(self._nodes)
-
-    def commands(self) -> list[bytes]:
-        """Packed commands that build the scene, in order."""
-        return [packed for *_, packed in self._all()]
-
-    def _all(self) -> Iterator[tuple[str, str, str, bytes]]:
-        for path, node in self._nodes.items():
-            if node.object is not None:
-                yield "set_object", path, "", node.object
-            for name, packed in node.properties.items():
-                yield "set_property", path, name, packed
-            if node.transform is not None:
-                yield "set_transform", path, "", node.transform
-
-    def _keep(self, kind: str, path: str, data: dict[str, Any]) -> None:
-        packed = umsgpack.packb(data)
-        if kind == "delete":
-            below = path.rstrip("/") + "/"
-            for known in [known for known in self._nodes if (known + "/").startswith(below)]:
-                del self._nodes[known]
-        else:
-            node = self._nodes.setdefault(path, _Node())
-            if kind == "set_object":
-                node.object = packed
-                node.properties.clear()
-            elif kind == "set_transform":
-                node.transform = packed
-            elif kind == "set_property":
-                node.properties[data["property"]] = packed
-        if self._sink is not None:
-            self._sink.forward(kind, path, data.get("property", ""), packed)
-
-
-class SceneLog:
-    """Written by the thread that draws, read by the thread that serves.
+    """Stands where Meshcat's `Visualizer` expects its window to a server; the thread of a live page reads it.
 
     A page that is too slow for every command skips those that later ones have replaced, so what is kept is
-    bounded by the scene, not by the length of the run.
+    bounded by the scene, not by the length of a run. While `filming`, transforms become key frames instead.
+
+    Attributes
+    ----------
+    film : Film
+    frame_time : float or None
+        [s] of the frame that is being filmed.
     """
 
     def __init__(self) -> None:
+        self.film = Film()
+        self.frame_time: float | None = None
         self._lock = threading.Lock()
         self._count = 0
         # By kind, path and property: the command's number and the packed command. A dict keeps its order;
         # a command that replaces another one goes to the end.
         self._latest: dict[tuple[str, str, str], tuple[int, bytes]] = {}
 
-    def put(self, kind: str, path: str, name: str, packed: bytes) -> None:
-        """Take one command.
+    def send(self, command: Any) -> None:
+        """Take a command of Meshcat's Python package (an object with `lower()`)."""
+        if self.frame_time is not None and type(command).__name__ == "SetTransform":
+            self.film.place(command.path.lower(), self.frame_time, np.asarray(command.matrix))
+            return
+        data = command.lower()
+        self.put(data["type"], data["path"], data.get("property", ""), umsgpack.packb(data))
 
-        Parameters
-        ----------
-        kind : str
-            Type of the command.
-        path : str
-            Of the node.
-        name : str
-            Of the property, for `set_property`; otherwise empty.
-        packed : bytes
-            The whole command.
+    @contextmanager
+    def filming(self, time: float) -> Iterator[None]:
+        """Inside the block, transforms are key frames at `time` [s]."""
+        self.frame_time = time
+        try:
+            yield
+        finally:
+            self.frame_time = None
+
+    def put(self, kind: str, path: str, name: str, packed: bytes) -> None:
+        """Take a packed command on a node; `name` is that of the property, where it sets one, or empty.
 
         Raises
         ------
         ViewerError
-            A kind of command that the live page is not sent.
+            A kind of command that no page is sent.
         """
         if kind not in _KINDS:
             raise ViewerError(f"the live page is not sent commands of the kind '{kind}'; use {_KINDS}")
@@ -230,19 +136,9 @@ class SceneLog:
             self._latest[kind, path, name] = (self._count, packed)
 
     def since(self, count: int) -> tuple[int, list[bytes]]:
-        """What came after the first `count` commands.
+        """The number of commands so far, and those after the first `count`, in order.
 
-        Parameters
-        ----------
-        count : int
-            What the last call returned; 0 for a new page.
-
-        Returns
-        -------
-        count : int
-            Number of commands so far.
-        commands : list of bytes
-            In order, without those that later ones replaced.
+        Those that later ones replaced are left out.
         """
         found: list[bytes] = []
         with self._lock:
@@ -252,6 +148,131 @@ class SceneLog:
                 found.append(packed)
             return self._count, found[::-1]
 
+    @property
+    def paths(self) -> list[str]:
+        """Paths of everything that the scene holds."""
+        return list(dict.fromkeys(path for _, path, _ in self._latest))
+
+    def commands(self) -> list[bytes]:
+        """Packed commands that build the scene, in order, without those that play its film."""
+        return [packed for (kind, *_), (_, packed) in self._latest.items() if kind != "set_animation"]
+
     def _drop(self, keys: list[tuple[str, str, str]]) -> None:
         for key in keys:
             self._latest.pop(key, None)
+
+
+class Stage:
+    """A scene about a centre.
+
+    Parameters
+    ----------
+    size : float
+        About how large the robot is [m]; arrows and markers are shares of it.
+    """
+
+    def __init__(self, size: float) -> None:
+        self.scene = Scene()
+        self.size = size
+        self._opacity: dict[str, float] = {}
+        # Meshcat asks for a window to a running server; the scene takes its place.
+        self.root = Visualizer(window=self.scene)[ROOT]
+
+    @property
+    def nodes(self) -> list[str]:
+        """Names of the nodes at the top of what is drawn."""
+        below = [path.split("/") for path in self.scene.paths if path.startswith(f"{ROOT}/")]
+        return list(dict.fromkeys(names[2] for names in below))
+
+    def set_up(self, centre: FloatArray, camera: FloatArray) -> None:
+        """Background, and a camera at `camera` (3,) from a centre (3,) that it looks at [m]."""
+        shift = np.eye(4)
+        shift[:3, 3] = -centre  # the page's camera turns about the origin
+        self.root.set_transform(shift)
+        self.root["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
+        self.root["/Background"].set_property("bottom_color", [0.86, 0.90, 0.94])
+        for name in ("/Grid", "/Axes"):
+            self.root[name].set_property("visible", False)
+        x, y, z = camera.tolist()
+        self.root["/Cameras/default/rotated/<object>"].set_property("position", [x, z, -y])  # there y is up
+
+    def mesh(
+        self,
+        name: str,
+        mesh: Mesh,
+        colour: str | FloatArray,
+        opacity: float = 1.0,
+        flat: bool = False,
+        through: bool = False,
+    ) -> None:
+        """Draw a mesh in one colour, or in one a vertex (k, 3).
+
+        `flat` leaves out light and shade; what is drawn `through` is seen through whatever is before it.
+        """
+        each = None if isinstance(colour, str) else colour
+        shape = mg.TriangularMeshGeometry(mesh.vertices, mesh.faces, each)
+        kind = mg.MeshBasicMaterial if flat else mg.MeshPhongMaterial
+        self._draw(name, shape, kind, colour, opacity, through)
+
+    def ball(self, name: str, radius: float, colour: str, opacity: float = 1.0) -> None:
+        """Draw a ball about the node's origin, without light and shade, seen through what is before it."""
+        self._draw(name, mg.Sphere(radius), mg.MeshBasicMaterial, colour, opacity, through=True)
+
+    def _draw(
+        self, name: str, shape: Any, kind: Any, colour: str | FloatArray, opacity: float, through: bool
+    ) -> None:
+        self._opacity[name] = opacity
+        material = kind(
+            color=int(colour[1:], 16) if isinstance(colour, str) else 0xFFFFFF,
+            opacity=opacity,
+            transparent=opacity < 1.0 or through,  # what is transparent is drawn last
+            vertexColors=not isinstance(colour, str),
+            depthWrite=opacity == 1.0 and not through,
+            depthTest=not through,
+        )
+        self.root[name].set_object(shape, material)
+        if through:  # after all others, so that none that is transparent tints it
+            self.scene.send(_Property(f"{ROOT}/{name}/<object>", "renderOrder", 1))
+
+    def place(
+        self, name: str, position: FloatArray, rotation: FloatArray | None = None, scale: Any = 1.0
+    ) -> None:
+        """Move a node: at once, or while the scene is filming, in that frame."""
+        matrix = np.eye(4)
+        size = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
+        size = np.where(np.abs(size) < _GONE, _GONE, size)
+        matrix[:3, :3] = (np.eye(3) if rotation is None else rotation) * size
+        matrix[:3, 3] = position
+        self.root[name].set_transform(matrix)
+
+    def follow(
+        self, name: str, times: FloatArray, positions: FloatArray, rotations: FloatArray | None = None
+    ) -> None:
+        """Place a node as at the first of times (k,) [s], and film it through all of them.
+
+        Its positions are (k, 3), its rotations (k, 3, 3).
+        """
+        turned = [None] * len(times) if rotations is None else rotations
+        self.place(name, positions[0], turned[0])
+        for t, position, rotation in zip(times, positions, turned, strict=True):
+            with self.scene.filming(float(t - times[0])):
+                self.place(name, position, rotation)
+
+    def tint(self, name: str, colour: FloatArray) -> None:
+        """Give a mesh another colour: at once, or while the scene is filming, from that frame on."""
+        time = self.scene.frame_time
+        if time is not None:
+            self.scene.film.key(f"{ROOT}/{name}/<object>", "material.color", "color", time, colour)
+        else:
+            self.root[name].set_property("color", [*colour.tolist(), self._opacity[name]])
+
+
+class _Property:
+    """Sets a property; Meshcat's own command writes its name in small letters, which three.js does not."""
+
+    def __init__(self, path: str, name: str, value: Any) -> None:
+        self._path, self._name, self._value = path, name, value
+
+    def lower(self) -> dict[str, Any]:
+        """The command as Meshcat's page takes it."""
+        return {"type": "set_property", "path": self._path, "property": self._name, "value": self._value}

@@ -25,11 +25,9 @@ import threading
 import webbrowser
 from typing import Any
 
-import umsgpack
-
 from ffsms_pin.errors import InvalidValue, ViewerError
 from ffsms_pin.viewer.handlers import LOOPBACK, Access, LiveServer
-from ffsms_pin.viewer.scene import SceneLog
+from ffsms_pin.viewer.scene import Scene
 
 __all__ = ["Server", "open_browser"]
 
@@ -39,61 +37,30 @@ _PATIENCE = 5.0  # [s] for its end
 
 
 class Server:
-    """A live page.
+    """A live page of a scene, with all that changes in it, at the address `url`, which holds the token.
 
-    Parameters
-    ----------
-    host : str, optional
-        Name or address of the interface to listen on, "0.0.0.0" for all of IPv4. Other machines can then
-        open the page, over plain HTTP, if they know its address with the token. Default: loopback only.
-
-    Attributes
-    ----------
-    url : str
-        Of the page, with the token.
-
-    Raises
-    ------
-    InvalidValue
-        A `host` that is not a name.
-    ViewerError
-        The server cannot listen there.
+    `host` is the name or address of the interface to listen on, "0.0.0.0" for all of IPv4: other machines can
+    then open the page, over plain HTTP, if they know that address. Default: loopback only. `InvalidValue`: it
+    is not a name; `ViewerError`: the server cannot listen there.
     """
 
-    def __init__(self, host: str | None = None) -> None:
+    def __init__(self, host: str | None = None, scene: Scene | None = None) -> None:
         if host is not None and (not isinstance(host, str) or not host.strip() or not host.isprintable()):
             raise InvalidValue("host", host, "must be the name or address of an interface, or None")
         port, self._sockets = _listen(host)
         self._access = Access(port, any_host=host is not None)
         self.url: str = f"http://{_name(host)}:{port}/{self._access.token}/"
-        self._log = SceneLog()
+        self.scene = Scene() if scene is None else scene
         self._problem = ""
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ffsms-pin viewer", daemon=True)
         self._thread.start()
         atexit.register(self.close)
 
-    def forward(self, kind: str, path: str, name: str, packed: bytes) -> None:
-        """Show one command on every page; see `SceneLog.put`. Never waits for a page.
-
-        Raises
-        ------
-        ViewerError
-            The server has ended.
-        """
+    def check(self) -> None:
+        """Raise `ViewerError` where the server has ended."""
         if not self._thread.is_alive():
             raise ViewerError(f"the live page's server has ended{self._problem}; open the view again")
-        self._log.put(kind, path, name, packed)
-
-    def film(self, animations: list[dict[str, Any]]) -> None:
-        """Play an animation, over and over."""
-        data = {
-            "type": "set_animation",
-            "path": "",
-            "animations": animations,
-            "options": {"play": True, "repetitions": 1_000_000},
-        }
-        self.forward("set_animation", "", "", umsgpack.packb(data))
 
     def close(self) -> None:
         """Stop the server; the page stands still from then on. A second time does nothing."""
@@ -112,7 +79,7 @@ class Server:
                 item.close()
 
     async def _serve(self) -> None:
-        server = LiveServer(self._access, self._log)
+        server = LiveServer(self._access, self.scene)
         server.add_sockets(self._sockets)
         asyncio.get_running_loop().set_exception_handler(self._handle)
         # The thread that draws never calls into this one's event loop, so neither can hold up the other.

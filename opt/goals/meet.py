@@ -83,23 +83,19 @@ class Corridor(Inequality):
 
     def _seen(self, m: Features) -> tuple[Feature, Feature]:
         """How far the end effector is inside the cone, and its distance from the grasp."""
-        grasp = self._grasp(m)
+        times = self.began + m.times
+        places, moves, turns = self.goal.places(times), {}, {}
+        assert places.rotation is not None
+        if m.step is not None:  # that the grasp moves by itself counts there
+            now = self.goal.place(float(times[0]))
+            rates = (np.zeros(3) if one is None else one for one in (now.velocity, now.spin))
+            moves, turns = ({"by_time": one[:, None, None]} for one in rates)
+        grasp = Frame(places.position[:, None], places.rotation[:, :, None], moves, turns, m.where)
         way, axis = m.tip - grasp, grasp.axis(self.axis)
         along = way.dot(axis)
         beside = (way - along * axis).norm()
         c, s = math.cos(self.half_angle), math.sin(self.half_angle)
         return self.slack - c * beside - s * along, way.norm()
-
-    def _grasp(self, m: Features) -> Frame:
-        """The grasp frame, which moves by itself: in a step that counts."""
-        times = self.began + m.times
-        places, place, turn = self.goal.places(times), {}, {}
-        assert places.rotation is not None
-        if m.step is not None:
-            now = self.goal.place(float(times[0]))
-            moves = (np.zeros(3) if one is None else one for one in (now.velocity, now.spin))
-            place, turn = ({"by_time": one[:, None, None]} for one in moves)
-        return Frame(places.position[:, None], places.rotation[:, :, None], place, turn, m.where)
 
     def note(self, room: float, time: float) -> str:
         """What is said of a motion that leaves it."""

@@ -280,12 +280,13 @@ def sums(
 
     The control points come first, the joints last; what its own momentum turns the base is left out.
     """
-    every, entropy, given = np.arange(len(motions.times)), None, []
+    every, given = np.arange(len(motions.times)), []
+    rows = [motions.joints, motions.rates, motions.base_attitude, motions.own_spin]
+    if any("by_entropy" in one.residual.slopes for one in residuals):
+        rows.append(motions.entropy_and_slope[1])
     for residual, weight in residuals:
         (motion, instants), by = residual.where or (None, slice(None)), residual.slopes
-        if "by_entropy" in by:
-            entropy = motions.entropy_and_slope[1]
         given.append((every[instants], motion, weight, residual.value, by))
-    maps = (spline.travel.free, spline.rates.free, spline.accelerations.free)
-    arrays = (motions.joints, motions.rates, motions.base_attitude, motions.own_spin, entropy)
+    maps = np.stack([spline.travel.free, spline.rates.free, spline.accelerations.free])
+    arrays = np.concatenate([one.reshape(-1, *motions.joints.shape[1:]) for one in rows])
     return kernel.sums(motions.stack.tree, maps, spline.quadrature, arrays, given, chosen)

@@ -142,19 +142,11 @@ def cone_marches(problem: Problem, steps: int) -> FloatArray:
     most = np.where(problem.free, 0.8 * np.minimum(problem.sms.limits.velocity, 1e6), 0.0)
     J = problem.rotation0 @ problem.arm0.jstar[..., 0]
     sides = np.array([*sides_across(place.position - problem.tip0, J), np.zeros(3)])
-    return kernel.cone_marches(
-        problem.stack.tree,
-        steps,
-        problem.duration,
-        problem.kappa,
-        problem.mean_speed,
-        0.003 * problem.stack.length,
-        np.stack([problem.joints0, low, high, most]),
-        np.stack([place.position, problem.com0, problem.drift]),
-        problem.rotation0,
-        place.rotation,
-        sides,
-    )
+    numbers = [problem.duration, problem.kappa, problem.mean_speed, 0.003 * problem.stack.length]
+    start = [place.position, problem.com0, problem.drift, problem.rotation0.ravel()]
+    joints = np.stack([problem.joints0, low, high, most])
+    shared = np.concatenate([numbers, *start])
+    return kernel.cone_marches(problem.stack.tree, steps, shared, place.rotation, joints, sides)
 
 
 def free_marches(problem: Problem, budget: float) -> Iterator[FloatArray]:

@@ -16,9 +16,8 @@ from ffsms_pin.opt.parts.inequality import AllOf, Inequality
 __all__ = ["SCALE", "SHARE", "BaseLimits"]
 
 _UNITS = {"attitude": "rad", "attitude_rate": "rad/s", "translation": "m", "final_attitude": "rad"}
-# Share of a limit kept in hand: a penalty gives way, only some instants of a whole motion are watched, and
-# the steps that follow a plan let the base come nearer to its limit only slowly. With half of it re-planned
-# motions ended up to 5 mm off their targets under a limit of 1 degree, with this a hundredth of that.
+# Share of a limit kept in hand, as `Limit.margin`. With half of it re-planned motions ended up to 5 mm off
+# their targets under a base limit of 1 degree, with this a hundredth of that.
 SHARE = 0.08
 # What a whole limit weighs: as much as a lack of clearance of this many arm lengths.
 SCALE = 0.03

@@ -90,8 +90,32 @@ class AlphaBox(Inequality):
     margin = 0.02
 
     def room(self, m: Features) -> Any:
-        """What is left of each |alpha_i| <= 1."""
-        return 1.0 - abs(_alpha(m))
+        """What is left of each |alpha_i| <= 1.
+
+        Slopes by the joint rates are the columns of V. Those by the coupling follow from the eigenvectors of
+        C^T C: dv_i = sum over j of v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
+        """
+        rates, C = m.motions.rates, m.motions.arm.coupling
+        n, shape = len(rates), rates.shape[1:]
+        C = C.reshape(6, n, -1)
+        _, V = singular(C)
+        alpha = np.einsum("bmi,mb->ib", V, rates.reshape(n, -1))
+
+        def slopes() -> dict[str, FloatArray]:
+            CV = np.einsum("kmb,bmi->kib", C, V)
+            lambdas = np.sum(CV**2, axis=0)
+            gap = lambdas[:, None] - lambdas
+            # v_i itself, and directions that are alike, have none of their own.
+            gap = np.where(np.abs(gap) < 1e-9, np.inf, gap)
+            along = np.einsum("bmj,ijb->imb", V, alpha / gap)
+            slope = np.einsum("kib,imb->ikmb", CV, along)
+            slope += np.einsum("kmb,imb,bni->iknb", C, along, V)
+            return {
+                "by_rates": V.transpose(2, 1, 0).reshape(n, n, *shape),
+                "by_coupling": slope.reshape(n, 6, n, *shape),
+            }
+
+        return 1.0 - abs(m.feature(alpha.reshape(n, *shape), slopes))
 
     def rows(self, step: StepState) -> Rows:
         """Rows -1 <= V^T u <= 1, exactly as printed.
@@ -118,32 +142,3 @@ class AlphaBox(Inequality):
         return Violation(
             largest - 1.0, binds, f"|alpha_i| reaches {largest:.4g}, the paper's box asks for at most 1"
         )
-
-
-def _alpha(m: Features) -> Feature:
-    """V^T u (n, S, K), with slopes.
-
-    Slopes by the joint rates are the columns of V. Those by the coupling follow from the eigenvectors of
-    C^T C: dv_i = sum over j of v_j (v_j^T d(C^T C) v_i) / (lambda_i - lambda_j).
-    """
-    rates, C = m.motions.rates, m.motions.arm.coupling
-    n, shape = len(rates), rates.shape[1:]
-    C = C.reshape(6, n, -1)
-    _, V = singular(C)
-    alpha = np.einsum("bmi,mb->ib", V, rates.reshape(n, -1))
-
-    def slopes() -> dict[str, FloatArray]:
-        CV = np.einsum("kmb,bmi->kib", C, V)
-        lambdas = np.sum(CV**2, axis=0)
-        gap = lambdas[:, None] - lambdas
-        # v_i itself, and directions that are alike, have none of their own.
-        gap = np.where(np.abs(gap) < 1e-9, np.inf, gap)
-        along = np.einsum("bmj,ijb->imb", V, alpha / gap)
-        slope = np.einsum("kib,imb->ikmb", CV, along)
-        slope += np.einsum("kmb,imb,bni->iknb", C, along, V)
-        return {
-            "by_rates": V.transpose(2, 1, 0).reshape(n, n, *shape),
-            "by_coupling": slope.reshape(n, 6, n, *shape),
-        }
-
-    return m.feature(alpha.reshape(n, *shape), slopes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -21,6 +21,10 @@ from ffsms_pin.opt.step.state import StepState
 __all__ = ["TorqueLimits", "WheelLimits"]
 
 
+# What motors must give (c, S, K), the most that they have (c,), their names, and the unit.
+Loads: TypeAlias = list[tuple[Feature, FloatArray, Sequence[str], str]]
+
+
 class _Motors(Inequality):
     """In shares of what a motor has."""
 
@@ -33,8 +37,8 @@ class _Motors(Inequality):
     lacks: str  # and of a motor: its name, what it needs, the unit, when, what it has, and what would do
 
     @abstractmethod
-    def loads(self, m: Features) -> list[tuple[Feature, FloatArray, Sequence[str], str]]:
-        """What motors must give (c, S, K), the most that they have (c,), their names, and the unit."""
+    def loads(self, m: Features) -> Loads:
+        """Each kind of load."""
 
     def room(self, m: Features) -> list[Feature]:
         """Shares that are left."""
@@ -70,7 +74,7 @@ class TorqueLimits(_Motors):
     broken = "the torque limit is broken"
     lacks = "'{0}' would need {1:.4g} {2} at {3:.3g} s and has {4:.4g} {2}"
 
-    def loads(self, m: Features) -> list[tuple[Feature, FloatArray, Sequence[str], str]]:
+    def loads(self, m: Features) -> Loads:
         """The torques."""
         robot: Any = m.motions.stack.robot
         most = robot.limits.torque
@@ -108,7 +112,7 @@ class WheelLimits(_Motors):
     broken = "the wheels would saturate"
     lacks = "{0} would need {1:.3g} {2} at {3:.3g} s and has {4:.3g} {2}; wheels of {5:.3g} {2} would do"
 
-    def loads(self, m: Features) -> list[tuple[Feature, FloatArray, Sequence[str], str]]:
+    def loads(self, m: Features) -> Loads:
         """Momenta and torques; none without wheels."""
         wheels = m.motions.wheels
         if wheels is None:

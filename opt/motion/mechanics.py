@@ -1,6 +1,6 @@
 """The arm's mechanics at stacks of configurations: entropy, forces and momentum, and their slopes.
 
-`ffsms_pin/kernel/slopes.hpp`, `entropy.hpp` and `dynamics.hpp` have the formulas. Wheels that hold the base's
+`ffsms_pin/kernel/slopes.hpp` and `entropy.hpp` have the formulas. Wheels that hold the base's
 attitude share a momentum by the pseudo-inverse, as `ffsms_pin.control.WheelAllocation` does. No moment acts
 from outside then: with D the angular momentum a joint rate (`held_momentum`), A the axes (3, w) and h_0 the
 wheels' momenta with the joints at rest, h = h_0 - A^+ D u.

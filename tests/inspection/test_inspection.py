@@ -11,7 +11,7 @@ import pytest
 from broken_urdfs import LIMIT_2, PLANAR, in_joint_2, in_link_2, limits, write
 
 import ffsms_pin as ffsms
-from ffsms_pin.cli.inspect import run
+from ffsms_pin.cli.info import inspected
 from ffsms_pin.cli.main import parser
 from ffsms_pin.errors import FfsmsError, InvalidUrdf, InvalidValue, ModelNotFound, ResultError
 from ffsms_pin.inspection import inspect, repair
@@ -116,7 +116,7 @@ def test_numbers_that_cannot(text: str) -> None:
 
 
 def command(*arguments: str) -> int:
-    return run(parser().parse_args(["inspect", *arguments]))
+    return inspected(parser().parse_args(["inspect", *arguments]))
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,11 +11,11 @@ import pytest
 from condition_files import QUICK
 from rich.console import Console
 
-from ffsms_pin.cli.summary_table import summary_table
+from ffsms_pin.cli.run import summary_table
 from ffsms_pin.control import Coordinated, QuaternionFeedback
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.scenarios import Outcome, run, scenario, summary
-from ffsms_pin.scenarios.conditions import loop_options
+from ffsms_pin.scenarios.closed_loop import loop_options
 
 WHEELS = """
 [wheels]

@@ -9,10 +9,10 @@ import pytest
 from ffsms_pin import scenarios
 from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Meet, Problem
-from ffsms_pin.scenarios.capture import whole_tracking
-from ffsms_pin.scenarios.client_motion import ClientMotion, client_motion
 from ffsms_pin.scenarios.definition import save_scenario
-from ffsms_pin.scenarios.reading import packaged_path
+from ffsms_pin.scenarios.file import packaged_path
+from ffsms_pin.studies.capture import whole_tracking
+from ffsms_pin.studies.client_motion import ClientMotion, client_motion
 
 SHORT = """
 [robot]
@@ -102,7 +102,7 @@ def test_the_scene_holds_the_client(outcome: Any) -> None:
     scene = viewer.view_capture(outcome, fps=2.0)
     assert scene.layers["client"]
     motion = client_motion(outcome.plant, outcome.tracking, outcome.capture)
-    times, rows = scene._stage.film._tracks["/ffsms/client", "position", "vector3"]
+    times, rows = scene._stage.scene.film._tracks["/ffsms/client", "position", "vector3"]
     for t, row in zip(times, rows, strict=True):
         np.testing.assert_allclose(row, motion.pose(t).translation, atol=1e-9)
 
@@ -120,10 +120,10 @@ def test_a_results_folder_shows_the_client(outcome: Any, tmp_path: Path) -> None
     assert flown.layers["client"]
     assert planned.layers["client"]
     assert (flown.duration, planned.duration) == pytest.approx((10.0, 6.0))
-    _, rows = flown._stage.film._tracks["/ffsms/client", "position", "vector3"]
+    _, rows = flown._stage.scene.film._tracks["/ffsms/client", "position", "vector3"]
     last = client_motion(outcome.plant, outcome.tracking, outcome.capture).position[-1]
     np.testing.assert_allclose(rows[-1], last, atol=1e-9)
-    _, rows = planned._stage.film._tracks["/ffsms/client", "position", "vector3"]
+    _, rows = planned._stage.scene.film._tracks["/ffsms/client", "position", "vector3"]
     np.testing.assert_allclose(rows[-1], outcome.capture.client.pose(6.0).translation, atol=1e-9)
 
 

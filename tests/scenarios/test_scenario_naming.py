@@ -9,8 +9,7 @@ from scenario_files import QUICK, write
 
 from ffsms_pin.errors import AmbiguousEndEffector, FfsmsError, InvalidScenario, InvalidUrdf
 from ffsms_pin.scenarios import scenario
-from ffsms_pin.scenarios.closed_loop import prepared
-from ffsms_pin.scenarios.conditions import controller
+from ffsms_pin.scenarios.closed_loop import controller, prepared
 from ffsms_pin.urdf import model_path
 
 ON_A_SATELLITE = (

@@ -15,9 +15,10 @@ from ffsms_pin import opt
 from ffsms_pin.cli import main
 from ffsms_pin.errors import FfsmsError, InvalidScenario
 from ffsms_pin.scenarios import run, scenario, summary
-from ffsms_pin.scenarios.closed_loop import planned, replanning
+from ffsms_pin.scenarios.closed_loop import planned
 from ffsms_pin.scenarios.comparisons import compare
 from ffsms_pin.scenarios.plan_tables import PACKAGED, PARTS
+from ffsms_pin.scenarios.replanning import replanning
 
 MODULE = """
 from dataclasses import dataclass

@@ -7,8 +7,7 @@ import re
 from pathlib import Path
 
 from ffsms_pin.scenarios import run, scenario
-from ffsms_pin.scenarios.closed_loop import prepared
-from ffsms_pin.scenarios.conditions import control_steps
+from ffsms_pin.scenarios.closed_loop import control_steps, prepared
 from trials.judge import Trial
 
 __all__ = ["trial"]

@@ -177,12 +177,12 @@ def test_pages_that_read_nothing_stall_nothing(
         stuck = [connected(live.url) for _ in range(3)]
         started = time.monotonic()
         tracking = run(planar, plan, live)
-        kept = len(live._server._log._latest)
+        kept = len(live._server.scene._latest)
         for _ in range(20):
             for t, q, v in zip(tracking.t, tracking.q, tracking.v, strict=True):
                 live.show(float(t), q, v)
         assert time.monotonic() - started < 60.0
-        assert len(live._server._log._latest) == kept  # no queue grows
+        assert len(live._server.scene._latest) == kept  # no queue grows
         started = time.monotonic()
         live.close()
         assert time.monotonic() - started < 2.0

@@ -22,7 +22,7 @@ from ffsms_pin.errors import DependencyMissing, InvalidValue, ViewerError
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.viewer import View, recording, view
 from ffsms_pin.viewer.frames import surroundings
-from ffsms_pin.viewer.pictures import browser_program
+from ffsms_pin.viewer.recording import browser_program
 
 # Writes what it was asked for and the pictures that it got, in place of ffmpeg.
 STAND_IN = f"""#!{sys.executable}

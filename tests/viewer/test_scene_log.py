@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from ffsms_pin.viewer.scene import SceneLog
+from ffsms_pin.viewer.scene import Scene
 
 
 def test_a_new_page_gets_the_latest_in_order() -> None:
-    log = SceneLog()
+    log = Scene()
     log.put("set_object", "/a", "", b"object")
     log.put("set_transform", "/a", "", b"here")
     log.put("set_property", "/a", "visible", b"seen")
@@ -16,7 +16,7 @@ def test_a_new_page_gets_the_latest_in_order() -> None:
 
 
 def test_an_open_page_gets_what_is_new() -> None:
-    log = SceneLog()
+    log = Scene()
     log.put("set_object", "/a", "", b"object")
     count, _ = log.since(0)
     assert log.since(count) == (count, [])
@@ -26,7 +26,7 @@ def test_an_open_page_gets_what_is_new() -> None:
 
 
 def test_a_new_object_forgets_the_properties_of_the_old_one() -> None:
-    log = SceneLog()
+    log = Scene()
     for name in ("/a", "/ab"):
         log.put("set_object", name, "", b"object")
         log.put("set_property", name, "color", b"red")
@@ -35,7 +35,7 @@ def test_a_new_object_forgets_the_properties_of_the_old_one() -> None:
 
 
 def test_what_is_deleted_goes_with_all_below_it() -> None:
-    log = SceneLog()
+    log = Scene()
     for name in ("/a", "/a/b", "/ab"):
         log.put("set_object", name, "", name.encode())
     count, _ = log.since(0)

@@ -33,7 +33,8 @@ def test_thousands_of_page_loads_block_nothing(server: Server) -> None:
         if k % 20 == 0:
             connected(server.url).close()
             assert answer(server.url, path="/wrong/")[0] == 403
-        server.forward("set_transform", "/a", "", b"command")
+        server.check()
+        server.scene.put("set_transform", "/a", "", b"command")
     assert time.monotonic() - started < 60.0
 
 
@@ -117,7 +118,7 @@ mine.pop().close()
 plug = socket.create_connection(("127.0.0.1", port))
 time.sleep(1.0)
 try:
-    server.forward("set_object", "/a", "", b"")
+    server.check()
 except ViewerError as error:
     print(error)
 server.close()

@@ -35,7 +35,7 @@ def moved(equipped: ffsms.SpaceManipulator) -> opt.Trajectory:
 
 
 def track(scene: View, path: str, name: str) -> tuple[Any, Any]:
-    times, rows = scene._stage.film._tracks[
+    times, rows = scene._stage.scene.film._tracks[
         f"/ffsms/{path}", name, "vector3" if name != "quaternion" else name
     ]
     return np.array(times), np.array(rows)
@@ -45,8 +45,7 @@ def placed(scene: View, path: str) -> Any:
     """The transform (4, 4) that a node stands at."""
     import umsgpack
 
-    packed = scene._stage.scene._nodes[f"/ffsms/{path}"].transform
-    assert packed is not None
+    _, packed = scene._stage.scene._latest["set_transform", f"/ffsms/{path}", ""]
     return np.array(umsgpack.unpackb(packed)["matrix"]).reshape(4, 4).T
 
 

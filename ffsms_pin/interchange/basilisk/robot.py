@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 from Basilisk.simulation import spacecraft, spinningBodyNDOFStateEffector
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from ffsms_pin.checks import FloatArray, instance, vector
 from ffsms_pin.errors import UnsupportedJoint
@@ -54,7 +55,7 @@ class BasiliskRobot:
         position, velocity = np.array(craft.r_BN_N), np.array(craft.v_BN_N)
         if falling:
             position, velocity = position - craft.r_CN_N, velocity - craft.v_CN_N
-        R = _rotation(np.array(craft.sigma_BN))
+        R = Rotation.from_mrp(craft.sigma_BN).as_matrix()
         angles, rates = np.zeros(self.sms.n), np.zeros(self.sms.n)
         for chain, messages in zip(self.chains, joints, strict=True):
             for i, message in zip(chain, messages, strict=True):
@@ -114,7 +115,7 @@ def to_basilisk(
     craft.hub.IHubPntBc_B = base.inertia.tolist()
     craft.hub.r_CN_NInit = _column(vector("position", position, 3, "m") + data.com[0])
     craft.hub.v_CN_NInit = _column(vector("velocity", velocity, 3, "m/s") + data.vcom[0])
-    craft.hub.sigma_BNInit = _column(_mrp(q[3:7]))
+    craft.hub.sigma_BNInit = _column(Rotation.from_quat(q[3:7]).as_mrp())
     craft.hub.omega_BN_BInit = _column(v[3:6])
     axes, angles = joint_axes(sms), sms.joint_positions(q)
     arms = []
@@ -145,38 +146,22 @@ def to_basilisk(
 
 def _chains(sms: SpaceManipulator) -> tuple[tuple[int, ...], ...]:
     """The joints of each arm, from the base outwards."""
-    model, axes = sms.model, joint_axes(sms)
-    children: dict[int, list[int]] = {j: [] for j in range(1, model.njoints)}
-    for j in range(2, model.njoints):
-        if axes[j - 2].slides:
+    model = sms.model
+    for j, axis in enumerate(joint_axes(sms), start=2):
+        if axis.slides:
             problem = f"joint '{model.names[j]}' slides; Basilisk's chain of spinning bodies only turns"
             raise UnsupportedJoint(model.name, problem)
-        children[model.parents[j]].append(j)
+        if len(model.children[j]) > 1:
+            problem = f"the link of joint '{model.names[j]}' carries several; chains there do not fork"
+            raise UnsupportedJoint(model.name, problem)
     chains = []
-    for first in children[1]:
-        chain, j = [first - 2], first
-        while children[j]:
-            if len(children[j]) > 1:
-                problem = f"the link of joint '{model.names[j]}' carries several; chains there do not fork"
-                raise UnsupportedJoint(model.name, problem)
-            j = children[j][0]
-            chain.append(j - 2)
-        chains.append(tuple(chain))
+    for first in model.children[1]:
+        chain = [first]
+        while nexts := list(model.children[chain[-1]]):
+            chain += nexts
+        chains.append(tuple(int(j) - 2 for j in chain))
     return tuple(chains)
 
 
 def _column(values: ArrayLike) -> list[list[float]]:
     return [[float(x)] for x in np.ravel(values)]
-
-
-def _mrp(quaternion: FloatArray) -> FloatArray:
-    """Modified Rodrigues parameters (3,) of the quaternion (x, y, z, w), the shorter set."""
-    sign = 1.0 if quaternion[3] >= 0.0 else -1.0
-    return np.asarray(sign * quaternion[:3] / (1.0 + sign * quaternion[3]))
-
-
-def _rotation(sigma: FloatArray) -> FloatArray:
-    """Rotation matrix (3, 3) from body axes to inertial ones, of modified Rodrigues parameters (3,)."""
-    square = float(sigma @ sigma)
-    x, y, z = 2.0 * sigma / (1.0 + square)
-    return np.array(pin.Quaternion((1.0 - square) / (1.0 + square), x, y, z).toRotationMatrix())

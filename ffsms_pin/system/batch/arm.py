@@ -100,9 +100,9 @@ class ArmStack:
     """
 
     def __init__(self, robot: Mechanism, mode: str = "floating") -> None:
-        #: Rows of C_bm that the mode leaves free; whether these let the base move, and turn.
+        #: Rows of C_bm that the mode leaves free; whether these let the base move.
         self.free_rows = list(MODES[mode])
-        self.moves, self.turns_freely = 0 in self.free_rows, 3 in self.free_rows
+        self.moves = 0 in self.free_rows
         self.robot = robot
         model, frame = robot.model, robot.model.frames[robot.frame_id]
         data = model.createData()
@@ -123,13 +123,6 @@ class ArmStack:
         # Exact where Pinocchio's Jacobian gives one of the frame's own axes to rounding: these turn faster.
         axes = [whole if np.linalg.norm(axis - (whole := np.rint(axis))) < 1e-14 else axis for axis in axes]
         self.offset = [place.translation.copy() for place in places]
-        #: Of the way from the root to the end effector along the joints, stretched [m].
-        self.length = float(np.linalg.norm(self.tip_in_last))
-        j = self.last
-        while j >= 0:
-            self.length += float(np.linalg.norm(self.offset[j]))
-            j = self.parents[j]
-        self.length = max(self.length, 1e-3)
         base = model.inertias[1]
         self.base_com = base.lever.copy()
         #: Of base and arm [kg].
@@ -141,6 +134,9 @@ class ArmStack:
         self.carries = np.array([[float(k in carried[j]) for j in range(n)] for k in joints])
         tip = self.carries[:, self.last] if self.last >= 0 else np.zeros(n)
         self.moves_tip = tip
+        steps = [self.tip_in_last, *(self.offset[j] for j in reversed(range(n)) if tip[j])]
+        #: Of the way from the root to the end effector along the joints, stretched [m].
+        self.length = max(sum(float(np.linalg.norm(step)) for step in steps), 1e-3)
         #: The same, as the kernel has it.
         turns = [place.rotation.ravel() for place in places]
         bodies = [model.inertias[j] for j in (1, *joints)]
@@ -150,20 +146,19 @@ class ArmStack:
             np.array([*frame.placement.rotation.ravel(), *self.tip_in_last]),
             self.last,
             self.moves,
-            self.turns_freely,
+            3 in self.free_rows,
         )
 
     def evaluate(self, positions: FloatArray) -> ArmValues:
         """The arm at joint positions (n, ...)."""
-        n, shape = self.n, positions.shape[1:]
-        out = kernel.arm_values(self.tree, positions)
-        return ArmValues(positions, *_split(out, [(*one, *shape) for one in _shapes(n)]))
+        n, out = self.n, kernel.arm_values(self.tree, positions)
+        shapes = [*[(3, n)] * 8, (3,), (3,), (3, 3), (3, 3), (6, n), (3, n + 1), (3, 3, n)]
+        return ArmValues(positions, *_split(out, shapes, positions))
 
     def coupled(self, positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """C_bm and J* (6, n, ...), the end effector from the base's centre of mass (3, ...) [m]."""
-        shape = positions.shape
         out = kernel.coupled(self.tree, positions)
-        C_bm, J_star, tip = _split(out, [(6, *shape), (6, *shape), (3, *shape[1:])])
+        C_bm, J_star, tip = _split(out, [(6, self.n), (6, self.n), (3,)], positions)
         return C_bm, J_star, tip
 
     def manipulator_jacobian(self, positions: FloatArray) -> FloatArray:
@@ -175,16 +170,11 @@ class ArmStack:
         return kernel.reduced_inertia(self.tree, positions).reshape(self.n, *positions.shape)
 
 
-def _shapes(n: int) -> list[tuple[int, ...]]:
-    """Of the kernel's arrays, in the order of `ArmValues`."""
-    return [*[(3, n)] * 8, *[(3,)] * 2, *[(3, 3)] * 2, (6, n), (3, n + 1), (3, 3, n)]
-
-
-def _split(out: FloatArray, shapes: list[tuple[int, ...]]) -> list[FloatArray]:
-    """Rows of one array (..., B), apart in arrays of these shapes, which end in the stack's own axes."""
-    flat, parts, begin = out.reshape(-1), [], 0
+def _split(out: FloatArray, shapes: list[tuple[int, ...]], positions: FloatArray) -> list[FloatArray]:
+    """Rows of one array (rows, B), apart in arrays of these shapes and the stack's own axes."""
+    parts, begin = [], 0
     for shape in shapes:
         end = begin + math.prod(shape)
-        parts.append(flat[begin:end].reshape(shape))
+        parts.append(out[begin:end].reshape(*shape, *positions.shape[1:]))
         begin = end
     return parts

@@ -38,7 +38,7 @@ class Least(NamedTuple):
 
 
 def least_of(stack: ClearanceStack, motion: Motions, clearance: float, binding: float) -> Least:
-    """The least clearance of one motion at its nodes, in the middles, and between them: by the shapes."""
+    """The least clearance of one motion at its instants, and between them where changes are bounded."""
     poses = stack.seen(motion)
     if stack.reaches is not None:
         return _Search(stack, motion, poses, clearance - stack.tolerance, clearance + binding).least()

@@ -13,7 +13,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.limits.clearance.between import least_of
 from ffsms_pin.opt.limits.clearance.bodies import BodyStack, PointStack, chosen_mode
 from ffsms_pin.opt.limits.clearance.distances import ClearanceStack, Entries, Nearest, Poses
-from ffsms_pin.opt.limits.clearance.obstacle import Obstacle, checked_obstacles
+from ffsms_pin.opt.limits.clearance.obstacle import Obstacle
 from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation, stacked
 from ffsms_pin.opt.motion import Feature, Features
 from ffsms_pin.opt.motion.motions import Motions
@@ -73,7 +73,7 @@ class Clearance(Limit):
     def __post_init__(self) -> None:
         number("clearance", self.clearance)
         one_of("collision", self.collision, MODES)
-        object.__setattr__(self, "obstacles", checked_obstacles(self.obstacles))
+        object.__setattr__(self, "obstacles", _named(self.obstacles))
         if self.payload is not None:
             if not isinstance(self.payload, tuple) or len(self.payload) != 2:
                 raise InvalidValue("payload", self.payload, "must be a coal shape and its pinocchio.SE3")
@@ -121,9 +121,7 @@ class Clearance(Limit):
             apart = values.reshape(*values.shape[:-1], -1, len(stack.names))
             return np.moveaxis(apart, -1, 0).reshape(-1, *values.shape[:-1], *shape)
 
-        slopes, placed = _slopes(stack, m.motions, poses, every, found)
-        if m.step is not None and stack.passes.any():
-            slopes["by_time"] = _Passing(stack, m.step, poses).own_slopes(placed)
+        slopes = _slopes(stack, m, poses, every, found)
         value = by_pairs(found.distance) - self.clearance
         return Feature(value, {name: by_pairs(slope) for name, slope in slopes.items()}, m.where)
 
@@ -160,8 +158,8 @@ class Clearance(Limit):
             poses = stack.seen(m.motions)
             entries, found = stack.below(poses, kept)
             if found.distance.size:
-                slopes, _ = _slopes(stack, m.motions, poses, entries, found)
-                slopes = {name: -slope[..., None, :] / length for name, slope in slopes.items()}
+                by = _slopes(stack, m, poses, entries, found)
+                slopes = {name: -slope[..., None, :] / length for name, slope in by.items()}
                 value = (kept[entries[0]] - found.distance)[None] / length
                 where = np.unravel_index(entries[1], m.motions.joints.shape[1:])
                 lacks.append(Feature(value, slopes, (where[0], where[1])))
@@ -191,18 +189,20 @@ class Clearance(Limit):
 
 
 def _slopes(
-    stack: ClearanceStack, motions: Motions, poses: Poses, entries: Entries, found: Nearest
-) -> tuple[dict[str, FloatArray], FloatArray]:
-    """Slopes (..., V) of distances by their names, and the nearest points in base axes (3, 3, V)."""
+    stack: ClearanceStack, m: Features, poses: Poses, entries: Entries, found: Nearest
+) -> dict[str, FloatArray]:
+    """Slopes (..., V) of distances that were found at entries."""
     gradients, placed = stack.slopes(poses, entries, found)
     slopes = {"by_joints": gradients}
     if stack.obstacles:
         # When the base moves, the nearest point of the body moves with it and that of the obstacle stays.
-        R = motions.base_attitude.reshape(3, 3, -1)[..., entries[1]]
+        R = m.motions.base_attitude.reshape(3, 3, -1)[..., entries[1]]
         normal = stack.passes[entries[0]] * apply(R, placed[2])
-        lever = apply(R, placed[0] - motions.stack.base_com[:, None])
+        lever = apply(R, placed[0] - m.motions.stack.base_com[:, None])
         slopes |= {"by_base": -normal, "by_base_turn": -cross(lever, normal)}
-    return slopes, placed
+        if m.step is not None:
+            slopes["by_time"] = _Passing(stack, m.step, poses).own_slopes(placed)
+    return slopes
 
 
 class _Passing:
@@ -240,6 +240,19 @@ class _Passing:
         _, there, normal = placed
         local = apply(self._turns.transpose(1, 0, 2), there - self._origins)
         return np.asarray(self._passes * dot(normal, self._way + apply(self._turning, local)))
+
+
+def _named(obstacles: Any) -> tuple[Obstacle, ...]:
+    """Obstacles with a name each of its own; `InvalidValue` where that cannot be."""
+    if not isinstance(obstacles, Sequence) or not all(isinstance(one, Obstacle) for one in obstacles):
+        raise InvalidValue("obstacles", obstacles, "must be a sequence of opt.Obstacle")
+    kinds = [f"{type(one.shape).__name__.lower()} {i}" for i, one in enumerate(obstacles, start=1)]
+    named = [one if one.name else replace(one, name=kind) for one, kind in zip(obstacles, kinds, strict=True)]
+    names = [one.name for one in named]
+    for name in names:
+        if names.count(name) > 1:
+            raise InvalidValue("obstacles", name, "must have a name each of its own")
+    return tuple(named)
 
 
 def clearance_stack(

@@ -205,12 +205,10 @@ class PartPairs:
         """As `ClearanceStack.nearest`, in axes of the first body; no points where nothing is below `near`."""
         columns, at = where
         most = near if isinstance(near, np.ndarray) else np.full(columns.shape, near)
-        distance, points, left, seen = kernel.near_parts(
-            self.arm.tree, *poses, columns, at, most, *self._table
-        )
-        for (v, candidates), placed in zip(left, seen, strict=True):
+        distance, points, left = kernel.near_parts(self.arm.tree, *poses, columns, at, most, *self._table)
+        for v, candidates, placed in left:
             request, result = coal.DistanceRequest(), coal.DistanceResult()
-            second, least = coal.Transform3s(placed[:3], placed[3]), distance[v]
+            second, least = coal.Transform3s(placed[:9].reshape(3, 3), placed[9:]), distance[v]
             for bound, pair in candidates:
                 if bound >= least:
                     continue

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import coal
@@ -15,7 +14,7 @@ from ffsms_pin.checks import FloatArray, number, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.convex_parts import convex_shape
 
-__all__ = ["Obstacle", "Track", "checked_obstacles"]
+__all__ = ["Obstacle", "Track"]
 
 
 class Track(NamedTuple):
@@ -94,16 +93,3 @@ class Obstacle:
         positions, rotations = self.track(np.array([number("time", time)]))
         place, result = coal.Transform3s(rotations[0], positions[0]), coal.DistanceResult()
         return float(coal.distance(coal.Sphere(0.0), here, self.shape, place, coal.DistanceRequest(), result))
-
-
-def checked_obstacles(obstacles: Any) -> tuple[Obstacle, ...]:
-    """A sequence of obstacles, each with a name of its own; `InvalidValue` where that cannot be."""
-    if not isinstance(obstacles, Sequence) or not all(isinstance(one, Obstacle) for one in obstacles):
-        raise InvalidValue("obstacles", obstacles, "must be a sequence of opt.Obstacle")
-    kinds = [f"{type(one.shape).__name__.lower()} {i}" for i, one in enumerate(obstacles, start=1)]
-    named = [one if one.name else replace(one, name=kind) for one, kind in zip(obstacles, kinds, strict=True)]
-    names = [one.name for one in named]
-    for name in names:
-        if names.count(name) > 1:
-            raise InvalidValue("obstacles", name, "must have a name each of its own")
-    return tuple(named)

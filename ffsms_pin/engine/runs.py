@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from ffsms_pin.checks import instance, optional_callable, whole
-from ffsms_pin.engine.chunks import Chunks, Shard
-from ffsms_pin.engine.cluster import ALLOWED_FAILURES, MOST_JOBS, Cluster, connected, embedded, usable_cores
+from ffsms_pin.checks import instance, optional_callable
+from ffsms_pin.engine.cluster import ALLOWED_FAILURES, Cluster, checked_jobs, connected, embedded
 from ffsms_pin.engine.folder import ChunkFolder
+from ffsms_pin.engine.rows import Chunks, Shard, Work, computed, joined, save_table, stored
 from ffsms_pin.engine.spread import Lost, chunk_results
-from ffsms_pin.engine.task import Work, computed, joined, save_table, stored
 from ffsms_pin.errors import InvalidValue, ResultError
 
-__all__ = ["checked_jobs", "collected", "run"]
+__all__ = ["collected", "run"]
 
 
 def run(
@@ -98,11 +96,32 @@ def run(
     finished = total - sum(len(chunks.rows_of(index)) for index in rest)
     progress = progress or _untold
     progress(finished, total)
-    # The workers may have another working directory.
-    job = _Job(work, chunks, ChunkFolder(place.path.absolute()), place.hash, lost)
-    for index in _computed_chunks(job, rest, jobs, scheduler, shard, allowed_failures, prepare):
-        finished += len(chunks.rows_of(index))
-        progress(finished, total)
+    if not rest:
+        return place
+    there, run = ChunkFolder(place.path.absolute()), place.hash  # workers may have another working directory
+
+    def written(index: int) -> tuple[Path, str]:
+        return there.file(index), run
+
+    workers: AbstractContextManager[Cluster | None] = nullcontext()
+    if scheduler is not None:
+        workers = connected(scheduler)
+    elif shard is None and jobs > 1:
+        workers = embedded(min(jobs, len(rest)), allowed_failures, _module(work))
+    with workers as cluster:
+        if prepare is not None:
+            prepare()
+        for index, table in _results(cluster, work, chunks, rest, stored, written, lost):
+            file, rows = there.file(index), chunks.rows_of(index)
+            if table is not None:
+                save_table(file, table, rows, run)
+            elif not file.exists():
+                words = (
+                    "was written by a worker but is not here: workers must see the folder under the same path"
+                )
+                raise ResultError(file, words)
+            finished += len(rows)
+            progress(finished, total)
     return place
 
 
@@ -123,84 +142,28 @@ def collected(
     finished = 0
     progress(0, chunks.rows)
     indices = range(len(chunks))
-    with ExitStack() as ending:
-        found: Iterable[tuple[int, Any]]
-        if jobs == 1:
-            found = ((index, computed(work, chunks.rows_of(index))) for index in indices)
-        else:
-            cluster = ending.enter_context(embedded(jobs))
-            found = chunk_results(cluster, work, chunks, indices, computed, lambda _: (), lost)
-        for index, table in found:
+    workers: AbstractContextManager[Cluster | None] = nullcontext() if jobs == 1 else embedded(jobs)
+    with workers as cluster:
+        for index, table in _results(cluster, work, chunks, indices, computed, lambda _: (), lost):
             tables[index] = dict(table)
             finished += len(chunks.rows_of(index))
             progress(finished, chunks.rows)
     return joined([tables[index] for index in indices])
 
 
-def checked_jobs(jobs: int | None) -> int:
-    """The number of workers that is asked for; by default one a core."""
-    jobs = usable_cores() if jobs is None else whole("jobs", jobs, 1)
-    if jobs > MOST_JOBS:
-        raise InvalidValue("jobs", jobs, f"must not exceed {MOST_JOBS}")
-    return jobs
-
-
-@dataclass(frozen=True)
-class _Job:
-    """What is computed, and where it goes."""
-
-    work: Work
-    chunks: Chunks
-    folder: ChunkFolder
-    run: str
-    lost: Lost | None
-
-
-def _computed_chunks(
-    job: _Job,
-    rest: list[int],
-    jobs: int,
-    scheduler: str | None,
-    shard: Shard | None,
-    allowed_failures: int,
-    prepare: Callable[[], None] | None,
-) -> Iterator[int]:
-    """The chunks, each when it is written."""
-    if not rest:
-        return
-    prepare = prepare or (lambda: None)
-    if scheduler is None and (shard is not None or jobs == 1):
-        prepare()
-        for index in rest:
-            stored(job.work, job.chunks.rows_of(index), job.folder.file(index), job.run)
-            yield index
-        return
-    cluster: AbstractContextManager[Cluster] = (
-        embedded(min(jobs, len(rest)), allowed_failures, _module(job.work))
-        if scheduler is None
-        else connected(scheduler)
-    )
-    with cluster as opened:
-        prepare()
-        yield from _over(opened, job, rest)
-
-
-def _over(cluster: Cluster, job: _Job, rest: list[int]) -> Iterator[int]:
-    """The chunks over a cluster."""
-
-    def others(index: int) -> tuple[Path, str]:
-        return job.folder.file(index), job.run
-
-    for index, table in chunk_results(cluster, job.work, job.chunks, rest, stored, others, job.lost):
-        file, run = others(index)
-        if table is not None:
-            save_table(file, table, job.chunks.rows_of(index), run)
-        elif not file.exists():
-            raise ResultError(
-                file,
-                "was written by a worker but is not here: workers must see the folder under the same path",
-            )
-        yield index
+def _results(
+    cluster: Cluster | None,
+    work: Work,
+    chunks: Chunks,
+    indices: Iterable[int],
+    function: Callable[..., Any],
+    others: Callable[[int], tuple[Any, ...]],
+    lost: Lost | None,
+) -> Iterator[tuple[int, Any]]:
+    """`chunk_results`, also where there is no cluster."""
+    if cluster is not None:
+        return chunk_results(cluster, work, chunks, indices, function, others, lost)
+    return ((index, function(work, chunks.rows_of(index), *others(index))) for index in indices)
 
 
 def _untold(done: int, total: int) -> None:

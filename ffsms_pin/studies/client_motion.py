@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import Shape
-from ffsms_pin.scenarios.capture import Captured, whole_tracking
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.storage import check_shapes, check_times, load_arrays, save_arrays
+from ffsms_pin.studies.capture import Captured, whole_tracking
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["ClientMotion", "client_motion"]

@@ -7,21 +7,14 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import closing
 from copy import deepcopy
 from dataclasses import dataclass
-from itertools import islice
 from typing import Any, Generic, TypeVar
 
 from ffsms_pin.checks import instance, optional_callable, whole
-from ffsms_pin.engine.cluster import Cluster, check_installed
-from ffsms_pin.engine.kept import kept
-from ffsms_pin.engine.run import checked_jobs
-from ffsms_pin.engine.spread import Killed, spread
-from ffsms_pin.engine.task import sent
 from ffsms_pin.errors import TaskError, TasksFailed
 
-__all__ = ["Outcome", "all_results", "outcomes"]
+__all__ = ["Answer", "Common", "Outcome", "Unsent", "all_results", "answer", "outcomes", "told"]
 
 T = TypeVar("T")
 Work = Callable[[Any, Any], T]
@@ -29,9 +22,6 @@ Work = Callable[[Any, Any], T]
 Common = tuple[Callable[[Any, Any], Any], Any]
 # Result and error of a task; one of them is None.
 Answer = tuple[Any, Exception | None]
-
-# A chunk is at most this share of what is done already, so that the last ones end together.
-SHARE = 1.0 / 64.0
 
 
 @dataclass(frozen=True)
@@ -80,12 +70,15 @@ def outcomes(
     ClusterError
         While going through the outcomes: the processes cannot be started.
     """
+    from ffsms_pin.engine import kept  # what one process does without
+    from ffsms_pin.engine.cluster import checked_jobs, packages
+
     instance("tasks", tasks, Iterable)
     jobs = checked_jobs(jobs)
     if jobs == 1:
         return _here(work, shared, tasks)
-    check_installed()
-    return _over(work, shared, tasks, jobs, largest_chunk)
+    packages()
+    return kept.over(work, shared, tasks, jobs, largest_chunk)
 
 
 def all_results(
@@ -112,82 +105,11 @@ def all_results(
 def _here(work: Work[T], shared: Any, tasks: Iterable[Any]) -> Generator[Outcome[T], None, None]:
     common = _copied((work, shared))
     for index, task in enumerate(tasks):
-        yield Outcome(index, *_answer(common, lambda task=task: _copied(task)))  # type: ignore[misc]
+        yield Outcome(index, *answer(common, lambda task=task: _copied(task)))  # type: ignore[misc]
 
 
 @dataclass(frozen=True)
-class _Chunk:
-    """Tasks that are handed out together, and the index of the first."""
-
-    first: int
-    tasks: list[bytes]
-
-
-def _over(
-    work: Work[T], shared: Any, tasks: Iterable[Any], jobs: int, largest_chunk: int
-) -> Generator[Outcome[T], None, None]:
-    import cloudpickle
-
-    common: bytes = cloudpickle.dumps((work, shared))
-    chunks = _chunks(tasks, jobs, largest_chunk)
-    early: dict[int, list[Answer]] = {}  # by their first index, those that ended before an earlier chunk
-    following = 0  # index of the next outcome
-
-    def ready() -> Iterator[Outcome[T]]:
-        nonlocal following
-        while following in early:
-            for found in early.pop(following):
-                yield Outcome(following, *found)
-                following += 1
-
-    def handed(chunk: _Chunk) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return sent, (_answers, common, chunk.tasks)
-
-    with kept(jobs) as cluster:
-        while True:
-            killed: list[_Chunk] = []
-            undisturbed = _until(killed, chunks)
-            with closing(spread(cluster, undisturbed, handed, lambda: len(early))) as ended:
-                for chunk, found in ended:
-                    if isinstance(found, Killed):
-                        killed.append(chunk)
-                    else:
-                        early[chunk.first] = [_unpacked(data) for data in found]
-                        yield from ready()
-            if not killed:
-                return
-            for chunk in killed:
-                early[chunk.first] = [_alone(cluster, common, task) for task in chunk.tasks]
-            yield from ready()
-
-
-def _chunks(tasks: Iterable[Any], jobs: int, largest: int) -> Iterator[_Chunk]:
-    """Chunks of tasks; they grow with the number handed out."""
-    rest, first = iter(tasks), 0
-    while chunk := list(islice(rest, min(largest, 1 + int(SHARE * first / jobs)))):
-        yield _Chunk(first, [_packed(task) for task in chunk])
-        first += len(chunk)
-
-
-def _until(killed: list[_Chunk], chunks: Iterator[_Chunk]) -> Iterator[_Chunk]:
-    """Chunks, as long as none has been given up: then those on their way come to their end first."""
-    while not killed:
-        chunk = next(chunks, None)
-        if chunk is None:
-            return
-        yield chunk
-
-
-def _alone(cluster: Cluster, common: bytes, task: bytes) -> Answer:
-    """What comes of a task that was on its way to a worker that died, with nothing else on its way."""
-    ((_, found),) = spread(cluster, [task], lambda one: (sent, (_answers, common, [one])))
-    if isinstance(found, Killed):
-        return None, TaskError("the process that worked on it died (out of memory?)")
-    return _unpacked(found[0])
-
-
-@dataclass(frozen=True)
-class _Unsent:
+class Unsent:
     """Stands for a task or a result that cannot be pickled."""
 
     error: TaskError
@@ -206,38 +128,16 @@ def _copied(thing: Any) -> Any:
     return pickle.loads(cloudpickle.dumps(thing))
 
 
-def _packed(thing: Any) -> bytes:
-    """A task or an answer as bytes; what cannot be pickled becomes its error."""
-    import cloudpickle
-
-    try:
-        data: bytes = cloudpickle.dumps(thing)
-    except Exception as error:  # whatever its class makes of being copied
-        data = pickle.dumps(_Unsent(_told(error)))
-    return data
-
-
-def _answers(common: Common, tasks: list[bytes]) -> list[bytes]:
-    """In a worker: what became of some tasks."""
-    return [_packed(_answer(common, lambda data=data: pickle.loads(data))) for data in tasks]  # type: ignore[misc]
-
-
-def _answer(common: Common, task: Callable[[], Any]) -> Answer:
+def answer(common: Common, task: Callable[[], Any]) -> Answer:
     """What became of the task that a function gives."""
     work, shared = common
     try:
         own = task()
-        if isinstance(own, _Unsent):
+        if isinstance(own, Unsent):
             return None, own.error
         return work(shared, own), None
     except Exception as error:
         return None, _portable(error)
-
-
-def _unpacked(data: bytes) -> Answer:
-    """The answer that a worker sent."""
-    found = pickle.loads(data)
-    return (None, found.error) if isinstance(found, _Unsent) else found
 
 
 def _portable(error: Exception) -> Exception:
@@ -245,9 +145,10 @@ def _portable(error: Exception) -> Exception:
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:  # likewise
-        return _told(error)
+        return told(error)
     return error
 
 
-def _told(error: Exception) -> TaskError:
+def told(error: Exception) -> TaskError:
+    """An error as text."""
     return TaskError(f"{type(error).__name__}: {error}")

@@ -1,4 +1,4 @@
-"""After a scenario's client is met: the contact, the joints braked to rest, and the motion that is left."""
+"""After a client was met: the contact, the joints braked to rest, and the motion that is left."""
 
 from __future__ import annotations
 
@@ -11,11 +11,8 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.client import AfterCapture, Braking, Client, after_capture, brake
-from ffsms_pin.opt import Trajectory
-from ffsms_pin.scenarios.conditions import base_law, controller
-from ffsms_pin.scenarios.definition import Scenario
-from ffsms_pin.scenarios.fits import OF_COMPLIANCE
-from ffsms_pin.scenarios.task import made_client, meeting
+from ffsms_pin.control import BaseLaw, JointLaw
+from ffsms_pin.opt import Meet, Trajectory
 from ffsms_pin.simulation import Tracking, simulate
 from ffsms_pin.simulation.compliant import CompliantContact, compliant_contact
 from ffsms_pin.simulation.disturbances import later
@@ -24,9 +21,11 @@ from ffsms_pin.system.dynamics import centroidal
 
 __all__ = ["Captured", "captured", "joined", "whole_tracking"]
 
-_AFTER = 10.0  # [s] simulated after the capture
-_CONTACT = 0.5  # [s] `compliant_contact`'s default
-_SHARE = 0.5  # of the torque limits, for braking
+# What goes on as before the capture, like faults and disturbances; the joined robot has laws of its own.
+_CONDITIONS = ("integrator", "friction", "actuator", "sensors", "estimator")
+
+# The laws of a robot's joints and, where it has one, of its base.
+Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,76 +96,85 @@ class Captured:
 
 
 def captured(
-    scenario: Scenario,
     sms: SpaceManipulator,
     plan: Trajectory,
     tracking: Tracking,
+    client: Client,
+    grasp: Meet,
+    laws: Laws,
     options: Mapping[str, Any],
+    *,
+    compliance: Mapping[str, float] | None = None,
+    torque_share: float = 0.5,
+    after: float = 10.0,
     progress: Callable[[float], None] | None = None,
 ) -> Captured:
-    """Capture the scenario's client where a closed loop ended, and brake; `options` are those of `simulate`.
+    """Capture a client where a closed loop ended, and brake; `options` are those of `simulate`.
 
     The model learns the client's inertia: from the capture on, control and braking are those of the joined
     robot. The plant has the client as well, and the joints' law brakes it along `brake`.
+
+    `compliance` holds keyword arguments of `compliant_contact`; None: the grasp is rigid at once. Braking may
+    need `torque_share` of the torque limits. The run goes on for a time `after` the capture [s].
     """
-    client, goal_time = made_client(scenario, sms), plan.duration
-    share = float(scenario.contact.get("torque_share", _SHARE))
-    torque = controller(scenario, sms).torque_limit
-    planned = after_capture(sms, plan.q[-1], plan.v[-1], client, goal_time)
-    compliant = scenario.contact.get("kind") == "compliant"
-    coast = float(scenario.contact.get("time", _CONTACT)) if compliant else 0.0
-    said = brake(planned, torque, share, coast=coast)
-    row = min(int(np.searchsorted(tracking.t, goal_time - 1e-9)), len(tracking.t) - 1)
+    law, base_law = laws(sms)
+    torque, met = law.torque_limit, plan.duration
+    planned = after_capture(sms, plan.q[-1], plan.v[-1], client, met)
+    coast = 0.0 if compliance is None else compliance.get("time", 0.5)  # `compliant_contact`'s default
+    said = brake(planned, torque, torque_share, coast=coast)
+    row = min(int(np.searchsorted(tracking.t, met - 1e-9)), len(tracking.t) - 1)
     t, q, v = float(tracking.t[row]), tracking.q[row], tracking.v[row]
     plant: SpaceManipulator = options["plant"]
-    grasp = meeting(scenario.meet or {}, client)
-    state, place = plant.at(q, v), grasp.place(t)
-    assert place.rotation is not None
-    assert place.velocity is not None
-    assert place.spin is not None
-    pose, twist = state.end_effector_pose, state.end_effector_twist
-    off, turned = pose.translation - place.position, pin.log3(place.rotation @ pose.rotation.T)
-    miss = np.array([np.linalg.norm(off), np.linalg.norm(turned)])
-    relative = np.concatenate([twist[:3] - place.velocity, twist[3:] - place.spin])
     spinning = tracking.wheel_momentum[row] if tracking.wheel_momentum.shape[1] else None
-    ours, theirs = _about_origin(plant, q, v, spinning), _client_about_origin(client, t)
-    before, size = ours + theirs, max(np.linalg.norm(ours), np.linalg.norm(theirs))
-    model = after_capture(sms, q, v, client, t)
+    miss, relative = _missed(plant, q, v, grasp, t)
+    ours = _about_origin(plant, q, v, spinning)
+    theirs = _moved(client.momentum, client.pose(t).translation)
     dt = float(tracking.t[1] - tracking.t[0])
-    contact = None
-    hold = float(scenario.contact.get("after", _AFTER))
-    if compliant:
+    contact, caught, caught_at = None, client, t
+    if compliance is not None:
         # Until the grasp is rigid the arm is that of the servicer alone, and its joints keep their rates.
-        given = {key: value for key, value in scenario.contact.items() if key in OF_COMPLIANCE}
-        given |= {"law": controller(scenario, sms), "dt": dt, "wheel_momentum": spinning}
-        reference = brake(replace(model, v=v), torque, share, coast=coast)
-        contact = compliant_contact(plant, q, v, client, t, goal=grasp, reference=reference, **given)
-        q, v, client_then = contact.q[-1], contact.v[-1], contact.client
+        reference = brake(
+            replace(after_capture(sms, q, v, client, t), v=v), torque, torque_share, coast=coast
+        )
+        contact = compliant_contact(
+            plant,
+            q,
+            v,
+            client,
+            t,
+            goal=grasp,
+            law=law,
+            reference=reference,
+            dt=dt,
+            wheel_momentum=spinning,
+            **compliance,
+        )
+        q, v, caught, caught_at = contact.q[-1], contact.v[-1], contact.client, 0.0
         spinning = None if spinning is None else contact.wheel_momentum
         t += float(contact.t[-1])
-        after = after_capture(plant, q, v, client_then, 0.0)
-        model = after_capture(sms, q, v, client_then, 0.0)
-    else:
-        after = after_capture(plant, q, v, client, t)
-    now = _about_origin(after.robot, after.q, after.v, spinning)
-    braking = brake(model, torque, share)
-    braking = replace(braking, duration=max(hold, float(braking.t[-1])))
-    kept = {key: options[key] for key in _CONDITIONS if key in options}
-    end, events = t + braking.duration, options.get("events", ())
-    kept["events"] = [replace(one, time=max(0.0, one.time - t)) for one in events if one.time <= end]
-    kept["disturbances"] = [later(one, t) for one in options.get("disturbances", ())]
+    joint = after_capture(plant, q, v, caught, caught_at)
+    model = after_capture(sms, q, v, caught, caught_at)
+    now = _about_origin(joint.robot, joint.q, joint.v, spinning)
+    braking = brake(model, torque, torque_share)
+    braking = replace(braking, duration=max(after, float(braking.t[-1])))
+    law, base_law = laws(model.robot)
+    end = t + braking.duration
     flown = simulate(
         model.robot,
         braking,
-        controller(scenario, model.robot),
+        law,
         dt=dt,
-        q0=after.q,
-        v0=after.v,
-        plant=after.robot,
+        q0=joint.q,
+        v0=joint.v,
+        plant=joint.robot,
         progress=progress,
-        base_controller=base_law(scenario.attitude, model.robot),
+        base_controller=base_law,
         wheel_momentum=spinning,
-        **kept,
+        events=[
+            replace(one, time=max(0.0, one.time - t)) for one in options.get("events", ()) if one.time <= end
+        ],
+        disturbances=[later(one, t) for one in options.get("disturbances", ())],
+        **{key: options[key] for key in _CONDITIONS if key in options},
     )
     return Captured(
         client,
@@ -176,16 +184,31 @@ def captured(
         planned.at_rest(said.q[-1]),
         float(said.t[-1]),
         contact,
-        after,
+        joint,
         braking,
-        float(np.linalg.norm(now - before) / size),
+        float(np.linalg.norm(now - (ours + theirs)) / max(np.linalg.norm(ours), np.linalg.norm(theirs))),
         flown,
-        scenario.attitude is not None,
+        base_law is not None,
     )
 
 
-# What goes on as before the capture, like faults and disturbances; the joined robot has laws of its own.
-_CONDITIONS = ("integrator", "friction", "actuator", "sensors", "estimator")
+def _missed(
+    plant: SpaceManipulator, q: FloatArray, v: FloatArray, grasp: Meet, t: float
+) -> tuple[FloatArray, FloatArray]:
+    """Distance [m] and angle [rad] (2,) from the end effector to the grasp, and its velocity (6,) there."""
+    state, place = plant.at(q, v), grasp.place(t)
+    assert place.rotation is not None
+    assert place.velocity is not None
+    assert place.spin is not None
+    pose, twist = state.end_effector_pose, state.end_effector_twist
+    off, turned = pose.translation - place.position, pin.log3(place.rotation @ pose.rotation.T)
+    miss = np.array([np.linalg.norm(off), np.linalg.norm(turned)])
+    return miss, np.concatenate([twist[:3] - place.velocity, twist[3:] - place.spin])
+
+
+def _moved(momentum: FloatArray, place: FloatArray) -> FloatArray:
+    """Momentum (6,) about the inertial origin, given about a place (3,)."""
+    return np.concatenate([momentum[:3], momentum[3:] + np.cross(place, momentum[:3])])
 
 
 def _about_origin(
@@ -193,15 +216,10 @@ def _about_origin(
 ) -> FloatArray:
     """Total momentum (6,) about the inertial origin, that of wheels which spin against the base with it."""
     whole = centroidal(sms, q, v)
-    angular = whole.momentum[3:] + np.cross(whole.com, whole.momentum[:3])
+    momentum = _moved(whole.momentum, whole.com)
     if spinning is not None and sms.wheels is not None:
-        angular = angular + pin.XYZQUATToSE3(q[:7]).rotation @ sms.wheels.total(spinning)
-    return np.concatenate([whole.momentum[:3], angular])
-
-
-def _client_about_origin(client: Client, t: float) -> FloatArray:
-    own, place = client.momentum, client.pose(t).translation
-    return np.concatenate([own[:3], own[3:] + np.cross(place, own[:3])])
+        momentum[3:] += pin.XYZQUATToSE3(q[:7]).rotation @ sms.wheels.total(spinning)
+    return momentum
 
 
 def whole_tracking(approach: Tracking, capture: Captured) -> Tracking:
