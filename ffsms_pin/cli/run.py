@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.show:
         _show(folder, arguments.figures and installed("plot"))
     arrived = outcome.trajectory.reached and numbers["tracking"]["arrived"]
-    return 0 if arrived else 1
+    return 0 if arrived and numbers.get("capture", {}).get("caught", True) else 1
 
 
 def _save(outcome: Outcome, staging: Path) -> None:
@@ -230,17 +230,34 @@ def _add_capture(table: Table, capture: Mapping[str, Any]) -> None:
     speed, spin = 1e3 * capture["contact_velocity_m_per_s"], capture["contact_velocity_deg_per_s"]
     table.add_row("capture: grasp missed by", f"{_length(capture['miss_m'])}, {capture['miss_deg']:.2g} deg")
     table.add_row("  relative velocity at contact", f"{speed:.2g} mm/s, {spin:.2g} deg/s")
+    if capture["missed"]:
+        table.add_row("  not caught", f"[red]{escape(capture['missed'])}[/]")
     if capture["contact_force_max_N"] is not None:
         felt = f"{capture['contact_force_max_N']:.3g} N, {capture['contact_torque_max_Nm']:.3g} N m"
         table.add_row("  largest force and torque in the grasp", felt)
+        table.add_row("  and in a joint", _of_limit(capture["contact_joint_torque_share"]))
     table.add_row("  total momentum changed by, relative", f"{capture['momentum_change_relative']:.1e}")
-    share = f"{100.0 * capture['braking_torque_share']:.3g} % of the torques"
-    table.add_row("  joints braked in", f"{capture['braking_s']:.3g} s", share)
+    table.add_row(
+        "  joints braked in", f"{capture['braking_s']:.3g} s", _of_limit(capture["flown_torque_share"])
+    )
     if capture["braking_note"]:
         table.add_row("  note", escape(capture["braking_note"]))
-    for label, key in (("said", "predicted_base_rate_deg_per_s"), ("found", "final_base_rate_deg_per_s")):
-        rates = ", ".join(f"{rate:.4f}" for rate in capture[key])
-        table.add_row(f"  base rate at the end, {label}", f"{rates} deg/s")
+    for label, name in (("before", "predicted"), ("at the contact", "expected"), ("", "final")):
+        rates = capture.get(f"{name}_base_rate_deg_per_s")
+        if rates is None:
+            continue
+        said = f"  base rate at the end, said {label}" if label else "  as found"
+        within = ""
+        if f"{name}_within_3_deviations" in capture:
+            within = f"+-{max(capture[f'{name}_deviation_deg_per_s']):.2g} deg/s"
+            within += "" if capture[f"{name}_within_3_deviations"] else "[red], exceeded threefold[/]"
+        table.add_row(said, ", ".join(f"{rate:.4f}" for rate in rates) + " deg/s", within)
+
+
+def _of_limit(share: float) -> str:
+    """A share of the joints' torque limits: in red where it is more than there is."""
+    text = f"{100.0 * share:.3g} % of the torques"
+    return f"[red]{text}[/]" if share > 1.0 else text
 
 
 def _final_error(run: Mapping[str, Any]) -> str:

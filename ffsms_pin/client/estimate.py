@@ -87,8 +87,30 @@ class ClientEstimate:
 
     def client(self) -> Client:
         """As a client, whose time is that of the estimate."""
-        body, t = self._body, -self._since
+        return self._from_start(self._body)
+
+    def spread(self) -> list[Client]:
+        """Clients one standard deviation away, along twelve directions whose deviations are independent.
+
+        The deviation of what follows from the client is the root of the sum of the squares of its changes.
+        """
+        sizes, axes = np.linalg.eigh(self._P)
+        moves = axes * np.sqrt(np.maximum(sizes, 0.0))
+        return [self._from_start(self._moved(x)) for x in moves.T]
+
+    def _from_start(self, body: Client) -> Client:
+        """A body at the last measurement as a client whose time is that of the estimate."""
+        t = -self._since
         return Client(body.mass, body.inertia, body.pose(t), body.twist(t), body.shapes, body.link_placement)
+
+    def _moved(self, x: FloatArray) -> Client:
+        """The body where its place, velocity, attitude and angular momentum change by x (12,)."""
+        body = self._body
+        turned = pin.exp3(x[6:9]) @ body.start_pose.rotation
+        pose = pin.SE3(turned, body.start_pose.translation + x[:3])
+        rate = turned @ np.linalg.solve(body.inertia, turned.T @ (body.momentum[3:] + x[9:]))
+        twist = np.concatenate([body.start_twist[:3] + x[3:6], rate])
+        return Client(body.mass, body.inertia, pose, twist, body.shapes, body.link_placement)
 
     @property
     def momentum(self) -> FloatArray:
@@ -116,11 +138,8 @@ class ClientEstimate:
             raise InvalidValue("t", t, f"must not lie before the last measurement, at {self._since:g} s")
         body = self._body
         if not (np.isclose(seen.mass, body.mass) and np.allclose(seen.inertia, body.inertia)):
-            raise InvalidValue(
-                "seen",
-                seen.mass,
-                f"must have mass and inertia of the client that is estimated, {body.mass:g} kg",
-            )
+            words = f"must have mass and inertia of the client that is estimated, {body.mass:g} kg"
+            raise InvalidValue("seen", seen.mass, words)
         self._predict(t)
         innovation, H = self._innovation(seen)
         noise = np.diag(self._sensor.deviations**2)
@@ -133,12 +152,7 @@ class ClientEstimate:
         x = K @ innovation
         keep = np.eye(12) - K @ H
         self._P = keep @ self._P @ keep.T + K @ noise @ K.T
-        body = self._body
-        turned = pin.exp3(x[6:9]) @ body.start_pose.rotation
-        pose = pin.SE3(turned, body.start_pose.translation + x[:3])
-        rate = turned @ np.linalg.solve(body.inertia, turned.T @ (body.momentum[3:] + x[9:]))
-        twist = np.concatenate([body.start_twist[:3] + x[3:6], rate])
-        self._body = Client(body.mass, body.inertia, pose, twist, body.shapes, body.link_placement)
+        self._body = self._moved(x)
         return True
 
     def _innovation(self, seen: Client) -> tuple[FloatArray, FloatArray]:

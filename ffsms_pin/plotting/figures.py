@@ -100,12 +100,13 @@ def _turning(capture: Captured, ax: Axes) -> Axes:
     t, tracking = _since_contact(capture), capture.tracking
     attitudes = [pin.XYZQUATToSE3(q[:7]).rotation for q in tracking.q]
     rates = np.degrees(np.einsum("kij,kj->ki", attitudes, tracking.v[:, 3:6]))
-    rest = t[t >= capture.planned_braking]
-    said = np.degrees(capture.planned_rest.twists(rest - capture.planned_braking)[:, 3:])
+    said = capture.planned
+    rest = t[t >= said.braking] if not capture.missed else t[:0]
+    left = np.degrees(said.rest.twists(rest - said.braking)[:, 3:])
     ax = plot_series(ax, t, rates, "base rate [deg/s]", [f"$\\omega_{axis}$" for axis in "xyz"])
     with applied():
         for i in range(3):
-            ax.plot(rest, said[:, i], label="as said before" if i == 0 else None, **_SAID)
+            ax.plot(rest, left[:, i], label="as said before" if i == 0 else None, **_SAID)
         legend_above(ax)
         ax.set_xlabel("time since the contact [s]")
         ax.set_xlim(left=0.0)

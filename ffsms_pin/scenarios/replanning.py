@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +15,7 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.problems import sensor
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["replanning"]
+__all__ = ["Watching", "replanning"]
 
 
 def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | None = None) -> Replanning:
@@ -43,22 +44,23 @@ def replanning(scenario: Scenario, sms: SpaceManipulator, plan: Trajectory | Non
     hold = scenario.reference.get("hold", 0.0)
     if client is None or seen is None or estimate is None:
         return Replanning(problem, hold, options=options)
-    return _Watching(problem, client, seen, estimate, hold=hold, options=options)
+    return Watching(problem, client, seen, estimate, hold=hold, options=options)
 
 
-class _Watching(Replanning):
+class Watching(Replanning):
     """A `Replanning` to a client that a noisy and late sensor measures meanwhile; `client` is the true one.
 
     The problem's goal and obstacles hold the `estimate`, which each measurement renews. The last one is made
     a second before the deadline: what is corrected later leaves a velocity, and a hand that is near hides the
-    markers.
+    markers. `first` is what is known before the motion.
     """
 
     def __init__(
         self, problem: Problem, client: Client, sensor: ClientSensor, estimate: ClientEstimate, **others: Any
     ) -> None:
         super().__init__(problem, **others)
-        self._estimate, self._client, self._sensor = estimate, client, sensor
+        self.estimate, self.first = estimate, copy(estimate)
+        self._client, self._sensor = client, sensor
         self._rng = np.random.default_rng((sensor.seed, 1))
         self._look = sensor.period
 
@@ -68,5 +70,5 @@ class _Watching(Replanning):
             self._look += self._sensor.period
             then = t - self._sensor.latency
             if self._sensor.sees(then, self._rng):
-                self._estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
+                self.estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
         super().observe(t, q, v)

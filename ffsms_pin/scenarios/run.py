@@ -28,7 +28,7 @@ from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import OF_COMPLIANCE
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.problems import meeting
-from ffsms_pin.simulation import Tracking, Watchdog
+from ffsms_pin.simulation import Reference, Tracking, Watchdog
 from ffsms_pin.simulation.unfinished import check_stream
 from ffsms_pin.storage import check_writable, path_like, require_space
 from ffsms_pin.system import SpaceManipulator
@@ -148,7 +148,7 @@ def run(
                 partial(loop.run, loop.plan_once(trajectory), law, stage(progress, "plan once"))
             )
         if scenario.client is not None:
-            capture = _capture(loop, trajectory, tracking, stage(progress, "capture"))
+            capture = _capture(loop, trajectory, reference, tracking, stage(progress, "capture"))
     return Outcome(
         scenario,
         sms,
@@ -164,10 +164,15 @@ def run(
 
 
 def _capture(
-    loop: ClosedLoop, plan: opt.Trajectory, tracking: Tracking, progress: Callable[[float], None] | None
+    loop: ClosedLoop,
+    plan: opt.Trajectory,
+    reference: Reference,
+    tracking: Tracking,
+    progress: Callable[[float], None] | None,
 ) -> Captured:
     """What becomes of the client, under [contact]."""
-    from ffsms_pin.studies.capture import captured  # most scenarios have no client
+    from ffsms_pin.scenarios.replanning import Watching  # most scenarios have no client
+    from ffsms_pin.studies.capture import Envelope, captured
 
     scenario, contact = loop.scenario, loop.scenario.contact
     client = scenario.made_client(loop.sms)
@@ -180,6 +185,8 @@ def _capture(
         meeting(scenario.meet or {}, client),
         lambda robot: (controller(scenario, robot), base_law(scenario.attitude, robot)),
         loop.options,
+        estimates=(reference.first, reference.estimate) if isinstance(reference, Watching) else None,
+        envelope=Envelope(**radians(contact.get("envelope", {}))),
         compliance=compliance if contact.get("kind") == "compliant" else None,
         **{key: contact[key] for key in ("torque_share", "after") if key in contact},
         progress=progress,

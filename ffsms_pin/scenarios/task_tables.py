@@ -144,6 +144,15 @@ class Meeting(Keys):
     rest_after: bool = key("", "false", "whether the servicer has the momentum that leaves both at rest")
 
 
+class Envelope(Keys):
+    """[contact.envelope]: how near its grasp, and how slowly past it, the gripper takes hold."""
+
+    distance: Positive = key("m", "0.05", "between end effector and grasp")
+    turn: Positive = angle("rad", "0.1", "likewise")
+    speed: Positive = key("m/s", "0.05", "of the end effector, relative to the grasp")
+    spin: Positive = angle("rad/s", "0.05", "likewise")
+
+
 class Contact(Keys):
     """[contact]: how the client is caught, and what follows."""
 
@@ -157,6 +166,7 @@ class Contact(Keys):
     time: Positive = key("s", "0.5", "after which a compliant grasp is rigid")
     torque_share: Positive = key("", "0.5", "of the torque limits that braking may need")
     after: NotNegative = key("s", "10", "simulated after the capture")
+    envelope: Envelope = table()
 
 
 class ObstacleBody(Keys):

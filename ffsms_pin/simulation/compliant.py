@@ -47,6 +47,8 @@ class CompliantContact:
         On the end effector at the grasp [N; N m], inertial axes.
     wheel_momentum : ndarray, shape (w,)
         Of the servicer's wheels at the end [N m s]; w = 0 where there are none.
+    torque : ndarray, shape (N, n)
+        Of the joints, which hold against the grasp [N m, or N].
     """
 
     t: FloatArray
@@ -55,6 +57,7 @@ class CompliantContact:
     client: Client
     wrench: FloatArray
     wheel_momentum: FloatArray
+    torque: FloatArray
 
     @property
     def largest_force(self) -> float:
@@ -166,7 +169,7 @@ def compliant_contact(
         return force
 
     times = np.linspace(0.0, steps * dt, steps + 1)
-    rows_q, rows_v, rows_w = [q_all], [v_all], [wrench(q_all, v_all)[0]]
+    rows_q, rows_v, rows_w, rows_tau = [q_all], [v_all], [wrench(q_all, v_all)[0]], []
     for now in times[:-1].tolist():
         if law is not None and reference is not None:
             tau = law.torque(q_all[:nq], v_all[:nv], *reference.sample(now))
@@ -175,13 +178,16 @@ def compliant_contact(
         rows_q.append(q_all)
         rows_v.append(v_all)
         rows_w.append(wrench(q_all, v_all)[0])
+        rows_tau.append(tau)
     end = pin.XYZQUATToSE3(q_all[-7:])
     moved = np.concatenate([end.rotation @ v_all[-6:-3], end.rotation @ v_all[-3:]])
     after = Client(client.mass, client.inertia, end, moved, client.shapes, client.link_placement)
     q_rows, v_rows = np.array(rows_q), np.array(rows_v)
     turning = speed if wheels is None else wheels.inertia * v_all[nv:last]
     rows = frozen(q_rows[:, :nq]), frozen(v_rows[:, :nv])
-    return CompliantContact(frozen(times), *rows, after, frozen(np.array(rows_w)), frozen(turning))
+    return CompliantContact(
+        frozen(times), *rows, after, frozen(np.array(rows_w)), frozen(turning), frozen(np.array(rows_tau))
+    )
 
 
 def _both(plant: SpaceManipulator, wheels: ReactionWheels | None, client: Client) -> tuple[Any, int]:

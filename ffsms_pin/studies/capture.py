@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray
-from ffsms_pin.client import AfterCapture, Braking, Client, after_capture, brake
+from ffsms_pin.checks import FloatArray, frozen, positive
+from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate, after_capture, brake
 from ffsms_pin.control import BaseLaw, JointLaw
 from ffsms_pin.opt import Meet, Trajectory
 from ffsms_pin.simulation import Tracking, simulate
@@ -19,7 +19,7 @@ from ffsms_pin.simulation.disturbances import later
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import centroidal
 
-__all__ = ["Captured", "captured", "joined", "whole_tracking"]
+__all__ = ["Captured", "Envelope", "Prediction", "captured", "joined", "predicted", "whole_tracking"]
 
 # What goes on as before the capture, like faults and disturbances; the joined robot has laws of its own.
 _CONDITIONS = ("integrator", "friction", "actuator", "sensors", "estimator")
@@ -28,24 +28,103 @@ _CONDITIONS = ("integrator", "friction", "actuator", "sensors", "estimator")
 Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
 
 
+@dataclass(frozen=True)
+class Envelope:
+    """How near to its grasp, and how slowly past it, a gripper takes hold; beyond that it closes on nothing.
+
+    The defaults are about half of what grapple fixtures of large arms take.
+
+    Attributes
+    ----------
+    distance, turn : float
+        Between end effector and grasp [m], [rad].
+    speed, spin : float
+        Of the end effector relative to the grasp [m/s], [rad/s].
+    """
+
+    distance: float = 0.05
+    turn: float = 0.1
+    speed: float = 0.05
+    spin: float = 0.05
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            positive(f"envelope {field.name}", getattr(self, field.name))
+
+    def outside(self, miss: FloatArray, relative: FloatArray) -> str:
+        """What is too much, of a miss (2,) [m, rad] and a relative velocity (6,); empty inside."""
+        speed, spin = np.linalg.norm(relative[:3]), np.linalg.norm(relative[3:])
+        found = [
+            ("the grasp is missed by {:.3g} m", float(miss[0]), self.distance),
+            ("it is turned by {:.3g} rad", float(miss[1]), self.turn),
+            ("the end effector passes it at {:.3g} m/s", float(speed), self.speed),
+            ("it turns past it at {:.3g} rad/s", float(spin), self.spin),
+        ]
+        return "; ".join(
+            f"{words.format(value)}, {most:g} at most" for words, value, most in found if value > most
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The motion that is left once the joints rest, said from what is known of the client.
+
+    `rest` is both as one free body when the joints have come to rest, `braking` [s] after the contact;
+    `spread` the same for clients one standard deviation away, along each axis of the covariance.
+    """
+
+    rest: Client
+    spread: tuple[Client, ...]
+    braking: float
+
+    def rate(self, t: float) -> FloatArray:
+        """Angular velocity of the base (3,), a time t after the contact, inertial axes [rad/s]."""
+        return np.asarray(self.rest.twist(t - self.braking)[3:])
+
+    def deviation(self, t: float) -> FloatArray:
+        """One standard deviation of each component of `rate` [rad/s]; zero where the client is known."""
+        away = [one.twist(t - self.braking)[3:] - self.rate(t) for one in self.spread]
+        return np.sqrt(np.sum(np.square(away), axis=0)) if away else np.zeros(3)
+
+
+def predicted(
+    sms: SpaceManipulator,
+    q: FloatArray,
+    v: FloatArray,
+    client: Client | ClientEstimate,
+    t: float,
+    **braked: Any,
+) -> Prediction:
+    """What a capture at a time t [s] leaves of a client that is known, or estimated.
+
+    `braked` holds keyword arguments of `brake`.
+    """
+    known, others = (client, []) if isinstance(client, Client) else (client.client(), client.spread())
+    joint = after_capture(sms, q, v, known, t)
+    braking = brake(joint, **braked)
+    spread = tuple(after_capture(sms, q, v, one, t).at_rest(braking.q[-1]) for one in others)
+    return Prediction(joint.at_rest(braking.q[-1]), spread, float(braking.t[-1]))
+
+
 @dataclass(frozen=True, eq=False)
 class Captured:
     """What became of a client after it was met.
 
     `miss` is the distance [m] and angle [rad] of the grasp at the contact, `contact_velocity` (6,) that of
-    the end effector relative to the grasp there, inertial axes. `planned`, `planned_rest` (both as one
-    free body) and `planned_braking` [s] are what the plan says before it is flown; `contact` is None
-    for a grasp that is rigid at once. `after`, `braking` and `tracking` are what truly is from where it is
-    rigid, under the joined model's control. `momentum_lost` is the change of the total momentum about the
-    inertial origin, as a share of the larger of theirs before; `held`: a law holds the base's attitude.
+    the end effector relative to the grasp there, inertial axes; `missed` says why it was not caught, and is
+    empty where it was. `planned` is what the plan says before it is flown, `expected` what the last estimate
+    says at the contact; `contact` is None for a grasp that is rigid at once. `after`, `braking`, `tracking`
+    are what truly is from where it is rigid, under the joined model's control; of the servicer alone where
+    the client was missed. `momentum_lost` is the change of the total momentum about the inertial origin, as a
+    share of the larger of theirs before; `held`: a law holds the base's attitude.
     """
 
     client: Client
     miss: FloatArray
     contact_velocity: FloatArray
-    planned: AfterCapture
-    planned_rest: Client
-    planned_braking: float
+    missed: str
+    planned: Prediction
+    expected: Prediction
     contact: CompliantContact | None
     after: AfterCapture
     braking: Braking
@@ -59,21 +138,14 @@ class Captured:
         q, v = self.tracking.q[-1], self.tracking.v[-1]
         return np.asarray(pin.XYZQUATToSE3(q[:7]).rotation @ v[3:6])
 
-    @property
-    def predicted_rate(self) -> FloatArray:
-        """The same, as it was said from the plan before it was flown; zero where the attitude is held."""
-        if self.held:
-            return np.zeros(3)
-        contact = 0.0 if self.contact is None else float(self.contact.t[-1])
-        rested = float(self.tracking.t[-1]) + contact - self.planned_braking
-        return np.asarray(self.planned_rest.twist(rested)[3:])
-
     def numbers(self) -> dict[str, Any]:
         """For the summary of a run; keys end in their unit."""
-        found, said = self.found_rate, self.predicted_rate
         degrees = 180.0 / np.pi
-        contact = self.contact
-        return {
+        contact, limits = self.contact, self.after.robot.limits.torque
+        said = {} if self.missed or self.held else {"predicted": self.planned, "expected": self.expected}
+        numbers: dict[str, Any] = {
+            "caught": not self.missed,
+            "missed": self.missed,
             "miss_m": float(self.miss[0]),
             "miss_deg": float(self.miss[1] * degrees),
             "contact_velocity_m_per_s": float(np.linalg.norm(self.contact_velocity[:3])),
@@ -81,6 +153,7 @@ class Captured:
             "contact": "rigid" if contact is None else "compliant",
             "contact_force_max_N": None if contact is None else contact.largest_force,
             "contact_torque_max_Nm": None if contact is None else contact.largest_torque,
+            "contact_joint_torque_share": None if contact is None else _share(contact.torque, limits),
             "energy_lost_J": self.after.energy_lost,
             "momentum_change_relative": self.momentum_lost,
             "momentum_linear_kg_m_per_s": self.after.momentum[:3].tolist(),
@@ -88,11 +161,25 @@ class Captured:
             "braking_s": float(self.braking.t[-1]),
             "braking_torque_share": self.braking.torque_share,
             "braking_note": self.braking.note,
-            "final_base_rate_deg_per_s": (found * degrees).tolist(),
-            "predicted_base_rate_deg_per_s": (said * degrees).tolist(),
-            "base_rate_error_deg_per_s": float(np.linalg.norm(found - said) * degrees),
+            "flown_torque_share": _share(self.tracking.tau, limits),
+            "final_base_rate_deg_per_s": (self.found_rate * degrees).tolist(),
             "final_joint_rate_max_deg_per_s": float(np.abs(self.tracking.v[-1, 6:]).max() * degrees),
         }
+        end = float(self.tracking.t[-1]) + (0.0 if contact is None else float(contact.t[-1]))
+        for name, one in said.items():
+            rate, deviation = one.rate(end), one.deviation(end)
+            off = np.abs(self.found_rate - rate)
+            numbers[f"{name}_base_rate_deg_per_s"] = (rate * degrees).tolist()
+            numbers[f"{name}_deviation_deg_per_s"] = (deviation * degrees).tolist()
+            numbers[f"{name}_error_deg_per_s"] = float(np.linalg.norm(off) * degrees)
+            if deviation.any():
+                numbers[f"{name}_within_3_deviations"] = bool((off <= 3.0 * deviation).all())
+        return numbers
+
+
+def _share(torque: FloatArray, limits: FloatArray) -> float:
+    """The largest share of their limits (n,) that joint torques (N, n) have."""
+    return float((np.abs(torque) / limits).max(initial=0.0))
 
 
 def captured(
@@ -104,6 +191,8 @@ def captured(
     laws: Laws,
     options: Mapping[str, Any],
     *,
+    estimates: tuple[ClientEstimate, ClientEstimate] | None = None,
+    envelope: Envelope | None = None,
     compliance: Mapping[str, float] | None = None,
     torque_share: float = 0.5,
     after: float = 10.0,
@@ -112,26 +201,31 @@ def captured(
     """Capture a client where a closed loop ended, and brake; `options` are those of `simulate`.
 
     The model learns the client's inertia: from the capture on, control and braking are those of the joined
-    robot. The plant has the client as well, and the joints' law brakes it along `brake`.
+    robot. The plant has the client as well, and the joints' law brakes it along `brake`. Outside the envelope
+    nothing is caught: the arm brakes alone.
 
+    `estimates` are those before the flight and at the contact; None: the client is known.
     `compliance` holds keyword arguments of `compliant_contact`; None: the grasp is rigid at once. Braking may
     need `torque_share` of the torque limits. The run goes on for a time `after` the capture [s].
     """
     law, base_law = laws(sms)
     torque, met = law.torque_limit, plan.duration
-    planned = after_capture(sms, plan.q[-1], plan.v[-1], client, met)
     coast = 0.0 if compliance is None else compliance.get("time", 0.5)  # `compliant_contact`'s default
-    said = brake(planned, torque, torque_share, coast=coast)
     row = min(int(np.searchsorted(tracking.t, met - 1e-9)), len(tracking.t) - 1)
     t, q, v = float(tracking.t[row]), tracking.q[row], tracking.v[row]
     plant: SpaceManipulator = options["plant"]
     spinning = tracking.wheel_momentum[row] if tracking.wheel_momentum.shape[1] else None
     miss, relative = _missed(plant, q, v, grasp, t)
+    missed = (envelope or Envelope()).outside(miss, relative)
+    before, last = estimates or (client, client)
+    braked = {"torque_limit": torque, "share": torque_share, "coast": coast}
+    planned = predicted(sms, plan.q[-1], plan.v[-1], before, met, **braked)
+    expected = predicted(sms, q, v, last, t, **braked)
     ours = _about_origin(plant, q, v, spinning)
     theirs = _moved(client.momentum, client.pose(t).translation)
     dt = float(tracking.t[1] - tracking.t[0])
     contact, caught, caught_at = None, client, t
-    if compliance is not None:
+    if compliance is not None and not missed:
         # Until the grasp is rigid the arm is that of the servicer alone, and its joints keep their rates.
         reference = brake(
             replace(after_capture(sms, q, v, client, t), v=v), torque, torque_share, coast=coast
@@ -152,9 +246,11 @@ def captured(
         q, v, caught, caught_at = contact.q[-1], contact.v[-1], contact.client, 0.0
         spinning = None if spinning is None else contact.wheel_momentum
         t += float(contact.t[-1])
-    joint = after_capture(plant, q, v, caught, caught_at)
-    model = after_capture(sms, q, v, caught, caught_at)
-    now = _about_origin(joint.robot, joint.q, joint.v, spinning)
+    if missed:
+        joint, model = _alone(plant, q, v), _alone(sms, q, v)
+    else:
+        joint, model = (after_capture(robot, q, v, caught, caught_at) for robot in (plant, sms))
+    now = _about_origin(joint.robot, joint.q, joint.v, spinning) + (theirs if missed else 0.0)
     braking = brake(model, torque, torque_share)
     braking = replace(braking, duration=max(after, float(braking.t[-1])))
     law, base_law = laws(model.robot)
@@ -180,9 +276,9 @@ def captured(
         client,
         miss,
         relative,
+        missed,
         planned,
-        planned.at_rest(said.q[-1]),
-        float(said.t[-1]),
+        expected,
         contact,
         joint,
         braking,
@@ -204,6 +300,11 @@ def _missed(
     off, turned = pose.translation - place.position, pin.log3(place.rotation @ pose.rotation.T)
     miss = np.array([np.linalg.norm(off), np.linalg.norm(turned)])
     return miss, np.concatenate([twist[:3] - place.velocity, twist[3:] - place.spin])
+
+
+def _alone(robot: SpaceManipulator, q: FloatArray, v: FloatArray) -> AfterCapture:
+    """A servicer that has caught nothing."""
+    return AfterCapture(robot, frozen(q), frozen(v), frozen(centroidal(robot, q, v).momentum), 0.0)
 
 
 def _moved(momentum: FloatArray, place: FloatArray) -> FloatArray:

@@ -41,7 +41,7 @@ class ClientMotion:
     quaternion : ndarray, shape (k, 4)
         (x, y, z, w)
     held_from : float
-        When the end effector begins to hold it rigidly [s].
+        When the end effector begins to hold it rigidly [s], or closes on nothing.
     shapes : tuple of Shape
         What it looks like.
     """
@@ -80,7 +80,7 @@ class ClientMotion:
 
 
 def client_motion(plant: SpaceManipulator, approach: Tracking, capture: Captured) -> ClientMotion:
-    """The client's motion in a run that captured it.
+    """The client's motion in a run that was to capture it.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def client_motion(plant: SpaceManipulator, approach: Tracking, capture: Captured
     data, frame = plant.model.createData(), plant.frame_id
     positions, quaternions = [], []
     for t, q in zip(whole.t.tolist(), whole.q, strict=True):
-        if t < since - 1e-9:
+        if capture.missed or t < since - 1e-9:
             pose = capture.client.pose(t)
         else:
             pin.forwardKinematics(plant.model, data, q)
