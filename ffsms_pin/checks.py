@@ -9,7 +9,7 @@ dozen of them stay finite. Infinity is for limits only, where their documentatio
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -25,6 +25,7 @@ __all__ = [
     "SMALLEST_POSITIVE",
     "FloatArray",
     "at_least_zero",
+    "common_length",
     "dimensions",
     "direction",
     "frozen",
@@ -217,6 +218,15 @@ def dimensions(name: str, value: Any) -> int:
     if found > 2:
         raise InvalidValue(name, value, "must be a number, a vector or a matrix")
     return found
+
+
+def common_length(rows: Mapping[str, Sequence[Any]]) -> int:
+    """The one length of sequences, by name, with one entry a task; 1 without any."""
+    lengths = [len(row) for row in rows.values()] or [1]
+    if len(set(lengths)) > 1:
+        told = ", ".join(f"{len(row)} of {name}" for name, row in rows.items())
+        raise InvalidValue("the sequences", told, "must have one length")
+    return lengths[0]
 
 
 def per_joint(name: str, value: Any, n: int, unit: str = "") -> FloatArray:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.opt.parts.check import check
     from ffsms_pin.opt.parts.inequality import Inequality
     from ffsms_pin.opt.parts.reading import JointResidual, Residual
-    from ffsms_pin.opt.planning.plan import METHODS, plan, plan_each, plan_many
+    from ffsms_pin.opt.plans import METHODS, plan, plan_each, plan_many
     from ffsms_pin.opt.problem import Problem
     from ffsms_pin.opt.replan.options import ReplanOptions
     from ffsms_pin.opt.replan.replanning import Replanning

@@ -12,20 +12,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
-from ffsms_pin.checks import (
-    FloatArray,
-    dimensions,
-    frozen,
-    instance,
-    matrix,
-    number,
-    one_of,
-    positive,
-    vector,
-)
+from ffsms_pin.checks import FloatArray, frozen, instance, matrix, number, one_of, positive, vector
 from ffsms_pin.client import rest_momentum
 from ffsms_pin.errors import InvalidValue
-from ffsms_pin.opt.goals import Goal, as_goal
+from ffsms_pin.opt.goals import Goal, Place, as_goal
 from ffsms_pin.opt.limits import AlphaBox, Clearance, JointLimits, Limit, Obstacle, TorqueLimits, WheelLimits
 from ffsms_pin.opt.limits.limit import prepared
 from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares
@@ -78,27 +68,25 @@ class Problem:
     goal : array_like, shape (3,), pinocchio.SE3, callable, or Goal
         Where the end effector should be at the deadline, inertial axes: a position [m], a pose, a function of
         time [s] that gives one, or an `opt.Position`, `opt.Pose`, `opt.Moving`, `opt.Meet`.
-    duration : float
-        Time to the deadline [s]. The paper states none; 12 s is ours for its cases.
-    dt : float
-        Step of the finished motion [s]: the nearest of which a whole number makes up the duration.
+    duration, dt : float
+        Time to the deadline (the paper states none), and step of the finished motion [s]: the nearest of
+        which a whole number makes up the duration.
     terms : sequence of Term, optional
         Default: the paper's cost with kappa 10 (not where the goal sets the way, `Goal.coupled`), small
         accelerations, little travel.
     limits : sequence of Limit, optional
-        Default: those of the joints and their torques, and a clearance of 0.01 m. The goal's own, such as the
-        corridor of `opt.Meet`, are added, as `WheelLimits` are where wheels hold the attitude.
+        Default: those of the joints and their torques, and a clearance of 0.01 m. The goal's own are added,
+        as `WheelLimits` are where wheels hold the attitude.
     joint_rates : array_like, shape (n,), optional
-        At the start [rad/s]; default: at rest.
+        At the start [rad/s]. Default: at rest.
     momentum : array_like, shape (6,), optional
         Total momentum [linear; angular] about the system's centre of mass, inertial axes [kg m/s; kg m^2/s].
         Default: what the goal asks for (`opt.Meet(rest_after=True)`), else zero.
     locked : sequence of str
         Names of joints that cannot move.
     mode : str
-        What of the base is held, one of `ffsms_pin.system.base_reaction.MODES`: "floating" nothing,
-        "rotation-floating" the attitude, by wheels, "rotation-flying" the attitude, "translation-flying" the
-        place of its centre of mass, "flying" both.
+        What of the base is held: "floating" nothing, "rotation-floating" the attitude, by wheels,
+        "rotation-flying" the attitude, "translation-flying" the place of its centre of mass, "flying" both.
     wheel_momentum : array_like, shape (w,), optional
         Of the wheels at the start, against the base [N m s], where they hold the attitude. Default zero.
     base_start : array_like, shape (7,), optional
@@ -125,16 +113,13 @@ class Problem:
     base_start: Any = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.sms, SpaceManipulator):
-            raise InvalidValue("sms", self.sms, "must be a SpaceManipulator, as ffsms_pin.load gives it")
+        instance("sms", self.sms, SpaceManipulator)
         sms, put = self.sms, partial(object.__setattr__, self)
         put("q0", frozen(sms.checked_configuration("q0", self.q0)))
         duration, dt = positive("duration", self.duration, "s"), positive("dt", self.dt, "s")
-        if duration < dt:
-            raise InvalidValue("duration", duration, f"must be at least one step of {dt:g} s")
-        if duration / dt > 1_000_000:  # some 400 MB for seven joints
-            most = f"must be at most 1000000 steps of {dt:g} s; take a longer dt"
-            raise InvalidValue("duration", duration, most)
+        if not 1.0 <= duration / dt <= 1e6:  # which takes some 400 MB for seven joints
+            words = f"must be at least one step of {dt:g} s, and at most 1000000; for more take a longer dt"
+            raise InvalidValue("duration", duration, words)
         put("duration", duration)
         put("dt", duration / round(duration / dt))
         put("goal", as_goal(self.goal))
@@ -143,57 +128,40 @@ class Problem:
         put("terms", checked_parts("terms", terms, Term))
         limits = checked_parts("limits", default_limits() if self.limits is None else self.limits, Limit)
         limits = (*(limit for limit in limits if not limit.of_goal), *self.goal.limits(duration))
-        if self.wheels is not None:
-            limits = _with_others(limits, WheelLimits())
-        limits = checked_parts("limits", limits, Limit)
-        put("limits", tuple(prepared(limit, sms) for limit in limits))
+        limits = limits if self.wheels is None else _with_others(limits, WheelLimits())
+        put("limits", tuple(prepared(limit, sms) for limit in checked_parts("limits", limits, Limit)))
         rates = np.zeros(sms.n) if self.joint_rates is None else self.joint_rates
         put("joint_rates", frozen(vector("joint_rates", rates, sms.n, "rad/s")))
-        if isinstance(self.locked, str) or not isinstance(self.locked, Sequence):
-            raise InvalidValue("locked", self.locked, "must be a sequence of joint names")
-        for name in self.locked:
+        instance("locked", self.locked, Sequence)
+        for name in self.locked:  # of a single text, its letters: no joints
             if name not in sms.joint_names:
                 raise InvalidValue("locked", name, f"must be a joint: {', '.join(sms.joint_names)}")
         put("locked", tuple(self.locked))
-        put("momentum", self._checked_momentum())
-        put("wheel_momentum", self._checked_wheel_momentum())
+        momentum = self.asked_momentum if self.momentum is None else vector("momentum", self.momentum, 6)
+        momentum, free = None if momentum is None or not momentum.any() else momentum, MODES[self.mode]
+        if momentum is not None and len(free) < 6 and (momentum[3:].any() or 0 not in free):
+            kept = "linear momentum only" if 0 in free else "none"
+            words = f"must be {kept} in mode '{self.mode}': the base is held"
+            raise InvalidValue("momentum", momentum, words)
+        put("momentum", None if momentum is None else frozen(momentum))
+        wheels, given = len(self.wheels or ()), self.wheel_momentum
+        if given is None or np.size(given) == 0:
+            given = np.zeros(wheels)
+        elif not wheels:
+            words = "must be left out: in this mode no wheels hold the attitude"
+            raise InvalidValue("wheel_momentum", given, words)
+        put("wheel_momentum", frozen(vector("wheel_momentum", given, wheels, "N m s")))
         if self.base_start is not None:
             put("base_start", frozen(vector("base_start", self.base_start, 7)))
         for bounds in (limit.joint_bounds for limit in self.limits if limit.joint_bounds is not None):
-            outside = bounds.violation(self.joints0)
-            if outside.any():
+            if (outside := bounds.violation(self.joints0)).any():
                 i = int(np.argmax(outside))
-                raise InvalidValue(
-                    f"q0: joint '{sms.joint_names[i]}'",
-                    round(float(self.joints0[i]), 6),
-                    f"must start within [{bounds.lower[i]:.6g}, {bounds.upper[i]:.6g}] rad",
-                )
-
-    def _checked_momentum(self) -> FloatArray | None:
-        """Total momentum (6,), that given or what the goal asks for; None: zero."""
-        momentum = self.asked_momentum if self.momentum is None else vector("momentum", self.momentum, 6)
-        if momentum is None or not momentum.any():
-            return None
-        free = MODES[self.mode]
-        if len(free) < 6 and (momentum[3:].any() or 0 not in free):
-            kept = "linear momentum only" if 0 in free else "none"
-            raise InvalidValue(
-                "momentum", momentum, f"must be {kept} in mode '{self.mode}': the base is held"
-            )
-        return frozen(momentum)
-
-    def _checked_wheel_momentum(self) -> FloatArray:
-        """Momenta (w,) of the wheels that hold the attitude [N m s]; none where none do."""
-        given, count = self.wheel_momentum, 0 if self.wheels is None else len(self.wheels)
-        if given is None or np.size(given) == 0:
-            return frozen(np.zeros(count))
-        if count == 0:
-            words = "must be left out: in this mode no wheels hold the attitude"
-            raise InvalidValue("wheel_momentum", given, words)
-        return frozen(vector("wheel_momentum", given, count, "N m s"))
+                name, value = f"q0: joint '{sms.joint_names[i]}'", round(float(self.joints0[i]), 6)
+                within = f"[{bounds.lower[i]:.6g}, {bounds.upper[i]:.6g}]"
+                raise InvalidValue(name, value, f"must start within {within} rad")
 
     def __repr__(self) -> str:
-        place = self.goal.place(self.duration).words() + (", moving," if self.goal.moves else "")
+        place = self.place.words() + (", moving," if self.goal.moves else "")
         way = f"{self.sms.model.name} to {place} in {self.duration:.4g} s, {self.steps} steps"
         names = [", ".join(one.name for one in parts) or "none" for parts in (self.terms, self.limits)]
         return f"Problem({way}; terms: {names[0]}; limits: {names[1]})"
@@ -222,6 +190,12 @@ class Problem:
     def cost_terms(self) -> tuple[Term, ...]:
         """The terms by which motions are called cheap (`Term.measures_cost`)."""
         return tuple(term for term in self.terms if term.measures_cost)
+
+    @cached_property
+    def place(self) -> Place:
+        """The goal's, at the deadline."""
+        place: Place = self.goal.place(self.duration)
+        return place
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
@@ -253,8 +227,9 @@ class Problem:
 
     def motion(self, rates: FloatArray, dt: float | None = None) -> Motions:
         """The motion of joint rates (N + 1, n) at nodes `dt` [s] apart, and in the middles between."""
-        rows = len(rates) if dimensions("rates", rates) == 2 else 0
-        rates = matrix("rates", rates, max(2, rows), self.sms.n)
+        rates = matrix("rates", rates, None, self.sms.n)
+        if len(rates) < 2:
+            raise InvalidValue("rates", rates, "must have two rows at least")
         step = self.dt if dt is None else positive("dt", dt, "s")
         motion = rolled_out(self.sms, self.stack, self.q0, rates, step, self.momentum)
         return replace(motion, **given(self, self.goal, motion.times))
@@ -298,7 +273,7 @@ class Problem:
     @cached_property
     def mean_speed(self) -> float:
         """Mean speed of a straight way to the target, of 2 cm at least [m/s]: the scale of speeds."""
-        place = self.goal.place(self.duration).at(self.q0)  # one on the base as seen from the start
+        place = self.place.at(self.q0)  # one on the base as seen from the start
         return max(float(np.linalg.norm(place.position - self.tip0)), 0.02) / self.duration
 
 

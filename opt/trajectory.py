@@ -46,9 +46,8 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {  # of arrays; what is not listed i
 class Trajectory:
     """A motion of the whole system under constant joint accelerations in each of N steps.
 
-    Between nodes the joint rates are linear and the joint positions quadratic in time, so `q`, `v` and
-    `joint_accelerations` agree to rounding, and limits can be checked everywhere. The base follows the
-    momentum equation of its `mode` with the given total momentum, so `v` includes H_b^-1 h where it floats.
+    So `q`, `v` and `joint_accelerations` agree to rounding, and limits can be checked everywhere. The base
+    follows the momentum equation of its `mode`, and `v` includes what a total momentum gives it, H_b^-1 h.
 
     Attributes
     ----------
@@ -59,42 +58,34 @@ class Trajectory:
         Joint rates at the step's end in the basis V of the step's start.
     cos_theta, entropy, cost : ndarray, shape (N,)
         At the step's start, for the rates of its end; `cost` is the summand of the paper's J.
-    end_effector : ndarray, shape (N + 1, 3)
-        Its position [m].
+    end_effector, target, target_rotation : ndarray, shape (N + 1, 3), (3,) and (3, 3)
+        Positions [m]; the wanted attitude, NaN where any will do.
     position_error, orientation_error : ndarray, shape (N + 1,)
         From the end effector to the target [m], and to the wanted attitude [rad], zero where any will do.
-    target, target_rotation : ndarray, shape (3,) and (3, 3)
-        Position [m] and attitude, NaN where any will do.
     kappa, reach, orientation_reach : float
         Of C~; the paper's r_th [m], and the same for the angle [rad].
     note : str
-        By how much and why the end is not within the goal's tolerance, or the target not reached; never empty
-        then.
-    clear : bool
-        Whether all limits are kept, at every node and between them.
+        By how much and why the end is not within tolerance, or the target not reached; never empty then.
     shortest_duration : float
         A duration that would do, where the plan failed for want of time and one is known [s]; else 0.
-    contact_velocity : ndarray, shape (6,)
-        Velocity [m/s] and angular velocity [rad/s] of the end effector at the deadline relative to the goal's
-        place, inertial axes. Where a goal asks for no velocity, it counts as one that stands still.
-    within_tolerance, met : bool
-        Whether the end is within the goal's own tolerance: position, attitude, and velocities where they are
-        asked for. `reached` is the paper's criterion. `met` is the same of `opt.Meet`, true of other goals.
-    momentum : ndarray, shape (6,)
-        Total momentum [linear; angular], inertial axes, about the system's centre of mass.
-    shares : dict of str to float
-        The integral over time of each term, with its weight.
-    binding, broken : dict of str to ndarray, and to float
-        Of each limit that ever does, instants [s] at which it binds, and by how much it is broken, in its own
-        unit.
+    contact_velocity, momentum : ndarray, shape (6,)
+        Velocity [m/s] and angular velocity [rad/s] of the end effector at the deadline, relative to the
+        goal's place, which stands still where it asks for no velocity; total momentum [linear; angular] about
+        the system's centre of mass. Inertial axes.
+    clear, within_tolerance, met : bool
+        Whether all limits are kept, at every node and between them. Whether the end is within the goal's own
+        tolerance: position, attitude, and velocities that are asked for (`reached` is the paper's criterion);
+        `met` is the same of `opt.Meet`, true of other goals.
+    shares, binding, broken : dict of str to float, to ndarray, and to float
+        Of each term the integral over time, with its weight; of each limit that does, instants at which it
+        binds [s]; of each that is broken, by how much, in its own unit.
     wheel_momentum : ndarray, shape (N + 1, w)
         Predicted spin momenta of the robot's wheels against the base [N m s]: zero where they stand still.
     wheel_energy, propellant : float
         Predicted integral of the sum of |motor torque x wheel speed| [J], nothing won back in braking; and
         what thrusters use that hold attitude or place [kg].
     torque_share : ndarray, shape (N + 1, n)
-        Joint torques at the nodes as shares of the joints' limits, the larger of both sides of each node;
-        zero where a joint has no such limit.
+        Joint torques as shares of the joints' limits, the larger of both sides of a node; without one zero.
     mode : str
         What of the base is held, as in `opt.Problem`.
     """
@@ -212,10 +203,7 @@ class Trajectory:
         return self.q[:, :3] - self.q[0, :3]
 
     def sample(self, t: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Joint positions, rates and accelerations, each (n,), at time t [s].
-
-        Before the start and after the end: the first and last positions, at rest.
-        """
+        """Joint positions, rates and accelerations, each (n,), at t [s]; beyond the ends at rest there."""
         t, positions, rates = number("t", t), self.joint_positions, self.joint_rates
         if not 0.0 <= t <= self.duration:
             end = positions[0 if t < 0.0 else -1]
@@ -228,18 +216,15 @@ class Trajectory:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to an npz file, atomically."""
         values = {one.name: getattr(self, one.name) for one in fields(self)}
-        for name in _JSON:
-            values[name] = json.dumps(values[name], default=np.ndarray.tolist)
+        values |= {name: json.dumps(values[name], default=np.ndarray.tolist) for name in _JSON}
         save_arrays(path, _FORMAT, values)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Trajectory:
         """Read what `save` wrote; a `ResultError` says what is wrong with another file."""
         kinds = {one.name: str(one.type).partition("[")[0] for one in fields(cls)}
-        letters = {
-            name: {"bool": "b", "str": "U", "dict": "U"}.get(kind, "fiu") for name, kind in kinds.items()
-        }
-
+        of_kind = {"bool": "b", "str": "U", "dict": "U"}
+        letters = {name: of_kind.get(kind, "fiu") for name, kind in kinds.items()}
         # Files from before there was momentum, or terms, clients, wheels or modes, have none of these.
         later = fields(cls)[list(kinds).index("contact_velocity") :]
         before = {one.name: one.default for one in later if one.default is not MISSING}
@@ -269,15 +254,14 @@ class Trajectory:
 
 def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
     """The finished motion of joint rates (N + 1, n) [rad/s] at the nodes, with its measures."""
-    sms, goal, kappa, q0 = problem.sms, problem.goal, problem.kappa, problem.q0
-    momentum, motion, nodes = problem.momentum, problem.motion(rates), slice(None, None, 2)
-    steps, q, at_goal = motion.paired, configurations(sms, q0, motion), verdict(goal, motion)
+    sms, goal, momentum, motion = problem.sms, problem.goal, problem.momentum, problem.motion(rates)
+    q, at_goal = configurations(sms, problem.q0, motion), verdict(goal, motion)
+    steps, nodes = motion.paired, slice(None, None, 2)
     found = [(limit.name, violation_of(limit, motion)) for limit in problem.limits]
     most = sms.limits.torque
     torques = (motion.torque_sizes[:, 0, ::2].T / most) if np.isfinite(most).any() else np.zeros((0, 0))
-    momenta = np.zeros((len(sms.wheels or ()), len(motion.times)))  # wheels that hold nothing stand still
-    if motion.wheels is not None:
-        momenta = Features(motion).wheels.value[:, 0]
+    still = np.zeros((len(sms.wheels or ()), len(motion.times)))  # as wheels that hold nothing stand
+    momenta = still if motion.wheels is None else Features(motion).wheels.value[:, 0]
     notes = [note, at_goal.misses or at_goal.late, *(violation.note for _, violation in found)]
     return Trajectory(
         t=motion.times[nodes],
@@ -288,13 +272,13 @@ def measure(problem: Problem, rates: FloatArray, note: str = "") -> Trajectory:
         alpha=steps.alpha,
         cos_theta=steps.cosine,
         entropy=steps.entropy,
-        cost=steps.cost(kappa),
+        cost=steps.cost(problem.kappa),
         end_effector=motion.end_effector[:, 0, nodes].T,
         position_error=at_goal.distance,
         target=motion.target_points[:, 0, -1],
-        target_rotation=goal.place(problem.duration).at(q[-1]).target_rotation,
+        target_rotation=problem.place.at(q[-1]).target_rotation,
         orientation_error=at_goal.angle,
-        kappa=kappa,
+        kappa=problem.kappa,
         reach=goal.reach,
         orientation_reach=goal.orientation_reach,
         note="; ".join(filter(None, notes)),

@@ -14,7 +14,7 @@ from ffsms_pin import control, opt, simulation
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.errors import SimulationDiverged, SimulationStopped
 from ffsms_pin.models import load
-from ffsms_pin.opt.planning.plan import plan_problem
+from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.scenarios.definition import Scenario
 from ffsms_pin.scenarios.fits import COORDINATED_WITH, STATION_KEEPING
 from ffsms_pin.scenarios.keys import DEGREES, radians

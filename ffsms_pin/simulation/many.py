@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import dimensions
+from ffsms_pin.checks import common_length, dimensions
 from ffsms_pin.engine import Outcome, all_results, outcomes
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation.closed_loop import simulate
@@ -78,11 +78,7 @@ def simulate_many(
         **options,
     }
     rows = {name: rows for name, value in arguments.items() if (rows := _rows(name, value)) is not None}
-    lengths = {name: len(values) for name, values in rows.items()}
-    if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{count} of {name}" for name, count in lengths.items())
-        raise InvalidValue("the sequences", told, "must have one length")
-    count = next(iter(lengths.values()), 1)
+    count = common_length(rows)
     tasks = ({**arguments, **{name: values[i] for name, values in rows.items()}} for i in range(count))
     _check_names(arguments)
     found = simulate_each(sms, tasks, jobs=1 if count < 2 and jobs is None else jobs)

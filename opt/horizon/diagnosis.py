@@ -10,20 +10,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS
 from ffsms_pin.opt.horizon.merit import Model, linearise
 from ffsms_pin.opt.horizon.search import SearchOptions
-from ffsms_pin.opt.horizon.shooting import JointGoals, joint_range, spread_postures, straight_time, too_short
-from ffsms_pin.opt.horizon.starts import missed_at, moves_to
+from ffsms_pin.opt.horizon.shooting import (
+    JointGoals,
+    joint_range,
+    missed_at,
+    moves_to,
+    spread_postures,
+    straight_time,
+)
 from ffsms_pin.opt.limits.limit import Limit, Violation
-from ffsms_pin.opt.motion.features import Features
-from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.rollout import rolled_out
 from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
-from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.opt.trajectory import Trajectory
+from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = ["explain", "keep_limits", "reach_range", "with_limits_said", "within_workspace"]
+__all__ = [
+    "explain",
+    "keep_limits",
+    "noted",
+    "reach_range",
+    "refused",
+    "too_short",
+    "with_limits_said",
+    "within_workspace",
+]
 
 
 def with_limits_said(
@@ -41,7 +55,7 @@ def with_limits_said(
             free = again(replace(problem, limits=others))
             if free.reached:
                 said.append(violation_of(limit, problem.motion(free.joint_rates)).note)
-    return replace(plan, note="; ".join(filter(None, said)))
+    return noted(plan, *said)
 
 
 class _Nothing(Limit):
@@ -50,14 +64,38 @@ class _Nothing(Limit):
     def __init__(self, name: str) -> None:
         self.name = name
 
-    def rows(self, step: StepState) -> None:
+    def rows(self, step: Any) -> None:
         return None
 
-    def residual(self, m: Features) -> list[Any]:
+    def residual(self, m: Any) -> list[Any]:
         return []
 
-    def violation(self, motion: Motions) -> Violation:
+    def violation(self, motion: Any) -> Violation:
         return Violation()
+
+
+def refused(problem: Problem) -> Trajectory | None:
+    """A plan that stays where it is, where no motion from this start keeps the limits.
+
+    A start that overlaps an obstacle raises `InvalidValue`, as a target inside one does.
+    """
+    still = np.zeros((problem.steps + 1, problem.sms.n))
+    begin = rolled_out(problem.sms, problem.stack, problem.q0, still[:2], problem.dt)
+    found = [(limit, violation_of(limit, begin)) for limit in problem.limits if limit.refusal]
+    for _, one in found:
+        if one.overlap:
+            words = f"{one.overlap} at the start; move the start or the obstacle"
+            raise InvalidValue("q0", problem.joints0.round(6), f"must keep clear of obstacles: {words}")
+    place = problem.place
+    for began, obstacle in ((limit.began, one) for limit in problem.limits for one in limit.obstacles):
+        if obstacle.on_base or place.moves_with_base:
+            continue  # where the base will be is not known
+        depth = -obstacle.distance(place.position, began + problem.duration)
+        if depth > problem.goal.tolerance:
+            words = f"it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move the target or the obstacle"
+            raise InvalidValue("target", place.position, f"must lie outside obstacles: {words}")
+    notes = [limit.refusal.format(note=one.note) for limit, one in found if one.amount > 0.0]
+    return noted(measure(problem, still), *notes, clear=False) if notes else None
 
 
 def explain(
@@ -72,41 +110,27 @@ def explain(
     `goals` are what the search tried, `binding` the joint limits that the plan touches (kind and joint), and
     `attempt` says whether a problem, of another duration, can be solved.
     """
-    words = []
+    (distance, least, most), ends = _distances(problem), ""
     if not plan.reached:
-        x, y, z = plan.end_effector[-1]
-        words = [
-            f"ends {plan.position_error[-1]:.4f} m from the target, at ({x:.4f}, {y:.4f}, {z:.4f}), "
-            "the nearest position found"
-        ]
-        if plan.orientation_error[-1] > 0.0:
-            words[0] += f", turned {plan.orientation_error[-1]:.4f} rad from the wanted attitude"
-    if plan.note:
-        words.append(plan.note)
-    said = len(words)
-    distance, least, most = distances(problem)
+        (x, y, z), turned = plan.end_effector[-1], plan.orientation_error[-1]
+        ends = f"ends {plan.position_error[-1]:.4f} m from the target, at ({x:.4f}, {y:.4f}, {z:.4f}), "
+        ends += "the nearest position found"
+        ends += f", turned {turned:.4f} rad from the wanted attitude" if turned > 0.0 else ""
     if not within_workspace(problem):
-        words.append(
+        outside = (
             f"binding: the workspace, since the end effector can be {least:.3f} to {most:.3f} m from the "
             f"system's centre of mass and the target is {distance:.3f} m from it"
         )
-        if problem.goal.moves:
-            words.append(_time_within_reach(problem, least, most))
-        return replace(plan, note="; ".join(words))
+        when = _time_within_reach(problem, least, most) if problem.goal.moves else ""
+        return noted(plan, ends, plan.note, outside, when)
     fast = _too_fast(problem, goals) if problem.goal.moves else ""
-    if fast:
-        words.append(fast)
     binds = [limit for limit in problem.limits if limit.name in plan.binding]
     others = [limit.name for limit in binds if limit.joint_bounds is None]
-    if others:
-        words.append(f"binding: {', '.join(others)}")
-    if binding:
-        names = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
-        words.append(f"binding: {', '.join(names)}")
+    joints = [f"{kind} limit of '{problem.sms.joint_names[i]}'" for kind, i in binding[:3]]
+    found = [fast, *(f"binding: {', '.join(names)}" for names in (others, joints) if names)]
     if plan.reached:  # but not within the goal's tolerance: whether more time would do is not asked
-        if len(words) == said:
-            words.append("no limit binds; no motion was found that ends nearer")
-        return replace(plan, note="; ".join(words))
+        nothing = "no limit binds; no motion was found that ends nearer"
+        return noted(plan, plan.note, *(found if any(found) else [nothing]))
     if problem.goal.exact:
         t, inside = _within_reach(problem, least, most)
         later = [] if fast else [factor * problem.duration for factor in (1.5, 2.0)]
@@ -116,27 +140,29 @@ def explain(
         slow = any(kind in ("rate", "acceleration") for kind, _ in binding)
         slow = slow or any(limit.eased_by_time for limit in binds)
         shortest = _sufficient(problem, goals, slow, attempt)
-    known = f"a duration of {shortest:.2f} s would do"
-    words.append(known if shortest > 0.0 else "no duration that would do is known")
-    return replace(plan, note="; ".join(words), shortest_duration=shortest)
+    known = f"a duration of {shortest:.2f} s would do" if shortest else "no duration that would do is known"
+    return noted(plan, ends, plan.note, *found, known, shortest_duration=shortest)
+
+
+def noted(plan: Trajectory, *notes: str, **changes: Any) -> Trajectory:
+    """A plan with these notes in place of its own, empty ones left out, and other changes."""
+    return replace(plan, note="; ".join(filter(None, notes)), **changes)
 
 
 def within_workspace(problem: Problem) -> bool:
     """Whether the target is as far from the system's centre of mass as the end effector can be."""
-    distance, least, most = distances(problem)
+    distance, least, most = _distances(problem)
     return bool(least - problem.goal.tolerance <= distance <= most + problem.goal.tolerance)
 
 
-def distances(problem: Problem) -> tuple[float, float, float]:
+def _distances(problem: Problem) -> tuple[float, float, float]:
     """Of the target from the system's centre of mass at the deadline, and the range that can be had [m].
 
     A goal on the base counts as within.
     """
-    place, (least, most) = problem.goal.place(problem.duration), reach_range(problem)
-    if place.moves_with_base:
-        return 0.5 * (least + most), least, most
+    place, (least, most) = problem.place, reach_range(problem)
     way = place.position - problem.com0 - problem.duration * problem.drift
-    return float(np.linalg.norm(way)), least, most
+    return 0.5 * (least + most) if place.moves_with_base else float(np.linalg.norm(way)), least, most
 
 
 def reach_range(problem: Problem) -> tuple[float, float]:
@@ -172,13 +198,13 @@ def _sufficient(
     if not more_time_helps and problem.momentum is None:
         options = SearchOptions()
         there = goals.near(problem, options.arrived_radius)
-        slow = [straight_time(problem, joints) > ARRIVAL_SHARE * problem.duration for joints in there]
+        slow = straight_time(problem, there) > ARRIVAL_SHARE * problem.duration
         if not keep_limits(Model.make(problem, options.fine), there[slow]).any():
             return 0.0
-    straight = [straight_time(problem, joints) for joints in goals.near(problem)]
+    straight = min(straight_time(problem, goals.near(problem)).tolist(), default=0.0)
     shorter = max(problem.duration, too_short(problem, goals))
     # A quarter longer than the failed one, a tenth longer than the straight move to the nearest goal takes.
-    longer = max(1.25 * problem.duration, 1.1 * min(straight, default=0.0) / ARRIVAL_SHARE)
+    longer = max(1.25 * problem.duration, 1.1 * straight / ARRIVAL_SHARE)
     for _ in range(3):
         if attempt(problem.lasting(longer)):
             break
@@ -191,6 +217,14 @@ def _sufficient(
         enough = attempt(problem.lasting(between))
         shorter, longer = (shorter, between) if enough else (between, longer)
     return longer
+
+
+def too_short(problem: Problem, goals: JointGoals) -> float:
+    """A duration [s] in which no motion to these joint goals is worth a search; 0 where none is known."""
+    if problem.momentum is not None or problem.joint_rates.any() or problem.goal.moves:
+        return 0.0
+    # No plan has been found that is so much quicker than the quickest straight move.
+    return min(straight_time(problem, goals.near(problem)).tolist(), default=0.0) / 1.5
 
 
 def keep_limits(model: Model, goals: FloatArray) -> NDArray[np.bool_]:
@@ -223,8 +257,7 @@ def _time_within_reach(problem: Problem, least: float, most: float) -> str:
 
 def _too_fast(problem: Problem, goals: JointGoals) -> str:
     """What the joints would need to move with the goal at the deadline, where that is beyond their rates."""
-    place = problem.goal.place(problem.duration)
-    near = goals.near(problem)
+    place, near = problem.place, goals.near(problem)
     if place.velocity is None or place.spin is None or not len(near):
         return ""
     base = place.base_attitude(problem.stack.evaluate(near.T).tip_rotation)

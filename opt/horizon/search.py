@@ -5,19 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ffsms_pin.checks import FloatArray, instance
-from ffsms_pin.opt.horizon.descent import (
-    LAST_WEIGHTS,
-    arrival_error,
-    corrected_goal,
-    take_down,
-    tighten,
-)
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, arrival_error, corrected_goal, tighten
 from ffsms_pin.opt.horizon.merit import Candidates, Model, linearise
 from ffsms_pin.opt.horizon.shooting import JointGoals, joint_goals
 from ffsms_pin.opt.horizon.spline import Grid, check_options
@@ -25,10 +18,7 @@ from ffsms_pin.opt.limits.limit import tightened
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-if TYPE_CHECKING:
-    from ffsms_pin.opt.horizon.strategies import Strategy
-
-__all__ = ["Found", "Search", "SearchOptions", "cost_of"]
+__all__ = ["Found", "Search", "SearchOptions", "Strategy"]
 
 
 @dataclass(frozen=True)
@@ -40,25 +30,24 @@ class SearchOptions:
     time_limit : float, optional
         After so long [s] the best plan so far is returned; looked at between motions. Default: no limit.
     cost_tolerance : float
-        Of motions that cost at most so much more than the cheapest one found, the one of least effort is
-        taken [s, whatever the duration]. A plan that costs more goes on on the finest spline, and is compared
-        with marches of the step.
+        Of motions that cost at most so much more than the cheapest one, the one of least effort is taken [s,
+        whatever the duration]. A plan that costs more goes on on the finest spline, and meets marches.
     coarse, fine, finest : Grid
-        Of the splines: ten control points a joint, enough for a zigzag of three strokes, twice and four times
-        as many.
+        Of the splines: ten control points a joint, enough for a zigzag of three strokes; twice, and four
+        times as many.
     last_iterations : int
         On the finest spline.
     near_radius : float
-        [rad or m] Joint goals near the start are looked for from postures within this.
+        Joint goals near the start are looked for from postures within this [rad or m].
     goal_radius, arrived_radius : float
-        [arm lengths] Straight moves that end further away are tried only where less than half of the group
-        ends nearer; those that end as near as `arrived_radius` count as ending there.
+        Straight moves that end further away are tried only where less than half of the group ends nearer;
+        those that end as near as `arrived_radius` count as ending there [arm lengths].
     corrections : int
         Of a motion whose finished form misses what its quadrature hit.
     limit_reserve : float
-        [arm lengths] More in hand for a limit that a finished motion broke.
+        More in hand for a limit that a finished motion broke [arm lengths].
     rest_rate : float
-        [rad/s] A plan that is faster at its end has not come to rest.
+        A plan that is faster at its end has not come to rest [rad/s].
     most_reversals, least_reversal : float
         A motion with more changes of sign a joint chatters; of rates with a product above [(rad/s)^2].
     around_obstacles : float
@@ -66,12 +55,11 @@ class SearchOptions:
     widest_cone : float
         Where C~ may exceed max(0, cos(theta_a)) by more, log 2 / kappa, a march spirals: none is tried.
     long_way : float
-        Marches are tried as well where the joints travel more than so many times as far as on the shortest
-        straight move.
-    march_steps : int
-        Steps of the marches that are starts.
-    judged_steps : int
-        Motions of more than twice as many steps are judged in so many while the search goes on.
+        Marches are tried as well where the joints travel so many times as far as on the shortest straight
+        move.
+    march_steps, judged_steps : int
+        Steps of the marches that are starts; and those in which motions of more than twice as many are judged
+        while the search goes on.
     without : sequence of str
         Names of strategies that are left out (`strategies.STRATEGIES`), to see what each earns.
     """
@@ -110,9 +98,11 @@ class Found(NamedTuple):
     model: Model
 
 
-def cost_of(problem: Problem, plan: Trajectory) -> float:
-    """What the terms that measure cost come to, where there are any; else the whole objective [s]."""
-    return sum(plan.shares[term.name] for term in problem.cost_terms or problem.terms)
+class Strategy(NamedTuple):
+    """A way to find starts or motions: its name, for `SearchOptions.without`, and what it does."""
+
+    name: str
+    run: Callable[[Search], None]
 
 
 class Search:
@@ -131,10 +121,9 @@ class Search:
         self._report = progress or (lambda share: None)
         self.coarse = Model.make(problem, self.options.coarse)
         self.fine = Model.make(problem, self.options.fine)
-        self._rests = problem.goal.place(problem.duration).rests
         self.goals = JointGoals(np.empty((0, problem.sms.n)), np.empty(0))
         self.drawn = 0  # postures, for these goals
-        # Control points (K, M, n) on the coarse spline, and what was made of them.
+        # Control points (K, M, n) on the coarse spline, and what a few iterations made of those before.
         self.starts: FloatArray = np.empty(0)
         self.pool: Candidates | None = None
         # Finished motions: all, and what the last starts came to.
@@ -157,13 +146,17 @@ class Search:
         self._report(1.0)
         return self._best_in_full().plan
 
+    def cost(self, plan: Trajectory) -> float:
+        """What the terms that measure cost come to, where there are any; else the whole objective [s]."""
+        return sum(plan.shares[term.name] for term in self.problem.cost_terms or self.problem.terms)
+
     def misses(self, plan: Trajectory) -> tuple[bool, bool, float]:
         """Whether a plan fails, whether it arrives poorly, and by how much it misses."""
         error = arrival_error(self.problem.goal, plan)
         if not plan.reached:
             return True, bool(plan.broken), error  # rather short of the goal than beyond a limit
         rates, options = plan.joint_rates, self.options
-        moving = self._rests and float(np.abs(rates[-1]).max()) > options.rest_rate
+        moving = self.problem.place.rests and float(np.abs(rates[-1]).max()) > options.rest_rate
         turns = int(np.sum(rates[1:-1] * rates[2:] < -options.least_reversal))
         chatters = turns > options.most_reversals * self.problem.sms.n
         return False, error > self.problem.goal.tolerance or moving or chatters, error
@@ -181,19 +174,14 @@ class Search:
         arrived = [one for one in found if self.arrives(one.plan)]
         if not arrived:
             return min(found, key=lambda one: self.misses(one.plan))
-        costs = [self._share(one.plan, tie_breakers=False) for one in arrived]
-        most = min(costs) + self.options.cost_tolerance
-        alike = [one for one, cost in zip(arrived, costs, strict=True) if cost <= most]
-        return min(alike, key=lambda one: self._share(one.plan, tie_breakers=True))
 
-    def _share(self, plan: Trajectory, tie_breakers: bool) -> float:
-        """What the terms of one kind come to together."""
-        return sum(plan.shares[one.name] for one in self.problem.terms if one.tie_breaker == tie_breakers)
+        def share(one: Found, tie_breakers: bool) -> float:
+            terms = (term for term in self.problem.terms if term.tie_breaker == tie_breakers)
+            return sum(one.plan.shares[term.name] for term in terms)
 
-    def binding(self) -> list[tuple[str, int]]:
-        """Joint limits that the best plan touches: kind and joint."""
-        found = self.best()
-        return found.model.qp.active(found.p)
+        most = min(share(one, False) for one in arrived) + self.options.cost_tolerance
+        alike = [one for one in arrived if share(one, False) <= most]
+        return min(alike, key=lambda one: share(one, True))
 
     def shoot(self, joints: FloatArray) -> JointGoals:
         """Joint goals found from postures (K, n); those known grow by them."""
@@ -201,16 +189,9 @@ class Search:
         self.goals = JointGoals(*(np.concatenate(pair) for pair in zip(self.goals, goals, strict=True)))
         return goals
 
-    def there(self) -> NDArray[np.bool_]:
-        """Which of the joint goals have straight moves that end at the goal."""
-        return self.goals.distance <= self.options.arrived_radius * self.problem.stack.length
-
-    def take_down(self) -> Candidates:
-        """A few iterations with every start; the pool, which grows by what comes of them."""
-        early = take_down(self.coarse, np.stack([self.coarse.qp.within(one) for one in self.starts]))
-        self.pool = self.pool.join(early) if self.pool is not None else early
-        self.starts = self.starts[:0]
-        return self.pool
+    def there(self) -> FloatArray:
+        """Those of the joint goals (K, n) whose straight moves end at the goal."""
+        return self.goals.near(self.problem, self.options.arrived_radius)
 
     def finish(self, model: Model, motion: Candidates) -> None:
         """Land a motion and keep its plan; land again where the finished motion misses or breaks a limit."""
@@ -232,7 +213,7 @@ class Search:
 
     def keep(self, model: Model, p: FloatArray) -> Found:
         """Measure the finished motion of control points (M, n), and keep it."""
-        self.found.append(self._measured(self._judged, model, p))
+        self.found.append(_measured(self._judged, model, p))
         return self.found[-1]
 
     def keep_plan(self, plan: Trajectory) -> None:
@@ -242,29 +223,29 @@ class Search:
 
     def arrived(self, cost: float = np.inf) -> bool:
         """Whether there is a plan that arrives, as cheap as this [s]."""
-        plans = (one.plan for one in self.found)
-        return any(cost_of(self.problem, one) <= cost for one in plans if self.arrives(one))
+        return any(self.cost(one.plan) <= cost for one in self.found if self.arrives(one.plan))
 
     def out_of_time(self) -> bool:
         """Whether there is a plan and no time for another."""
         limit = self.options.time_limit
         return limit is not None and bool(self.found) and time.perf_counter() - self._started > limit
 
-    def _measured(self, problem: Problem, model: Model, p: FloatArray) -> Found:
-        """The finished motion of control points (M, n) in a problem's steps."""
-        rates = model.spline.rates_at(_nodes(problem)).of(p, problem.joint_rates)
-        rates[0] = problem.joint_rates
-        return Found(measure(problem, rates), p, model)
-
     def _best_in_full(self) -> Found:
         """The best finished motion, measured in full; where that no longer arrives it is landed again."""
         while len((best := self.best()).plan.t) <= self.problem.steps:
-            full = self._measured(self.problem, best.model, best.p)
+            full = _measured(self.problem, best.model, best.p)
             self.found = [full if one is best else one for one in self.found]
             if self.arrives(best.plan) and not self.arrives(full.plan):
                 self._judged = self.problem
                 self.finish(best.model, linearise(best.model, best.p[None], LAST_WEIGHTS, 0.03))
         return best
+
+
+def _measured(problem: Problem, model: Model, p: FloatArray) -> Found:
+    """The finished motion of control points (M, n) in a problem's steps."""
+    rates = model.spline.rates_at(_nodes(problem)).of(p, problem.joint_rates)
+    rates[0] = problem.joint_rates
+    return Found(measure(problem, rates), p, model)
 
 
 def _nodes(problem: Problem) -> FloatArray:

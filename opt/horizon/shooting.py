@@ -1,17 +1,19 @@
-"""Joint goals by shooting: where straight joint-space moves end with the base reacting, and what moves it.
+"""Joint goals by shooting, where straight joint-space moves end with the base reacting, and moves to them.
 
-Postures that are spread evenly over the joints' range, or near the start, are what it begins from.
+A joint goal whose straight move ends at the target gives a start that arrives. Goals found from postures that
+are spread evenly over the joints' range, or near the start, give the ways round.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Place
-from ffsms_pin.opt.horizon.spline import gauss
+from ffsms_pin.opt.horizon.control_qp import braking
+from ffsms_pin.opt.horizon.spline import RateSpline, gauss
 from ffsms_pin.opt.limits.limit import End
 from ffsms_pin.opt.motion.frame import Frame, RobotFrame
 from ffsms_pin.opt.motion.mechanics import velocity_slopes
@@ -22,21 +24,20 @@ from ffsms_pin.system.batch.arm import ArmValues
 from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3, log3, products
 
 __all__ = [
-    "DAMPING",
-    "GoalFromStart",
     "JointGoals",
     "halton",
     "joint_goals",
     "joint_range",
-    "least_squares",
     "least_time",
+    "missed_at",
+    "moves_to",
     "spread_postures",
     "straight_ends",
+    "straight_moves",
     "straight_time",
-    "too_short",
 ]
 
-DAMPING = 1e-3  # of least squares with J*, for near-singular goals, in squares of the arm's length
+_DAMPING = 1e-3  # of least squares with J*, for near-singular goals, in squares of the arm's length
 
 
 class JointGoals(NamedTuple):
@@ -50,27 +51,11 @@ class JointGoals(NamedTuple):
         return self.joints[self.distance <= radius * problem.stack.length]
 
 
-class GoalFromStart(NamedTuple):
+class _GoalFromStart(NamedTuple):
     """The place of a frame, for a motion without momentum from the start's centre of mass; or on the base."""
 
     place: Place
     frame: RobotFrame
-
-    @classmethod
-    def all_of(cls, problem: Problem) -> list[GoalFromStart]:
-        """The problem's goal and ends that limits ask for, turned back by about what momentum turns."""
-        turn = problem.rotation0
-        if problem.momentum is not None:
-            turn = turn @ exp3(
-                problem.duration * (problem.arm0.inverse[..., 0] @ (turn.T @ problem.momentum[3:]))
-            )
-        origin = problem.com0 + problem.duration * problem.drift
-        wanted = [End(RobotFrame.of(problem.stack), problem.goal.place(problem.duration))]
-        wanted += [end for limit in problem.limits for end in limit.ends]
-        return [
-            cls(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)
-            for frame, place in wanted
-        ]
 
     def missed(
         self, arm: ArmValues, R: FloatArray, beyond: FloatArray | None = None
@@ -89,14 +74,28 @@ class GoalFromStart(NamedTuple):
         return error, np.concatenate([linear, self.place.counting(angular)])
 
 
-def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> JointGoals:
+def _goals_from_start(problem: Problem) -> list[_GoalFromStart]:
+    """The problem's goal and ends that limits ask for, turned back by about what momentum turns."""
+    turn = problem.rotation0
+    if problem.momentum is not None:
+        spin = problem.arm0.inverse[..., 0] @ (turn.T @ problem.momentum[3:])
+        turn = turn @ exp3(problem.duration * spin)
+    origin = problem.com0 + problem.duration * problem.drift
+    wanted = [End(RobotFrame.of(problem.stack), problem.place)]
+    wanted += [end for limit in problem.limits for end in limit.ends]
+    return [
+        _GoalFromStart(place if place.moves_with_base else place.transformed(-turn.T @ origin, turn.T), frame)
+        for frame, place in wanted
+    ]
+
+
+def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
     """Joint goals whose straight moves end near the goal, by Newton's method through J* from postures (K, n).
 
-    In so many iterations, or fewer where half of the moves end at the goal before. J* says how the end moves
-    on a base that has turned already; where the base turns much, `straight_ends` adds what a changed goal
-    turns it.
+    It ends early where half of the moves end at the goal. J* says how the end moves on a base that has turned
+    already; where the base turns much, `straight_ends` adds what a changed goal turns it.
     """
-    arm, wanted, start = problem.stack, GoalFromStart.all_of(problem), problem.joints0
+    arm, wanted, start, iterations = problem.stack, _goals_from_start(problem), problem.joints0, 20
     low, high = joint_range(problem)
     inset = np.where(problem.free, 0.0025 * (high - low), 0.0)
     much = 0.5  # [rad or m] the largest step of a joint, and turns of the base that ask for exact slopes
@@ -109,8 +108,7 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
         end, R, beyond = straight_ends(problem, goals, exact)
         exact = exact or (k == 0 and float(np.median(np.linalg.norm(log3(R), axis=0))) > much)
         missed = [one.missed(end, R, beyond) for one in wanted]
-        error = np.concatenate([one for one, _ in missed])
-        columns = np.concatenate([one for _, one in missed])
+        error, columns = (np.concatenate(parts) for parts in zip(*missed, strict=True))
         distance = np.sqrt(dot(error, error))
         if steady:
             error = np.concatenate([error, -log3(R)])
@@ -121,13 +119,13 @@ def joint_goals(problem: Problem, joints: FloatArray, iterations: int = 20) -> J
         J = columns.transpose(2, 0, 1) * problem.free
         # From a tenth of the arm's length on less damping: it converges fast, also to nearly singular ends.
         near = np.clip(np.sqrt(dot(error, error)) / (0.1 * arm.length), 1e-4, 1.0)
-        step = least_squares(J, error.T, DAMPING * (arm.length * near)[:, None, None] ** 2)
+        step = _least_squares(J, error.T, _DAMPING * (arm.length * near)[:, None, None] ** 2)
         step *= np.minimum(1.0, much / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
         goals = np.clip(goals + step, low + inset, high - inset)
     return JointGoals(goals, distance)
 
 
-def least_squares(J: FloatArray, wanted: FloatArray, damping: float | FloatArray) -> FloatArray:
+def _least_squares(J: FloatArray, wanted: FloatArray, damping: float | FloatArray) -> FloatArray:
     """Least joint motion (K, n) with J u near to `wanted`, (m,) or (K, m)."""
     rows, Jt = J.shape[1], np.swapaxes(J, 1, 2)
     wanted = np.broadcast_to(wanted[..., None], (len(J), rows, 1))
@@ -159,16 +157,6 @@ def straight_ends(
     return arm, R, turning - apply(R, arm.spin)
 
 
-def too_short(problem: Problem, goals: JointGoals) -> float:
-    """A duration [s] in which no motion to these joint goals is worth a search; 0 where none is known."""
-    still = problem.momentum is None and not problem.joint_rates.any() and not problem.goal.moves
-    near = goals.near(problem)
-    if not still or not len(near):
-        return 0.0
-    # No plan has been found that is so much quicker than the quickest straight move.
-    return min(straight_time(problem, joints) for joints in near) / 1.5
-
-
 def halton(first: int, count: int, dimensions: int) -> FloatArray:
     """Evenly spread points (count, dimensions) in the unit cube, the same in every run.
 
@@ -196,10 +184,8 @@ def spread_postures(problem: Problem, first: int, count: int, radius: float = np
     low, high = np.maximum(low, start - radius), np.minimum(high, start + radius)
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     spread = middle + 0.9 * half * (2.0 * halton(first, count, problem.sms.n) - 1.0)
-    carrying = problem.stack.moves_tip > 0.0
-    for end in (end for limit in problem.limits for end in limit.ends):
-        carrying = carrying | (end.frame.moves > 0.0)
-    return np.where(carrying, spread, start)
+    moved = [problem.stack.moves_tip, *(end.frame.moves for limit in problem.limits for end in limit.ends)]
+    return np.where(np.any(np.array(moved) > 0.0, axis=0), spread, start)
 
 
 def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
@@ -210,15 +196,13 @@ def joint_range(problem: Problem) -> tuple[FloatArray, FloatArray]:
     return np.where(problem.free, low, start), np.where(problem.free, high, start)
 
 
-def straight_time(problem: Problem, goal: FloatArray) -> float:
-    """Least duration of a straight joint-space move from rest to rest [s]."""
-    return least_time(problem.sms.limits, goal - problem.joints0)
+def straight_time(problem: Problem, goals: FloatArray) -> FloatArray:
+    """Least durations of straight joint-space moves from rest to rest [s], to joint goals (..., n)."""
+    return least_time(problem.sms.limits, goals - problem.joints0)
 
 
-def least_time(
-    limits: JointLimits, way: FloatArray, begin: FloatArray | float = 0.0, end: FloatArray | float = 0.0
-) -> float:
-    """Least time [s] in which the joints alone go a way (n,), from rates at its begin to those at its end.
+def least_time(limits: JointLimits, way: FloatArray, begin: Any = 0.0, end: Any = 0.0) -> FloatArray:
+    """Least time [s] in which the joints alone go ways (..., n), from rates at the begin to those at the end.
 
     Each is a double integrator: up to a peak rate and down, one way round or the other.
     """
@@ -231,4 +215,85 @@ def least_time(
     peak = np.maximum(np.minimum(peak, limits.velocity), np.maximum(begin, end))
     covered = (2.0 * peak**2 - begin**2 - end**2) / (2.0 * a)
     cruise = np.maximum(way - covered, 0.0) / np.maximum(peak, 1e-300)
-    return float(np.max((2.0 * peak - begin - end) / a + cruise))
+    return np.asarray(np.max((2.0 * peak - begin - end) / a + cruise, axis=-1))
+
+
+def straight_moves(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
+    """Control points (K, M, n) of straight joint-space moves of least acceleration.
+
+    A joint that the time is too short for goes as far as its rate and acceleration limits let it.
+    """
+    end = spline.position_points.free[-1]
+    system = np.block([[spline.squared_acceleration, end[:, None]], [end[None], np.zeros((1, 1))]])
+    profile = np.linalg.solve(system, np.append(np.zeros(spline.size), 1.0))[:-1]
+    limits = problem.sms.limits
+    # An arm that moves at the start first brakes, and goes the rest of the way.
+    brake = braking(problem, spline)
+    stopped = spline.position_points.of(brake, problem.joint_rates)[-1]
+    way = goals - problem.joints0 - stopped
+    hardest = np.max(np.abs(spline.acceleration_points.free @ profile))
+    rate = np.max(np.abs(profile)) * np.abs(way) / limits.velocity
+    acceleration = hardest * np.abs(way) / limits.acceleration
+    way = way / np.maximum(1.0, 1.001 * np.maximum(rate, acceleration))
+    return np.asarray(brake + profile[:, None] * way[:, None, :])
+
+
+def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatArray:
+    """Control points (K, M, n) of moves to joint goals (K, n): straight, or by way of the goal's approach."""
+    approach = problem.goal.approach(problem.duration)
+    if not approach or not len(goals):
+        return straight_moves(problem, spline, goals)
+    from scipy.interpolate import CubicHermiteSpline  # slow to load
+
+    end, arm = problem.place, problem.stack.evaluate(goals.T)
+    velocity, spin = (np.zeros(3) if one is None else one for one in (end.velocity, end.spin))
+    # The base as it is turned where the tip is at the goal.
+    joints, base = goals, end.base_attitude(arm.tip_rotation)
+    J = missed_at(problem, end, problem.duration, joints, base)[1]
+    damping = _DAMPING * problem.stack.length**2
+    at_goal = _least_squares(J, np.concatenate([velocity - problem.drift, spin]), damping)
+    times, places = [0.0, *(t for t, _ in approach), problem.duration], [goals]
+    for t, place in reversed(approach):
+        joints, base = _back(problem, joints, base, t, place)
+        places.insert(0, joints)
+    places.insert(0, np.broadcast_to(problem.joints0, goals.shape))
+    rates = [np.broadcast_to(problem.joint_rates, goals.shape)]
+    for i in range(1, len(places) - 1):
+        before = max(i - 1, 1)
+        rates.append((places[i + 1] - places[before]) / (times[i + 1] - times[before]))
+    rates.append(at_goal)
+
+    instants = (np.arange(60) + 0.5) * problem.duration / 60
+    wanted = CubicHermiteSpline(times, places, rates)(instants, 1)
+    return spline.nearest(instants, np.swapaxes(wanted, 0, 1), problem.joint_rates)
+
+
+def missed_at(
+    problem: Problem, place: Place, t: float, joints: FloatArray, base: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """What postures (K, n) on bases (3, 3, K) miss of a place at t [s] (K, 6), and slopes (K, 6, n)."""
+    centre = problem.com0 + t * problem.drift
+    wanted = _GoalFromStart(place.transformed(-centre, np.eye(3)), RobotFrame.of(problem.stack))
+    error, columns = wanted.missed(problem.stack.evaluate(joints.T), base)
+    return error.T, columns.transpose(2, 0, 1) * problem.free
+
+
+def _back(
+    problem: Problem, joints: FloatArray, base: FloatArray, t: float, place: Place
+) -> tuple[FloatArray, FloatArray]:
+    """From postures to those with the end effector at a place: Newton's method, the base reacting."""
+    low, high = problem.sms.limits.lower, problem.sms.limits.upper
+    damping, stuck = _DAMPING * problem.stack.length**2, np.zeros(joints.shape, dtype=bool)
+    for _ in range(6):
+        missed, J = missed_at(problem, place, t, joints, base)
+        # A radian counts little: an arm that is stretched out at the goal may have to turn to go back.
+        weights = np.repeat([1.0, 0.1 * problem.stack.length], [3, missed.shape[1] - 3])
+        step = _least_squares(weights[:, None] * J * ~stuck[:, None], weights * missed, damping)
+        step *= np.minimum(1.0, 0.2 / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
+        wanted = joints + step
+        stuck = (wanted < low) | (wanted > high)
+        step = np.clip(wanted, low, high) - joints
+        spin = problem.stack.evaluate(joints.T).spin
+        base = np.einsum("xyk,yzk->xzk", base, exp3(apply_rates(spin, step.T)))
+        joints = joints + step
+    return joints, base

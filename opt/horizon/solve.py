@@ -9,17 +9,15 @@ import numpy as np
 
 from ffsms_pin.checks import instance, optional_callable, positive
 from ffsms_pin.errors import InvalidValue, PartError
-from ffsms_pin.opt.horizon.diagnosis import explain, with_limits_said, within_workspace
+from ffsms_pin.opt.horizon.diagnosis import explain, noted, refused, with_limits_said, within_workspace
 from ffsms_pin.opt.horizon.search import Search, SearchOptions
 from ffsms_pin.opt.horizon.shooting import least_time
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
-from ffsms_pin.opt.motion.rollout import rolled_out
-from ffsms_pin.opt.parts.reading import violation_of
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.threads import one_blas_thread
 
-__all__ = ["refused", "shortest", "solve"]
+__all__ = ["shortest", "solve"]
 
 _NUMERICAL = (np.linalg.LinAlgError, ArithmeticError)  # failures of numbers, not of the program
 
@@ -37,8 +35,6 @@ def solve(
 
     Parameters
     ----------
-    problem : Problem
-    options : SearchOptions, optional
     progress : callable, optional
         Called with the share of the work done, 0 to 1.
 
@@ -50,8 +46,7 @@ def solve(
     instance("problem", problem, Problem)
     instance("options", options, SearchOptions, optional=True)
     optional_callable("progress", progress)
-    stays = refused(problem)
-    if stays is not None:
+    if (stays := refused(problem)) is not None:
         return stays
 
     def again(other: Problem) -> Trajectory:
@@ -65,36 +60,32 @@ def solve(
         if not plan.reached and within_workspace(problem):
             plan = with_limits_said(problem, plan, again)
         if not (plan.reached and plan.within_tolerance):
-            plan = explain(problem, plan, search.goals, search.binding(), lambda one: again(one).reached)
+            best = search.best()
+            binding = best.model.qp.active(best.p)
+            plan = explain(problem, plan, search.goals, binding, lambda one: again(one).reached)
     except (*_NUMERICAL, PartError) as error:
         if isinstance(error, PartError) and not isinstance(error.__cause__, _NUMERICAL):
             raise  # a mistake in a part
         plan = _before_failure(search, error)
-    notes = [note for note in (plan.note, _momentum_note(problem)) if note]
-    return replace(plan, note="; ".join(notes))
+    return noted(plan, plan.note, _momentum_note(problem))
 
 
 def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions | None = None) -> Trajectory:
-    """The plan of least duration that the search finds.
-
-    Durations are halved (in ratio) until one that does is within the tolerance of one for which no plan was
-    found: an upper bound of the least, for a search may miss a plan.
+    """The plan of least duration that the search finds, by bisection from that of the problem.
 
     Parameters
     ----------
-    problem : Problem
-        Its duration is where the search begins.
     tolerance : float
-        Relative, of the duration; above zero and below one.
+        How near a duration that does and one for which no plan was found shall be, relative, below one. That
+        is an upper bound of the least duration, for a search may miss a plan.
     options : SearchOptions, optional
         Of every trial.
 
     Returns
     -------
     Trajectory
-        `shortest_duration` is its duration [s]; `note` says between which durations the least one lies and
-        what the joints' limits allow. Where the problem itself, and what its diagnosis proposes, fails: that
-        failed plan.
+        `shortest_duration` is its duration [s]; `note` says in which duration none was found and what the
+        joints' limits allow. Where the problem, and what its diagnosis proposes, fails: that failed plan.
     """
     instance("problem", problem, Problem)
     if positive("tolerance", tolerance) >= 1.0:
@@ -123,32 +114,6 @@ def shortest(problem: Problem, tolerance: float = 0.05, options: SearchOptions |
     return replace(best, note=note, shortest_duration=best.duration)
 
 
-def refused(problem: Problem) -> Trajectory | None:
-    """A plan that stays where it is, where no motion from this start keeps the limits.
-
-    A start that overlaps an obstacle raises `InvalidValue`, as a target inside one does.
-    """
-    still = np.zeros((problem.steps + 1, problem.sms.n))
-    begin = rolled_out(problem.sms, problem.stack, problem.q0, still[:2], problem.dt)
-    found = [(limit, violation_of(limit, begin)) for limit in problem.limits if limit.refusal]
-    for _, one in found:
-        if one.overlap:
-            words = f"{one.overlap} at the start; move the start or the obstacle"
-            raise InvalidValue("q0", problem.joints0.round(6), f"must keep clear of obstacles: {words}")
-    place = problem.goal.place(problem.duration)
-    for began, obstacle in ((limit.began, one) for limit in problem.limits for one in limit.obstacles):
-        if obstacle.on_base or place.moves_with_base:
-            continue  # where the base will be is not known
-        depth = -obstacle.distance(place.position, began + problem.duration)
-        if depth > problem.goal.tolerance:
-            words = f"it is {1e3 * depth:.1f} mm inside '{obstacle.name}'; move the target or the obstacle"
-            raise InvalidValue("target", place.position, f"must lie outside obstacles: {words}")
-    notes = [limit.refusal.format(note=one.note) for limit, one in found if one.amount > 0.0]
-    if not notes:
-        return None
-    return replace(measure(problem, still), clear=False, note="; ".join(notes))
-
-
 def _momentum_note(problem: Problem) -> str:
     """How far the problem's momentum is from the one that its goal asks for; empty where it is that."""
     asked = problem.asked_momentum
@@ -173,7 +138,7 @@ def _before_failure(search: Search, error: Exception) -> Trajectory:
         plan = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)))
         words = "the arm stays where it is"
     note = f"the search ended in a numerical failure ({error}): {words}"
-    return replace(plan, note="; ".join(filter(None, [note, plan.note])))
+    return noted(plan, note, plan.note)
 
 
 def _finite(plan: Trajectory) -> bool:

@@ -7,32 +7,23 @@ Each is a few lines on the same solver, and says itself whether it has anything 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
-from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend, follow, prefer_limits
-from ffsms_pin.opt.horizon.diagnosis import keep_limits, within_workspace
+from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend, follow, prefer_limits, take_down
+from ffsms_pin.opt.horizon.diagnosis import keep_limits, too_short, within_workspace
+from ffsms_pin.opt.horizon.marches import free_marches, march_starts, marched
 from ffsms_pin.opt.horizon.merit import Model, linearise
-from ffsms_pin.opt.horizon.search import Search, cost_of
-from ffsms_pin.opt.horizon.shooting import spread_postures, straight_time, too_short
+from ffsms_pin.opt.horizon.search import Search, Strategy
+from ffsms_pin.opt.horizon.shooting import moves_to, spread_postures, straight_time
 from ffsms_pin.opt.horizon.spline import embedded
-from ffsms_pin.opt.horizon.starts import free_marches, march_starts, marched, moves_to, reference_stepper
 from ffsms_pin.opt.parts.term import REFERENCE_TIME
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
 from ffsms_pin.opt.trajectory import Trajectory, measure
 
-__all__ = ["QUICK", "STRATEGIES", "Strategy", "starts_within"]
-
-
-class Strategy(NamedTuple):
-    """A way to find starts or motions: its name, for `SearchOptions.without`, and what it does."""
-
-    name: str
-    run: Callable[[Search], None]
+__all__ = ["QUICK", "STRATEGIES", "starts_within"]
 
 
 def straight_if_near(search: Search) -> None:
@@ -65,7 +56,7 @@ def straight_starts(
         most = np.inf
     if search.settled or search.hopeless or search.arrived(most):
         return
-    if not insist and not search.arrived() and not search.there().any():
+    if not insist and not search.arrived() and not len(search.there()):
         return
     postures = [
         spread_postures(problem, search.drawn, near, options.near_radius),
@@ -87,13 +78,16 @@ def coarse_marches(search: Search) -> None:
 
 
 def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int) -> None:
-    """Take the starts down, and follow the best to their ends; see `follow`."""
-    search.fresh = []
+    """A few iterations with every start, which join the pool; of this the best go on, see `follow`."""
+    search.fresh, model = [], search.coarse
     if not len(search.starts):
         return
     if search.hopeless:
         keep, repeats = (1, 1, 1), 2
-    found = follow(search.coarse, search.fine, search.take_down(), keep, repeats)
+    early = take_down(model, np.stack([model.qp.within(one) for one in search.starts]))
+    search.pool = early if search.pool is None else search.pool.join(early)
+    search.starts = search.starts[:0]
+    found = follow(model, search.fine, search.pool, keep, repeats)
     for i in range(len(found.p)):
         if i == 0 or not search.out_of_time():
             search.finish(search.fine, found.take([i]))
@@ -102,7 +96,7 @@ def descend_from_starts(search: Search, keep: tuple[int, int, int], repeats: int
 def finest_spline(search: Search) -> None:
     """Plans that arrive but are not nearly free go on on the finest spline: the last tenth still costs."""
     for found in tuple(search.fresh):
-        cheap = not search.costed or cost_of(search.problem, found.plan) <= search.options.cost_tolerance
+        cheap = not search.costed or search.cost(found.plan) <= search.options.cost_tolerance
         if cheap or not found.plan.reached or search.out_of_time():
             continue
         model = Model.make(search.problem, search.options.finest)
@@ -131,12 +125,12 @@ def marches(search: Search) -> None:
     cost, tolerance = np.inf, options.cost_tolerance
     if search.arrived():
         best = search.best().plan
-        cost = cost_of(problem, best)
+        cost = search.cost(best)
         if any(limit.obstacles and limit.name in best.binding for limit in problem.limits):
             return  # a march stops at an obstacle that the plan goes round
         if cost <= tolerance and not _travels_far(search, best):
             return
-    elif search.hopeless or not search.there().any():
+    elif search.hopeless or not len(search.there()):
         return
     for rates in free_marches(problem, max(cost - tolerance, tolerance)):
         search.keep_plan(measure(problem, rates))
@@ -150,8 +144,8 @@ def straight_moves_that_end_there(search: Search) -> None:
     search.fresh = []
     if search.hopeless or search.arrived():
         return
-    problem, model, goals = search.problem, search.fine, search.goals.joints[search.there()]
-    times = np.array([straight_time(problem, goal) for goal in goals])
+    problem, model, goals = search.problem, search.fine, search.there()
+    times = straight_time(problem, goals)
     # First those that keep the limits, then the quickest.
     poor = ~keep_limits(model, goals) | (times > ARRIVAL_SHARE * problem.duration)
     weights = LAST_WEIGHTS.stiffer()
@@ -165,7 +159,7 @@ def straight_moves_that_end_there(search: Search) -> None:
 def straight_line(search: Search) -> None:
     """Where nothing else reaches: straight to the target by single steps, as method "resolved-rate" goes."""
     if not any(one.plan.reached for one in search.found) and _can_march(search.problem):
-        plan = marched(search.problem, reference_stepper(search.problem, "resolved-rate"))
+        plan = marched(search.problem, "resolved-rate")
         if plan.reached:
             search.keep_plan(plan)
 
@@ -210,7 +204,7 @@ def starts_within(problem: Problem, reach: float, orientation_reach: float) -> b
     if problem.momentum is not None or problem.goal.moves or problem.joint_rates.any():
         return False
     start = problem.sms.at(problem.q0).end_effector_pose
-    far, turned = problem.goal.place(problem.duration).error(start, problem.q0)
+    far, turned = problem.place.error(start, problem.q0)
     return bool(far <= reach and turned <= orientation_reach)
 
 
@@ -223,11 +217,10 @@ def _is_hopeless(search: Search) -> bool:
 
 def _can_march(problem: Problem) -> bool:
     """Whether a march knows the goal."""
-    place = problem.goal.place(problem.duration)
-    return not (problem.goal.moves or problem.locked) and bool(place.rests and place.plain)
+    return not (problem.goal.moves or problem.locked) and problem.place.rests and problem.place.plain
 
 
 def _travels_far(search: Search, plan: Trajectory) -> bool:
     """Whether the joints of a plan go much further than those of the straight moves."""
-    ways = np.abs(search.goals.joints[search.there()] - search.problem.joints0).sum(axis=1)
+    ways = np.abs(search.there() - search.problem.joints0).sum(axis=1)
     return plan.joint_travel > search.options.long_way * float(ways.min(initial=np.inf))

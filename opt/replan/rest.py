@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.goals import Changed, Goal
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, descend
-from ffsms_pin.opt.horizon.diagnosis import within_workspace
+from ffsms_pin.opt.horizon.diagnosis import refused, within_workspace
 from ffsms_pin.opt.horizon.merit import Model, linearise, motions_of
 from ffsms_pin.opt.horizon.search import Search
-from ffsms_pin.opt.horizon.solve import refused
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
 from ffsms_pin.opt.limits.limit import later
 from ffsms_pin.opt.motion.mechanics import held_momentum, wheel_shares

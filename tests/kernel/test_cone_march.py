@@ -9,8 +9,8 @@ import pytest
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.opt.horizon.marches import cone_marches
 from ffsms_pin.opt.horizon.shooting import joint_range
-from ffsms_pin.opt.horizon.starts import cone_marches
 from ffsms_pin.opt.step.march import sides_across
 
 STEPS = 12

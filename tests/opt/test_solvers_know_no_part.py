@@ -20,7 +20,7 @@ from ffsms_pin.opt.limits.limit import later, tightened
 
 ROOT = Path(opt.__file__).parent
 # What users call, and what hands over to the solvers: these build parts from arguments, and ask none.
-FRONT = {"planning/plan.py", "replan/step_planner.py"}
+FRONT = {"plans.py", "replan/step_planner.py"}
 
 
 def every_part() -> set[type]:
@@ -42,7 +42,7 @@ NAMES = {name for one in PARTS if isinstance(name := getattr(one, "name", None),
 
 def solver_files() -> list[Path]:
     files = [*(ROOT / "horizon").glob("*.py"), *(ROOT / "step").glob("*.py"), *(ROOT / "replan").glob("*.py")]
-    return sorted([*files, ROOT / "trajectory.py", ROOT / "planning" / "plan.py"])
+    return sorted([*files, ROOT / "trajectory.py", ROOT / "plans.py"])
 
 
 def classes_asked_for(tree: ast.AST) -> Iterator[str]:

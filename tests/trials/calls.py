@@ -22,7 +22,7 @@ from motions import HASTY
 import ffsms_pin as ffsms
 from ffsms_pin import control, opt, simulation
 from ffsms_pin.errors import DependencyMissing
-from ffsms_pin.opt.planning.plan import plan_problem
+from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.opt.replan.options import ReplanOptions
 from trials.good import good_arguments, motion, planar, problem, things
 from trials.judge import Trial

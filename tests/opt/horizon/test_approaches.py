@@ -12,8 +12,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.merit import Model
 from ffsms_pin.opt.horizon.search import SearchOptions
-from ffsms_pin.opt.horizon.shooting import joint_goals
-from ffsms_pin.opt.horizon.starts import moves_to
+from ffsms_pin.opt.horizon.shooting import joint_goals, moves_to
 from ffsms_pin.opt.trajectory import measure
 
 DURATION = 20.0

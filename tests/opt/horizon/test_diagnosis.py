@@ -11,9 +11,8 @@ from horizon_parts import planar_problem, told
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.descent import arrival_error, corrected_goal
-from ffsms_pin.opt.horizon.diagnosis import explain, reach_range, within_workspace
+from ffsms_pin.opt.horizon.diagnosis import explain, reach_range, refused, within_workspace
 from ffsms_pin.opt.horizon.shooting import JointGoals
-from ffsms_pin.opt.horizon.solve import refused
 
 
 def test_reach_range_of_the_planar_arm(planar: ffsms.SpaceManipulator) -> None:

@@ -8,7 +8,7 @@ from horizon_parts import COARSE, planar_problem
 import ffsms_pin as ffsms
 from ffsms_pin.opt.horizon.descent import LAST_WEIGHTS, distinct_best
 from ffsms_pin.opt.horizon.merit import Model, linearise
-from ffsms_pin.opt.horizon.starts import straight_moves
+from ffsms_pin.opt.horizon.shooting import straight_moves
 
 
 def test_a_motion_through_a_body_goes_on_after_the_others(planar: ffsms.SpaceManipulator) -> None:

@@ -9,15 +9,16 @@ from horizon_parts import moving_problem, node_rates, planar_problem, spline_of,
 
 import ffsms_pin as ffsms
 from ffsms_pin import opt
+from ffsms_pin.opt.horizon.marches import cone_marches, free_marches, landed, march_starts
 from ffsms_pin.opt.horizon.search import SearchOptions
 from ffsms_pin.opt.horizon.shooting import (
     halton,
     joint_goals,
     joint_range,
     spread_postures,
+    straight_moves,
     straight_time,
 )
-from ffsms_pin.opt.horizon.starts import cone_marches, free_marches, landed, march_starts, straight_moves
 from ffsms_pin.system.base_motion import roll_out
 
 

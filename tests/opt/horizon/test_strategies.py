@@ -10,7 +10,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.opt.horizon.search import Search
 from ffsms_pin.opt.horizon.strategies import QUICK, STRATEGIES
-from ffsms_pin.opt.planning.plan import plan_problem
+from ffsms_pin.opt.plans import plan_problem
 
 NAMES = {one.name for one in STRATEGIES}
 

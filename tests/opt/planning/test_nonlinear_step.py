@@ -11,8 +11,8 @@ from step_parts import StepClearance, StepJoints
 
 import ffsms_pin as ffsms
 from ffsms_pin.errors import InvalidValue
+from ffsms_pin.opt.horizon.marches import NonlinearStepper
 from ffsms_pin.opt.limits.joints import AlphaBox
-from ffsms_pin.opt.planning.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.step.march import march
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.system.base_motion import roll_out

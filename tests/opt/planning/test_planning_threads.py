@@ -18,7 +18,7 @@ from paper_sums import ARRAYS, quantities
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.errors import FfsmsError
-from ffsms_pin.opt.planning.plan import plan_problem
+from ffsms_pin.opt.plans import plan_problem
 from ffsms_pin.threads import InUse
 
 THREADS = 3

@@ -15,7 +15,7 @@ import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt.limits import WheelLimits
-from ffsms_pin.opt.planning.plan import METHODS
+from ffsms_pin.opt.plans import METHODS
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
 from ffsms_pin.system.base_motion import advance

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import repeat
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import one_of
+from ffsms_pin.checks import common_length, instance, one_of
 from ffsms_pin.engine import Outcome, all_results, outcomes
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Also, Via, as_goal
 from ffsms_pin.opt.horizon import SearchOptions, solve
-from ffsms_pin.opt.horizon.diagnosis import with_limits_said
-from ffsms_pin.opt.horizon.solve import refused
-from ffsms_pin.opt.horizon.starts import marched, reference_stepper
+from ffsms_pin.opt.horizon.diagnosis import refused, with_limits_said
+from ffsms_pin.opt.horizon.marches import marched
 from ffsms_pin.opt.horizon.strategies import starts_within
 from ffsms_pin.opt.limits import BaseLimits, Clearance, Limit, Obstacle
-from ffsms_pin.opt.planning.nonlinear_step import NonlinearStepper
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms
-from ffsms_pin.opt.step.march import Progress, start_sides
-from ffsms_pin.opt.step.stepper import Stepper
+from ffsms_pin.opt.step.march import Progress
 from ffsms_pin.opt.terms import Coupling
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
@@ -62,10 +58,10 @@ def plan(
 ) -> Trajectory:
     """Plan a coupling-informed motion from `q0` to `target`: build an `opt.Problem`, and solve it.
 
-    See `opt.Problem` for what is not listed here; its `goal` is the target.
-
     Parameters
     ----------
+    target
+        The problem's `goal`; for what else is not listed here see `opt.Problem` too.
     kappa : float
         Sharpness of C~. Not stated in the paper; 10 makes C~ nearly max(0, cos(theta_a)).
     clearance, collision, obstacles
@@ -102,10 +98,8 @@ def plan(
         A wrong shape, a number out of range, or a start outside the joint limits.
     """
     one_of("method", method, METHODS)
-    if also is not None and not isinstance(also, Mapping):
-        raise InvalidValue("also", also, "must be goals by the names of frames")
-    if not isinstance(via, Sequence):
-        raise InvalidValue("via", via, "must be a sequence of places")
+    instance("also", also, Mapping, optional=True)
+    instance("via", via, Sequence)
     goal = as_goal(target)
     terms = default_terms(kappa, effort, base, goal.coupled)
     limits = list(default_limits(clearance, collision, obstacles, base_limits))
@@ -126,62 +120,31 @@ def plan_problem(
 ) -> Trajectory:
     """Plan a problem by any method of `plan`; `opt.solve` is its "horizon", which takes the options.
 
-    Methods that march keep the limits; of the terms, "step" takes what they say about a step
-    (`Term.step_objective`), the others nothing. What a method does not know raises `InvalidValue`.
+    Of the terms "step" takes what they say about a step (`Term.step_objective`), the other methods that march
+    nothing. What a method does not know raises `InvalidValue`.
     """
     one_of("method", method, METHODS)
-    if method == "paper" and not (problem.momentum is None and all(one.of_paper for one in problem.limits)):
+    goal, limits = problem.goal, problem.limits
+    if method == "paper" and not (problem.momentum is None and all(one.of_paper for one in limits)):
         what = "waypoints, no second goal, no base limits and no momentum"
         raise InvalidValue("method", method, f"knows no {what}; take another one")
-    if method == "paper" and any(one.moves for limit in problem.limits for one in limit.obstacles):
+    if method == "paper" and any(one.moves for limit in limits for one in limit.obstacles):
         raise InvalidValue("method", method, "knows no obstacles that move; take another one")
-    if method != "horizon" and (problem.goal.moves or problem.locked):
+    if method != "horizon" and (goal.moves or problem.locked):
         raise InvalidValue("method", method, "knows no moving goals and no locked joints; take 'horizon'")
-    if method != "horizon" and not problem.goal.place(problem.duration).plain:
+    if method != "horizon" and not problem.place.plain:
         raise InvalidValue("method", method, "knows no goals on the base and no free axis; take 'horizon'")
-    still = _stand_still(problem)
-    if still is not None:
-        return still
+    # An arm that is already there stays, whatever the cost charges.
+    if starts_within(problem, 1e-6, 1e-6) and goal.place(0.0).rests:
+        note = "the end effector is at its target from the start"
+        still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)), note)
+        if still.clear:
+            return still
     if method == "horizon":
         return solve(problem, options, progress)
     refused(problem)  # an overlap with an obstacle raises; from a start that is too near a march may get away
-    plan = _marched(problem, method, progress)
-    if plan.reached:
-        return plan
-    return with_limits_said(problem, plan, lambda other: _marched(other, method, None))
-
-
-def _stand_still(problem: Problem) -> Trajectory | None:
-    """The motion of an arm that is already there, within 1e-6 m and rad: none, whatever the cost charges."""
-    if not (starts_within(problem, 1e-6, 1e-6) and problem.goal.place(0.0).rests):
-        return None
-    note = "the end effector is at its target from the start"
-    still = measure(problem, np.zeros((problem.steps + 1, problem.sms.n)), note)
-    return still if still.clear else None
-
-
-def _marched(problem: Problem, method: str, progress: Progress | None) -> Trajectory:
-    """The motion of single steps; for "step" the best of the marches on the different sides of the cone."""
-    if method == "paper":
-        kappa, limits, total = problem.kappa, problem.step_limits, problem.wheel_total
-        paper = NonlinearStepper(problem.sms, problem.dt, kappa, limits, problem.mode, total)
-        return marched(problem, paper, progress)
-    if method != "step":
-        return marched(problem, reference_stepper(problem, method), progress)
-    stepper = Stepper.of(problem, limits=problem.step_limits)
-    sides = start_sides(problem.sms, problem.q0, problem.goal.place(problem.duration).position, problem.mode)
-    plans = []
-    for i, side in enumerate(sides):
-        stepper.reset(side)
-        plans.append(marched(problem, stepper, progress and partial(_part, progress, i, len(sides))))
-    # Plans that arrive by cost, before the others by how near they come.
-    return min(
-        plans, key=lambda one: (not one.reached, one.cost_integral if one.reached else one.position_error[-1])
-    )
-
-
-def _part(progress: Progress, index: int, count: int, share: float) -> None:
-    progress((index + share) / count)
+    plan = marched(problem, method, progress)
+    return plan if plan.reached else with_limits_said(problem, plan, lambda other: marched(other, method))
 
 
 def plan_many(
@@ -196,17 +159,14 @@ def plan_many(
     progress: Callable[[float], None] | None = None,
     **options: Any,
 ) -> list[Trajectory]:
-    """Plan many motions, each as `plan` does, bit for bit.
-
-    Arguments as for `plan`; of start, target and duration each may be one, for all motions, or a sequence
-    with one a motion. The plans are in the order of the arguments.
+    """Plan many motions, each as `plan` does, bit for bit, in the order of the arguments.
 
     Parameters
     ----------
     q0 : array_like, shape (nq,) or (N, nq)
     target : array_like, shape (3,) or (N, 3), or pinocchio.SE3, or sequence of both kinds
     duration : float or array_like, shape (N,)
-        [s]
+        [s]; each of these may be one, for all motions, or one a motion. The rest is as for `plan`.
     jobs : int, optional
         Processes to work with; 1 for this one alone. Default: one a core.
     progress : callable, optional
@@ -222,18 +182,13 @@ def plan_many(
     Examples
     --------
     >>> plans = opt.plan_many(sms, q0, targets, duration=12.0)
-    >>> reached = [plan.reached for plan in plans]
     """
     if isinstance(target, Iterator):
         target = list(target)
     given = {"q0": q0, "target": target, "duration": duration}
-    rows = {name: _rows(name, value) for name, value in given.items()}
-    lengths = {name: len(one) for name, one in rows.items() if one is not None}
-    if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{length} of {name}" for name, length in lengths.items())
-        raise InvalidValue("the sequences", told, "must have one length")
-    count = next(iter(lengths.values()), 1)
-    columns = [repeat(given[name], count) if one is None else one for name, one in rows.items()]
+    rows = {name: row for name, value in given.items() if (row := _rows(name, value)) is not None}
+    count = common_length(rows)
+    columns = [rows.get(name, repeat(value, count)) for name, value in given.items()]
     jobs = 1 if count < 2 and jobs is None else jobs
     found = plan_each(sms, zip(*columns, strict=True), dt, kappa, jobs=jobs, **options)
     return all_results(found, count, progress)
@@ -253,7 +208,7 @@ def plan_each(
     Parameters
     ----------
     tasks : iterable of (q0, target, duration)
-        Taken as they are needed, so it may be a generator, and endless; the rest is as for `plan_many`.
+        Taken as they are needed, so it may be endless; the rest is as for `plan_many`.
 
     Yields
     ------
@@ -269,14 +224,14 @@ def plan_each(
     for name in options:
         if name not in known:
             raise InvalidValue("option", name, f"must be one of {', '.join(known)}")
-    found = outcomes(_plan, (sms, dt, kappa, options), tasks, jobs)
+    found = outcomes(_plan, (sms, {"dt": dt, "kappa": kappa, **options}), tasks, jobs)
     # On its way from a process an array becomes writable; a copy's are not.
     return (one if one.result is None else replace(one, result=replace(one.result)) for one in found)
 
 
 def _plan(shared: Any, task: Any) -> Trajectory:
-    sms, *numbers, options = shared
-    return plan(sms, *task, *numbers, **options)
+    sms, options = shared
+    return plan(sms, *task, **options)
 
 
 def _rows(name: str, value: Any) -> list[Any] | None:
