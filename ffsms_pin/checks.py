@@ -190,7 +190,8 @@ def step_count(name: str, duration: float, dt: float, most: int = MOST_STEPS) ->
 
 def instance(name: str, value: Any, kind: type | tuple[type, ...], optional: bool = False) -> None:
     """Raise `InvalidValue` unless `value` is of the class, of one of them, or None where that is allowed."""
-    if not (isinstance(value, kind) or (optional and value is None)):
+    single = isinstance(value, np.ndarray) and not value.ndim  # numpy says that it can be gone through
+    if single or not (isinstance(value, kind) or (optional and value is None)):
         names = [one.__name__ for one in (kind if isinstance(kind, tuple) else (kind,))]
         wanted = " or a ".join(names) + (" or None" if optional else "")
         raise InvalidValue(name, value, f"must be a {wanted}")

@@ -98,6 +98,7 @@ def atlas(
     if target.exists():
         raise ResultError(out, "is there already; remove it, or choose another name")
     sampling = Sampling.of(sms, samples, method, seed)
+    instance("provenance", provenance, Mapping, optional=True)
     instance("directions", directions, (Sequence, np.ndarray))
     units = (direction(f"directions[{i}]", given) for i, given in enumerate(directions))
     work = AtlasWork(sms, sampling, tuple(tuple(unit.tolist()) for unit in units))

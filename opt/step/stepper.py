@@ -13,7 +13,8 @@ from ffsms_pin.coupling import cosine_of_triples
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
-from ffsms_pin.opt.parts.reading import objective_of, rows_of
+from ffsms_pin.opt.parts.reading import checked_parts, objective_of, rows_of
+from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import braking, stoppable
 from ffsms_pin.opt.step.programme import (
@@ -25,8 +26,7 @@ from ffsms_pin.opt.step.programme import (
     programme_of,
 )
 from ffsms_pin.opt.step.state import REFERENCES, StepState
-from ffsms_pin.opt.terms.term import Term
-from ffsms_pin.opt.terms.terms import ideal_cosine, step_cost
+from ffsms_pin.opt.terms import ideal_cosine, step_cost
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.threads import OneThread
@@ -91,14 +91,14 @@ class Stepper:
         instance("weights", weights, StepWeights, optional=True)
         self.sms = sms
         self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)
-        self.terms, self.weights = tuple(terms), weights or StepWeights()
+        self.terms, self.weights = checked_parts("terms", terms, Term), weights or StepWeights()
         self.reference = one_of("reference", reference, REFERENCES)
         self.momentum = None if momentum is None else vector("momentum", momentum, 6)
         self.mode = one_of("mode", mode, MODES)
         self.wheel_total: FloatArray | None = None
         if wheel_total is not None and np.size(wheel_total):
             self.wheel_total = vector("wheel_total", wheel_total, len(sms.wheels or ()), "N m s")
-        self._given = tuple(limits)
+        self._given = checked_parts("limits", limits, Limit)
         self.limits = tuple(prepared(limit, sms) for limit in limits)
         self._in_braking = [one for limit in self.limits if (one := limit.in_braking) is not None]
         self._bounded = any(limit.joint_bounds is not None for limit in self.limits)
