@@ -194,7 +194,7 @@ def plot_bands(
 
 def quantiles(runs: FloatArray, share: float) -> FloatArray:
     """Low, median and high (3, k) of runs (runs, k): `share` of them lie between low and high."""
-    with np.errstate(invalid="ignore"):  # between runs that are infinite there is no number: a gap
+    with np.errstate(invalid="ignore"):  # where runs are infinite there is a gap
         return np.quantile(runs, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share], axis=0)
 
 

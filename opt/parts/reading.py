@@ -88,7 +88,7 @@ class JointResidual(Feature):
         self, value: Any, by_position: Any = None, by_rate: Any = None, by_acceleration: Any = None
     ) -> None:
         by = zip(OWN, (by_position, by_rate, by_acceleration), strict=True)
-        slopes = {name: _plain(name, slope) for name, slope in by if slope is not None}
+        slopes = {name: _plain("slope", slope) for name, slope in by if slope is not None}
         super().__init__(_plain("value", value), slopes, (None, slice(None)))
 
 

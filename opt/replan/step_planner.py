@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import positive
 from ffsms_pin.opt.limits import BaseLimits, Limit
+from ffsms_pin.opt.parts.reading import checked_parts
 from ffsms_pin.opt.problem import Problem, default_limits, default_terms, step_limits
 from ffsms_pin.opt.replan.replanning import Replanning
 from ffsms_pin.opt.step.programme import StepWeights
@@ -63,6 +64,8 @@ class StepPlanner(Stepper):
     ) -> None:
         if limits is None:
             limits = step_limits(default_limits(clearance, collision, base=base_limits), mode)
+        limits = checked_parts("limits", limits, Limit)
+        terms = checked_parts("terms", terms, Term)
         self.clearance, self.base_limits, self._step_weights = clearance, base_limits, weights
         super().__init__(sms, dt, kappa, limits, terms, weights, aim, momentum, mode, wheel_momentum)
 

@@ -91,14 +91,14 @@ class Stepper:
         instance("weights", weights, StepWeights, optional=True)
         self.sms = sms
         self.dt, self.kappa = positive("dt", dt, "s"), positive("kappa", kappa)
-        self.terms, self.weights = checked_parts("terms", terms, Term), weights or StepWeights()
+        self.terms, self.weights = tuple(terms), weights or StepWeights()
         self.reference = one_of("reference", reference, REFERENCES)
         self.momentum = None if momentum is None else vector("momentum", momentum, 6)
         self.mode = one_of("mode", mode, MODES)
         self.wheel_total: FloatArray | None = None
         if wheel_total is not None and np.size(wheel_total):
             self.wheel_total = vector("wheel_total", wheel_total, len(sms.wheels or ()), "N m s")
-        self._given = checked_parts("limits", limits, Limit)
+        self._given = tuple(limits)
         self.limits = tuple(prepared(limit, sms) for limit in limits)
         self._in_braking = [one for limit in self.limits if (one := limit.in_braking) is not None]
         self._bounded = any(limit.joint_bounds is not None for limit in self.limits)
@@ -120,8 +120,8 @@ class Stepper:
     ) -> Stepper:
         """A stepper that takes the steps of a problem; with other limits or terms where they are given."""
         instance("problem", problem, Problem)
-        limits = problem.limits if limits is None else limits
-        terms = problem.terms if terms is None else terms
+        limits = problem.limits if limits is None else checked_parts("limits", limits, Limit)
+        terms = problem.terms if terms is None else checked_parts("terms", terms, Term)
         given = problem.momentum, problem.mode, problem.wheel_total
         return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *given)
 
