@@ -61,7 +61,8 @@ class Thrusters:
         self._set("least_on_time", at_least_zero("thrusters.least_on_time", self.least_on_time, "s"))
         instance("thrusters.proportional", self.proportional, bool)
         self._set("specific_impulse", positive("thrusters.specific_impulse", self.specific_impulse, "s"))
-        period = _PULSES * self.least_on_time if self.period is None else self.period
+        given, default = self.period, _PULSES * self.least_on_time
+        period = default if given is None else positive("thrusters.period", given, "s")
         if not self.proportional and period <= self.least_on_time:
             raise InvalidValue(
                 "thrusters.period",

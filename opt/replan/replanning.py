@@ -68,7 +68,8 @@ class Replanning:
         self.problem, self.options = problem, options or ReplanOptions()
         self.duration = problem.duration + at_least_zero("hold", hold, "s")
         self.momentum, self.base_mode = problem.momentum, problem.mode
-        self._stepper = Stepper.of(problem, "resolved-rate", weights or REFERENCE_WEIGHTS)
+        weights = REFERENCE_WEIGHTS if weights is None else weights
+        self._stepper = Stepper.of(problem, "resolved-rate", weights)
         self._planner = RestPlanner(problem, self.options, plan)
         if problem.locked:
             self._renew_stepper()

@@ -57,6 +57,7 @@ def test_wheels_that_cannot_be(refused: Refused, keywords: dict[str, object], wo
         ({"least_on_time": -1.0}, ["thrusters.least_on_time"]),
         ({"least_on_time": 0.0}, ["thrusters.period"]),
         ({"period": 0.01}, ["thrusters.period", "least_on_time"]),
+        ({"period": {"s": 1.0}}, ["thrusters.period"]),
         ({"specific_impulse": 0.0}, ["thrusters.specific_impulse", "[s]"]),
         ({"proportional": 1}, ["thrusters.proportional"]),
     ],
