@@ -143,11 +143,8 @@ def check_inertia(model: Any, wheels: ReactionWheels) -> None:
     """Raise `InvalidValue` where the wheels' spin inertias exceed what the base has."""
     rest = model.inertias[1].inertia - wheels.spin_inertia
     if np.linalg.eigvalsh(rest)[0] <= 0.0:
-        raise InvalidValue(
-            "wheels.inertia",
-            wheels.inertia,
-            "must leave the base an inertia: the base's counts the wheels, and is smaller than theirs",
-        )
+        words = "must leave the base an inertia: the base's counts the wheels, and is smaller than theirs"
+        raise InvalidValue("wheels.inertia", wheels.inertia, words)
 
 
 def _turn_z_to(axis: FloatArray) -> FloatArray:

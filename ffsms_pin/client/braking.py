@@ -20,7 +20,6 @@ __all__ = ["Braking", "brake"]
 _STEP = 0.02  # [s]
 _SLOWER = 1.25  # times as long, where a torque is too large
 _LONGEST = 60.0  # [s]
-_PEAK = 1.5  # of the deceleration, times the mean one
 _LEAST = 0.5  # [s] so that drives see no jump, however slow the joints are
 
 
@@ -116,7 +115,8 @@ def brake(
     hold = checks.at_least_zero("hold", hold, "s")
     coast = checks.at_least_zero("coast", coast, "s")
     rates = after.v[6:]
-    duration = max(_LEAST, float((_PEAK * np.abs(rates) / limits.acceleration).max()))
+    # The rates fall fastest half-way, by 6 s (1 - s) = 1.5 times the mean.
+    duration = max(_LEAST, float((1.5 * np.abs(rates) / limits.acceleration).max()))
     found: list[Braking] = []
     while not found or (found[-1].torque_share > share and duration <= _LONGEST):
         found.append(_braking(after, duration, torques, hold, coast))
@@ -154,6 +154,4 @@ def _noted(braking: Braking, share: float) -> Braking:
     if beyond.any():
         i = int(np.argmax(beyond))
         notes.append(f"joint '{robot.joint_names[i]}' comes to rest {beyond[i]:.3g} beyond its limit")
-    if not notes:
-        return braking
     return replace(braking, note="; ".join(notes))

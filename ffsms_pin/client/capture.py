@@ -62,13 +62,8 @@ class AfterCapture:
         """Servicer and client with the joints at rest: one free rigid body, whose time zero is then.
 
         Its `twist(t)` is the motion that is left, t seconds after the joints came to rest, and `pose(t)` has
-        its origin at the common centre of mass and the axes of the root link.
-
-        Parameters
-        ----------
-        q : array_like, shape (nq,), optional
-            Configuration at which the joints come to rest; its base pose counts as well. Default: that at the
-            capture.
+        its origin at the common centre of mass and the axes of the root link. The joints come to rest at q
+        (nq,), whose base pose counts as well; default: that at the capture.
         """
         q = self.q if q is None else self.robot.checked_configuration("q", q)
         data = self.robot.model.createData()
@@ -92,20 +87,7 @@ def after_capture(
 
     The client keeps the pose relative to the end effector that it has at that time, wherever the grasp is:
     a miss stays. A relative velocity ends in a plastic impact, in which the joints give way (see `welded`).
-
-    Parameters
-    ----------
-    sms : SpaceManipulator
-        The servicer.
-    q, v : array_like, shape (nq,), (6 + n,)
-        Its state before.
-    client : Client
-    t : float
-        The client's time [s].
-
-    Raises
-    ------
-    InvalidValue
+    The state before is q (nq,) and v (6 + n,), at the client's time t [s]; `InvalidValue` where it is none.
 
     Examples
     --------
@@ -136,18 +118,8 @@ def rest_momentum(client: Client | ClientEstimate, com: ArrayLike) -> FloatArray
 
         p_s = -p,    L_s = -L - (r_c - r_s) x p.
 
-    Both centres move along p then, so that the product is the same at all times.
-
-    Parameters
-    ----------
-    client : Client
-    com : array_like, shape (3,)
-        The servicer's centre of mass when the client's time is zero, inertial axes [m].
-
-    Returns
-    -------
-    ndarray, shape (6,)
-        [linear; angular] about the servicer's centre of mass, inertial axes [kg m/s; kg m^2/s].
+    Both centres move along p then, so that the product is the same at all times. `com` is r_s (3,) when the
+    client's time is zero, inertial axes [m]; what returns is [linear; angular] about it [kg m/s; kg m^2/s].
     """
     checks.instance("client", client, (Client, ClientEstimate))
     own = client.momentum
@@ -169,22 +141,9 @@ def welded(
     drives bear no impulse. Locked joints do. With M the inertia matrix of both, J the link's Jacobian and h
     the momentum of the body before, M v_after = M_robot v + J^T h.
 
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    q, v : ndarray, shape (nq,), (6 + n,)
-    body : pinocchio.Inertia
-        In the frame of the link's joint.
-    motion : pinocchio.Motion, optional
-        Of the body before, as the velocity of the link's joint frame if it were fixed to the body. Default:
-        that of the link, so that nothing is felt.
-    locked : sequence of int
-        Indices in v of joints that cannot move.
-
-    Returns
-    -------
-    robot : SpaceManipulator
-    v : ndarray, shape (6 + n,)
+    The state is q (nq,) and v (6 + n,); the body a pinocchio.Inertia in the frame of the link's joint, its
+    motion before (pinocchio.Motion) that which the frame would have if it were fixed to the body, by default
+    that of the link, so that nothing is felt. `locked` are indices in v.
     """
     joint = sms.model.frames[sms.frame_id].parentJoint
     model, data = sms.model.copy(), sms.model.createData()

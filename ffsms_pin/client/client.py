@@ -22,7 +22,7 @@ from ffsms_pin.system.loading import folders
 from ffsms_pin.system.shapes import Description
 from ffsms_pin.system.urdf_file import UrdfFile
 
-__all__ = ["Body", "Client", "Shape", "one_body"]
+__all__ = ["Body", "Client", "Shape", "one_body", "other_motion"]
 
 
 class Shape(NamedTuple):
@@ -55,13 +55,7 @@ class Client:
         For a body that comes from a URDF: its root link's frame in body axes; default the body frame. A grasp
         that is known in link axes is `client.link_placement * grasp` in body axes.
 
-    Attributes
-    ----------
-    mass, inertia, link_placement
-        As given; the inertia of shape (3, 3).
-    start_pose, start_twist
-        The pose and the twist at time zero.
-    shapes : tuple of Shape
+    Attributes are called the same, but `start_pose` and `start_twist`; the inertia is of shape (3, 3).
 
     Raises
     ------
@@ -113,16 +107,8 @@ class Client:
     ) -> Client:
         """The client that a URDF of one body describes: links, fixed to each other.
 
-        Its shapes are the collision shapes, or the visual ones where the file has no others.
-
-        Parameters
-        ----------
-        path : str or path
-            The file.
-        pose, twist
-            See `Client`: the pose has its origin at the centre of mass and the axes of the root link.
-        package_dirs : sequence of paths, optional
-            Folders in which the `package://` names of meshes are looked for.
+        Its shapes are the collision shapes, or the visual ones where the file has no others; its pose has the
+        axes of the root link. `package_dirs` are folders in which the `package://` names of meshes are found.
 
         Raises
         ------
@@ -174,6 +160,11 @@ class Client:
         return spins
 
 
+def other_motion(body: Client, pose: Any, twist: FloatArray) -> Client:
+    """The same body with another pose and twist at time zero."""
+    return Client(body.mass, body.inertia, pose, twist, body.shapes, body.link_placement)
+
+
 def _placement(name: str, value: Any) -> Any:
     """A copy of a pose; identity for None."""
     if value is None:
@@ -197,15 +188,7 @@ class Body(NamedTuple):
 
 
 def one_body(path: Path, package_dirs: tuple[Path, ...] = ()) -> Body:
-    """The body that all links of a URDF make up.
-
-    Raises
-    ------
-    InvalidUrdf, InvalidInertia, UnsupportedJoint
-        As for a robot, or because a joint moves: a client is one body.
-    GeometryError
-        A shape that cannot be read.
-    """
+    """The body that all links of a URDF make up; errors as for a robot, or because a joint moves."""
     urdf = UrdfFile(path)
     moving = [joint.name for joint in urdf.joints if joint.moves]
     if moving:

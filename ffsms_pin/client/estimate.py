@@ -24,7 +24,7 @@ from scipy.special import chdtri
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client.client import Client
+from ffsms_pin.client.client import Client, other_motion
 from ffsms_pin.client.sensor import ClientSensor
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.threads import one_blas_thread
@@ -39,31 +39,17 @@ _REFUSED, _AGREE = 5, 3
 class ClientEstimate:
     """What is known of a client by now; stands wherever a plan takes a `Client`, and is renewed in a loop.
 
-    Parameters
-    ----------
-    first : Client
-        The first measurement, whose own time zero is when it was made; mass and inertia are taken as known.
-    t : float
-        When it was made [s].
-    sensor : ClientSensor
-
-    Attributes
-    ----------
-    refused, restarts : int
-        How many measurements were refused so far, and how often the estimate began again.
+    It begins with a first measurement, made at t [s], whose own time zero is then; mass and inertia are taken
+    as known. `refused` and `restarts` count the measurements that were refused so far, and how often the
+    estimate began again.
     """
 
     def __init__(self, first: Client, t: float, sensor: ClientSensor) -> None:
         checks.instance("first", first, Client)
         checks.instance("sensor", sensor, ClientSensor)
         self.refused = self.restarts = 0
-        self._sensor = sensor
         self._refused: list[tuple[Client, float]] = []  # the last ones, since one was taken
-        self._begin(first, checks.number("t", t))
-
-    def _begin(self, first: Client, t: float) -> None:
-        """Know what one measurement says."""
-        self._body, self._since, sensor = first, t, self._sensor
+        self._body, self._since, self._sensor = first, checks.number("t", t), sensor
         J = _world_inertia(first)
         self._P = np.diag(sensor.deviations**2)
         self._P[9:, 9:] = J @ self._P[9:, 9:] @ J.T  # of the angular momentum
@@ -100,8 +86,7 @@ class ClientEstimate:
 
     def _from_start(self, body: Client) -> Client:
         """A body at the last measurement as a client whose time is that of the estimate."""
-        t = -self._since
-        return Client(body.mass, body.inertia, body.pose(t), body.twist(t), body.shapes, body.link_placement)
+        return other_motion(body, body.pose(-self._since), body.twist(-self._since))
 
     def _moved(self, x: FloatArray) -> Client:
         """The body where its place, velocity, attitude and angular momentum change by x (12,)."""
@@ -110,7 +95,7 @@ class ClientEstimate:
         pose = pin.SE3(turned, body.start_pose.translation + x[:3])
         rate = turned @ np.linalg.solve(body.inertia, turned.T @ (body.momentum[3:] + x[9:]))
         twist = np.concatenate([body.start_twist[:3] + x[3:6], rate])
-        return Client(body.mass, body.inertia, pose, twist, body.shapes, body.link_placement)
+        return other_motion(body, pose, twist)
 
     @property
     def momentum(self) -> FloatArray:
@@ -191,9 +176,7 @@ class ClientEstimate:
         A[6:9, 9:] = J_inverse
         F = expm(A * dt)
         self._P = F @ self._P @ F.T
-        self._body = Client(
-            body.mass, body.inertia, body.pose(dt), body.twist(dt), body.shapes, body.link_placement
-        )
+        self._body = other_motion(body, body.pose(dt), body.twist(dt))
         self._since = t
 
 

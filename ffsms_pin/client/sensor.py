@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client.client import Client
+from ffsms_pin.client.client import Client, other_motion
 from ffsms_pin.errors import InvalidValue
 
 __all__ = ["ClientSensor", "measured"]
@@ -93,4 +93,4 @@ def measured(client: Client, t: float, sensor: ClientSensor, rng: np.random.Gene
     pose.translation = pose.translation + noise[:3]
     pose.rotation = pin.exp3(noise[6:9]) @ pose.rotation
     twist = client.twist(t) + np.concatenate([noise[3:6], noise[9:]])
-    return Client(client.mass, client.inertia, pose, twist, client.shapes)
+    return other_motion(client, pose, twist)

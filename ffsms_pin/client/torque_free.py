@@ -10,51 +10,49 @@ m never comes near -z. With A chosen so, the phase follows from omega . (m + z) 
 
     psi = M a_z t + M (e - a_z) int dt / (1 + Z dn u),     e = 2 (energy) / M^2.
 
-The integrand is smooth and periodic, so its Fourier series gives the integral to rounding.
+The integrand is smooth and periodic, so its Fourier series gives the integral to rounding. SciPy's elliptic
+functions take the parameter k^2, which near 1 has lost what tells one motion from another; ours take
+k' = sqrt(1 - k^2).
 
 Errors: rounding, some 1e-16 times the angle that the body has turned by, except where the motion itself
 magnifies it: after a fall away from the intermediate axis.
 
 References: L. D. Landau, E. M. Lifshitz, "Mechanics", section 37 (m); the phase in these axes is our own
 derivation, beside R. van Zon, J. Schofield, "Numerical implementation of the exact dynamics of free rigid
-bodies", Journal of Computational Physics 225 (2007), who take Euler's angles.
+bodies", Journal of Computational Physics 225 (2007), who take Euler's angles. NIST Digital Library of
+Mathematical Functions, 22.20(ii) (arithmetic-geometric mean), 19.25 (Legendre's integrals by Carlson's).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
+from scipy.special import elliprf
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.client.jacobi import PeriodicIntegral, amplitude_argument, jacobi
 
 __all__ = ["Rotation", "SteadySpin", "TumblingSpin", "torque_free"]
 
-# A rate of change of m, against the rate of the spin, that no float64 tells from none.
-_STEADY = 4.0 * float(np.finfo(np.float64).eps)
-# Nearer to the separatrix than this, a motion cannot be told from one beside it.
-_LEAST_K1 = 1e-15
+# What no float64 tells from none: a rate of change of m, against the rate of the spin, and a distance k' from
+# the separatrix.
+_NONE = 4.0 * float(np.finfo(np.float64).eps)
+# Nodes of a period. The coefficients of 1 / (1 + u dn) fall at least as fast as exp(-n pi K'/K): even for
+# k' = 1e-15, where K = 36, some 300 of them are above rounding.
+_NODES = 1024
+_ROUNDING = 1e-17
 
-
-class Rotation(Protocol):
-    """How a body turns: attitudes (K, 3, 3) at times (K,) [s] since the start, body axes to inertial axes."""
-
-    def __call__(self, t: FloatArray) -> FloatArray:
-        """Attitudes at times."""
+# Attitudes (K, 3, 3), body axes to inertial axes, at times (K,) [s] since the start.
+Rotation: TypeAlias = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
 class SteadySpin:
-    """A constant angular velocity: about a principal axis, of a body with equal inertias, or none.
+    """A constant angular velocity `spin` (3,) [rad/s], inertial axes, from an `attitude` (3, 3) on.
 
-    Attributes
-    ----------
-    attitude : ndarray, shape (3, 3)
-        At the start.
-    spin : ndarray, shape (3,)
-        Angular velocity, inertial axes [rad/s].
+    About a principal axis, of a body with equal inertias, or none.
     """
 
     attitude: FloatArray
@@ -73,35 +71,17 @@ class SteadySpin:
 
 @dataclass(frozen=True, eq=False)
 class TumblingSpin:
-    """The general case; see the module.
+    """The general case; see the module."""
 
-    Attributes
-    ----------
-    axes : ndarray, shape (3, 3)
-        The principal axes x, y, z as columns, body axes; m goes round z, and m_z is above zero.
-    start : ndarray, shape (3, 3)
-        C, with A(m) at the start taken up in it.
-    amplitudes : ndarray, shape (3,)
-        X, Y, Z.
-    k1 : float
-        Complementary modulus.
-    u0, rate : float
-        u at the start, and M lambda [1/s].
-    steady, extra : float
-        M a_z and (e - a_z) / lambda: factors of the time and of the integral in the phase [rad/s, rad].
-    integral : PeriodicIntegral
-        Of 1 / (1 + Z dn).
-    """
-
-    axes: FloatArray
-    start: FloatArray
-    amplitudes: FloatArray
-    k1: float
-    u0: float
-    rate: float
-    steady: float
-    extra: float
-    integral: PeriodicIntegral
+    axes: FloatArray  # the principal ones x, y, z as columns, body axes; m goes round z, and m_z > 0
+    start: FloatArray  # C, with A(m) at the start taken up in it
+    amplitudes: FloatArray  # X, Y, Z
+    k1: float  # the complementary modulus k'
+    u0: float  # u at the start
+    rate: float  # M lambda [1/s]
+    steady: float  # M a_z, the factor of the time in the phase [rad/s]
+    extra: float  # (e - a_z) / lambda, that of the integral [rad]
+    integral: PeriodicIntegral  # of 1 / (1 + Z dn)
 
     def __call__(self, t: FloatArray) -> FloatArray:
         """Attitudes (K, 3, 3) at times (K,) [s]."""
@@ -112,16 +92,9 @@ class TumblingSpin:
 
 
 def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> Rotation:
-    """The rotation of a body.
+    """The rotation of a body of an inertia (3, 3) [kg m^2], body axes.
 
-    Parameters
-    ----------
-    inertia : ndarray, shape (3, 3)
-        About the centre of mass, body axes [kg m^2]; positive definite.
-    attitude : ndarray, shape (3, 3)
-        At the start.
-    spin : ndarray, shape (3,)
-        Angular velocity at the start, inertial axes [rad/s].
+    It starts from an attitude (3, 3) with an angular velocity (3,) [rad/s], inertial axes.
     """
     moments, principal = np.linalg.eigh(inertia)
     if np.linalg.det(principal) < 0.0:
@@ -130,7 +103,7 @@ def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> 
     M = float(np.linalg.norm(h))
     a = 1.0 / moments
     m = h / M if M > 0.0 else h
-    if np.abs(np.cross(m, a * m)).max() <= _STEADY * a.max():
+    if np.abs(np.cross(m, a * m)).max() <= _NONE * a.max():
         return SteadySpin(attitude, spin)
 
     # Round which axis: the sign of 2 (energy) / M^2 - 1 / (the middle inertia).
@@ -149,7 +122,7 @@ def torque_free(inertia: FloatArray, attitude: FloatArray, spin: FloatArray) -> 
     X, Z = np.hypot(m[0], m[1] * np.sqrt(y_z / x_z)), np.hypot(m[2], m[1] * np.sqrt(x_y / x_z))
     Y = X * np.sqrt(x_z / y_z)
     k1 = np.sqrt(max(m[2] ** 2 * y_z - m[0] ** 2 * x_y, 0.0) / y_z) / Z
-    k1 = float(min(max(k1, _LEAST_K1), 1.0))
+    k1 = float(min(max(k1, _NONE), 1.0))
     u0 = amplitude_argument(m[1] * np.sqrt(y_z), m[0] * np.sqrt(x_z), k1)
     rate = sign * Z * np.sqrt(x_z * y_z)
     amplitudes = np.array([X, Y, Z])
@@ -190,3 +163,59 @@ def _least_turn(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
     rows = [[1.0 - x * x * share, -x * y * share, -x], [-x * y * share, 1.0 - y * y * share, -y], [x, y, z]]
     turns: FloatArray = np.moveaxis(np.array(rows), -1, 0)
     return turns
+
+
+def quarter_period(k1: float) -> float:
+    """K, the complete integral of the first kind, of the complementary modulus `k1` in (0, 1]."""
+    return float(elliprf(0.0, k1**2, 1.0))
+
+
+def amplitude_argument(sine: float, cosine: float, k1: float) -> float:
+    """The argument u whose sn and cn have the signs and the ratio of two numbers: F(atan2(sine, cosine))."""
+    scale = np.hypot(sine, cosine)
+    s, c = sine / scale, cosine / scale
+    u = s * float(elliprf(c**2, c**2 + (k1 * s) ** 2, 1.0))
+    return float(u if c >= 0.0 else np.copysign(2.0 * quarter_period(k1), s) - u)
+
+
+def jacobi(u: FloatArray, k1: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The functions sn, cn and dn at arguments of any shape, by the arithmetic-geometric mean."""
+    a, b, c = 1.0, k1, float(np.sqrt((1.0 - k1) * (1.0 + k1)))
+    means = []
+    while abs(c) > np.sqrt(np.finfo(np.float64).eps) * a:  # c / a is squared each time: the next is rounding
+        a, b, c = 0.5 * (a + b), float(np.sqrt(a * b)), 0.5 * (a - b)
+        means.append((a, c))
+    # Whole periods are taken off first: the amplitude would grow with them, and lose digits.
+    period = 4.0 * quarter_period(k1)
+    phi = 2.0 ** len(means) * a * (u - period * np.round(u / period))
+    for a, c in reversed(means):
+        phi = 0.5 * (phi + np.arcsin(c / a * np.sin(phi)))
+    sn, cn = np.sin(phi), np.cos(phi)
+    return sn, cn, np.hypot(cn, k1 * sn)
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicIntegral:
+    """The integral from zero of an even function of period 2 K, by its Fourier series."""
+
+    mean: float
+    wave_number: float  # pi / K
+    amplitudes: FloatArray  # of sin(n wave_number u), n = 1..m
+
+    @classmethod
+    def of(cls, function: Callable[[FloatArray], FloatArray], k1: float) -> PeriodicIntegral:
+        """Of `function(dn)`, smooth and even in the argument of dn; dn of the complementary modulus `k1`."""
+        K = quarter_period(k1)
+        _, _, dn = jacobi(np.linspace(0.0, 2.0 * K, _NODES, endpoint=False), k1)
+        series = np.fft.rfft(function(dn)).real / _NODES
+        n = np.arange(1, _NODES // 2)
+        amplitudes = 2.0 * K / np.pi * series[1:-1] / n
+        kept = np.flatnonzero(np.abs(amplitudes) > _ROUNDING)
+        last = 0 if kept.size == 0 else int(kept[-1]) + 1
+        return cls(float(series[0]), np.pi / K, amplitudes[:last])
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """The integral from 0 to each of `u` (K,)."""
+        n = np.arange(1, len(self.amplitudes) + 1)
+        waves: FloatArray = np.sin(self.wave_number * u[:, None] * n) @ self.amplitudes
+        return self.mean * u + waves

@@ -111,6 +111,8 @@ def view(
     planned = result if isinstance(result, Trajectory) else plan
     instance("plan", planned, Trajectory, optional=True)
     instance("title", title, str, optional=True)
+    if not (client is None or hasattr(client, "poses")):
+        raise InvalidValue("client", client, "must be a Client or a ClientMotion")
     kappa, reach, path = _KAPPA, REACH, None
     if planned is not None:
         kappa, reach = planned.kappa, planned.reach

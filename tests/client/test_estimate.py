@@ -119,3 +119,13 @@ def test_what_is_hidden_or_lost_is_not_seen() -> None:
     for wrong in ({"outliers": 1.0}, {"dropouts": -0.1}, {"hidden": [(3.0, 2.0)]}, {"hidden": 3.0}):
         with pytest.raises(InvalidValue, match="client sensor"):
             replace(SENSOR, **wrong)
+
+
+def test_what_is_measured_and_estimated_keeps_the_place_of_the_link() -> None:
+    link = pin.SE3(np.eye(3), np.array([0.1, 0.0, -0.4]))
+    client, rng = ffsms.Client(80.0, [6.0, 9.0, 11.0], link_placement=link), np.random.default_rng(1)
+    seen = measured(client, 0.0, SENSOR, rng)
+    estimate = ClientEstimate(seen, 0.0, SENSOR)
+    estimate.observe(measured(client, 0.5, SENSOR, rng), 0.5)
+    for one in (seen, estimate.client()):
+        np.testing.assert_array_equal(one.link_placement.translation, link.translation)
