@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from typing import Any, NoReturn
 
 import ffsms_pin
-from ffsms_pin.cli.robot_commands import ROBOT_COMMANDS
-from ffsms_pin.cli.scenario_commands import SCENARIO_COMMANDS
+from ffsms_pin.cli import robot_commands, scenario_commands
+from ffsms_pin.cli.arguments import Command
 from ffsms_pin.errors import FfsmsError, advised, meant
 
 __all__ = ["main", "parser"]
@@ -23,8 +23,12 @@ __all__ = ["main", "parser"]
 # Exit codes; 0 and 1 are the commands' own.
 BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
 
-# In the order of --help.
-_COMMANDS = SCENARIO_COMMANDS | ROBOT_COMMANDS
+_COMMANDS = {
+    name.replace("_", "-"): one
+    for module in (scenario_commands, robot_commands)
+    for name, one in vars(module).items()
+    if isinstance(one, Command)
+}
 
 _DESCRIPTION = """\
 Plan and track motions of free-floating space manipulators, informed by dynamic coupling.
