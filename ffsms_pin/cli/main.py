@@ -96,10 +96,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except FfsmsError as error:
         options = vars(arguments)
         return _failed(f"error: {advised(str(error), '--{option} {value}', options)}", BAD_INPUT)
-    except _Terminated:
-        return _failed("terminated" + _goes_on(arguments), TERMINATED)
-    except KeyboardInterrupt:
-        return _failed("interrupted" + _goes_on(arguments), INTERRUPTED)
+    except KeyboardInterrupt as stop:
+        asked = isinstance(stop, _Terminated)
+        words, status = ("terminated", TERMINATED) if asked else ("interrupted", INTERRUPTED)
+        if _COMMANDS[arguments.command].resumes:
+            words += "; what is done is kept: the same command goes on from there"
+        return _failed(words, status)
     except MemoryError:
         return _failed("error: out of memory; ask for shorter motions or fewer of them", BAD_INPUT)
     except Exception as error:  # whatever is left is our fault
@@ -107,12 +109,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         what = " ".join(f"{type(error).__name__}: {error}".split())
         return _failed(f"a defect of ffsms-pin, please report it: {what}", DEFECT)
-
-
-def _goes_on(arguments: argparse.Namespace) -> str:
-    """How a long command that was stopped goes on."""
-    resumes = _COMMANDS[arguments.command].resumes
-    return "; what is done is kept: the same command goes on from there" if resumes else ""
 
 
 def _no_command(given: Sequence[str]) -> str:
