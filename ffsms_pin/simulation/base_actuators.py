@@ -8,8 +8,7 @@ import numpy as np
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray, vector
-from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView
-from ffsms_pin.control.modulation import PulseWidth
+from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, PulseWidth
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, at_least_zero
-from ffsms_pin.simulation.sensors import Sensors
+from ffsms_pin.simulation.devices import Sensors
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import root_reaction
 from ffsms_pin.system.dynamics import inertia_matrix

@@ -10,9 +10,9 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.simulation.base_actuators import BaseActuators
-from ffsms_pin.simulation.conservation import momentum_lost
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
+from ffsms_pin.simulation.watchdog import momentum_lost
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Record"]

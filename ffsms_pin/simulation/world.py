@@ -9,10 +9,9 @@ import pinocchio as pin
 
 from ffsms_pin.actuation import gyrostat
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.simulation.actuator import JointFriction
 from ffsms_pin.simulation.base_actuators import BaseActuators
-from ffsms_pin.simulation.disturbances import GeneralisedForce, Wrench
-from ffsms_pin.simulation.events import Capture, Event
+from ffsms_pin.simulation.devices import JointFriction
+from ffsms_pin.simulation.events import Capture, Event, GeneralisedForce, Wrench
 from ffsms_pin.simulation.integrators import Integrator
 from ffsms_pin.system import SpaceManipulator
 

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.coupling import Coupling, reaction_null_space, scaled
-from ffsms_pin.coupling.null_space import NULL_SPACE_TOLERANCE
-from ffsms_pin.coupling.scaling import Rows
+from ffsms_pin.coupling.svd import NULL_SPACE_TOLERANCE, Rows
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.mechanism import Mechanism, frame_index
 

@@ -10,13 +10,14 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
-from ffsms_pin.system.rigid_body import ROUNDING, inertia_problem
 from ffsms_pin.system.urdf_elements import (
     MOVING,
+    ROUNDING,
     Box,
     Inertial,
     Joint,
     Link,
+    inertia_problem,
     number_of,
     only_tool,
     origin_of,
