@@ -41,8 +41,10 @@ if TYPE_CHECKING:  # and each when it is first used
         Term,
         WheelEnergy,
         WheelMomentum,
+        ideal_cosine,
+        soft_assistance,
+        step_cost,
     )
-    from ffsms_pin.opt.terms.terms import ideal_cosine, soft_assistance, step_cost
     from ffsms_pin.opt.trajectory import Trajectory
 
 __all__ = [

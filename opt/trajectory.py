@@ -19,7 +19,7 @@ from ffsms_pin.opt.motion import Features
 from ffsms_pin.opt.motion.rollout import angles_from_start, configurations, velocities
 from ffsms_pin.opt.parts.reading import asked, violation_of
 from ffsms_pin.opt.problem import ARRIVAL_SHARE, Problem
-from ffsms_pin.opt.terms.terms import propellant, wheel_energy
+from ffsms_pin.opt.terms import propellant, wheel_energy
 from ffsms_pin.storage import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
 from ffsms_pin.system.base_reaction import MODES
 

@@ -13,7 +13,7 @@ from ffsms_pin.opt.limits.joints import AlphaBox
 from ffsms_pin.opt.limits.limit import UNBOUNDED
 from ffsms_pin.opt.step.programme import Programme, StepProblem, StepWeights
 from ffsms_pin.opt.step.state import StepState, rate_bounds
-from ffsms_pin.opt.terms.terms import ideal_cosine
+from ffsms_pin.opt.terms import ideal_cosine
 
 __all__ = ["as_solved", "by_daqp", "plain_programme"]
 

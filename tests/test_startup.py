@@ -67,7 +67,7 @@ def test_the_core_loads_no_solver_that_it_may_not_need(part: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "part", ["client", "control", "engine", "opt", "plotting", "scenarios", "simulation"]
+    "part", ["client", "control", "engine", "opt", "opt.limits", "plotting", "scenarios", "simulation"]
 )
 def test_names_that_are_imported_later_are_all_shown_and_none_is_a_module(part: str) -> None:
     package = importlib.import_module(f"ffsms_pin.{part}")
@@ -85,3 +85,8 @@ def test_routines_of_lapack_are_scipy_s_own() -> None:
     assert "dposv" in vars(lapack)  # kept: the next call finds it without asking
     with pytest.raises(AttributeError, match="no_such_routine"):
         lapack.no_such_routine  # type: ignore[attr-defined]  # noqa: B018 - the access is the test
+
+
+@pytest.mark.parametrize("name", ["Clearance", "Coupling", "Inequality", "Limit", "Residual", "Via", "check"])
+def test_any_name_may_be_asked_for_first(name: str) -> None:
+    assert "ffsms_pin.opt" in loaded_by(f"from ffsms_pin import opt; opt.{name}")

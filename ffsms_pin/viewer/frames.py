@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ffsms_pin.checks import FloatArray, vector
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
-from ffsms_pin.opt.terms.terms import ideal_cosine
+from ffsms_pin.opt.terms import ideal_cosine
 from ffsms_pin.simulation import Tracking
 from ffsms_pin.system import SpaceManipulator, State
 

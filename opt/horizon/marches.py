@@ -26,7 +26,7 @@ from ffsms_pin.opt.step.march import Progress, Steps, march, sides_across, start
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Step, Stepper
-from ffsms_pin.opt.terms.terms import soft_assistance, step_cost
+from ffsms_pin.opt.terms import soft_assistance, step_cost
 from ffsms_pin.opt.trajectory import Trajectory, measure
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_motion import advance

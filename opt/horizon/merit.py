@@ -21,8 +21,8 @@ from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features
 from ffsms_pin.opt.motion.motions import EXACT, Motions, Smoothing, apply_rates
 from ffsms_pin.opt.parts.reading import asked, residuals_of
+from ffsms_pin.opt.parts.term import REFERENCE_TIME, time_scale
 from ffsms_pin.opt.problem import Problem, given
-from ffsms_pin.opt.terms.term import REFERENCE_TIME, time_scale
 from ffsms_pin.system.batch.stacks import dot
 
 __all__ = [

@@ -1,10 +1,15 @@
 """Limits: what must hold."""
 
-from ffsms_pin.opt.limits.base import BaseLimits
-from ffsms_pin.opt.limits.clearance import Clearance, Obstacle
-from ffsms_pin.opt.limits.joints import AlphaBox, JointLimits
-from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
-from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
+from typing import TYPE_CHECKING
+
+from ffsms_pin.later import later
+
+if TYPE_CHECKING:  # and each when it is first used: parts are made of what `limits.limit` has
+    from ffsms_pin.opt.limits.base import BaseLimits
+    from ffsms_pin.opt.limits.clearance import Clearance, Obstacle
+    from ffsms_pin.opt.limits.joints import AlphaBox, JointLimits
+    from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, Violation
+    from ffsms_pin.opt.limits.motors import TorqueLimits, WheelLimits
 
 __all__ = [
     "UNBOUNDED",
@@ -19,3 +24,6 @@ __all__ = [
     "Violation",
     "WheelLimits",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = later(__name__)

@@ -147,13 +147,16 @@ class Feature(NDArrayOperatorsMixin):
             for x, rule in features:
                 if not x.slopes:
                     continue
-                part = rule(result, *values)
+                part, spreads = rule(result, *values), result.shape[:-2] != x.value.shape[:-2]
                 for name, slope in x.slopes.items():
                     slope = slope[None] if result.ndim > x.value.ndim else slope
-                    if result.ndim == 3 and len(slope) < len(result):  # a number goes into all components
+                    if part is not None:
+                        slope = slope * (
+                            _beside(part, slope.ndim - 3) if getattr(part, "ndim", 0) == 3 else part
+                        )
+                    if spreads and len(slope) < len(result):  # a number goes into all components
                         slope = np.broadcast_to(slope, (len(result), *slope.shape[1:]))
-                    by = _beside(part, slope.ndim - 3) if getattr(part, "ndim", 0) == 3 else part
-                    _add(found, name, slope if by is None else slope * by)
+                    _add(found, name, slope)
             return found
 
         moves = any(x._slopes for x, _ in features)

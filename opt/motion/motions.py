@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,9 +15,19 @@ from ffsms_pin.coupling.metrics import entropies
 from ffsms_pin.opt.motion.feature import Indices
 from ffsms_pin.opt.motion.mechanics import entropy_and_gradient, forces, singular
 from ffsms_pin.system.batch.arm import ArmStack, ArmValues
-from ffsms_pin.system.batch.stacks import apply, cross, dot
+from ffsms_pin.system.batch.stacks import apply, cross, dot, exp3
 
-__all__ = ["ARRIVAL_SHARE", "EXACT", "HeldMotions", "Motions", "Paired", "Smoothing", "apply_rates"]
+__all__ = [
+    "ARRIVAL_SHARE",
+    "EXACT",
+    "MOVED",
+    "HeldMotions",
+    "Motions",
+    "Paired",
+    "Smoothing",
+    "apply_rates",
+    "by_differences",
+]
 
 ARRIVAL_SHARE = 0.9  # of the time: const8 asks for arrival from then on
 
@@ -33,6 +44,20 @@ class Smoothing(NamedTuple):
 
 
 EXACT = Smoothing()
+# What moves, and its field of motions.
+MOVED = {
+    "by_tip": "end_effector",
+    "by_turn": "attitude",
+    "by_velocity": "velocity",
+    "by_spin": "spin",
+    "by_base": "base_position",
+    "by_base_turn": "base_attitude",
+    "by_base_spin": "base_spin",
+    "by_entropy": "entropy",
+    "by_joints": "joints",
+    "by_rates": "rates",
+    "by_accelerations": "accelerations",
+}
 
 
 class Paired(NamedTuple):
@@ -150,7 +175,7 @@ class Motions:
         """H_norm (S, K), and its slopes (6, n, S, K) by `ArmValues.coupling`."""
         return entropy_and_gradient(self.arm.coupling, self.stack.free_rows)
 
-    @property
+    @cached_property
     def entropy(self) -> FloatArray:
         """H_norm (S, K)."""
         return self.entropy_and_slope[0]
@@ -200,6 +225,43 @@ class HeldMotions(Motions):
     base_spin: FloatArray
     spin: FloatArray
     base_position: FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Nudged(HeldMotions):
+    """All that is worked out from other values is given, so that these can change alone."""
+
+    entropy: FloatArray
+
+
+def _nudged(held: _Nudged, name: str, i: int, by: float) -> Motions:
+    """With component i of a field moved by so much, at all instants."""
+    values: Any = getattr(held, name)
+    if values.ndim == 4:  # an attitude
+        values = apply(exp3(by * np.eye(3)[i])[..., None, None], values)
+    elif values.ndim == 2:
+        values = values + by
+    else:
+        values = values.copy()
+        values[i] += by
+    return replace(held, **{name: values}, evaluated=None if name == "joints" else held.evaluated)
+
+
+def by_differences(formula: Callable[[Motions], FloatArray], motions: Motions) -> dict[str, FloatArray]:
+    """Slopes of a formula (S, K) or (c, S, K) by everything that may move it, zero where it is not finite."""
+    given: dict[str, Any] = {one.name: getattr(motions, one.name) for one in fields(_Nudged)}
+    held, step = _Nudged(**(given | {"evaluated": motions.arm})), 1e-6  # [m, rad, 1/s of them]
+    slopes: dict[str, FloatArray] = {}
+    for by, name in MOVED.items():
+        columns = []
+        for i in range(1 if by == "by_entropy" else len(given[name])):
+            ahead, behind = (formula(_nudged(held, name, i, size)) for size in (step, -step))
+            apart = np.subtract(ahead, behind, out=np.zeros_like(ahead), where=np.isfinite(ahead))
+            columns.append(apart / (2.0 * step))
+        if np.any(columns):
+            axis = columns[0].ndim - 2
+            slopes[by] = columns[0] if by == "by_entropy" else np.stack(columns, axis=axis)
+    return slopes
 
 
 def apply_rates(columns: FloatArray, rates: FloatArray) -> FloatArray:

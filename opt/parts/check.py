@@ -14,13 +14,13 @@ from ffsms_pin.opt.limits.limit import UNBOUNDED, Limit, Rows, prepared
 from ffsms_pin.opt.motion.feature import Feature, Indices
 from ffsms_pin.opt.motion.features import Features, StepFeatures
 from ffsms_pin.opt.motion.mechanics import coupling_slopes
-from ffsms_pin.opt.motion.motions import Motions
+from ffsms_pin.opt.motion.motions import Motions, by_differences
 from ffsms_pin.opt.motion.rollout import configurations
 from ffsms_pin.opt.parts.inequality import AllOf, Inequality
-from ffsms_pin.opt.parts.reading import by_differences, formulas, residuals_of, rows_of
+from ffsms_pin.opt.parts.reading import formulas, residuals_of, rows_of
+from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.opt.terms.term import Term
 from ffsms_pin.system.base_motion import advance
 
 __all__ = ["check"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,16 +13,14 @@ from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.motion.feature import OWN, Feature, Indices, lost_slopes
 from ffsms_pin.opt.motion.features import Features
-from ffsms_pin.opt.motion.motions import HeldMotions, Motions
+from ffsms_pin.opt.motion.motions import MOVED, Motions, by_differences
 from ffsms_pin.opt.step.state import StepState
-from ffsms_pin.system.batch.stacks import apply, exp3
 
 __all__ = [
     "Formula",
     "JointResidual",
     "Residual",
     "asked",
-    "by_differences",
     "checked_parts",
     "formulas",
     "objective_of",
@@ -34,16 +31,6 @@ __all__ = [
 
 # What a part's formula may be.
 Formula: TypeAlias = "Feature | FloatArray | Sequence[Formula]"
-# What moves, and its field of motions: vectors, attitudes, and what each joint has.
-_VECTORS = {
-    "by_tip": "end_effector",
-    "by_velocity": "velocity",
-    "by_spin": "spin",
-    "by_base": "base_position",
-    "by_base_spin": "base_spin",
-}
-_TURNS = {"by_turn": "attitude", "by_base_turn": "base_attitude"}
-_JOINTS = {"by_joints": "joints", "by_rates": "rates", "by_accelerations": "accelerations"}
 
 
 class Residual(Feature):
@@ -221,9 +208,9 @@ def _by_hand(part: Any, method: str, found: Feature, features: Features) -> Feat
     if found.shape != wanted:
         raise PartError(part, method, f"must give a value of shape {wanted}; got {found.shape}")
     moved: dict[str, tuple[int, ...]] = {
+        **dict.fromkeys(MOVED, (3,)),
         **dict.fromkeys(OWN.values(), (n,)),
         **dict.fromkeys((*OWN, "by_entropy"), ()),
-        **dict.fromkeys(_VECTORS | _TURNS, (3,)),
         "by_coupling": (6, n),
     }
     for name, slope in found.slopes.items():
@@ -255,46 +242,3 @@ def _differences(part: Any, method: str, i: int, features: Features) -> Callable
 def _plain(x: Any) -> FloatArray:
     """Features may stand where arrays are asked for: their values count."""
     return x.value if isinstance(x, Feature) else np.asarray(x)
-
-
-# -- differences
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Nudged(HeldMotions):
-    """All that is worked out from other values is given, so that these can change alone."""
-
-    entropy_and_slope: tuple[FloatArray, FloatArray]
-
-
-def _nudged(motions: Motions, name: str, i: int, by: float) -> Motions:
-    """The motions with component i of what is called `name` moved by so much, at all instants."""
-    values: dict[str, Any] = {one.name: getattr(motions, one.name) for one in fields(_Nudged)}
-    values["evaluated"] = None if name == "by_joints" else motions.arm
-    if name == "by_entropy":
-        entropy, slope = motions.entropy_and_slope
-        values["entropy_and_slope"] = (entropy + by, slope)
-    elif name in _TURNS:
-        values[_TURNS[name]] = apply(exp3(by * np.eye(3)[i])[..., None, None], values[_TURNS[name]])
-    else:
-        moved = (_VECTORS | _JOINTS)[name]
-        values[moved] = values[moved].copy()
-        values[moved][i] += by
-    return _Nudged(**values)
-
-
-def by_differences(formula: Callable[[Motions], FloatArray], motions: Motions) -> dict[str, FloatArray]:
-    """Slopes of a formula (S, K) or (c, S, K) by everything that may move it, zero where it is not finite."""
-    step = 1e-6  # [m, rad, 1/s of them]
-    counts = dict.fromkeys(_VECTORS | _TURNS, 3) | {"by_entropy": 1} | dict.fromkeys(_JOINTS, motions.stack.n)
-    slopes: dict[str, FloatArray] = {}
-    for name, count in counts.items():
-        columns = []
-        for i in range(count):
-            ahead, behind = (formula(_nudged(motions, name, i, by)) for by in (step, -step))
-            apart = np.subtract(ahead, behind, out=np.zeros_like(ahead), where=np.isfinite(ahead))
-            columns.append(apart / (2.0 * step))
-        if np.any(columns):
-            axis = columns[0].ndim - 2
-            slopes[name] = columns[0] if name == "by_entropy" else np.stack(columns, axis=axis)
-    return slopes

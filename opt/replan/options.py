@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsms_pin.opt.horizon.spline import Grid, check_options
 from ffsms_pin.opt.motion import Features
-from ffsms_pin.opt.terms.term import Term
+from ffsms_pin.opt.parts.term import Term
 
 __all__ = ["Approach", "ReplanOptions"]
 

@@ -14,6 +14,7 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
 from ffsms_pin.opt.parts.reading import objective_of, rows_of
+from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import braking, stoppable
 from ffsms_pin.opt.step.programme import (
@@ -25,8 +26,7 @@ from ffsms_pin.opt.step.programme import (
     programme_of,
 )
 from ffsms_pin.opt.step.state import REFERENCES, StepState
-from ffsms_pin.opt.terms.term import Term
-from ffsms_pin.opt.terms.terms import ideal_cosine, step_cost
+from ffsms_pin.opt.terms import ideal_cosine, step_cost
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 from ffsms_pin.threads import OneThread

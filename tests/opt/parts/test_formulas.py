@@ -118,6 +118,16 @@ def test_check_finds_no_fault_with_our_limits(limit: opt.Limit) -> None:
     assert set(LIMITS) > {"attitude", "own"}
 
 
+def test_a_number_goes_into_all_components_of_a_vector_in_steps_too(planar: ffsms.SpaceManipulator) -> None:
+    class Mixed(opt.Inequality):
+        name = "mixed"
+
+        def room(self, m: opt.Features) -> Any:
+            return 3.0 + m.tip + m.tip[0] - m.velocity.norm()
+
+    assert opt.check(Mixed(), problem_of(planar)) < 1e-4
+
+
 def test_check_says_which_slope_is_wrong(planar: ffsms.SpaceManipulator) -> None:
     class Wrong(Gaze):
         def residual(self, motions: Any) -> list[opt.Residual]:

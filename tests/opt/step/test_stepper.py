@@ -17,7 +17,7 @@ from ffsms_pin.opt.limits.joints import AlphaBox
 from ffsms_pin.opt.step.programme import StepWeights
 from ffsms_pin.opt.step.state import StepState, rate_bounds
 from ffsms_pin.opt.step.stepper import Stepper
-from ffsms_pin.opt.terms.terms import step_cost
+from ffsms_pin.opt.terms import step_cost
 
 
 @pytest.mark.parametrize("kappa", [1.0, 10.0, 1000.0])

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ffsms_pin.kernel import kernel
-from ffsms_pin.opt.terms.terms import ideal_cosine, soft_assistance, step_cost
+from ffsms_pin.opt.terms import ideal_cosine, soft_assistance, step_cost
 
 entropies = st.floats(0.0, 1.0)
 kappas = st.floats(0.5, 50.0)

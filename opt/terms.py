@@ -14,7 +14,7 @@ from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.motion import Feature, Features, Motions
 from ffsms_pin.opt.motion.feature import root_of_size
 from ffsms_pin.opt.motion.motions import EXACT
-from ffsms_pin.opt.terms.term import Term, WeightedTerm, time_scale
+from ffsms_pin.opt.parts.term import Term, WeightedTerm, time_scale
 
 __all__ = [
     "BaseTurn",
@@ -22,6 +22,7 @@ __all__ = [
     "Effort",
     "Propellant",
     "Smooth",
+    "Term",
     "WheelEnergy",
     "WheelMomentum",
     "ideal_cosine",
