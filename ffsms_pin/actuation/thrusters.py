@@ -92,17 +92,11 @@ class Thrusters:
 
 
 class ThrusterAllocation:
-    """Forces of thrusters for a wanted force and moment, none of them negative.
+    """Forces of thrusters for a wanted force and moment about a `centre` (3,) [m], none of them negative.
 
     By least squares: C. L. Lawson, R. J. Hanson, "Solving least squares problems", Prentice-Hall 1974,
     chapter 23. Forces count as moments at the thrusters' mean distance. Where a thruster is too weak, all are
     cut down by one factor, which keeps the direction.
-
-    Parameters
-    ----------
-    thrusters : Thrusters
-    centre : ndarray, shape (3,)
-        Point that moments are about, in the root frame [m]: the centre of mass.
     """
 
     def __init__(self, thrusters: Thrusters, centre: FloatArray) -> None:

@@ -157,12 +157,7 @@ def _turn_z_to(axis: FloatArray) -> FloatArray:
 
 
 class WheelAllocation:
-    """Motor torques of wheels for a wanted torque on the base.
-
-    Parameters
-    ----------
-    wheels : ReactionWheels
-    """
+    """Motor torques of wheels for a wanted torque on the base."""
 
     def __init__(self, wheels: ReactionWheels) -> None:
         self.wheels = wheels

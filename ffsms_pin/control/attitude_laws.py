@@ -12,7 +12,8 @@ from ffsms_pin.actuation.thrusters import ThrusterAllocation
 from ffsms_pin.actuation.wheels import WheelAllocation
 from ffsms_pin.checks import FloatArray, instance, number, one_of, positive
 from ffsms_pin.control.base_command import AttitudeHold, BaseCommand, BaseView, base_torque, held_dynamics
-from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
+from ffsms_pin.control.law import Motion
+from ffsms_pin.control.laws import ComputedTorque
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator, dynamics
 from ffsms_pin.system.base_reaction import whole_body
@@ -153,7 +154,7 @@ class MomentumDump:
         return wanted / max(1.0, needed)
 
 
-class Coordinated(JointLaw):
+class Coordinated(ComputedTorque):
     """Computed torque of the joints and the base's attitude together; the base's place is free.
 
     With u = qdd_d - K_d qd_e - K_p q_e for the joints and w' of `AttitudeHold` for the base, the inverse
@@ -199,19 +200,12 @@ class Coordinated(JointLaw):
         attitude: Any = None,
         dump: MomentumDump | None = None,
     ) -> None:
-        super().__init__(sms, torque_limit)
-        self.K_p = gain_matrix("K_p", K_p, sms.n)
-        self.K_d = gain_matrix("K_d", K_d, sms.n)
+        super().__init__(sms, K_p, K_d, torque_limit)
         self.base = QuaternionFeedback(sms, bandwidth, damping, attitude, dump=dump)
 
     def reset(self, dt: float) -> None:
         """Forget the last run; called before each."""
         self.base.reset(dt)
-
-    def time_constants(self, q: ArrayLike) -> FloatArray:
-        """Time constants of the joint error [s], ascending (2 n,), the same at every configuration."""
-        self.sms.checked_configuration("q", q)
-        return time_constants(np.eye(self.sms.n), self.K_d, self.K_p)
 
     def command(self, view: BaseView) -> BaseCommand:
         """What wheels and thrusters are to do in this control step."""
@@ -220,13 +214,6 @@ class Coordinated(JointLaw):
         torque, _ = held_dynamics(self.sms, view.q, view.v, turn, self._wanted(motion))
         return self.base.shared(view, turn, torque)
 
-    def _wanted(self, motion: Motion) -> FloatArray:
-        wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
-        return wanted
-
     def _law(self, motion: Motion) -> FloatArray:
         turn = self.base.hold.acceleration(motion.q, motion.v)
         return held_dynamics(self.sms, motion.q, motion.v, turn, self._wanted(motion))[1]
-
-    def _energy(self, motion: Motion) -> float:
-        return 0.5 * float(motion.qd_e @ motion.qd_e + motion.q_e @ self.K_p @ motion.q_e)

@@ -86,19 +86,11 @@ class AttitudeHold:
         w' = -2 bandwidth^2 sign(eta) eps - 2 damping bandwidth w.
 
     Proof: V = w.w / 2 + 4 bandwidth^2 (1 - |eta|) has V' = -2 damping bandwidth w.w, since eta' = -eps.w / 2.
-    Small errors die out as those of a mass on a spring with that bandwidth and damping.
+    Small errors die out as those of a mass on a spring with that bandwidth [rad/s] and damping, 1 being
+    critical. Without an `attitude` (3, 3), inertial axes, that at the first control step is held.
 
     Source: B. Wie, H. Weiss, A. Arapostathis, "Quaternion feedback regulator for spacecraft eigenaxis
     rotations", Journal of Guidance, Control, and Dynamics 12 (1989).
-
-    Parameters
-    ----------
-    bandwidth : float
-        [rad/s]
-    damping : float
-        1 is critical.
-    attitude : array_like, shape (3, 3), optional
-        Rotation matrix of the root frame to hold, inertial axes. Default: that at the first control step.
     """
 
     bandwidth: float
@@ -154,18 +146,8 @@ def base_wrench(
     """Force [N] and moment [N m] on the root (6,), root axes, for an acceleration of the base known in part.
 
     Of M v' + c = [wrench; tau] with v' = [known + free x; qdd], the joints' accelerations qdd and x are what
-    they become: along `free` no wrench acts, free^T wrench = 0.
-
-    Parameters
-    ----------
-    sms : SpaceManipulator
-    q, v : ndarray, shape (nq,), (6 + n,)
-    tau : ndarray, shape (n,)
-        Joint torques [N m].
-    known : ndarray, shape (6,)
-        Of the base's acceleration, Pinocchio's v'[:6] [m/s^2; rad/s^2].
-    free : ndarray, shape (6, k)
-        Directions in which the base gives way.
+    they become: along `free` (6, k), in which the base gives way, no wrench acts. `known` (6,) is Pinocchio's
+    v'[:6] [m/s^2; rad/s^2], and `tau` (n,) [N m] are the joint torques.
     """
     M, effects = dynamics.inertia_matrix(sms, q), dynamics.velocity_effects(sms, q, v)
     k, n = free.shape[1], sms.n

@@ -38,20 +38,10 @@ __all__ = [
 
 
 class Motion:
-    """A measured state and a wanted joint motion, checked.
+    """A measured state `q`, `v` and a wanted joint motion, checked.
 
-    It is filled anew for every torque: a law that keeps an error keeps a copy.
-
-    Attributes
-    ----------
-    q, v : ndarray, shape (nq,), (6 + n,)
-        Measured, Pinocchio's.
-    q_e, qd_e : ndarray, shape (n,)
-        Errors q - q_d [rad] and qd - qd_d [rad/s].
-    errors : ndarray, shape (2 n,)
-        Both, one after the other: `q_e` and `qd_e` are views of it.
-    qd_d, qdd_d : ndarray, shape (n,)
-        Wanted rates [rad/s] and accelerations [rad/s^2].
+    Errors are q_e = q - q_d [rad] and qd_e = qd - qd_d [rad/s], views of `errors` (2 n,). It is filled anew
+    for every torque: a law that keeps an error keeps a copy.
     """
 
     __slots__ = ("errors", "q", "q_e", "qd_d", "qd_e", "qdd_d", "v")

@@ -116,9 +116,13 @@ class ComputedTorque(JointLaw):
         self.sms.checked_configuration("q", q)
         return time_constants(np.eye(self.sms.n), self.K_d, self.K_p)
 
+    def _wanted(self, motion: Motion) -> FloatArray:
+        """The joint accelerations (n,) [rad/s^2] that make the error die out."""
+        wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
+        return wanted
+
     def _law(self, motion: Motion) -> FloatArray:
-        wanted = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
-        return reduced_torque(self.sms, motion.q, motion.v, wanted)
+        return reduced_torque(self.sms, motion.q, motion.v, self._wanted(motion))
 
     def _energy(self, motion: Motion) -> float:
         return 0.5 * float(motion.qd_e @ motion.qd_e + motion.q_e @ self.K_p @ motion.q_e)

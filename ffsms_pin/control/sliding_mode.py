@@ -53,13 +53,7 @@ class SlidingModeController(JointLaw):
         The paper's lambda, thickness of the boundary layer in s [rad/s]: one number, or (n,) where K_s is
         diagonal.
     torque_limit : array_like, optional
-        Largest size of each torque [N m], one number or (n,), infinite for none; default
-        `sms.limits.torque`.
-
-    Attributes
-    ----------
-    K_s, Gamma : ndarray, shape (n, n)
-    boundary, torque_limit : ndarray, shape (n,)
+        As for `JointLaw`.
 
     Raises
     ------
@@ -123,19 +117,10 @@ class SlidingModeController(JointLaw):
         return 0.5 * float(s @ H_q @ s)
 
     def time_constants(self, q: ArrayLike) -> FloatArray:
-        """Time constants of s inside the boundary layer, at a configuration.
+        """Time constants of s inside the boundary layer, at a configuration (nq,): (n,) [s], ascending.
 
         There H_q ds/dt = -K_s s / boundary, so these are the eigenvalues of boundary K_s^-1 H_q. Compare the
         longest with the duration of the move, and the shortest with the control step.
-
-        Parameters
-        ----------
-        q : array_like, shape (nq,)
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            [s], ascending.
         """
         H_q = self.sms.at(q).H_q
         constants: FloatArray = eigh(H_q, self.K_s / self.boundary, eigvals_only=True)

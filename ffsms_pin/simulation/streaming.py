@@ -43,18 +43,10 @@ _MARK, _WORDS = "ffsms-pin-recording", "ffsms-pin: rows of a recording that is n
 class RowStream:
     """Arrays on disk for the rows of a run that is going on; a context that ends with the run.
 
-    Parameters
-    ----------
-    path : path
-        The result, an npz file; its folder must exist. What an earlier run left unfinished there is kept
-        beside it, as `<name>.part-1` or the next number that is free.
-
-    Raises
-    ------
-    ResultError
-        The files cannot be made, another run records to the same file, or a `<name>.part` that is not ours
-        is in the way. The whole size of the rows is reserved, and that of the result must be free besides: a
-        disk that is too small is found out before the run and not during it.
+    `path` is the result, an npz file in a folder that exists. What an earlier run left unfinished there is
+    kept as `<name>.part-1` or the next number that is free; a `<name>.part` of another run, or that is not
+    ours, is refused. The whole size of the rows is reserved, and that of the result must be free besides: a
+    disk that is too small is found out before the run and not during it.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:

@@ -22,21 +22,7 @@ class World:
     """A plant with friction, external wrenches and failed joints, integrated step by step.
 
     With wheels they are the last joints of what is integrated (see `gyrostat`), and a capture leaves their
-    speeds against the base as they are.
-
-    Parameters
-    ----------
-    plant : SpaceManipulator
-    integrator : Integrator
-    friction : JointFriction, optional
-    disturbances : sequence of Wrench
-    base : BaseActuators, optional
-        Wheels and thrusters. Without them the wheels stand still.
-
-    Attributes
-    ----------
-    plant : SpaceManipulator
-        As it is now: a capture changes it.
+    speeds against the base as they are; without `base` they stand still. A capture changes `plant`.
     """
 
     def __init__(

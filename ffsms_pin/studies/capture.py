@@ -141,7 +141,7 @@ def captured(
     miss, relative = _missed(plant, q, v, grasp, t)
     missed = (envelope or Envelope()).outside(miss, relative)
     before, last = estimates or (client, client)
-    braked = {"torque_limit": torque, "share": torque_share, "coast": coast}
+    braked: dict[str, Any] = {"torque_limit": torque, "share": torque_share, "coast": coast}
     planned = predicted(sms, plan.q[-1], plan.v[-1], before, met, **braked)
     expected = predicted(sms, q, v, last, t, **braked)
     ours = _about_origin(plant, q, v, spinning)
@@ -150,9 +150,7 @@ def captured(
     contact, caught, caught_at = None, client, t
     if compliance is not None and not missed:
         # Until the grasp is rigid the arm is that of the servicer alone, and its joints keep their rates.
-        reference = brake(
-            replace(after_capture(sms, q, v, client, t), v=v), torque, torque_share, coast=coast
-        )
+        reference = brake(replace(after_capture(sms, q, v, client, t), v=v), **braked)
         contact = compliant_contact(
             plant,
             q,
@@ -195,19 +193,10 @@ def captured(
         disturbances=[later(one, t) for one in options.get("disturbances", ())],
         **{key: options[key] for key in _CONDITIONS if key in options},
     )
+    lost = np.linalg.norm(now - (ours + theirs)) / max(np.linalg.norm(ours), np.linalg.norm(theirs))
+    held = base_law is not None
     return Captured(
-        client,
-        miss,
-        relative,
-        missed,
-        planned,
-        expected,
-        contact,
-        joint,
-        braking,
-        float(np.linalg.norm(now - (ours + theirs)) / max(np.linalg.norm(ours), np.linalg.norm(theirs))),
-        flown,
-        base_law is not None,
+        client, miss, relative, missed, planned, expected, contact, joint, braking, float(lost), flown, held
     )
 
 

@@ -80,16 +80,10 @@ def checked(
     torque: ArrayLike | None,
     stacklevel: int,
 ) -> UrdfFile:
-    """A robot after the changes that `ffsms_pin.load` makes, checked; it warns of what it assumed.
+    """The <robot> from the file at `path` after the changes that `ffsms_pin.load` makes, checked.
 
-    Parameters
-    ----------
-    robot : Element
-        The <robot> from the file at `path`; it is changed.
-    path, locked, inertias, velocity, torque
-        As in `ffsms_pin.load`.
-    stacklevel : int
-        Of the warnings: 2 is the caller of this function.
+    It warns of what it assumed; `stacklevel` is that of the warnings, 2 for the caller of this function. The
+    other arguments are those of `ffsms_pin.load`.
     """
     one_of("inertias", inertias, ("check", "keep", "repair"))
     if not isinstance(locked, Mapping | None):

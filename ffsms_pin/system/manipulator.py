@@ -172,13 +172,7 @@ class SpaceManipulator(Mechanism):
         return State(self, self.checked_configuration("q", q), rates)
 
     def batch(self, joints: ArrayLike) -> Batch:
-        """Coupling, Jacobians and inertia at many joint positions at once, in base axes.
-
-        Parameters
-        ----------
-        joints : array_like, shape (N, n)
-            Joint positions [rad].
-        """
+        """Coupling, Jacobians and inertia at many joint positions (N, n) [rad] at once, in base axes."""
         return Batch(self, joints)
 
     def arm_stack(self, mode: str = "floating") -> ArmStack:

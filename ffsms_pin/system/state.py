@@ -279,19 +279,7 @@ class State:
     ) -> FloatArray:
         """Orthonormal basis (n, k) of the joint rates that leave the base unmoved, at zero momentum.
 
-        A new array; k may be 0. See `ffsms_pin.coupling.reaction_null_space`.
-
-        Parameters
-        ----------
-        of : {"attitude", "twist"}
-            Whether the base must not turn (angular rows of C_bm), or not move at all.
-        tolerance : float
-            In [0, 1): a singular value up to this fraction of the largest one of C_bm counts as zero. The
-            default is just above rounding.
-
-        Raises
-        ------
-        InvalidValue
+        A new array; k may be 0. Arguments as for `ffsms_pin.coupling.reaction_null_space`.
         """
         return reaction_null_space(self.C_bm, of, tolerance)
 
