@@ -126,6 +126,8 @@ def gyrostat(model: Any, wheels: ReactionWheels) -> Any:
     """
     instance("model", model, pin.Model)
     instance("wheels", wheels, ReactionWheels)
+    if model.nv < 6:
+        raise InvalidValue("model", model.name, "must have a free-flyer as its first joint")
     model = model.copy()
     base = model.inertias[1]
     model.inertias[1] = pin.Inertia(base.mass, base.lever, base.inertia - wheels.spin_inertia)

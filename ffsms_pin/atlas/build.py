@@ -6,7 +6,7 @@ import errno
 import hashlib
 import os
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -98,6 +98,8 @@ def atlas(
     if target.exists():
         raise ResultError(out, "is there already; remove it, or choose another name")
     sampling = Sampling.of(sms, samples, method, seed)
+    instance("provenance", provenance, Mapping, optional=True)
+    instance("directions", directions, Iterable)
     units = (direction(f"directions[{i}]", given) for i, given in enumerate(directions))
     work = AtlasWork(sms, sampling, tuple(tuple(unit.tolist()) for unit in units))
     numbers = 7 + sms.n + min(6, sms.n) + len(work.directions)

@@ -144,7 +144,8 @@ class SpaceManipulator(Mechanism):
             if list(inertias.names) != list(model.names):
                 raise InvalidValue("inertias", list(inertias.names), "must be a model of the same joints")
             inertias = list(inertias.inertias)[1:]
-        bodies = list(inertias) if isinstance(inertias, Iterable) else []
+        instance("inertias", inertias, Iterable)
+        bodies = list(inertias)
         if len(bodies) != self.n + 1 or not all(isinstance(body, pin.Inertia) for body in bodies):
             raise InvalidValue("inertias", inertias, f"must be {self.n + 1} pinocchio.Inertia, base first")
         for joint, body in enumerate(bodies, start=1):
