@@ -22,7 +22,7 @@ from ffsms_pin.checks import direction, instance, one_of, optional_callable, who
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, parts_folder, run
 from ffsms_pin.errors import ResultError
 from ffsms_pin.storage import check_readable, path_like, remove_leftovers, require_space
-from ffsms_pin.storage.temporary import staged_folder
+from ffsms_pin.storage.writing import staged_folder
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 

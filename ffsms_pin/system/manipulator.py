@@ -19,7 +19,7 @@ from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.batch import Batch
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.convex_parts import Part, convex_parts
-from ffsms_pin.system.limits import JointLimits, limits_of, within_turns
+from ffsms_pin.system.joints import JointLimits, limits_of, within_turns
 from ffsms_pin.system.mechanism import Mechanism, scratch
 from ffsms_pin.system.shapes import ShapeKind, ShapeSource
 from ffsms_pin.system.state import State
@@ -173,13 +173,7 @@ class SpaceManipulator(Mechanism):
         return State(self, self.checked_configuration("q", q), rates)
 
     def batch(self, joints: ArrayLike) -> Batch:
-        """Coupling, Jacobians and inertia at many joint positions at once, in base axes.
-
-        Parameters
-        ----------
-        joints : array_like, shape (N, n)
-            Joint positions [rad].
-        """
+        """Coupling, Jacobians and inertia at many joint positions (N, n) [rad] at once, in base axes."""
         return Batch(self, joints)
 
     def arm_stack(self, mode: str = "floating") -> ArmStack:
