@@ -28,7 +28,7 @@ def chosen_folder(out: str | None, name: str) -> Path:
 
 def write_numbers(path: Path, numbers: Any) -> None:
     """Write numbers as JSON."""
-    write_content(path, json.dumps(numbers, indent=2, allow_nan=False) + "\n")
+    write_content(path, json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 @contextmanager
