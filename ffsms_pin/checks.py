@@ -38,6 +38,7 @@ __all__ = [
     "per_joint",
     "pose",
     "positive",
+    "reals",
     "rotation",
     "sized",
     "step_count",
@@ -61,17 +62,22 @@ def _floats(name: str, value: Any) -> FloatArray:
         if not all(map(math.isfinite, array.ravel().tolist())):
             raise InvalidValue(name, value, "must be finite")
         return array
+    array = np.array(reals(name, value))
+    if not np.isfinite(array).all():
+        raise InvalidValue(name, value, "must be finite")
+    return array
+
+
+def reals(name: str, value: Any, kinds: str = "fiu") -> FloatArray:
+    """`value` as an array, whatever its shape, of real numbers: NaN and infinity are let through."""
     try:
         given = np.asarray(value)
     except _NO_ARRAY:
         given = np.empty(0, dtype=object)
     # Asked for floats at once, numpy would read text as numbers and drop an imaginary part.
-    if given.dtype.kind not in "fiu":
+    if given.dtype.kind not in kinds:
         raise InvalidValue(name, value, "must hold real numbers")
-    array = np.array(given, dtype=np.float64)
-    if not np.isfinite(array).all():
-        raise InvalidValue(name, value, "must be finite")
-    return array
+    return np.asarray(given, dtype=np.float64)
 
 
 def _within(name: str, value: Any, array: FloatArray, largest: float = LARGEST) -> FloatArray:
@@ -124,8 +130,9 @@ def inertia(name: str, value: Any) -> FloatArray:
     if np.abs(tensor - tensor.T).max() > 1e-9 * np.abs(tensor).max():
         raise InvalidValue(name, value, "must be symmetric")
     a, b, c = np.linalg.eigvalsh(tensor)
-    if a <= 0.0:
-        raise InvalidValue(name, value, "must be positive definite")
+    if a < SMALLEST_POSITIVE:
+        least = f"{SMALLEST_POSITIVE:g} kg m^2 or more about every axis"
+        raise InvalidValue(name, value, f"must be positive definite, {least}")
     if a + b < c * (1.0 - 1e-9):
         raise InvalidValue(name, value, "breaks the triangle inequality of principal inertias")
     return tensor
@@ -183,7 +190,8 @@ def step_count(name: str, duration: float, dt: float, most: int = MOST_STEPS) ->
 
 def instance(name: str, value: Any, kind: type | tuple[type, ...], optional: bool = False) -> None:
     """Raise `InvalidValue` unless `value` is of the class, of one of them, or None where that is allowed."""
-    if not (isinstance(value, kind) or (optional and value is None)):
+    single = isinstance(value, np.ndarray) and not value.ndim  # numpy says that it can be gone through
+    if single or not (isinstance(value, kind) or (optional and value is None)):
         names = [one.__name__ for one in (kind if isinstance(kind, tuple) else (kind,))]
         wanted = " or a ".join(names) + (" or None" if optional else "")
         raise InvalidValue(name, value, f"must be a {wanted}")

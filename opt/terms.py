@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsms_pin.actuation.allocation import ThrusterAllocation
+from ffsms_pin.actuation.thrusters import ThrusterAllocation
 from ffsms_pin.checks import FloatArray, at_least_zero, number, positive
 from ffsms_pin.kernel import kernel
 from ffsms_pin.opt.motion import Feature, Features, Motions

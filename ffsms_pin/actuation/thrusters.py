@@ -1,4 +1,4 @@
-"""Thrusters of a satellite."""
+"""Thrusters of a satellite, and how they share a force and a moment."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ffsms_pin.actuation.rows import directions, one_each, rows
 from ffsms_pin.checks import FloatArray, at_least_zero, frozen, instance, positive
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["STANDARD_GRAVITY", "Thrusters"]
+__all__ = ["STANDARD_GRAVITY", "ThrusterAllocation", "Thrusters"]
 
 STANDARD_GRAVITY = 9.80665  # [m/s^2] by which a specific impulse in seconds is defined
 _PULSES = 10.0  # default period, in least on-times
@@ -89,3 +89,45 @@ class Thrusters:
 
     def __repr__(self) -> str:
         return f"Thrusters({len(self)} of {np.array2string(self.force, precision=4)} N)"
+
+
+class ThrusterAllocation:
+    """Forces of thrusters for a wanted force and moment about a `centre` (3,) [m], none of them negative.
+
+    By least squares: C. L. Lawson, R. J. Hanson, "Solving least squares problems", Prentice-Hall 1974,
+    chapter 23. Forces count as moments at the thrusters' mean distance. Where a thruster is too weak, all are
+    cut down by one factor, which keeps the direction.
+    """
+
+    def __init__(self, thrusters: Thrusters, centre: FloatArray) -> None:
+        arms = thrusters.places - centre
+        self._largest = thrusters.force
+        self._length = float(np.linalg.norm(arms, axis=1).mean()) or 1.0
+        forces = thrusters.directions.T * self._length
+        self._effect = np.concatenate([forces, np.cross(arms, thrusters.directions).T])
+
+    @property
+    def shares(self) -> FloatArray:
+        """Forces (k, 6) for a unit of each [force; moment], some negative, by the pseudo-inverse.
+
+        Where thrusters come in opposed pairs, the two of a pair have half of what one of them has to push.
+        """
+        scale = np.repeat([self._length, 1.0], 3)
+        shares: FloatArray = np.linalg.pinv(self._effect) * scale
+        return shares
+
+    def forces(self, force: FloatArray, moment: FloatArray) -> FloatArray:
+        """Thruster forces (k,) [N] for a force [N] and a moment [N m] (3,) each, root axes."""
+        from scipy.optimize import nnls  # slow to load, and wheels do without
+
+        wanted = np.concatenate([force * self._length, moment])
+        if not np.isfinite(wanted).all():
+            return np.full(len(self._largest), np.nan)
+        shares, _ = nnls(self._effect, wanted)
+        result: FloatArray = shares / max(1.0, float((shares / self._largest).max()))
+        return result
+
+    def moment(self, forces: FloatArray) -> FloatArray:
+        """The moment (3,) [N m] that thruster forces (k,) give."""
+        result: FloatArray = (self._effect @ forces)[3:]
+        return result

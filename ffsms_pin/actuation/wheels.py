@@ -1,4 +1,4 @@
-"""Reaction wheels of a satellite, and the gyrostat that it is with them."""
+"""Reaction wheels of a satellite, the gyrostat that it is with them, and how they share a torque."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ffsms_pin.actuation.rows import directions, one_each
 from ffsms_pin.checks import FloatArray, instance, positive
 from ffsms_pin.errors import InvalidValue
 
-__all__ = ["ReactionWheels", "check_inertia", "gyrostat"]
+__all__ = ["ReactionWheels", "WheelAllocation", "check_inertia", "gyrostat"]
 
 
 @dataclass(frozen=True, eq=False)  # arrays have no single truth value to compare by
@@ -126,6 +126,8 @@ def gyrostat(model: Any, wheels: ReactionWheels) -> Any:
     """
     instance("model", model, pin.Model)
     instance("wheels", wheels, ReactionWheels)
+    if model.nv < 6:
+        raise InvalidValue("model", model.name, "must have a free-flyer as its first joint")
     model = model.copy()
     base = model.inertias[1]
     model.inertias[1] = pin.Inertia(base.mass, base.lever, base.inertia - wheels.spin_inertia)
@@ -154,3 +156,32 @@ def _turn_z_to(axis: FloatArray) -> FloatArray:
     x = np.cross(start, axis)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(axis, x), axis])
+
+
+class WheelAllocation:
+    """Motor torques of wheels for a wanted torque on the base."""
+
+    def __init__(self, wheels: ReactionWheels) -> None:
+        self.wheels = wheels
+        self._change = np.linalg.pinv(wheels.axes.T)
+
+    def changes(self, torque: FloatArray) -> FloatArray:
+        """Least changes of momentum (w,) [N m] whose sum is `torque` (3,), less what no axis can give."""
+        change: FloatArray = self._change @ torque
+        return change
+
+    def torques(
+        self, torque: FloatArray, spin: FloatArray, turn: FloatArray, momentum: FloatArray
+    ) -> FloatArray:
+        """Motor torques (w,) [N m] that put a torque on the base, gyroscopic torque made good.
+
+        The wheels' momenta h against the base have to change so that -a h' - w x (a h) is the wanted torque.
+        A motor also turns its wheel with the base: tau = h' + I a . w'.
+
+        `torque` (3,) is wanted on the base with the wheels standing still; `spin` (3,) [rad/s] and `turn`
+        (3,) [rad/s^2] are the base's, root axes; `momentum` (w,) [N m s] is the wheels', against the base.
+        """
+        wheels = self.wheels
+        change = -self.changes(torque + np.cross(spin, wheels.total(momentum)))
+        result: FloatArray = change + wheels.inertia * (wheels.axes @ turn)
+        return result

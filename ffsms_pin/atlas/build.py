@@ -6,7 +6,7 @@ import errno
 import hashlib
 import os
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ from ffsms_pin.checks import direction, instance, one_of, optional_callable, who
 from ffsms_pin.engine import ChunkFolder, Chunks, Shard, parts_folder, run
 from ffsms_pin.errors import ResultError
 from ffsms_pin.storage import check_readable, path_like, remove_leftovers, require_space
-from ffsms_pin.storage.temporary import staged_folder
+from ffsms_pin.storage.writing import staged_folder
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.version import __version__
 
@@ -98,6 +98,8 @@ def atlas(
     if target.exists():
         raise ResultError(out, "is there already; remove it, or choose another name")
     sampling = Sampling.of(sms, samples, method, seed)
+    instance("provenance", provenance, Mapping, optional=True)
+    instance("directions", directions, Iterable)
     units = (direction(f"directions[{i}]", given) for i, given in enumerate(directions))
     work = AtlasWork(sms, sampling, tuple(tuple(unit.tolist()) for unit in units))
     numbers = 7 + sms.n + min(6, sms.n) + len(work.directions)

@@ -14,7 +14,7 @@ from ffsms_pin.atlas.build import digest
 from ffsms_pin.atlas.designs import Design
 from ffsms_pin.atlas.measures import measured, wheel_momentum_per_speed
 from ffsms_pin.atlas.sampling import Sampling
-from ffsms_pin.checks import FloatArray, instance, number, one_of, positive
+from ffsms_pin.checks import MOST_STEPS, FloatArray, instance, number, one_of, positive, whole
 from ffsms_pin.engine import Chunks, Shard, run
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
@@ -130,6 +130,8 @@ def sweep(
     ResultError, ClusterError
     """
     instance("sms", sms, SpaceManipulator)
+    if whole("samples", samples, 1) > MOST_STEPS:
+        raise InvalidValue("samples", samples, f"must be at most {MOST_STEPS}: those of a design are kept")
     work = SweepWork(sms, _axes(sms, parameters), Sampling.of(sms, samples, seed=seed))
     specification = {
         "what": "sweep",

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from ffsms_pin.atlas import Sweep, atlas, open_atlas, sweep
 from ffsms_pin.cli.arguments import work_arguments
-from ffsms_pin.cli.output import output_console, say
+from ffsms_pin.cli.output import printed, say
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
 from ffsms_pin.errors import InvalidValue
@@ -78,9 +78,7 @@ def designs(arguments: argparse.Namespace) -> int:
         say(f"shard {arguments.shard}: done")
         return 0
     _write(found, folder, sms.model.name)
-    output_console().print(_table(found))
-    say(f"results: {folder}")
-    return 0
+    return printed(folder, _table(found))
 
 
 def _parameter(text: str) -> tuple[str, list[float]]:
@@ -122,13 +120,11 @@ def _write(found: Sweep, folder: Path, model: str) -> None:
 def _table(found: Sweep) -> Table:
     best = found.best()
     title = f"{int(best.sum())} of {len(found)} designs are not beaten in both reach and base rotation"
-    table = Table(title=title, title_justify="left")
     wanted = ("reach", "base_rotation", "base_translation", "wheel_momentum", "entropy")
     shown = [name for name in wanted if name in found.statistics]
-    for name in (*found.parameters, *shown):
-        table.add_column(escape(name), justify="right")
-    columns = [*found.parameters.values(), *(found.statistics[name] for name in shown)]
-    order = sorted((i for i in range(len(found)) if best[i]), key=lambda i: found.statistics["reach"][i])
-    for i in order:
-        table.add_row(*(f"{column[i]:.4g}" for column in columns))
+    columns = (Column(escape(name), justify="right") for name in (*found.parameters, *shown))
+    table = Table(*columns, title=title, title_justify="left")
+    rows = [*found.parameters.values(), *(found.statistics[name] for name in shown)]
+    for i in sorted(np.flatnonzero(best), key=lambda i: found.statistics["reach"][i]):
+        table.add_row(*(f"{row[i]:.4g}" for row in rows))
     return table

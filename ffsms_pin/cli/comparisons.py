@@ -12,7 +12,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from ffsms_pin.cli.output import Rows, new_table, output_console, say, side_by_side
+from ffsms_pin.cli.output import new_table, number_rows, printed
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
 from ffsms_pin.control import LAWS
@@ -41,23 +41,21 @@ def methods(arguments: argparse.Namespace) -> int:
         comparison_numbers,
         plot_comparison,
     )
-    rows: Rows = {
-        "reached": lambda row: "yes" if row["reached"] else "no",
-        "final error [mm]": lambda row: f"{1e3 * row['final_error_m']:.3g}",
-        "cost integral [s]": lambda row: f"{row['cost_integral_s']:.3g}",
-        "joint travel [rad]": lambda row: f"{row['joint_travel_rad']:.3g}",
-        "path over straight line": lambda row: f"{row['path_over_straight']:.3g}",
-        "joint effort [rad²/s]": lambda row: f"{row['joint_effort_rad2_per_s']:.3g}",
-        "torque effort [N²m²s]": lambda row: f"{row['torque_effort_N2m2s']:.3g}",
-        "base rotation, max [deg]": lambda row: f"{row['rotation_max_deg']:.3g}",
-        "base translation, max [mm]": lambda row: f"{1e3 * row['translation_max_m']:.3g}",
-        "peak joint rate [rad/s]": lambda row: f"{row['peak_rate_rad_per_s']:.3g}",
-        "computing time [s]": lambda row: f"{row['planning_s']:.2f}",
-    }
-    output_console().print(side_by_side(f"{chosen.name}: methods side by side", numbers, rows))
+    rows = [
+        ("final error [mm]", "final_error_m", 1e3),
+        ("cost integral [s]", "cost_integral_s", 1.0),
+        ("joint travel [rad]", "joint_travel_rad", 1.0),
+        ("path over straight line", "path_over_straight", 1.0),
+        ("joint effort [rad²/s]", "joint_effort_rad2_per_s", 1.0),
+        ("torque effort [N²m²s]", "torque_effort_N2m2s", 1.0),
+        ("base rotation, max [deg]", "rotation_max_deg", 1.0),
+        ("base translation, max [mm]", "translation_max_m", 1e3),
+        ("peak joint rate [rad/s]", "peak_rate_rad_per_s", 1.0),
+        ("computing time [s]", "planning_s", 1.0),
+    ]
+    table = _side_by_side(f"{chosen.name}: methods side by side", numbers, rows)
     left_out = [f"left out: {method}, which {why}" for method, why in found.left_out.items()]
-    say(*_not_reached(numbers), *left_out, f"results: {folder}")
-    return 0
+    return printed(folder, table, *_not_reached(numbers), *left_out)
 
 
 def modes(arguments: argparse.Namespace) -> int:
@@ -70,25 +68,23 @@ def modes(arguments: argparse.Namespace) -> int:
         lambda comparison: mode_numbers(comparison.found),
         plot_modes,
     )
-    rows: Rows = {
-        "reached": lambda row: "yes" if row["reached"] else "no",
-        "wheel momentum, max [N m s]": lambda row: f"{row['wheel_momentum_max_Nms']:.3g}",
-        "wheel momentum, final [N m s]": lambda row: f"{row['wheel_momentum_final_Nms']:.3g}",
-        "wheel torque, max [N m]": lambda row: f"{row['wheel_torque_max_Nm']:.3g}",
-        "wheel energy [J]": lambda row: f"{row['wheel_energy_J']:.3g}",
-        "propellant [g]": lambda row: f"{1e3 * row['propellant_kg']:.3g}",
-        "time, turning back too [s]": lambda row: f"{row['time_s']:.3g}",
-        "base rotation, max [deg]": lambda row: f"{row['rotation_max_deg']:.3g}",
-        "base rotation at arrival [deg]": lambda row: f"{row['rotation_at_arrival_deg']:.3g}",
-        "carried off by turning back [mm]": lambda row: f"{1e3 * row['carried_m']:.3g}",
-        "cost integral [s]": lambda row: f"{row['cost_integral_s']:.3g}",
-        "joint travel [rad]": lambda row: f"{row['joint_travel_rad']:.3g}",
-    }
-    unused = "wheel" if found.sms.wheels is None else "propellant"
-    used = {label: value for label, value in rows.items() if not label.startswith(unused)}
-    output_console().print(side_by_side(f"{chosen.name}: coupling used and fought", numbers, used))
-    say(*_not_reached(numbers), f"results: {folder}")
-    return 0
+    wheels = [
+        ("wheel momentum, max [N m s]", "wheel_momentum_max_Nms", 1.0),
+        ("wheel momentum, final [N m s]", "wheel_momentum_final_Nms", 1.0),
+        ("wheel torque, max [N m]", "wheel_torque_max_Nm", 1.0),
+        ("wheel energy [J]", "wheel_energy_J", 1.0),
+    ]
+    rows = [
+        *([("propellant [g]", "propellant_kg", 1e3)] if found.sms.wheels is None else wheels),
+        ("time, turning back too [s]", "time_s", 1.0),
+        ("base rotation, max [deg]", "rotation_max_deg", 1.0),
+        ("base rotation at arrival [deg]", "rotation_at_arrival_deg", 1.0),
+        ("carried off by turning back [mm]", "carried_m", 1e3),
+        ("cost integral [s]", "cost_integral_s", 1.0),
+        ("joint travel [rad]", "joint_travel_rad", 1.0),
+    ]
+    table = _side_by_side(f"{chosen.name}: coupling used and fought", numbers, rows)
+    return printed(folder, table, *_not_reached(numbers))
 
 
 def laws(arguments: argparse.Namespace) -> int:
@@ -98,11 +94,16 @@ def laws(arguments: argparse.Namespace) -> int:
     found, numbers = _written(
         folder, "laws", lambda progress: compare_laws(chosen, wanted, progress), law_numbers, plot_laws
     )
-    output_console().print(_law_table(chosen.name, numbers))
+    warnings = []
     for law, row in numbers.items():
-        say(*_law_warnings(law, row, found.plan.duration))
-    say(f"results: {folder}")
-    return 0
+        if row["slow"]:
+            warnings.append(
+                f"warning: {law}: with its gains an error dies out within "
+                f"{row['longest_time_constant_s']:.3g} s, the move takes only {found.plan.duration:g} s"
+            )
+        if row["stopped"]:
+            warnings.append(f"warning: {law}: {row['stopped']}")
+    return printed(folder, _law_table(chosen.name, numbers), *warnings)
 
 
 def plants(arguments: argparse.Namespace) -> int:
@@ -127,9 +128,7 @@ def plants(arguments: argparse.Namespace) -> int:
         plot_robustness,
     )
     shutil.rmtree(parts, ignore_errors=True)
-    output_console().print(_plant_table(numbers))
-    say(f"results: {folder}")
-    return 0
+    return printed(folder, _plant_table(numbers))
 
 
 def _chosen(arguments: argparse.Namespace, what: str) -> tuple[Scenario, Path]:
@@ -158,46 +157,37 @@ def _not_reached(numbers: dict[str, dict[str, Any]]) -> list[str]:
     return [f"{name} has not reached: {row['note']}" for name, row in numbers.items() if not row["reached"]]
 
 
-def _law_warnings(law: str, row: dict[str, Any], duration: float) -> list[str]:
-    """What a user of a law should know, one line each."""
-    found = []
-    if row["slow"]:
-        found.append(
-            f"warning: {law}: with its gains an error dies out within {row['longest_time_constant_s']:.3g} s,"
-            f" the move takes only {duration:g} s"
-        )
-    if row["stopped"]:
-        found.append(f"warning: {law}: {row['stopped']}")
-    return found
+def _side_by_side(
+    title: str, numbers: dict[str, dict[str, Any]], rows: list[tuple[str, str, float]]
+) -> Table:
+    """A column for each motion: whether it reaches its target, and a line for each of the rows."""
+    table = new_table(title, "quantity", *numbers)
+    table.add_row("reached", *("yes" if row["reached"] else "no" for row in numbers.values()))
+    number_rows(table, numbers.values(), rows)
+    return table
 
 
 def _law_table(name: str, numbers: dict[str, dict[str, Any]]) -> Table:
     # Names may be read over two lines, and there are no lines between columns: it fits 80 columns.
-    table = Table(
-        title=escape(f"{name}: control laws side by side"),
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        show_edge=False,
-        padding=(0, 1, 0, 0),
-    )
+    title = escape(f"{name}: control laws side by side")
+    layout: Any = {"title_justify": "left", "show_edge": False, "padding": (0, 1, 0, 0)}
+    table = Table(title=title, box=box.SIMPLE_HEAD, **layout)
     table.add_column("quantity", no_wrap=True)
     for law in numbers:
         table.add_column(law.replace("-", "-\n"), justify="right", no_wrap=True)
     rows = numbers.values()
-
-    def add(words: str, key: str, factor: float = 1.0) -> None:
-        table.add_row(words, *(f"{factor * row[key]:.3g}" if key in row else "-" for row in rows))
-
     arrived = ("[red]stopped[/]" if r["stopped"] else "yes" if r["arrived"] else "[red]no[/]" for r in rows)
     table.add_row("arrived", *arrived)
-    add("error at the end \\[mm]", "final_error_m", 1e3)
-    for unit in ("rad", "m"):
-        for when, words in (("max", "max"), ("final", "end")):
-            key = f"joint_error_{when}_{unit}"
-            if any(key in row for row in rows):
-                add(f"joint error, {words} \\[m{unit}]", key, 1e3)
-    add("effort \\[N²m²s]", "effort_N2m2s")
-    add("chatter \\[N²m²/s]", "chatter_N2m2_per_s")
+    quantities = [
+        ("error at the end [mm]", "final_error_m", 1e3),
+        ("joint error, max [mrad]", "joint_error_max_rad", 1e3),
+        ("joint error, end [mrad]", "joint_error_final_rad", 1e3),
+        ("joint error, max [mm]", "joint_error_max_m", 1e3),
+        ("joint error, end [mm]", "joint_error_final_m", 1e3),
+        ("effort [N²m²s]", "effort_N2m2s", 1.0),
+        ("chatter [N²m²/s]", "chatter_N2m2_per_s", 1.0),
+    ]
+    number_rows(table, rows, quantities)
     key = "longest_time_constant_s"
     constants = (f"[red]{row[key]:.3g} (slow)[/]" if row["slow"] else f"{row[key]:.3g}" for row in rows)
     table.add_row("time constant \\[s]", *constants)
@@ -205,31 +195,20 @@ def _law_table(name: str, numbers: dict[str, dict[str, Any]]) -> Table:
 
 
 def _plant_table(numbers: dict[str, Any]) -> Table:
-    methods = numbers["methods"]
-    table = new_table(f"{numbers['scenario']}: {numbers['plants']} random plants", "quantity", *methods)
-    reach = f"{1e3 * numbers['reach_m']:g}"
-    table.add_row(
-        f"within {reach} mm at the end",
-        *(f"{row['arrived']} of {numbers['plants']}" for row in methods.values()),
-    )
-    table.add_row(
-        "share of all plants, 95 % interval \\[%]",
-        *(_percent(row["arrived_95_percent_interval"]) for row in methods.values()),
-    )
-    if any(row["stopped"] for row in methods.values()):
-        table.add_row("stopped on the way", *(str(row["stopped"]) for row in methods.values()))
-    for label, key in (
-        ("final error, median", "final_error_median_m"),
-        ("final error, 95 % of the plants", "final_error_95_percent_m"),
-        ("final error, worst", "final_error_worst_m"),
-    ):
-        table.add_row(
-            f"{label} \\[mm]",
-            *("-" if row[key] is None else f"{1e3 * row[key]:.3g}" for row in methods.values()),
-        )
+    methods, plants = numbers["methods"], numbers["plants"]
+    columns = methods.values()
+    table = new_table(f"{numbers['scenario']}: {plants} random plants", "quantity", *methods)
+    arrived = (f"{row['arrived']} of {plants}" for row in columns)
+    table.add_row(f"within {1e3 * numbers['reach_m']:g} mm at the end", *arrived)
+    intervals = ([100.0 * share for share in row["arrived_95_percent_interval"]] for row in columns)
+    shares = (f"{low:.1f} to {high:.1f}" for low, high in intervals)
+    table.add_row("share of all plants, 95 % interval \\[%]", *shares)
+    if any(row["stopped"] for row in columns):
+        table.add_row("stopped on the way", *(str(row["stopped"]) for row in columns))
+    errors = [
+        ("final error, median [mm]", "final_error_median_m", 1e3),
+        ("final error, 95 % of the plants [mm]", "final_error_95_percent_m", 1e3),
+        ("final error, worst [mm]", "final_error_worst_m", 1e3),
+    ]
+    number_rows(table, columns, errors)
     return table
-
-
-def _percent(shares: list[float]) -> str:
-    low, high = shares
-    return f"{100.0 * low:.1f} to {100.0 * high:.1f}"

@@ -1,7 +1,4 @@
-"""`ffsms-pin docs` and `ffsms-pin quickstart`: a page of the documentation, and a notebook to begin with.
-
-The pages are files: beside the package in a clone, inside it where it is installed.
-"""
+"""Files that come with the package, as text: `ffsms-pin docs`, `scenario` and `quickstart`."""
 
 from __future__ import annotations
 
@@ -11,7 +8,6 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 from rich.markdown import Markdown
 from rich.table import Table
@@ -21,7 +17,7 @@ from ffsms_pin.cli.output import output_console, say
 from ffsms_pin.errors import DependencyMissing, InvalidValue, ResultError, meant
 from ffsms_pin.storage import write_content
 
-__all__ = ["notebook", "page", "page_path", "page_titles", "quickstart"]
+__all__ = ["page", "page_path", "page_titles", "quickstart", "scenario_file"]
 
 
 def page(arguments: argparse.Namespace) -> int:
@@ -47,6 +43,7 @@ def page(arguments: argparse.Namespace) -> int:
 
 
 def _folder() -> Path:
+    """Where the pages are: beside the package in a clone, inside it where it is installed."""
     package = Path(ffsms_pin.__file__).parent
     inside = package / "docs"
     return inside if inside.is_dir() else package.parent / "docs"
@@ -70,45 +67,6 @@ def page_path(name: str) -> Path:
     return _folder() / f"{word}.md"
 
 
-# Each cell with what is said above it. The tests run them.
-_CELLS: tuple[tuple[str, str], ...] = (
-    (
-        "# A satellite that turns when its arm moves\n\n"
-        "A robot: the planar satellite of the paper. A path to a URDF goes here as well; `ffsms.mount` puts "
-        "an arm on a satellite of your choice.",
-        "%matplotlib inline\nimport numpy as np\n\n"
-        "import ffsms_pin as ffsms\nfrom ffsms_pin import opt, plotting\n\n"
-        'sms = ffsms.load("planar_3r")\nsms',
-    ),
-    (
-        "Its state at one posture, and how strongly joint motion moves the base (`sigma`).",
-        "q0 = sms.configuration(np.radians([1.0, 1.0, 1.0]))\nsms.at(q0).coupling",
-    ),
-    (
-        "A plan that brings the end effector to a target [m] in 12 s.",
-        "plan = opt.plan(sms, q0, target=[0.45, 0.65, 0.0], duration=12.0)\nplan",
-    ),
-    ("The motion as a drawing.", "plotting.plot_motion(sms, plan).figure"),
-    (
-        "A controller follows the plan on the full dynamics, with nothing acting on the base.",
-        "tracking = ffsms.simulate(sms, plan, ffsms.SlidingModeController(sms))\ntracking",
-    ),
-    ("The film: drag to turn it, use the slider to travel in time.", "ffsms.view(sms, tracking, plan)"),
-)
-
-
-def notebook() -> dict[str, Any]:
-    """The notebook, as its JSON says (format 4.5)."""
-    cells: list[dict[str, Any]] = []
-    for i, (said, code) in enumerate(_CELLS):
-        cells.append({"cell_type": "markdown", "id": f"text-{i}", "metadata": {}, "source": said})
-        cell = {"cell_type": "code", "id": f"code-{i}", "metadata": {}, "source": code}
-        cells.append(cell | {"execution_count": None, "outputs": []})
-    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
-    metadata = {"kernelspec": kernel, "language_info": {"name": "python"}}
-    return {"cells": cells, "metadata": metadata, "nbformat": 4, "nbformat_minor": 5}
-
-
 def quickstart(arguments: argparse.Namespace) -> int:
     """Write the notebook, and open it where that is asked for."""
     if not arguments.out.strip() or "\0" in arguments.out:
@@ -118,9 +76,23 @@ def quickstart(arguments: argparse.Namespace) -> int:
     path = Path(arguments.out)
     if path.exists():
         raise ResultError(path, "is there already: move it away, or name another file with --out")
-    write_content(path, (json.dumps(notebook(), indent=1) + "\n").encode())
+    write_content(path, Path(__file__).with_name("quickstart.ipynb").read_bytes())
     if arguments.notebook:
         say(f"{path} written")
         return subprocess.call([sys.executable, "-m", "jupyterlab", str(path)])
     say(f"{path} written. Open it with: jupyter lab {path} (pip install 'ffsms-pin[notebooks]')")
+    return 0
+
+
+def scenario_file(arguments: argparse.Namespace) -> int:
+    """Print a packaged scenario file, or the JSON Schema of all of them."""
+    from ffsms_pin.scenarios.file import packaged_path, scenario_names, schema
+
+    if arguments.schema:
+        sys.stdout.write(json.dumps(schema(), indent=2, ensure_ascii=False) + "\n")
+        return 0
+    if arguments.name not in (names := scenario_names()):
+        guess = meant(arguments.name, names, "; ")
+        raise InvalidValue("--print", arguments.name, f"must be one of {', '.join(names)}{guess}")
+    sys.stdout.write(packaged_path(arguments.name).read_text(encoding="utf-8"))
     return 0

@@ -6,7 +6,6 @@ import argparse
 from collections.abc import Sequence
 
 import numpy as np
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -69,21 +68,15 @@ def _limits(sms: SpaceManipulator) -> Table:
     table = new_table("Joint limits", "joint", "position", "rate", "acceleration", "torque")
     limits = sms.limits
     for i, (name, (unit, factor)) in enumerate(zip(sms.joint_names, joint_units(sms), strict=True)):
-        base, moment = ("m", "N") if unit == "m" else ("rad", "N m")
-        table.add_row(
-            escape(name),
-            range_text(limits.lower[i], limits.upper[i], base),
-            limit_text(limits.velocity[i], f"{base}/s"),
-            limit_text(limits.acceleration[i], f"{base}/s²"),
-            limit_text(limits.torque[i], moment),
-        )
-        if unit == "deg":
+        turns = unit == "deg"
+        lines = [(name, "rad", 1.0), ("", "deg", factor)] if turns else [(name, "m", 1.0)]
+        for label, written, times in lines:
             table.add_row(
-                "",
-                range_text(limits.lower[i] * factor, limits.upper[i] * factor, "deg"),
-                limit_text(limits.velocity[i] * factor, "deg/s"),
-                limit_text(limits.acceleration[i] * factor, "deg/s²"),
-                "",
+                escape(label),
+                range_text(times * limits.lower[i], times * limits.upper[i], written),
+                limit_text(times * limits.velocity[i], f"{written}/s"),
+                limit_text(times * limits.acceleration[i], f"{written}/s²"),
+                limit_text(limits.torque[i], "N m" if turns else "N") if label else "",
             )
     return table
 
@@ -112,21 +105,16 @@ def _coupling(sms: SpaceManipulator, posture: FloatArray) -> Table:
 
 def inspected(arguments: argparse.Namespace) -> int:
     """Print the report and, where it is asked for, write the mended file."""
-    console = Console()
+    console = output_console()
     report = inspect(arguments.file)
     console.print(_links(report))
     console.print(_joints(report))
     if report.faults:
         console.print(_faults(report))
-    if report.loads:
-        console.print("The file loads as it is.", highlight=False)
-    else:
-        console.print(
-            f"load refuses the file: {escape(str(report.refusal))}", highlight=False, soft_wrap=True
-        )
+    say("The file loads as it is." if report.loads else f"load refuses the file: {report.refusal}")
     if arguments.repair is None:
         if not report.loads and report.repairable:
-            console.print("It can be mended: add --repair OUT.", highlight=False)
+            say("It can be mended: add --repair OUT.")
         return 0 if report.loads else 1
     given = {"rate": arguments.rate, "effort": arguments.effort}
     settings = {key: value for key, value in given.items() if value is not None}
@@ -137,34 +125,26 @@ def inspected(arguments: argparse.Namespace) -> int:
 
 
 def _links(report: Report) -> Table:
-    table = Table(title=escape(f"Links of '{report.name}'"), title_justify="left")
-    table.add_column("link")
-    table.add_column(escape("mass [kg]"), justify="right")
-    table.add_column(escape("principal inertias [kg m²]"), justify="right")
-    table.add_column("inertia")
+    heads = ("link", "mass [kg]", "principal inertias [kg m²]", "inertia")
+    table = new_table(f"Links of '{report.name}'", *heads, words=("inertia",))
     for link in report.links:
-        inertias = link.principal_inertias
         table.add_row(
             escape(link.name),
             "" if link.mass is None else f"{link.mass:.4g}",
-            "" if inertias is None else ", ".join(f"{value:.4g}" for value in inertias),
+            ", ".join(f"{value:.4g}" for value in link.principal_inertias or ()),
             link.verdict if link.verdict in ("valid", "frame") else f"[red]{escape(link.verdict)}[/]",
         )
     return table
 
 
 def _joints(report: Report) -> Table:
-    table = Table(title="Joints, as written (rad, m, s, N)", title_justify="left")
-    for name in ("joint", "type", "lower", "upper", "velocity", "effort"):
-        table.add_column(name, justify="left" if name in ("joint", "type") else "right")
+    heads = ("joint", "type", "lower", "upper", "velocity", "effort")
+    table = new_table("Joints, as written (rad, m, s, N)", *heads, words=("type",))
     for joint in report.joints:
         limits = (joint.lower, joint.upper, joint.velocity, joint.effort)
         nothing = "" if joint.type == "fixed" else "none"
-        table.add_row(
-            escape(joint.name),
-            escape(joint.type),
-            *(nothing if value is None else _number(value) for value in limits),
-        )
+        written = (nothing if value is None else _number(value) for value in limits)
+        table.add_row(escape(joint.name), escape(joint.type), *written)
     return table
 
 
@@ -174,19 +154,10 @@ def _number(text: str) -> str:
 
 
 def _faults(report: Report) -> Table:
-    table = Table(title="Faults", title_justify="left")
-    table.add_column("where", overflow="fold")
-    table.add_column("what", overflow="fold")
-    table.add_column("loads?")
-    table.add_column("repair")
+    heads = ("where", "what", "loads?", "repair")
+    table = new_table("Faults", *heads, words=heads)
     for fault in sorted(report.faults, key=lambda fault: not fault.blocks):
-        remedy = fault.remedy or (
-            "not possible: the author must say" if fault.blocks else "none needed to load"
-        )
-        table.add_row(
-            escape(fault.where),
-            escape(fault.problem),
-            "[red]no[/]" if fault.blocks else "yes",
-            escape(remedy),
-        )
+        otherwise = "not possible: the author must say" if fault.blocks else "none needed to load"
+        loads = "[red]no[/]" if fault.blocks else "yes"
+        table.add_row(escape(fault.where), escape(fault.problem), loads, escape(fault.remedy or otherwise))
     return table

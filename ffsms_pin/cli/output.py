@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Callable, Mapping
+import webbrowser
+from collections.abc import Container, Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -14,21 +16,18 @@ from rich.table import Table
 
 __all__ = [
     "NO_FIGURES",
-    "Rows",
-    "desktop",
     "limit_text",
     "new_table",
+    "number_rows",
+    "opened",
     "output_console",
+    "printed",
     "range_text",
     "say",
-    "side_by_side",
 ]
 
 NO_FIGURES = "no figures: they need matplotlib (pip install 'ffsms-pin[plot]')"
 _WIDTH = 100
-
-# What a table of things that are compared says of each, by the label of its line.
-Rows = Mapping[str, Callable[[dict[str, Any]], str]]
 
 
 def output_console() -> Console:
@@ -46,28 +45,40 @@ def say(*lines: str) -> None:
         output.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
-def new_table(title: str, first: str, *numbers: str) -> Table:
-    """A table of a first column of names and others of numbers; nothing in its heads is markup."""
+def new_table(title: str, first: str, *others: str, words: Container[str] = ()) -> Table:
+    """A table of a first column of names and others of numbers, or of `words`; no head or title is markup."""
     table = Table(title=escape(title), title_justify="left")
-    table.add_column(escape(first))
-    for name in numbers:
-        table.add_column(escape(name), justify="right")
+    table.add_column(escape(first), overflow="fold")
+    for name in others:
+        table.add_column(escape(name), justify="left" if name in words else "right", overflow="fold")
     return table
 
 
-def side_by_side(title: str, numbers: Mapping[str, dict[str, Any]], rows: Rows) -> Table:
-    """A column for each key of `numbers`, a line for each label of `rows`."""
-    table = new_table(title, "quantity", *numbers)
-    for label, value in rows.items():
-        table.add_row(escape(label), *(value(one) for one in numbers.values()))
-    return table
+def number_rows(
+    table: Table, columns: Iterable[Mapping[str, Any]], rows: Iterable[tuple[str, str, float]]
+) -> None:
+    """Add a line for each label, key and factor, with the key's number of each column times the factor.
+
+    A number that is None, or that only other columns have, is "-"; a key that none has gets no line.
+    """
+    columns = list(columns)
+    for label, key, factor in rows:
+        if any(key in column for column in columns):
+            values = [column.get(key) for column in columns]
+            table.add_row(escape(label), *("-" if x is None else f"{factor * x:.3g}" for x in values))
 
 
-def desktop() -> bool:
-    """Whether there is a display to open a window on."""
-    return sys.platform in ("darwin", "win32") or any(
-        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
-    )
+def printed(folder: Path, table: Table, *lines: str) -> int:
+    """Print the table of results, lines on it, and their folder; returns the exit code."""
+    output_console().print(table)
+    say(*lines, f"results: {folder}")
+    return 0
+
+
+def opened(page: Path) -> bool:
+    """Open a file in the browser; whether there is a display, and a browser, to do so."""
+    display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    return (display or sys.platform in ("darwin", "win32")) and webbrowser.open(page.resolve().as_uri())
 
 
 def limit_text(value: float | None, unit: str) -> str:

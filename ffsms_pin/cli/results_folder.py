@@ -12,7 +12,7 @@ from typing import Any
 
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
 from ffsms_pin.storage import regular_target, remove_leftovers, replace_file, require_space, write_content
-from ffsms_pin.storage.temporary import COMPLETE, is_abandoned, locked_folder, open_folder
+from ffsms_pin.storage.writing import COMPLETE, is_abandoned, locked_folder, open_folder
 
 __all__ = ["chosen_folder", "results_folder", "write_numbers"]
 
@@ -28,7 +28,7 @@ def chosen_folder(out: str | None, name: str) -> Path:
 
 def write_numbers(path: Path, numbers: Any) -> None:
     """Write numbers as JSON."""
-    write_content(path, json.dumps(numbers, indent=2, allow_nan=False) + "\n")
+    write_content(path, json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 @contextmanager

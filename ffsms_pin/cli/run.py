@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-import webbrowser
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,15 +13,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from ffsms_pin import scenarios
-from ffsms_pin.cli.output import NO_FIGURES, desktop, limit_text, new_table, output_console, range_text, say
+from ffsms_pin.cli.output import NO_FIGURES, limit_text, new_table, opened, printed, range_text, say
 from ffsms_pin.cli.progress import shown_progress
-from ffsms_pin.cli.results_folder import chosen_folder, results_folder
+from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.extras import installed
 from ffsms_pin.scenarios import Outcome, Scenario, scenario, summary
 from ffsms_pin.scenarios.definition import save_scenario
 from ffsms_pin.scenarios.run import StageProgress, writes_files
-from ffsms_pin.storage import write_content
 
 __all__ = ["run", "summary_table"]
 
@@ -48,8 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     if failure is not None:
         errors.print(f"plan and recording are kept in {folder}", markup=False, highlight=False)
         raise failure
-    output_console().print(summary_table(numbers))
-    say(f"results: {folder}")
+    printed(folder, summary_table(numbers))
     if arguments.figures and not installed("plot"):
         errors.print(NO_FIGURES, markup=False)
     if arguments.show:
@@ -71,8 +67,7 @@ def _save(outcome: Outcome, staging: Path) -> None:
 def _derive(outcome: Outcome, staging: Path, figures: bool, progress: StageProgress) -> dict[str, Any]:
     """Write what follows from it, numbers first; returns these."""
     numbers = summary(outcome)
-    text = json.dumps(numbers, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    write_content(staging / "summary.json", text)
+    write_numbers(staging / "summary.json", numbers)
     if figures and outcome.capture is not None and installed("view"):
         from ffsms_pin.viewer import view_capture
 
@@ -106,7 +101,7 @@ def _show(folder: Path, drawn: bool) -> None:
     else:
         say("nothing to show: it needs meshcat (pip install 'ffsms-pin[view]')")
         return
-    if not (desktop() and webbrowser.open(shown.resolve().as_uri())):
+    if not opened(shown):
         say(f"to look at: {shown}")
 
 

@@ -120,7 +120,7 @@ One run of a campaign, by its seed: ffsms-pin run --replay results/mine-campaign
         "written; 2 bad input, or the run was stopped",
     ),
     "scenario": Command(
-        "scenario:run",
+        "docs:scenario_file",
         "a packaged scenario file as text, or the JSON Schema of scenario files",
         """\
 Print a packaged scenario file, to be changed and run, or the JSON Schema of scenario files, with which

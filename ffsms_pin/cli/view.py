@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ffsms_pin.cli.output import desktop, say
+from ffsms_pin.cli.output import opened, say
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.client import Client
 from ffsms_pin.errors import FfsmsError, InvalidValue, ResultError
@@ -56,8 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
     out = folder / "view.html" if arguments.html is None else Path(arguments.html)
     scene.to_html(out)
     say(f"scene: {out}")
-    if arguments.html is None and desktop():
-        webbrowser.open(out.resolve().as_uri())
+    if arguments.html is None:
+        opened(out)
     return 0
 
 

@@ -110,8 +110,8 @@ def brake(
     torques = (
         limits.torque if torque_limit is None else checks.per_joint("torque_limit", torque_limit, robot.n)
     )
-    if not (torques > 0.0).all():
-        raise InvalidValue("torque_limit", torque_limit, "must be positive")
+    if not (torques >= checks.SMALLEST_POSITIVE).all():
+        raise InvalidValue("torque_limit", torque_limit, f"must be {checks.SMALLEST_POSITIVE:g} N m or more")
     share = checks.positive("share", share)
     hold = checks.at_least_zero("hold", hold, "s")
     coast = checks.at_least_zero("coast", coast, "s")

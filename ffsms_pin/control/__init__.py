@@ -6,17 +6,11 @@ from ffsms_pin.control.reduced_dynamics import reduced_coriolis, reduced_dynamic
 from ffsms_pin.later import later
 
 if TYPE_CHECKING:  # and each when it is first used
-    from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView
-    from ffsms_pin.control.coordinated import Coordinated
-    from ffsms_pin.control.dumping import MomentumDump
-    from ffsms_pin.control.gains import check_time_constants
-    from ffsms_pin.control.law import JointLaw
-    from ffsms_pin.control.laws import LAWS
-    from ffsms_pin.control.modulation import PulseWidth
-    from ffsms_pin.control.passivity import PassivitySlidingMode
-    from ffsms_pin.control.pd import PD, ComputedTorque
-    from ffsms_pin.control.quaternion_feedback import QuaternionFeedback
-    from ffsms_pin.control.sliding_mode import SlidingModeController
+    from ffsms_pin.control.attitude_laws import Coordinated, MomentumDump, QuaternionFeedback
+    from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, PulseWidth
+    from ffsms_pin.control.law import JointLaw, check_time_constants
+    from ffsms_pin.control.laws import LAWS, PD, ComputedTorque
+    from ffsms_pin.control.sliding_mode import PassivitySlidingMode, SlidingModeController
     from ffsms_pin.control.station_keeping import StationKeeping
     from ffsms_pin.control.super_twisting import SuperTwisting
 

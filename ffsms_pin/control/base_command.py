@@ -1,12 +1,28 @@
-"""What a control law of the base is given, and what it answers with."""
+"""What a control law of the base is given and answers with, what it takes to move the base, and pulses."""
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
 
-from ffsms_pin.checks import FloatArray
+import numpy as np
+import pinocchio as pin
 
-__all__ = ["BaseCommand", "BaseLaw", "BaseView"]
+from ffsms_pin.actuation import Thrusters
+from ffsms_pin.checks import FloatArray, frozen, instance, positive, rotation, sized
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.system import SpaceManipulator, dynamics
+
+__all__ = [
+    "AttitudeHold",
+    "BaseCommand",
+    "BaseLaw",
+    "BaseView",
+    "PulseWidth",
+    "base_torque",
+    "base_wrench",
+    "held_dynamics",
+]
 
 
 class BaseView(NamedTuple):
@@ -58,3 +74,149 @@ class BaseLaw(Protocol):
     def command(self, view: BaseView) -> BaseCommand:
         """What wheels and thrusters are to do in this control step."""
         ...
+
+
+@dataclass
+class AttitudeHold:
+    """An attitude to hold, and the angular acceleration that turns the base to it.
+
+    With eps and eta the vector and scalar part of the quaternion from the wanted attitude to the true one,
+    and w the base's angular velocity,
+
+        w' = -2 bandwidth^2 sign(eta) eps - 2 damping bandwidth w.
+
+    Proof: V = w.w / 2 + 4 bandwidth^2 (1 - |eta|) has V' = -2 damping bandwidth w.w, since eta' = -eps.w / 2.
+    Small errors die out as those of a mass on a spring with that bandwidth [rad/s] and damping, 1 being
+    critical. Without an `attitude` (3, 3), inertial axes, that at the first control step is held.
+
+    Source: B. Wie, H. Weiss, A. Arapostathis, "Quaternion feedback regulator for spacecraft eigenaxis
+    rotations", Journal of Guidance, Control, and Dynamics 12 (1989).
+    """
+
+    bandwidth: float
+    damping: float
+    attitude: Any = None
+
+    def __post_init__(self) -> None:
+        self.bandwidth = positive("bandwidth", self.bandwidth, "rad/s")
+        self.damping = positive("damping", self.damping)
+        if self.attitude is not None:
+            self.attitude = rotation("attitude", self.attitude)
+        self._held: FloatArray | None = self.attitude
+
+    def reset(self) -> None:
+        """Forget the attitude of the last run."""
+        self._held = self.attitude
+
+    def acceleration(self, q: FloatArray, v: FloatArray) -> FloatArray:
+        """The wanted angular acceleration of the base (3,) [rad/s^2], root axes."""
+        turn = pin.Quaternion(q[3:7]).toRotationMatrix()
+        if self._held is None:
+            self._held = turn
+        error = pin.Quaternion(self._held.T @ turn)
+        side = 1.0 if error.w >= 0.0 else -1.0
+        stiffness, drag = 2.0 * self.bandwidth**2, 2.0 * self.damping * self.bandwidth
+        result: FloatArray = -stiffness * side * error.vec() - drag * v[3:6]
+        return result
+
+
+def held_dynamics(
+    sms: SpaceManipulator, q: FloatArray, v: FloatArray, turn: FloatArray, qdd: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """What it takes to turn the base as wanted while the joints move as wanted, its place being free.
+
+    Of M v' + c = [0; T; tau], with v' = [a; turn; qdd], the first three rows give a: no force acts. The base
+    turns by `turn` (3,) [rad/s^2], root axes. Gives T (3,) on the base and tau (n,) [N m].
+    """
+    M, effects = dynamics.inertia_matrix(sms, q), dynamics.velocity_effects(sms, q, v)
+    acceleration = np.concatenate([np.zeros(3), turn, qdd])
+    acceleration[:3] = -(M[:3] @ acceleration + effects[:3]) / M[0, 0]
+    force = M @ acceleration + effects
+    return force[3:6], force[6:]
+
+
+def base_wrench(
+    sms: SpaceManipulator,
+    q: FloatArray,
+    v: FloatArray,
+    tau: FloatArray,
+    known: FloatArray,
+    free: FloatArray,
+) -> FloatArray:
+    """Force [N] and moment [N m] on the root (6,), root axes, for an acceleration of the base known in part.
+
+    Of M v' + c = [wrench; tau] with v' = [known + free x; qdd], the joints' accelerations qdd and x are what
+    they become: along `free` (6, k), in which the base gives way, no wrench acts. `known` (6,) is Pinocchio's
+    v'[:6] [m/s^2; rad/s^2], and `tau` (n,) [N m] are the joint torques.
+    """
+    M, effects = dynamics.inertia_matrix(sms, q), dynamics.velocity_effects(sms, q, v)
+    k, n = free.shape[1], sms.n
+    ways = np.zeros((6 + n, k + n))
+    ways[:6, :k], ways[6:, k:] = free, np.eye(n)
+    moved = np.concatenate([known, np.zeros(n)])
+    acting = np.concatenate([np.zeros(6), tau]) - M @ moved - effects
+    rest = np.linalg.solve(ways.T @ M @ ways, ways.T @ acting)
+    wrench: FloatArray = (M @ (moved + ways @ rest) + effects)[:6]
+    return wrench
+
+
+def base_torque(
+    sms: SpaceManipulator, q: FloatArray, v: FloatArray, turn: FloatArray, tau: FloatArray
+) -> FloatArray:
+    """Torque on the base (3,) [N m] that turns it as wanted while joint torques `tau` (n,) act.
+
+    The joints' accelerations and the base's linear one are what they become; other arguments as for
+    `held_dynamics`.
+    """
+    known = np.concatenate([np.zeros(3), turn])
+    return base_wrench(sms, q, v, tau, known, np.eye(6)[:, :3])[3:]
+
+
+class PulseWidth:
+    """Turns wanted forces into pulses, one a period, each from the period's start.
+
+    A pulse is a whole number of control steps and no shorter than the least on-time. The impulse that a
+    period leaves out, since it is too little for a pulse, is kept for the next ones, so that the mean force
+    is the wanted one. What more than a whole period is missing is dropped: the thruster is too weak.
+
+    Source: the pulse-width modulation of W. E. Vander Velde and J. He, "Design of space structure control
+    systems using on-off thrusters", Journal of Guidance, Control, and Dynamics 6 (1983), with the remainder
+    carried on as in sigma-delta modulation.
+
+    Parameters
+    ----------
+    thrusters : Thrusters
+        On or off.
+    dt : float
+        Control step [s].
+
+    Raises
+    ------
+    InvalidValue
+        The least on-time is no longer than the period allows, or the control step exceeds it.
+    """
+
+    def __init__(self, thrusters: Thrusters, dt: float) -> None:
+        instance("thrusters", thrusters, Thrusters)
+        dt = positive("dt", dt, "s")
+        if thrusters.period is None or thrusters.period < dt * (1.0 - 1e-9):
+            raise InvalidValue("thrusters.period", thrusters.period, f"must be at least a step of {dt:g} s")
+        self._force = thrusters.force
+        self._steps = max(1, round(thrusters.period / dt))
+        self._least = min(self._steps, max(1, int(np.ceil(thrusters.least_on_time / dt - 1e-9))))
+        self._wanted = np.zeros(len(thrusters))  # sum of the wanted shares since the last period began
+        self._on = np.zeros(len(thrusters))  # steps of the pulse
+        self._step = 0
+
+    def apply(self, force: FloatArray) -> FloatArray:
+        """The forces (k,) [N] of this control step, each zero or the largest; `force` (k,) [N] is wanted."""
+        force = sized("force", force, len(self._force))
+        if self._step == 0:
+            # The last period's wish decides on this period's pulse; at the very start the wish of now.
+            wish = np.round(self._wanted + 1e-9)
+            self._on = np.where(wish >= self._least, np.minimum(wish, self._steps), 0.0)
+            self._wanted = np.minimum(self._wanted - self._on, float(self._steps))
+        self._wanted = self._wanted + np.clip(force / self._force, 0.0, 1.0)
+        burning = self._step < self._on
+        self._step = (self._step + 1) % self._steps
+        return frozen(np.where(burning, self._force, 0.0))

@@ -1,12 +1,132 @@
-"""The joints' control laws by name."""
+"""PD control, the floor that every other law has to beat, computed torque, and all laws by name."""
 
-from ffsms_pin.control.law import JointLaw
-from ffsms_pin.control.passivity import PassivitySlidingMode
-from ffsms_pin.control.pd import PD, ComputedTorque
-from ffsms_pin.control.sliding_mode import SlidingModeController
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffsms_pin.checks import FloatArray
+from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, time_constants
+from ffsms_pin.control.reduced_dynamics import reduced_dynamics, reduced_torque
+from ffsms_pin.control.sliding_mode import PassivitySlidingMode, SlidingModeController
 from ffsms_pin.control.super_twisting import SuperTwisting
+from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["LAWS"]
+__all__ = ["LAWS", "PD", "ComputedTorque"]
+
+
+class PD(JointLaw):
+    """Proportional-derivative control of the joints, without a model.
+
+    tau = -K_p q_e - K_d qd_e
+
+    Proof, for a constant q_d and zero momentum: V = qd^T H_q qd / 2 + q_e^T K_p q_e / 2 has
+    dV/dt = qd^T tau + qd^T K_p q_e = -qd^T K_d qd <= 0, since dH_q/dt - 2 C is skew, and by LaSalle the
+    joints come to rest at q_d; nothing hangs from them in orbit. A moving q_d is followed with a lag.
+
+    Source: M. Takegaki and S. Arimoto, "A new feedback method for dynamic control of manipulators", Journal
+    of Dynamic Systems, Measurement, and Control 103 (1981), on the reduced system.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        For its joints and torque limits; the law uses no masses.
+    K_p, K_d : array_like
+        Stiffness [N m/rad] and damping [N m s/rad]: one number, a diagonal (n,), or a symmetric positive
+        definite matrix. The defaults suit the paper's planar system at a control step of 1 ms: its smallest
+        H_q is 0.002 kg m^2, and K_d dt must stay below it.
+    torque_limit : array_like, optional
+        As for `JointLaw`.
+
+    Raises
+    ------
+    InvalidValue
+        A wrong shape, or a gain that is not symmetric positive definite.
+    """
+
+    _gains = ("K_p", "K_d")
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        K_p: ArrayLike = 0.5,
+        K_d: ArrayLike = 0.5,
+        torque_limit: ArrayLike | None = None,
+    ) -> None:
+        super().__init__(sms, torque_limit)
+        self.K_p = gain_matrix("K_p", K_p, sms.n)
+        self.K_d = gain_matrix("K_d", K_d, sms.n)
+
+    def time_constants(self, q: ArrayLike) -> FloatArray:
+        """Time constants of a small error at rest [s], ascending (2 n,): H_q x'' + K_d x' + K_p x = 0."""
+        return time_constants(self.sms.at(q).H_q, self.K_d, self.K_p)
+
+    def _law(self, motion: Motion) -> FloatArray:
+        return -(self.K_p @ motion.q_e) - self.K_d @ motion.qd_e
+
+    def _energy(self, motion: Motion) -> float:
+        H_q, _ = reduced_dynamics(self.sms, motion.q, motion.v)
+        rate_error = motion.qd_e
+        return 0.5 * float(rate_error @ H_q @ rate_error + motion.q_e @ self.K_p @ motion.q_e)
+
+
+class ComputedTorque(JointLaw):
+    """Computed torque control of the joints, the base reacting freely.
+
+    tau = H_q (qdd_d - K_d qd_e - K_p q_e) + C_q
+
+    Proof: with an exact model qdd_e + K_d qd_e + K_p q_e = 0. V = qd_e^T qd_e / 2 + q_e^T K_p q_e / 2 has
+    dV/dt = -qd_e^T K_d qd_e <= 0, and by LaSalle the error goes to zero; exponentially, the
+    loop being linear.
+
+    Source: J. Y. S. Luh, M. W. Walker, R. P. C. Paul, "Resolved-acceleration control of mechanical
+    manipulators", IEEE Transactions on Automatic Control 25 (1980), on the reduced system of a floating base:
+    Y. Umetani and K. Yoshida (1989) for its kinematics.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+    K_p, K_d : array_like
+        Stiffness [1/s^2] and damping [1/s]: one number, a diagonal (n,), or a symmetric positive definite
+        matrix. The defaults are critically damped with 0.2 s.
+    torque_limit : array_like, optional
+        As for `JointLaw`.
+
+    Raises
+    ------
+    InvalidValue
+        A wrong shape, or a gain that is not symmetric positive definite.
+    """
+
+    _gains = ("K_p", "K_d")
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        K_p: ArrayLike = 25.0,
+        K_d: ArrayLike = 10.0,
+        torque_limit: ArrayLike | None = None,
+    ) -> None:
+        super().__init__(sms, torque_limit)
+        self.K_p = gain_matrix("K_p", K_p, sms.n)
+        self.K_d = gain_matrix("K_d", K_d, sms.n)
+
+    def time_constants(self, q: ArrayLike) -> FloatArray:
+        """Time constants of the error [s], ascending (2 n,), the same at every configuration."""
+        self.sms.checked_configuration("q", q)
+        return time_constants(np.eye(self.sms.n), self.K_d, self.K_p)
+
+    def _wanted(self, motion: Motion) -> FloatArray:
+        """The joint accelerations (n,) [rad/s^2] that make the error die out."""
+        wanted: FloatArray = motion.qdd_d - self.K_d.dot(motion.qd_e) - self.K_p.dot(motion.q_e)
+        return wanted
+
+    def _law(self, motion: Motion) -> FloatArray:
+        return reduced_torque(self.sms, motion.q, motion.v, self._wanted(motion))
+
+    def _energy(self, motion: Motion) -> float:
+        return 0.5 * float(motion.qd_e @ motion.qd_e + motion.q_e @ self.K_p @ motion.q_e)
+
 
 # By the names that scenario files use.
 LAWS: dict[str, type[JointLaw]] = {

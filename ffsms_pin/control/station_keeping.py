@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.actuation.allocation import ThrusterAllocation, WheelAllocation
+from ffsms_pin.actuation.thrusters import ThrusterAllocation
+from ffsms_pin.actuation.wheels import WheelAllocation
 from ffsms_pin.checks import FloatArray, instance, one_of, vector
-from ffsms_pin.control.attitude import AttitudeHold, base_wrench
-from ffsms_pin.control.base_command import BaseCommand, BaseView
+from ffsms_pin.control.base_command import AttitudeHold, BaseCommand, BaseView, base_wrench
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import cross_matrix

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, positive
-from ffsms_pin.control.gains import gain_matrix, positives
-from ffsms_pin.control.law import JointLaw, Motion
+from ffsms_pin.control.law import JointLaw, Motion, gain_matrix, positives
 from ffsms_pin.control.reduced_dynamics import reduced_dynamics
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator

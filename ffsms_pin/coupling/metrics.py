@@ -5,11 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, times, whole
+from ffsms_pin.kernel import kernel
 
-__all__ = ["cosine", "cosine_of_triples", "entropy_of_values", "normalised_entropy"]
+__all__ = [
+    "cosine",
+    "cosine_of_triples",
+    "entropies",
+    "entropy_of_values",
+    "normalised_entropy",
+    "singular_values",
+]
 
 # A velocity below this fraction of |J| |rates| is rounding, not motion: it has no direction.
 ROUNDING = 1e-14
@@ -75,3 +84,25 @@ def cosine_of_triples(velocity: Sequence[float], direction: Sequence[float], sca
         return 0.0
     along = (a / speed) * (x / distance) + (b / speed) * (y / distance) + (c / speed) * (z / distance)
     return min(1.0, max(-1.0, along))
+
+
+def singular_values(matrices: FloatArray) -> FloatArray:
+    """Singular values (min(m, n), B) of a stack of finite matrices (m, n, B), the largest first.
+
+    To 1e-14 of the largest of each matrix; usually to 1e-15.
+    """
+    m, n, *stack = matrices.shape
+    wide = matrices if m <= n else matrices.swapaxes(0, 1)
+    return kernel.singular_values(wide, False).reshape(min(m, n), *stack)
+
+
+def entropies(sigma: FloatArray, n: int) -> FloatArray:
+    """The paper's H_norm (...) of singular values (r, ...), of n joints: see `normalised_entropy`."""
+    total = sigma.sum(axis=0)
+    if n <= 1:
+        return np.zeros_like(total)
+    share = sigma / np.where(total > 0.0, total, 1.0)
+    # 0 log 0 = 0
+    logs = np.log(np.where(share > 0.0, share, 1.0))
+    found: FloatArray = np.clip(-np.sum(share * logs, axis=0) / math.log(n), 0.0, 1.0)
+    return found

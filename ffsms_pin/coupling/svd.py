@@ -1,19 +1,26 @@
-"""The singular value decomposition of the coupling matrix C_bm, and what it says."""
+"""The coupling matrix C_bm: its singular value decomposition, its null space, and its scaling."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NoReturn
+from typing import Literal, NoReturn, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin import lapack
-from ffsms_pin.checks import FloatArray, frozen, vector
+from ffsms_pin.checks import FloatArray, frozen, matrix, number, one_of, positive, vector
 from ffsms_pin.coupling.metrics import cosine, entropy_of_values
-from ffsms_pin.errors import SolverError
+from ffsms_pin.errors import InvalidValue, SolverError
 
-__all__ = ["Coupling", "decompose"]
+__all__ = ["NULL_SPACE_TOLERANCE", "Coupling", "Rows", "decompose", "reaction_null_space", "scaled"]
+
+# Rounding leaves singular values of about 1e-16 of the largest where they are exactly zero.
+NULL_SPACE_TOLERANCE = 1e-10
+
+Rows: TypeAlias = Literal["all", "translation", "rotation"]
+
+_ROWS = {"all": slice(0, 6), "translation": slice(0, 3), "rotation": slice(3, 6)}
 
 
 def decompose(C_bm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -112,3 +119,79 @@ def _of_size_one(values: FloatArray) -> FloatArray:
     _, exponent = np.frexp(np.abs(values).max())
     scaled: FloatArray = np.ldexp(values, -exponent)
     return scaled
+
+
+def reaction_null_space(C_bm: FloatArray, of: str, tolerance: float) -> FloatArray:
+    """Orthonormal basis of the joint rates that leave the base's attitude, or all of its twist, unmoved.
+
+    The momentum is zero. The dimension of the space is n minus the rank of the rows in question: at least
+    n - 3 for the attitude and n - 6 for the twist, more where the arm cannot push the base in some direction
+    (a planar arm of three joints: 2 and 0). Which basis of the space it is is arbitrary. With a basis N, no
+    rates N x move the base by more than tolerance times the largest singular value times |x|; where the twist
+    is zero it is zero for every point of the base.
+
+    Parameters
+    ----------
+    C_bm : ndarray, shape (6, n)
+        Joint-to-base coupling matrix, rows [linear; angular].
+    of : {"attitude", "twist"}
+    tolerance : float
+        In [0, 1). A singular value of the rows in question counts as zero up to this fraction of the largest
+        singular value of all of C_bm. (Not of those rows: where an arm cannot turn its base at all, they
+        hold nothing but rounding.)
+
+    Returns
+    -------
+    ndarray, shape (n, k)
+
+    Raises
+    ------
+    InvalidValue
+        `of` is another word, or `tolerance` out of range.
+
+    References
+    ----------
+    D. N. Nenchev, K. Yoshida, P. Vichitkulsawat, M. Uchiyama, "Reaction null-space control of flexible
+    structure mounted manipulator systems", IEEE Transactions on Robotics and Automation 15 (1999).
+    """
+    one_of("of", of, ("attitude", "twist"))
+    tolerance = number("tolerance", tolerance)
+    if not 0.0 <= tolerance < 1.0:
+        raise InvalidValue("tolerance", tolerance, "must be at least 0 and below 1")
+    C_bm = matrix("C_bm", C_bm, 6, None)
+    _, sigma, Vt = np.linalg.svd(C_bm[3:] if of == "attitude" else C_bm)
+    largest = np.linalg.norm(C_bm, 2)
+    rank = int(np.count_nonzero(sigma > tolerance * largest))
+    return np.ascontiguousarray(Vt[rank:].T)
+
+
+def scaled(C_bm: FloatArray, characteristic_length: float, offset: FloatArray, rows: Rows) -> FloatArray:
+    """Rows of the coupling matrix for another length unit and reference point.
+
+    Parameters
+    ----------
+    C_bm : ndarray, shape (6, n)
+        For metres and the base's centre of mass; rows [linear; angular], inertial axes.
+    characteristic_length : float
+        [m]. The linear rows are divided by it, which makes all of C_bm dimensionless: 1 is the paper's
+        choice, 0.001 gives what millimetres give.
+    offset : ndarray, shape (3,)
+        From the base's centre of mass to the new reference point, inertial axes [m].
+    rows : {"all", "translation", "rotation"}
+
+    Returns
+    -------
+    ndarray, shape (6, n) or (3, n)
+
+    Raises
+    ------
+    InvalidValue
+        `characteristic_length` is not above zero, or `rows` another word.
+    """
+    length = positive("characteristic_length", characteristic_length, "m")
+    one_of("rows", rows, _ROWS)
+    moved = matrix("C_bm", C_bm, 6, None)
+    offset = vector("offset", offset, 3, "m")
+    # A point of the base at `offset` moves with v + omega x offset.
+    moved[:3] = (moved[:3] + np.cross(moved[3:], offset, axisa=0, axisc=0)) / length
+    return moved[_ROWS[rows]]

@@ -62,9 +62,8 @@ class Chunks:
     size: int
 
     def __post_init__(self) -> None:
-        whole("rows", self.rows, 1)
         whole("size", self.size, 1)
-        if len(self) > MOST_CHUNKS:
+        if whole("rows", self.rows, 1) > MOST_CHUNKS * self.size:
             raise InvalidValue("size", self.size, f"makes more than {MOST_CHUNKS} chunks; take a larger one")
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Faults of masses and inertias; see `ffsms_pin.system.rigid_body` for what a rigid body can have."""
+"""Faults of masses and inertias; see `ffsms_pin.system.urdf_elements` for what a rigid body can have."""
 
 from __future__ import annotations
 
@@ -11,9 +11,17 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.inspection.faults import Fault, Settings
-from ffsms_pin.system.rigid_body import ROUNDING, inertia_problem, nearest_inertia, principal_text
-from ffsms_pin.system.urdf_edit import INERTIA_KEYS, fix_joint, set_inertia, tensor_of
-from ffsms_pin.system.urdf_elements import is_number
+from ffsms_pin.system.urdf_elements import (
+    INERTIA_KEYS,
+    ROUNDING,
+    fix_joint,
+    inertia_problem,
+    is_number,
+    nearest_inertia,
+    principal_text,
+    set_inertia,
+    tensor_of,
+)
 
 __all__ = ["inertia_faults", "inertial_numbers", "mass_faults", "solid_sphere", "thicken"]
 

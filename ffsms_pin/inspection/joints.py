@@ -10,8 +10,7 @@ from xml.etree import ElementTree
 from ffsms_pin.inspection.faults import Fault, Settings
 from ffsms_pin.inspection.numbers import elements, faults_in
 from ffsms_pin.system.shapes import find_mesh, shape_problem
-from ffsms_pin.system.urdf_edit import fix_joint, words
-from ffsms_pin.system.urdf_elements import is_number
+from ffsms_pin.system.urdf_elements import fix_joint, is_number, words
 
 __all__ = ["joint_faults", "name_faults", "root_faults", "shape_faults"]
 

@@ -39,8 +39,16 @@ def spline_attitudes(
     quadrature: Quadrature, omega: Array, inverse: Array, start: Array, momentum: Array, /
 ) -> Array: ...
 def sums(
-    tree: Tree, maps: Array, quadrature: Quadrature, motions: Array, residuals: Sequence[Any], chosen: Any, /
-) -> Pair: ...
+    tree: Tree,
+    maps: Array,
+    quadrature: Quadrature,
+    motions: Array,
+    residuals: Sequence[Any],
+    chosen: Any,
+    gradient: Array,
+    hessian: Array,
+    /,
+) -> None: ...
 def cone_marches(
     tree: Tree, steps: int, march: Array, rotation: Array | None, joints: Array, sides: Array, /
 ) -> Array: ...

@@ -13,6 +13,7 @@ namespace ffsms {
 namespace {
 
 using Slope = nb::ndarray<const double, nb::device::cpu>;
+using InOut = nb::ndarray<double, nb::c_contig, nb::device::cpu>;  // to be added to
 
 // What Python hands over.
 using GivenQuadrature = std::tuple<In, Matrix, int>;  // integral_to_points, integral_over, late
@@ -163,28 +164,30 @@ Residual residual_of(const GivenResidual& given, Size n, Size motions, Size inst
   return out;
 }
 
-// Gradients (T, M n) and Hessians (T, M n, M n) of T chosen motions (rows, S, K).
-nb::tuple sums(const Tree& tree, const Table<double, 3, -1, -1>& maps, const GivenQuadrature& quadrature,
-               const Table<double, -1, -1, -1>& motions, const std::vector<GivenResidual>& residuals,
-               const Indices& chosen) {
+// Adds the sums of chosen motions among S (rows, S, K) to gradients (S, M n) and Hessians (S, M n, M n).
+void sums(const Tree& tree, const Table<double, 3, -1, -1>& maps, const GivenQuadrature& quadrature,
+          const Table<double, -1, -1, -1>& motions, const std::vector<GivenResidual>& residuals,
+          const Indices& chosen, const InOut& gradient, const InOut& hessian) {
   const Quadrature by = quadrature_of(quadrature);
   const Size n = static_cast<Size>(tree.n), K = static_cast<Size>(by.instants()), S = motions.shape(1);
-  const Size size = n * maps.shape(2), count = chosen.shape(0), rows = motions.shape(0);
+  const Size size = n * maps.shape(2), rows = motions.shape(0);
   const bool entropy = rows == 8 * n + 12;
   if (maps.shape(1) != K || motions.shape(2) != K || !(entropy || rows == 2 * n + 12)) wrong("an array");
   const SplineMaps spline = {static_cast<int>(maps.shape(2)), maps.data()};
   std::vector<Residual> values;
   for (const auto& one : residuals) values.push_back(residual_of(one, n, S, K));
-  checked(chosen, count, S, "a chosen motion");
-  Out gradient = new_array(count, size), hessian = new_array(count, size, size);
-  std::fill_n(gradient.data(), gradient.size(), 0.0);
-  std::fill_n(hessian.data(), hessian.size(), 0.0);
-  std::vector<double> room(Sums::needed(tree, spline, by));
+  checked(chosen, chosen.shape(0), S, "a chosen motion");
+  expect_size(gradient, S * size);
+  expect_size(hessian, S * size * size);
+  // A megabyte: taken anew for each call, its pages would cost as much as the sums.
+  thread_local std::vector<double> room;
+  room.resize(std::max(room.size(), Sums::needed(tree, spline, by)));
   const MotionRows all = {motions.data(), S * K, entropy};
   Sums sum(tree, all, spline, by, room.data());
-  for (Size i = 0; i < count; ++i)
-    sum.add(chosen(i), values, gradient.data() + i * size, hessian.data() + i * size * size);
-  return nb::make_tuple(gradient, hessian);
+  for (Size i = 0; i < chosen.shape(0); ++i) {
+    const Size s = static_cast<Size>(chosen(i));
+    sum.add(chosen(i), values, gradient.data() + s * size, hessian.data() + s * size * size);
+  }
 }
 
 // Joint rates (S, steps, n) of marches to the sides (S, 3), from the joints' positions, limits and greatest
@@ -208,7 +211,9 @@ void bind_motions(nb::module_& m) {
   m.def("attitudes", &attitudes);
   m.def("roll_out", &roll_out);
   m.def("spline_attitudes", &spline_attitudes);
-  m.def("sums", &sums);
+  // Arrays that are added to are never copies.
+  m.def("sums", &sums, nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(), nb::arg(),
+        nb::arg().noconvert(), nb::arg().noconvert());
   m.def("cone_marches", &cone_marches);
 }
 

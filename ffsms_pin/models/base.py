@@ -16,8 +16,7 @@ from ffsms_pin import checks
 from ffsms_pin.checks import FloatArray, positive, vector
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
 from ffsms_pin.system.shapes import find_mesh
-from ffsms_pin.system.urdf_edit import INERTIA_KEYS, words
-from ffsms_pin.system.urdf_elements import read_robot
+from ffsms_pin.system.urdf_elements import INERTIA_KEYS, read_robot, words
 
 __all__ = ["SatelliteBase", "compose", "satellite_shapes"]
 

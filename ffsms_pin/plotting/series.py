@@ -194,7 +194,8 @@ def plot_bands(
 
 def quantiles(runs: FloatArray, share: float) -> FloatArray:
     """Low, median and high (3, k) of runs (runs, k): `share` of them lie between low and high."""
-    return np.quantile(runs, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share], axis=0)
+    with np.errstate(invalid="ignore"):  # where runs are infinite there is a gap
+        return np.quantile(runs, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share], axis=0)
 
 
 def draw_band(ax: Axes, i: int, t: FloatArray, band: FloatArray, label: str | None) -> None:

@@ -29,7 +29,7 @@ from ffsms_pin.scenarios.fits import OF_COMPLIANCE
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.problems import meeting
 from ffsms_pin.simulation import Reference, Tracking, Watchdog
-from ffsms_pin.simulation.unfinished import check_stream
+from ffsms_pin.simulation.streaming import check_stream
 from ffsms_pin.storage import check_writable, path_like, require_space
 from ffsms_pin.system import SpaceManipulator
 
@@ -172,7 +172,8 @@ def _capture(
 ) -> Captured:
     """What becomes of the client, under [contact]."""
     from ffsms_pin.scenarios.replanning import Watching  # most scenarios have no client
-    from ffsms_pin.studies.capture import Envelope, captured
+    from ffsms_pin.studies.capture import captured
+    from ffsms_pin.studies.prediction import Envelope
 
     scenario, contact = loop.scenario, loop.scenario.contact
     client = scenario.made_client(loop.sms)

@@ -5,16 +5,14 @@ from typing import TYPE_CHECKING
 from ffsms_pin.later import later
 
 if TYPE_CHECKING:  # and each when it is first used
-    from ffsms_pin.simulation.actuator import Actuator, JointFriction
     from ffsms_pin.simulation.closed_loop import simulate
-    from ffsms_pin.simulation.disturbances import Wrench
+    from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
     from ffsms_pin.simulation.estimator import Estimator
-    from ffsms_pin.simulation.events import Capture, JointFault
+    from ffsms_pin.simulation.events import Capture, JointFault, Wrench
     from ffsms_pin.simulation.integrators import INTEGRATORS
     from ffsms_pin.simulation.interfaces import Controller, Reference
     from ffsms_pin.simulation.many import simulate_each, simulate_many
     from ffsms_pin.simulation.plant import InertialError, perturb, random_plants
-    from ffsms_pin.simulation.sensors import Sensors
     from ffsms_pin.simulation.tracking import Tracking
     from ffsms_pin.simulation.watchdog import Watchdog
 

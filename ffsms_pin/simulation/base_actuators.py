@@ -8,8 +8,7 @@ import numpy as np
 
 from ffsms_pin.actuation import ReactionWheels, Thrusters
 from ffsms_pin.checks import FloatArray, vector
-from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView
-from ffsms_pin.control.modulation import PulseWidth
+from ffsms_pin.control.base_command import BaseCommand, BaseLaw, BaseView, PulseWidth
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
@@ -17,31 +16,12 @@ __all__ = ["BaseActuators", "started"]
 
 
 class BaseActuators:
-    """The base's actuators in a run, under a law.
+    """The wheels and thrusters of a plant in a run, under a law.
 
     A wheel's torque is cut off at the motor's largest, and where it would take the wheel beyond its largest
-    momentum within the control step. Thrusters that are on or off give pulses.
-
-    Parameters
-    ----------
-    plant : SpaceManipulator
-        With wheels, or thrusters, or both.
-    law : BaseLaw
-    dt : float
-        Control step [s].
-    wheel_momentum : ndarray, shape (w,)
-        At the start [N m s].
-
-    Attributes
-    ----------
-    wheel_momentum : ndarray, shape (w,)
-        Spin momenta against the base [N m s].
-    wheel_torque : ndarray, shape (w,)
-        Motor torques of this control step [N m].
-    thruster_force : ndarray, shape (k,)
-        Forces of this control step [N].
-    propellant : float
-        Used since the start [kg].
+    momentum within the control step. Thrusters that are on or off give pulses. `wheel_momentum` (w,) [N m s]
+    are spin momenta against the base; `wheel_torque` (w,) [N m] and `thruster_force` (k,) [N] are those of
+    this control step, and `propellant` [kg] is what was used since the start.
     """
 
     def __init__(self, plant: SpaceManipulator, law: BaseLaw, dt: float, wheel_momentum: FloatArray) -> None:

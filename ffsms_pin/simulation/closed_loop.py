@@ -13,15 +13,13 @@ from ffsms_pin.checks import MOST_STEPS, positive, step_count
 from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.errors import InvalidValue, ResultError, SimulationDiverged, SimulationStopped
 from ffsms_pin.simulation import base_actuators
-from ffsms_pin.simulation import disturbances as outside
-from ffsms_pin.simulation import events as happening
-from ffsms_pin.simulation.actuator import Actuator, JointFriction
-from ffsms_pin.simulation.disturbances import Wrench
+from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
-from ffsms_pin.simulation.events import Event, JointFault
+from ffsms_pin.simulation.events import Event, JointFault, Wrench, checked_events, checked_wrenches
 from ffsms_pin.simulation.integrators import integrator as integrator_named
-from ffsms_pin.simulation.interfaces import Controller, Reference
-from ffsms_pin.simulation.loop_checks import (
+from ffsms_pin.simulation.interfaces import (
+    Controller,
+    Reference,
     check_kinds,
     checked_plant,
     estimator_of,
@@ -31,7 +29,6 @@ from ffsms_pin.simulation.loop_checks import (
     target_function,
 )
 from ffsms_pin.simulation.record import Record
-from ffsms_pin.simulation.sensors import Sensors
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.watchdog import Watchdog
@@ -161,8 +158,8 @@ def simulate(
     q = start(plant, reference, q0)
     v = start_velocity(plant, reference, q, v0, momentum)
     base = base_actuators.started(sms, plant, base_controller, dt, wheel_momentum)
-    world = World(plant, integrator_named(integrator), friction, outside.checked(disturbances), base)
-    coming = happening.checked(events, plant, duration)
+    world = World(plant, integrator_named(integrator), friction, checked_wrenches(disturbances), base)
+    coming = checked_events(events, plant, duration)
     drive = None if actuator is None else actuator.start(plant.n, dt, duration)
     sensing = None if sensors is None else sensors.start(plant, dt, duration)
     expect_noise = getattr(reference, "expect_noise", None)

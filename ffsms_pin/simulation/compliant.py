@@ -94,33 +94,10 @@ def compliant_contact(
     servicer coast: nothing controls its attitude meanwhile. Whoever calls this makes the grasp rigid
     afterwards (`after_capture`), where both are then.
 
-    Parameters
-    ----------
-    plant : SpaceManipulator
-        The servicer.
-    q, v : ndarray, shape (nq,), (6 + n,)
-        Its state at the first touch.
-    client : Client
-    t : float
-        The client's time then [s].
-    goal : Meet
-        Its grasp is what the end effector holds.
-    law, reference : Controller, Reference, optional
-        What the joints do meanwhile, the reference's time counting from the first touch. Default: no torque.
-    dt : float
-        Control step [s].
-    stiffness, damping : float
-        k [N/m], c [N s/m].
-    turn_stiffness, turn_damping : float
-        k_r [N m/rad], c_r [N m s/rad].
-    time : float
-        How long it lasts [s].
-    wheel_momentum : array_like, shape (w,), optional
-        Spin momenta of the servicer's wheels at the first touch [N m s]. Default: they stand still.
-
-    Raises
-    ------
-    InvalidValue
+    `q`, `v` are the servicer's state at the first touch, `t` [s] the client's time then, and `wheel_momentum`
+    (w,) [N m s] the spin of the servicer's wheels. The grasp of `goal` is what the end effector holds, for a
+    `time` [s]; `law` and `reference` say what the joints do meanwhile, the reference's time counting from the
+    touch. Stiffness k [N/m] and k_r [N m/rad], damping c [N s/m] and c_r [N m s/rad].
     """
     k, c = checks.positive("stiffness", stiffness), checks.at_least_zero("damping", damping, "N s/m")
     k_r = checks.positive("turn_stiffness", turn_stiffness)

@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, at_least_zero
-from ffsms_pin.simulation.sensors import Sensors
+from ffsms_pin.simulation.devices import Sensors
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import root_reaction
 from ffsms_pin.system.dynamics import inertia_matrix
@@ -91,12 +91,8 @@ class RunningEstimator:
     def update(self, q: FloatArray, v: FloatArray, tau: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Estimated q (nq,) and v (6 + n,) now, new arrays; once a control step.
 
-        Parameters
-        ----------
-        q, v : ndarray, shape (nq,), (6 + n,)
-            As measured: the base late, the joints not.
-        tau : ndarray, shape (n,), or None
-            Torques that acted since the last call [N m]; None at the first.
+        The base of `q` and `v` was measured late, the joints were not. `tau` (n,) [N m] are the torques that
+        acted since the last call, None at the first.
         """
         if tau is None:
             self._begin(q, v)
@@ -192,13 +188,8 @@ class PositionAndRate:
     """Covariance and gains of the state (p, r), p' = r, r' = known + white noise, with p and r measured.
 
     The gains depend on the noise and on time alone, so one filter serves all joints, or all axes.
-
-    Parameters
-    ----------
-    position_noise, rate_noise : float
-        Standard deviations of the two measurements, [x] and [x/s]; zero for a perfect one.
-    acceleration_noise : float
-        Square root of the spectral density of what changes the rate beside the known part [x/s^1.5].
+    Measurements have standard deviations, zero for a perfect one; `acceleration_noise` is the square root of
+    the spectral density of what changes the rate beside the known part [x/s^1.5].
     """
 
     def __init__(self, position_noise: float, rate_noise: float, acceleration_noise: float) -> None:
@@ -220,27 +211,19 @@ class PositionAndRate:
         self._rr = rr + S * dt
 
     def doubt(self, rate_error: float) -> None:
-        """Trust the sensors alone where a measured rate is further from the predicted one than by noise.
+        """Trust the sensors alone where measured rates are further from the predicted ones than by noise.
 
         The model is wrong then by more than was counted on: a body was captured, say.
-
-        Parameters
-        ----------
-        rate_error : float
-            The largest difference between measured and predicted rates.
         """
         if self._R_r > 0.0 and rate_error * rate_error > _SURPRISE**2 * (self._rr + self._R_r):
             self._pp, self._pr = max(self._pp, self._R_p), 0.0
             self._rr = max(self._rr, rate_error * rate_error)
 
     def gains(self) -> tuple[float, float, float, float]:
-        """Take in a measurement of both.
+        """Take in a measurement of both: gains K_pp, K_pr, K_rp, K_rr.
 
-        Returns
-        -------
-        tuple of float
-            Gains K_pp, K_pr, K_rp, K_rr: p += K_pp e_p + K_pr e_r and r += K_rp e_p + K_rr e_r, where e_p and
-            e_r are the measurements less what was predicted.
+        p += K_pp e_p + K_pr e_r and r += K_rp e_p + K_rr e_r, with e the measurements less what was
+        predicted.
         """
         pp, pr, rr, R_p, R_r = self._pp, self._pr, self._rr, self._R_p, self._R_r
         if R_p == 0.0 and R_r == 0.0:

@@ -1,4 +1,4 @@
-"""What a closed loop asks of its reference and its controller."""
+"""What a closed loop asks of its reference and controller, and what it checks before its first step."""
 
 from __future__ import annotations
 
@@ -7,9 +7,25 @@ from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable, vector
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
+from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
+from ffsms_pin.simulation.watchdog import Watchdog
+from ffsms_pin.system import SpaceManipulator
+from ffsms_pin.system.base_reaction import MODES
 
-__all__ = ["Controller", "Reference"]
+__all__ = [
+    "Controller",
+    "Reference",
+    "check_kinds",
+    "checked_plant",
+    "estimator_of",
+    "first_sample",
+    "start",
+    "start_velocity",
+    "target_function",
+]
 
 
 class Reference(Protocol):
@@ -52,3 +68,116 @@ class Controller(Protocol):
     ) -> FloatArray:
         """Joint torques (n,) [N m] for the measured q (nq,), v (6 + n,) and the wanted joint motion (n,)."""
         ...
+
+
+def check_kinds(
+    sms: Any,
+    reference: Any,
+    controller: Any,
+    progress: Any,
+    friction: Any,
+    actuator: Any,
+    sensors: Any,
+    estimator: Any,
+    watchdog: Any,
+) -> None:
+    """Raise `InvalidValue`, with the argument's name, for an object that cannot be what it is given as."""
+    instance("sms", sms, SpaceManipulator)
+    missing = [name for name in ("duration", "target", "sample") if not hasattr(reference, name)]
+    if missing or not callable(reference.sample):
+        raise InvalidValue(
+            "reference", reference, "must be a Trajectory, or have duration, target and sample(t)"
+        )
+    if not callable(getattr(controller, "torque", None)):
+        raise InvalidValue("controller", controller, "must have a method torque(q, v, q_d, qd_d, qdd_d)")
+    optional_callable("progress", progress)
+    instance("friction", friction, JointFriction, optional=True)
+    instance("actuator", actuator, Actuator, optional=True)
+    instance("sensors", sensors, Sensors, optional=True)
+    if not isinstance(estimator, bool):
+        instance("estimator", estimator, Estimator, optional=True)
+    instance("watchdog", watchdog, Watchdog, optional=True)
+
+
+def checked_plant(sms: SpaceManipulator, plant: SpaceManipulator) -> SpaceManipulator:
+    """The plant, which must have the model's joints."""
+    if not isinstance(plant, SpaceManipulator):
+        raise InvalidValue("plant", plant, "must be a SpaceManipulator")
+    if plant.joint_names != sms.joint_names or plant.nq != sms.nq:
+        raise InvalidValue(
+            "plant", plant.joint_names, f"must have the model's joints ({', '.join(sms.joint_names)})"
+        )
+    return plant
+
+
+def estimator_of(
+    estimator: Estimator | bool, sms: SpaceManipulator, sensors: Sensors | None, dt: float
+) -> RunningEstimator | None:
+    """What makes a state of the measurements in a run; None where they are taken as they are."""
+    if estimator is False or sensors is None or sensors.perfect:
+        return None
+    chosen = estimator if isinstance(estimator, Estimator) else Estimator()
+    return chosen.start(sms, sensors, dt)
+
+
+def start(plant: SpaceManipulator, reference: Reference, q0: ArrayLike | None) -> FloatArray:
+    """Where the plant starts (nq,)."""
+    if q0 is not None:
+        return plant.checked_configuration("q0", q0)
+    rows = getattr(reference, "q", None)
+    if rows is None:
+        raise InvalidValue("q0", None, "must be given: this reference does not say where it starts")
+    return plant.checked_configuration("reference.q[0]", rows[0])
+
+
+def start_velocity(
+    plant: SpaceManipulator,
+    reference: Reference,
+    q: FloatArray,
+    v0: ArrayLike | None,
+    momentum: ArrayLike | None,
+) -> FloatArray:
+    """How fast the plant is at the start (6 + n,).
+
+    As the reference's first instant has it: its joint rates, its momentum, and at rest what it holds of the
+    base. A `momentum` that is given is the total one, so the base moves by it as a floating one.
+    """
+    if v0 is not None:
+        if momentum is not None:
+            raise InvalidValue("momentum", momentum, "cannot be given together with v0")
+        return vector("v0", v0, plant.nv)
+    rates = first_sample(reference, plant.n)[1]
+    if momentum is not None:
+        return plant.velocity(q, rates, momentum)
+    planned = getattr(reference, "momentum", None)
+    mode = one_of("reference.base_mode", getattr(reference, "base_mode", "floating"), MODES)
+    return plant.velocity(q, rates, planned, mode)
+
+
+def first_sample(reference: Reference, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The wanted motion at the start: three vectors (n,)."""
+    sample = reference.sample(0.0)
+    try:
+        positions, rates, accelerations = sample
+    except (TypeError, ValueError):
+        raise InvalidValue(
+            "reference", reference, "must give positions, rates and accelerations: sample(0)"
+        ) from None
+    return (
+        vector("joint positions of reference.sample(0)", positions, n),
+        vector("joint rates of reference.sample(0)", rates, n, "rad/s"),
+        vector("joint accelerations of reference.sample(0)", accelerations, n, "rad/s^2"),
+    )
+
+
+def target_function(target: Any) -> Callable[[float], FloatArray]:
+    """The target's position as a function of time."""
+    if callable(target):
+        return lambda t: _position(target(t))
+    fixed = _position(target)
+    return lambda t: fixed
+
+
+def _position(target: Any) -> FloatArray:
+    """Position (3,) of a target, which may be a pose."""
+    return vector("target", getattr(target, "translation", target), 3, "m")

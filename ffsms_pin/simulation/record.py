@@ -10,31 +10,20 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.simulation.base_actuators import BaseActuators
-from ffsms_pin.simulation.conservation import momentum_lost
 from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
+from ffsms_pin.simulation.watchdog import momentum_lost
 from ffsms_pin.system import SpaceManipulator
 
 __all__ = ["Record"]
 
 
 class Record:
-    """States and torques of a run, row by row.
+    """States and torques of a run, row by row, in memory or in `rows` on disk.
 
     Momentum, energy and distance follow from a row's state, and are left for the end: in the loop they would
-    cost as much as the controller. Rows that go to disk are completed at once.
-
-    Parameters
-    ----------
-    plant : SpaceManipulator
-    t : ndarray, shape (N + 1,)
-        [s]
-    target : callable
-        Gives the target's position (3,) at a time [s].
-    rows : RowStream, optional
-        Where the rows go, if not into memory.
-    base : BaseActuators, optional
-        Wheels and thrusters, whose state is recorded with each row.
+    cost as much as the controller. Rows that go to disk are completed at once. `target` gives the target's
+    position (3,) at a time [s].
     """
 
     def __init__(

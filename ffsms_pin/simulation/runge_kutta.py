@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.simulation.disturbances import GeneralisedForce
+from ffsms_pin.simulation.events import GeneralisedForce
 
 __all__ = ["rk4_step"]
 

@@ -13,8 +13,7 @@ from ffsms_pin.checks import FloatArray, frozen, instance
 from ffsms_pin.opt.goals import REACH
 from ffsms_pin.opt.motion.rollout import angles_from_start
 from ffsms_pin.opt.problem import ARRIVAL_SHARE
-from ffsms_pin.simulation.streaming import save_mapped
-from ffsms_pin.simulation.unfinished import recorded
+from ffsms_pin.simulation.streaming import recorded, save_mapped
 from ffsms_pin.storage import check_shapes, check_times, load_arrays, path_like, save_arrays
 
 __all__ = ["Tracking"]

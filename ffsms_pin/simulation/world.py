@@ -9,10 +9,9 @@ import pinocchio as pin
 
 from ffsms_pin.actuation import gyrostat
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.simulation.actuator import JointFriction
 from ffsms_pin.simulation.base_actuators import BaseActuators
-from ffsms_pin.simulation.disturbances import GeneralisedForce, Wrench
-from ffsms_pin.simulation.events import Capture, Event
+from ffsms_pin.simulation.devices import JointFriction
+from ffsms_pin.simulation.events import Capture, Event, GeneralisedForce, Wrench
 from ffsms_pin.simulation.integrators import Integrator
 from ffsms_pin.system import SpaceManipulator
 
@@ -23,21 +22,7 @@ class World:
     """A plant with friction, external wrenches and failed joints, integrated step by step.
 
     With wheels they are the last joints of what is integrated (see `gyrostat`), and a capture leaves their
-    speeds against the base as they are.
-
-    Parameters
-    ----------
-    plant : SpaceManipulator
-    integrator : Integrator
-    friction : JointFriction, optional
-    disturbances : sequence of Wrench
-    base : BaseActuators, optional
-        Wheels and thrusters. Without them the wheels stand still.
-
-    Attributes
-    ----------
-    plant : SpaceManipulator
-        As it is now: a capture changes it.
+    speeds against the base as they are; without `base` they stand still. A capture changes `plant`.
     """
 
     def __init__(

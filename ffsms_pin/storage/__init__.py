@@ -1,12 +1,11 @@
 """Files of results: written whole or not at all, read with errors that say what is wrong."""
 
-from ffsms_pin.storage.archives import load_arrays, save_arrays
+from ffsms_pin.storage.archives import check_shapes, check_times, load_arrays, numbers_by_name, save_arrays
 from ffsms_pin.storage.paths import LARGEST_DATA, check_readable, path_like, read_content
-from ffsms_pin.storage.shapes import check_shapes, check_times, numbers_by_name
-from ffsms_pin.storage.temporary import remove_leftovers
 from ffsms_pin.storage.writing import (
     check_writable,
     regular_target,
+    remove_leftovers,
     replace_file,
     require_space,
     write_atomically,

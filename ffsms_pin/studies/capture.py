@@ -9,101 +9,24 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ffsms_pin.checks import FloatArray, frozen, positive
+from ffsms_pin.checks import FloatArray, frozen
 from ffsms_pin.client import AfterCapture, Braking, Client, ClientEstimate, after_capture, brake
 from ffsms_pin.control import BaseLaw, JointLaw
 from ffsms_pin.opt import Meet, Trajectory
 from ffsms_pin.simulation import Tracking, simulate
 from ffsms_pin.simulation.compliant import CompliantContact, compliant_contact
-from ffsms_pin.simulation.disturbances import later
+from ffsms_pin.simulation.events import later
+from ffsms_pin.studies.prediction import Envelope, Prediction, predicted
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import centroidal
 
-__all__ = ["Captured", "Envelope", "Prediction", "captured", "joined", "predicted", "whole_tracking"]
+__all__ = ["Captured", "captured", "joined", "whole_tracking"]
 
 # What goes on as before the capture, like faults and disturbances; the joined robot has laws of its own.
 _CONDITIONS = ("integrator", "friction", "actuator", "sensors", "estimator")
 
 # The laws of a robot's joints and, where it has one, of its base.
 Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
-
-
-@dataclass(frozen=True)
-class Envelope:
-    """How near to its grasp, and how slowly past it, a gripper takes hold; beyond that it closes on nothing.
-
-    The defaults are about half of what grapple fixtures of large arms take.
-
-    Attributes
-    ----------
-    distance, turn : float
-        Between end effector and grasp [m], [rad].
-    speed, spin : float
-        Of the end effector relative to the grasp [m/s], [rad/s].
-    """
-
-    distance: float = 0.05
-    turn: float = 0.1
-    speed: float = 0.05
-    spin: float = 0.05
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            positive(f"envelope {field.name}", getattr(self, field.name))
-
-    def outside(self, miss: FloatArray, relative: FloatArray) -> str:
-        """What is too much, of a miss (2,) [m, rad] and a relative velocity (6,); empty inside."""
-        speed, spin = np.linalg.norm(relative[:3]), np.linalg.norm(relative[3:])
-        found = [
-            ("the grasp is missed by {:.3g} m", float(miss[0]), self.distance),
-            ("it is turned by {:.3g} rad", float(miss[1]), self.turn),
-            ("the end effector passes it at {:.3g} m/s", float(speed), self.speed),
-            ("it turns past it at {:.3g} rad/s", float(spin), self.spin),
-        ]
-        return "; ".join(
-            f"{words.format(value)}, {most:g} at most" for words, value, most in found if value > most
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """The motion that is left once the joints rest, said from what is known of the client.
-
-    `rest` is both as one free body when the joints have come to rest, `braking` [s] after the contact;
-    `spread` the same for clients one standard deviation away, along each axis of the covariance.
-    """
-
-    rest: Client
-    spread: tuple[Client, ...]
-    braking: float
-
-    def rate(self, t: float) -> FloatArray:
-        """Angular velocity of the base (3,), a time t after the contact, inertial axes [rad/s]."""
-        return np.asarray(self.rest.twist(t - self.braking)[3:])
-
-    def deviation(self, t: float) -> FloatArray:
-        """One standard deviation of each component of `rate` [rad/s]; zero where the client is known."""
-        away = [one.twist(t - self.braking)[3:] - self.rate(t) for one in self.spread]
-        return np.sqrt(np.sum(np.square(away), axis=0)) if away else np.zeros(3)
-
-
-def predicted(
-    sms: SpaceManipulator,
-    q: FloatArray,
-    v: FloatArray,
-    client: Client | ClientEstimate,
-    t: float,
-    **braked: Any,
-) -> Prediction:
-    """What a capture at a time t [s] leaves of a client that is known, or estimated.
-
-    `braked` holds keyword arguments of `brake`.
-    """
-    known, others = (client, []) if isinstance(client, Client) else (client.client(), client.spread())
-    joint = after_capture(sms, q, v, known, t)
-    braking = brake(joint, **braked)
-    spread = tuple(after_capture(sms, q, v, one, t).at_rest(braking.q[-1]) for one in others)
-    return Prediction(joint.at_rest(braking.q[-1]), spread, float(braking.t[-1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +141,7 @@ def captured(
     miss, relative = _missed(plant, q, v, grasp, t)
     missed = (envelope or Envelope()).outside(miss, relative)
     before, last = estimates or (client, client)
-    braked = {"torque_limit": torque, "share": torque_share, "coast": coast}
+    braked: dict[str, Any] = {"torque_limit": torque, "share": torque_share, "coast": coast}
     planned = predicted(sms, plan.q[-1], plan.v[-1], before, met, **braked)
     expected = predicted(sms, q, v, last, t, **braked)
     ours = _about_origin(plant, q, v, spinning)
@@ -227,9 +150,7 @@ def captured(
     contact, caught, caught_at = None, client, t
     if compliance is not None and not missed:
         # Until the grasp is rigid the arm is that of the servicer alone, and its joints keep their rates.
-        reference = brake(
-            replace(after_capture(sms, q, v, client, t), v=v), torque, torque_share, coast=coast
-        )
+        reference = brake(replace(after_capture(sms, q, v, client, t), v=v), **braked)
         contact = compliant_contact(
             plant,
             q,
@@ -272,19 +193,10 @@ def captured(
         disturbances=[later(one, t) for one in options.get("disturbances", ())],
         **{key: options[key] for key in _CONDITIONS if key in options},
     )
+    lost = np.linalg.norm(now - (ours + theirs)) / max(np.linalg.norm(ours), np.linalg.norm(theirs))
+    held = base_law is not None
     return Captured(
-        client,
-        miss,
-        relative,
-        missed,
-        planned,
-        expected,
-        contact,
-        joint,
-        braking,
-        float(np.linalg.norm(now - (ours + theirs)) / max(np.linalg.norm(ours), np.linalg.norm(theirs))),
-        flown,
-        base_law is not None,
+        client, miss, relative, missed, planned, expected, contact, joint, braking, float(lost), flown, held
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels
-from ffsms_pin.actuation.allocation import ThrusterAllocation
+from ffsms_pin.actuation.thrusters import ThrusterAllocation
 from ffsms_pin.checks import FloatArray
 from ffsms_pin.opt import BaseLimits, Problem, SearchOptions, Trajectory
 from ffsms_pin.opt.plans import plan_problem

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ffsms_pin.actuation import ReactionWheels
-from ffsms_pin.checks import FloatArray, whole
+from ffsms_pin.checks import FloatArray, positive, whole
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt import Trajectory
 from ffsms_pin.opt.trajectory import ARRIVAL_SHARE
@@ -185,6 +185,7 @@ def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
     (p + z^2/2n -+ z sqrt(p (1 - p)/n + z^2/4n^2)) / (1 + z^2/n).
     """
     successes, runs = whole("successes", successes, 0), whole("runs", runs, 1)
+    positive("runs", runs)  # and no more than 1e12
     if successes > runs:
         raise InvalidValue("successes", successes, f"must not exceed the {runs} runs")
     p, square = successes / runs, _Z**2 / runs

@@ -1,6 +1,6 @@
 """Model and state: a robot description becomes a space manipulator, and a (q, v) becomes a state."""
 
-from ffsms_pin.system.limits import JointLimits
+from ffsms_pin.system.joints import JointLimits
 from ffsms_pin.system.loading import load, with_srdf
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.state import State

@@ -1,4 +1,4 @@
-"""`load`: from a packaged name or a URDF file to a `SpaceManipulator`."""
+"""`load`: from a packaged name or a URDF file to a `SpaceManipulator`, its wheels no joints of the arm."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import instance, one_of, per_joint
+from ffsms_pin.actuation import ReactionWheels
+from ffsms_pin.checks import FloatArray, instance, one_of, per_joint
 from ffsms_pin.errors import (
     FfsmsWarning,
     InvalidUrdf,
@@ -23,13 +25,14 @@ from ffsms_pin.errors import (
 )
 from ffsms_pin.system.manipulator import SpaceManipulator
 from ffsms_pin.system.shapes import Description
-from ffsms_pin.system.urdf_elements import read_robot
+from ffsms_pin.system.urdf_elements import fix_joint, read_robot
 from ffsms_pin.system.urdf_file import UrdfFile
 from ffsms_pin.system.urdf_leniency import Inertias, lenient
-from ffsms_pin.system.wheel_joints import taken_out, wheel_names
 from ffsms_pin.urdf import model_names, model_path
 
-__all__ = ["build", "checked", "folders", "load", "with_srdf"]
+__all__ = ["build", "checked", "folders", "load", "taken_out", "wheel_names", "with_srdf"]
+
+_ROUNDING = 1e-4  # of a wheel's inertia: the digits of a file
 
 
 def load(
@@ -77,16 +80,10 @@ def checked(
     torque: ArrayLike | None,
     stacklevel: int,
 ) -> UrdfFile:
-    """A robot after the changes that `ffsms_pin.load` makes, checked; it warns of what it assumed.
+    """The <robot> from the file at `path` after the changes that `ffsms_pin.load` makes, checked.
 
-    Parameters
-    ----------
-    robot : Element
-        The <robot> from the file at `path`; it is changed.
-    path, locked, inertias, velocity, torque
-        As in `ffsms_pin.load`.
-    stacklevel : int
-        Of the warnings: 2 is the caller of this function.
+    It warns of what it assumed; `stacklevel` is that of the warnings, 2 for the caller of this function. The
+    other arguments are those of `ffsms_pin.load`.
     """
     one_of("inertias", inertias, ("check", "keep", "repair"))
     if not isinstance(locked, Mapping | None):
@@ -181,3 +178,79 @@ def _path(robot: str | os.PathLike[str]) -> Path:
     if not os.path.isfile(path):  # False for any path that the system refuses, where Path.is_file may raise
         raise ModelNotFound(path, model_names())
     return path
+
+
+def wheel_names(value: object) -> tuple[str, ...]:
+    """Names of joints that are wheels, checked to be texts; there may be none."""
+    if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
+        names = tuple(value)
+        if all(isinstance(name, str) for name in names):
+            return names
+    raise InvalidValue("wheels", value, "must be a list of names of joints")
+
+
+def taken_out(urdf: UrdfFile, names: Sequence[str]) -> tuple[UrdfFile, ReactionWheels]:
+    """The same robot with these joints fixed, so that the base has the wheels' masses, and the wheels.
+
+    Spin inertia, axis, largest torque (the effort limit) and friction are those of the file; the largest
+    momentum is that at the velocity limit. `InvalidValue` for what is no joint of the file,
+    `UnsupportedJoint` for one that is not continuous, is not on the base, carries another joint, or whose
+    link is not balanced and symmetric about its axis.
+    """
+    types = {joint.name: joint.type for joint in urdf.joints}
+    for name in names:
+        if name not in types:
+            raise InvalidValue("wheels", name, f"names no joint of the file ({', '.join(types)})")
+        if types[name] != "continuous":
+            raise UnsupportedJoint(
+                urdf.path, f"wheel '{name}' is {types[name]}; a wheel's joint is continuous"
+            )
+    try:
+        model = pin.buildModelFromXML(urdf.kinematics(), pin.JointModelFreeFlyer())
+    except Exception as error:  # whatever the parser objects to that the checks before it did not
+        raise InvalidUrdf(urdf.path, f"Pinocchio cannot build a model from it ({error})") from None
+    wheels = _wheels(urdf, model, names)
+    robot = ElementTree.fromstring(urdf.full_text())
+    for joint in robot.findall("joint"):
+        if joint.get("name") in names:
+            fix_joint(joint, 0.0)
+    return UrdfFile(urdf.path, robot, any_tensor=True), wheels  # its tensors were judged before
+
+
+def _wheels(urdf: UrdfFile, model: Any, names: Sequence[str]) -> ReactionWheels:
+    data = model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    axes, inertias = [], []
+    indices = [model.getJointId(name) for name in names]
+    for name, j in zip(names, indices, strict=True):
+        if model.parents[j] != 1:
+            raise UnsupportedJoint(urdf.path, f"wheel '{name}' is not on the base")
+        if j in list(model.parents):
+            raise UnsupportedJoint(urdf.path, f"wheel '{name}' carries another joint")
+        local = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[3:, model.joints[j].idx_v]
+        inertias.append(_spin_inertia(urdf, name, model.inertias[j], local))
+        axes.append(data.oMi[j].rotation @ local)
+    rows = [model.joints[j].idx_v for j in indices]
+    largest = np.finfo(np.float64).max
+    torque, speed = (
+        np.where(limit[rows] < largest, limit[rows], np.inf)
+        for limit in (np.array(model.upperEffortLimit), np.array(model.upperVelocityLimit))
+    )
+    friction, coulomb = np.array(model.damping)[rows], np.array(model.upperDryFrictionLimit)[rows]
+    spin = np.array(inertias)
+    return ReactionWheels(axes, spin, torque, spin * speed, friction, coulomb, names=tuple(names))
+
+
+def _spin_inertia(urdf: UrdfFile, name: str, body: Any, axis: FloatArray) -> float:
+    """Inertia about the axis [kg m^2] of a body that is balanced and symmetric about it."""
+    tensor = np.array(body.inertia)
+    spin = float(axis @ tensor @ axis)
+    cross = (np.trace(tensor) - spin) / 2.0
+    symmetric = cross * np.eye(3) + (spin - cross) * np.outer(axis, axis)
+    if np.abs(tensor - symmetric).max() > _ROUNDING * np.abs(tensor).max():
+        raise UnsupportedJoint(urdf.path, f"wheel '{name}' is not symmetric about its axis")
+    off = float(np.linalg.norm(np.cross(axis, body.lever)))
+    if body.mass * off**2 > _ROUNDING * spin:
+        words = f"wheel '{name}' is not balanced: its centre is {off:.3g} m off its axis"
+        raise UnsupportedJoint(urdf.path, words)
+    return spin

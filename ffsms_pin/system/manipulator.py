@@ -19,7 +19,7 @@ from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.batch import Batch
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.convex_parts import Part, convex_parts
-from ffsms_pin.system.limits import JointLimits, limits_of, within_turns
+from ffsms_pin.system.joints import JointLimits, limits_of, within_turns
 from ffsms_pin.system.mechanism import Mechanism, scratch
 from ffsms_pin.system.shapes import ShapeKind, ShapeSource
 from ffsms_pin.system.state import State
@@ -144,7 +144,8 @@ class SpaceManipulator(Mechanism):
             if list(inertias.names) != list(model.names):
                 raise InvalidValue("inertias", list(inertias.names), "must be a model of the same joints")
             inertias = list(inertias.inertias)[1:]
-        bodies = list(inertias) if isinstance(inertias, Iterable) else []
+        instance("inertias", inertias, Iterable)
+        bodies = list(inertias)
         if len(bodies) != self.n + 1 or not all(isinstance(body, pin.Inertia) for body in bodies):
             raise InvalidValue("inertias", inertias, f"must be {self.n + 1} pinocchio.Inertia, base first")
         for joint, body in enumerate(bodies, start=1):
@@ -172,13 +173,7 @@ class SpaceManipulator(Mechanism):
         return State(self, self.checked_configuration("q", q), rates)
 
     def batch(self, joints: ArrayLike) -> Batch:
-        """Coupling, Jacobians and inertia at many joint positions at once, in base axes.
-
-        Parameters
-        ----------
-        joints : array_like, shape (N, n)
-            Joint positions [rad].
-        """
+        """Coupling, Jacobians and inertia at many joint positions (N, n) [rad] at once, in base axes."""
         return Batch(self, joints)
 
     def arm_stack(self, mode: str = "floating") -> ArmStack:

@@ -22,16 +22,10 @@ class Mechanism:
     The functions of `dynamics` take one as their first argument. Users have its subclass,
     `SpaceManipulator`.
 
-    Parameters
-    ----------
-    model : pinocchio.Model
-        With a free-flyer as its first joint. It is copied, and gravity is set to zero on the copy.
-    end_effector : str
-        Name of the end-effector frame.
-
     Attributes
     ----------
     model : pinocchio.Model
+        A copy of what was given, with a free-flyer as its first joint and without gravity.
     layout : JointLayout
         Where the joints stand in Pinocchio's q.
     n : int

@@ -42,13 +42,7 @@ _JOINT_PARTS = ("parent", "child", "origin", "axis", "limit")
 
 
 class ShapeSource(ABC):
-    """What is known of a robot's shapes.
-
-    Attributes
-    ----------
-    srdf : Path or None
-        File that names pairs of links whose collisions do not count.
-    """
+    """What is known of a robot's shapes; `srdf` names pairs of links whose collisions do not count."""
 
     srdf: Path | None = None
 
@@ -197,12 +191,9 @@ def _add_colour(
 
 @dataclass(frozen=True, eq=False)
 class GivenShapes(ShapeSource):
-    """Geometry models that belong to a robot's model.
+    """Geometry models, visual and collision, that belong to a robot's model.
 
-    Attributes
-    ----------
-    visual, collision : pinocchio.GeometryModel
-        Their pairs of collisions are not used: all bodies count but those that one joint connects.
+    Their pairs of collisions are not used: all bodies count but those that one joint connects.
     """
 
     visual: Any

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, frozen, vector
 from ffsms_pin.coupling import Coupling, reaction_null_space, scaled
-from ffsms_pin.coupling.null_space import NULL_SPACE_TOLERANCE
-from ffsms_pin.coupling.scaling import Rows
+from ffsms_pin.coupling.svd import NULL_SPACE_TOLERANCE, Rows
 from ffsms_pin.system import base_reaction, dynamics
 from ffsms_pin.system.mechanism import Mechanism, frame_index
 
@@ -280,19 +279,7 @@ class State:
     ) -> FloatArray:
         """Orthonormal basis (n, k) of the joint rates that leave the base unmoved, at zero momentum.
 
-        A new array; k may be 0. See `ffsms_pin.coupling.reaction_null_space`.
-
-        Parameters
-        ----------
-        of : {"attitude", "twist"}
-            Whether the base must not turn (angular rows of C_bm), or not move at all.
-        tolerance : float
-            In [0, 1): a singular value up to this fraction of the largest one of C_bm counts as zero. The
-            default is just above rounding.
-
-        Raises
-        ------
-        InvalidValue
+        A new array; k may be 0. Arguments as for `ffsms_pin.coupling.reaction_null_space`.
         """
         return reaction_null_space(self.C_bm, of, tolerance)
 

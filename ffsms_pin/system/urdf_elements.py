@@ -1,4 +1,4 @@
-"""The XML of a URDF: its links and joints, and its numbers.
+"""The XML of a URDF: its links, joints and numbers, changes to them, and which inertias a body can have.
 
 Numbers are decimal, finite and of a sane size, or an error says where one is not.
 """
@@ -13,22 +13,34 @@ from pathlib import Path
 from typing import Any, TypeAlias
 from xml.etree import ElementTree
 
+import numpy as np
+import pinocchio as pin
+
 from ffsms_pin.checks import LARGEST_POSITIVE, FloatArray
 from ffsms_pin.errors import AmbiguousEndEffector, InvalidUrdf
 from ffsms_pin.storage import read_content
 
 __all__ = [
+    "INERTIA_KEYS",
     "MOVING",
+    "ROUNDING",
     "Box",
     "Inertial",
     "Joint",
     "Link",
+    "fix_joint",
+    "inertia_problem",
     "is_number",
+    "nearest_inertia",
     "number_of",
     "only_tool",
     "origin_of",
+    "principal_text",
     "read_robot",
+    "set_inertia",
+    "tensor_of",
     "triple_of",
+    "words",
 ]
 
 Triple: TypeAlias = tuple[float, float, float]
@@ -48,6 +60,10 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _LARGEST = LARGEST_POSITIVE
 DEEPEST = 100  # elements within each other; a URDF needs five
 MOST_ELEMENTS = 20_000  # some thousand links
+
+INERTIA_KEYS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+
+ROUNDING = 1e-6  # relative: the last digit of a decimal in a file
 
 
 @dataclass(frozen=True)
@@ -186,3 +202,86 @@ class _Builder(ElementTree.TreeBuilder):
         """Close it."""
         self.depth -= 1
         return super().end(tag)
+
+
+def words(numbers: object) -> str:
+    """Numbers as URDF text, to the last digit; an exact zero as 0."""
+    return " ".join(repr(float(x)) if x else "0" for x in np.ravel(np.asarray(numbers, dtype=np.float64)))
+
+
+def fix_joint(joint: ElementTree.Element, position: float) -> None:
+    """Make a revolute, continuous or prismatic joint a fixed one that stands at `position` [rad or m].
+
+    The links keep their masses; what belongs to a moving joint only (axis, limits, <mimic>) is taken out.
+    ValueError, and nothing is changed, where the joint's axis or origin is not in numbers.
+    """
+    origin = joint.find("origin")
+    if position != 0.0:
+        place = pin.SE3(pin.rpy.rpyToMatrix(_triple(origin, "rpy", "0 0 0")), _triple(origin, "xyz", "0 0 0"))
+        axis = _triple(joint.find("axis"), "xyz", "1 0 0")
+        length = float(np.linalg.norm(axis))
+        if length < 1e-9:
+            raise ValueError
+        if joint.get("type") == "prismatic":
+            moved = place * pin.SE3(np.eye(3), axis / length * position)
+        else:
+            moved = place * pin.SE3(pin.AngleAxis(position, axis / length).matrix(), np.zeros(3))
+        if origin is None:
+            origin = ElementTree.SubElement(joint, "origin")
+        origin.set("xyz", words(moved.translation))
+        origin.set("rpy", words(pin.rpy.matrixToRpy(moved.rotation)))
+    joint.set("type", "fixed")
+    for tag in ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration"):
+        for item in joint.findall(tag):
+            joint.remove(item)
+
+
+def tensor_of(inertial: ElementTree.Element) -> FloatArray | None:
+    """Inertia (3, 3) [kg m^2] of an <inertial>; None for what is not there, is no number or is too large."""
+    element = inertial.find("inertia")
+    if element is None or not all(is_number(element.get(key, "")) for key in INERTIA_KEYS):
+        return None
+    tensor = np.zeros((3, 3))
+    for key, (i, j) in INERTIA_KEYS.items():
+        tensor[i, j] = tensor[j, i] = float(element.get(key, ""))
+    return tensor if np.abs(tensor).max() < 1e30 else None
+
+
+def set_inertia(inertial: ElementTree.Element, tensor: FloatArray) -> None:
+    """Write an inertia (3, 3) [kg m^2] into an <inertial>."""
+    element = inertial.find("inertia")
+    if element is None:
+        element = ElementTree.SubElement(inertial, "inertia")
+    for key, place in INERTIA_KEYS.items():
+        element.set(key, words(tensor[place]))
+
+
+def _triple(element: ElementTree.Element | None, key: str, default: str) -> FloatArray:
+    numbers = (default if element is None else element.get(key, default)).split()
+    if len(numbers) != 3 or not all(map(is_number, numbers)):
+        raise ValueError
+    return np.array([float(word) for word in numbers])
+
+
+def inertia_problem(tensor: FloatArray) -> str | None:
+    """What keeps an inertia (3, 3) [kg m^2] from being a rigid body's: "negative", "triangle" or None."""
+    a, b, c = (float(x) for x in np.linalg.eigvalsh(tensor))
+    rounding = ROUNDING * max(abs(a), abs(c))
+    if a < -rounding:
+        return "negative"
+    return "triangle" if a + b < c - rounding else None
+
+
+def nearest_inertia(tensor: FloatArray, least: float) -> FloatArray:
+    """The inertia (3, 3) whose second moments are nearest to the given ones and not below `least`."""
+    moments = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+    values, axes = np.linalg.eigh(moments)
+    moments = axes @ np.diag(np.maximum(values, least)) @ axes.T
+    nearest = np.trace(moments) * np.eye(3) - moments
+    symmetric: FloatArray = np.array(0.5 * (nearest + nearest.T), dtype=np.float64)
+    return symmetric
+
+
+def principal_text(tensor: FloatArray) -> str:
+    """The principal inertias, ascending, for messages."""
+    return ", ".join(f"{x:.6g}" for x in np.linalg.eigvalsh(tensor))

@@ -10,13 +10,14 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ffsms_pin.errors import InvalidInertia, InvalidUrdf, UnsupportedJoint
-from ffsms_pin.system.rigid_body import ROUNDING, inertia_problem
 from ffsms_pin.system.urdf_elements import (
     MOVING,
+    ROUNDING,
     Box,
     Inertial,
     Joint,
     Link,
+    inertia_problem,
     number_of,
     only_tool,
     origin_of,
@@ -35,33 +36,12 @@ _Named = TypeVar("_Named", Link, Joint)
 
 
 class UrdfFile:
-    """A URDF file, read and checked.
+    """A URDF file, read and checked: its links by name, its joints, and its root, the satellite's base.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    robot : Element, optional
-        What to check instead of the file, where it was made from the file at `path`.
-    any_tensor : bool
-        Whether inertias may break the triangle inequality.
-
-    Attributes
-    ----------
-    links : dict of str to Link
-    joints : list of Joint
-    root : str
-        The link that is nobody's child: the satellite's base.
-
-    Raises
-    ------
-    InvalidUrdf
-        Not XML, not a robot, a number that is none, limits that are missing or the wrong way round,
-        links and joints that do not make one tree.
-    InvalidInertia
-        A mass that is missing or negative, an inertia that no rigid body has.
-    UnsupportedJoint
-        A joint that is not fixed, revolute, continuous or prismatic.
+    `robot` is what to check instead, where it was made from the file at `path`; with `any_tensor` inertias
+    may break the triangle inequality. `InvalidUrdf` is for what is no XML, robot, number, range of limits or
+    tree, `InvalidInertia` for a mass or an inertia that no rigid body has, `UnsupportedJoint` for a joint
+    that is not fixed, revolute, continuous or prismatic.
     """
 
     def __init__(

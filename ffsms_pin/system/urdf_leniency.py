@@ -18,9 +18,18 @@ import numpy as np
 
 from ffsms_pin.checks import FloatArray, number
 from ffsms_pin.errors import InvalidUrdf, InvalidValue
-from ffsms_pin.system.rigid_body import ROUNDING, inertia_problem, nearest_inertia, principal_text
-from ffsms_pin.system.urdf_edit import fix_joint, set_inertia, tensor_of, words
-from ffsms_pin.system.urdf_elements import MOVING, is_number
+from ffsms_pin.system.urdf_elements import (
+    MOVING,
+    ROUNDING,
+    fix_joint,
+    inertia_problem,
+    is_number,
+    nearest_inertia,
+    principal_text,
+    set_inertia,
+    tensor_of,
+    words,
+)
 
 __all__ = ["DEFAULT_EFFORT", "DEFAULT_RATE", "Inertias", "lenient"]
 

@@ -110,6 +110,7 @@ def view(
     shown, camera = chosen_layers(show), one_of("camera", camera, CAMERAS)
     planned = result if isinstance(result, Trajectory) else plan
     instance("plan", planned, Trajectory, optional=True)
+    instance("title", title, str, optional=True)
     kappa, reach, path = _KAPPA, REACH, None
     if planned is not None:
         kappa, reach = planned.kappa, planned.reach

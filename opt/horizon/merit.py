@@ -212,7 +212,7 @@ def linearise(
     The default damping is that of stages after the first. Motions whose merit is not below `below`, (S,) or
     one, get no derivatives.
     """
-    problem, goal, (count, *_), size = model.problem, model.goal, p.shape, p[0].size
+    problem, goal, count = model.problem, model.goal, len(p)
     length = problem.stack.length
     smoothing = Smoothing(weights.fade_speed, weights.fade_distance * length)
     motions = motions_of(problem, model.spline, p, smoothing, goal)
@@ -243,10 +243,8 @@ def linearise(
             np.maximum.at(lack, *largest)
             if limit.blocks:
                 np.maximum.at(blocked, *largest)
-    gradient, hessian = np.zeros((count, size)), np.zeros((count, size, size))
     good = np.flatnonzero(merit < below)
-    if good.size:
-        gradient[good], hessian[good] = sums(model.spline, motions, good, weighted)
+    gradient, hessian = sums(model.spline, motions, good, weighted)
     shares = at_goal.end_share, at_goal.late_share, lack, blocked
     dampings = np.broadcast_to(damping, count).astype(np.float64)
     return Candidates(p.copy(), dampings, merit, objective, gradient, hessian, *shares)
@@ -276,10 +274,14 @@ class Weighted(NamedTuple):
 def sums(
     spline: RateSpline, motions: Motions, chosen: Indices, residuals: list[Weighted]
 ) -> tuple[FloatArray, FloatArray]:
-    """Gradient (T, Mn) and Hessian (T, Mn, Mn) of half the weighted sum of squares of T chosen motions.
+    """Gradients (S, Mn) and Hessians (S, Mn, Mn) of half the weighted sums of squares; chosen motions alone.
 
     The control points come first, the joints last; what its own momentum turns the base is left out.
     """
+    count, size = motions.count, spline.size * motions.stack.n
+    gradient, hessian = np.zeros((count, size)), np.zeros((count, size, size))
+    if not chosen.size:
+        return gradient, hessian
     every, given = np.arange(len(motions.times)), []
     rows = [motions.joints, motions.rates, motions.base_attitude, motions.own_spin]
     if any("by_entropy" in one.residual.slopes for one in residuals):
@@ -287,6 +289,7 @@ def sums(
     for residual, weight in residuals:
         (motion, instants), by = residual.where or (None, slice(None)), residual.slopes
         given.append((every[instants], motion, weight, residual.value, by))
-    maps = np.stack([spline.travel.free, spline.rates.free, spline.accelerations.free])
     arrays = np.concatenate([one.reshape(-1, *motions.joints.shape[1:]) for one in rows])
-    return kernel.sums(motions.stack.tree, maps, spline.quadrature, arrays, given, chosen)
+    tree = motions.stack.tree
+    kernel.sums(tree, spline.maps, spline.quadrature, arrays, given, chosen, gradient, hessian)
+    return gradient, hessian

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -97,6 +97,11 @@ class RateSpline:
     def size(self) -> int:
         """Number of control points that are free, M."""
         return int(self.rates.free.shape[1])
+
+    @cached_property
+    def maps(self) -> FloatArray:
+        """From the control points to travel, rates and accelerations (3, Q + 2, M)."""
+        return np.stack([self.travel.free, self.rates.free, self.accelerations.free])
 
     def rates_at(self, times: FloatArray) -> Map:
         """Joint rates at any times (k,)."""

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ffsms_pin.checks import FloatArray
+from ffsms_pin.checks import FloatArray, reals
 from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.limits.limit import Rows, Violation
 from ffsms_pin.opt.motion.feature import OWN, Feature, Indices, lost_slopes
@@ -67,9 +67,10 @@ class Residual(Feature):
         over_time: bool = True,
         **slopes: Any,
     ) -> None:
-        value, slopes = _plain(value), {name: _plain(slope) for name, slope in slopes.items()}
+        value, slopes = _plain("value", value), {name: _plain(name, slope) for name, slope in slopes.items()}
         if motion is not None:
-            value, slopes = value[None], {name: slope[..., None, :] for name, slope in slopes.items()}
+            value = value[None]
+            slopes = {name: np.atleast_1d(slope)[..., None, :] for name, slope in slopes.items()}
         super().__init__(value, slopes, (motion, instants), over_time)
 
 
@@ -87,8 +88,8 @@ class JointResidual(Feature):
         self, value: Any, by_position: Any = None, by_rate: Any = None, by_acceleration: Any = None
     ) -> None:
         by = zip(OWN, (by_position, by_rate, by_acceleration), strict=True)
-        slopes = {name: _plain(slope) for name, slope in by if slope is not None}
-        super().__init__(_plain(value), slopes, (None, slice(None)))
+        slopes = {name: _plain("slope", slope) for name, slope in by if slope is not None}
+        super().__init__(_plain("value", value), slopes, (None, slice(None)))
 
 
 _BY_HAND = (Residual, JointResidual)
@@ -190,7 +191,7 @@ def _read(part: Any, method: str, i: int, found: Any, features: Features) -> Fea
     if not isinstance(found, (Feature, np.ndarray, float, int)):
         wanted = "a Feature, a Residual, an array (S, K), or a list of these"
         raise PartError(part, method, f"must return {wanted}; got {type(found).__name__}")
-    one: Any = found if isinstance(found, Feature) else np.asarray(found, dtype=np.float64)
+    one: Any = found if isinstance(found, Feature) else _plain(f"{type(part).__name__}.{method}", found)
     S, K = features.motions.rates.shape[1:]
     if getattr(one, "where", None) is None and (one.shape[-2:] != (S, K) or one.ndim > 3):
         shapes = f"{(S, K)} or (c, S, K) = (c, {S}, {K})"
@@ -234,11 +235,11 @@ def _differences(part: Any, method: str, i: int, features: Features) -> Callable
 
     def values(motions: Motions) -> FloatArray:
         found = _answers(part, method, Features(motions, features.duration, features.where))
-        return np.asarray(_plain(found[i]), dtype=np.float64)
+        return _plain(method, found[i])
 
     return lambda: by_differences(values, features.motions)
 
 
-def _plain(x: Any) -> FloatArray:
+def _plain(name: str, x: Any) -> FloatArray:
     """Features may stand where arrays are asked for: their values count."""
-    return x.value if isinstance(x, Feature) else np.asarray(x)
+    return x.value if isinstance(x, Feature) else reals(name, x, "fiub")

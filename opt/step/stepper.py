@@ -13,7 +13,7 @@ from ffsms_pin.coupling import cosine_of_triples
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import as_goal
 from ffsms_pin.opt.limits.limit import Limit, prepared
-from ffsms_pin.opt.parts.reading import objective_of, rows_of
+from ffsms_pin.opt.parts.reading import checked_parts, objective_of, rows_of
 from ffsms_pin.opt.parts.term import Term
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.step.march import braking, stoppable
@@ -120,8 +120,8 @@ class Stepper:
     ) -> Stepper:
         """A stepper that takes the steps of a problem; with other limits or terms where they are given."""
         instance("problem", problem, Problem)
-        limits = problem.limits if limits is None else limits
-        terms = problem.terms if terms is None else terms
+        limits = problem.limits if limits is None else checked_parts("limits", limits, Limit)
+        terms = problem.terms if terms is None else checked_parts("terms", terms, Term)
         given = problem.momentum, problem.mode, problem.wheel_total
         return Stepper(problem.sms, problem.dt, problem.kappa, limits, terms, weights, reference, *given)
 

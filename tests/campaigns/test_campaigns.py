@@ -142,6 +142,7 @@ def test_wilson_interval_solves_its_equation(refused: Callable[..., FfsmsError])
     assert wilson_interval(0, 10)[0] == 0.0
     assert wilson_interval(10, 10)[1] == 1.0
     refused(lambda: wilson_interval(3, 2), InvalidValue, "successes")
+    refused(lambda: wilson_interval(3, 10**400), InvalidValue, "runs")
 
 
 def test_the_commands(file: Path, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

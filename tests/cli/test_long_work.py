@@ -31,11 +31,11 @@ def test_off_a_terminal_a_long_stage_has_a_line_every_few_seconds(monkeypatch: p
 def test_off_a_terminal_counted_work_has_a_line_every_few_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     now, out = [0.0], io.StringIO()
     monkeypatch.setattr("time.perf_counter", lambda: now[0])
-    with progress.counted_progress("runs", Console(file=out, width=200)) as show:
-        show(0, 1000)
+    with progress.shown_progress(Console(file=out, width=200)) as show:
+        show("runs", 0, 1000)
         for i in range(1, 31):
             now[0] = float(i)
-            show(i, 1000)
+            show("runs", i, 1000)
     assert len(out.getvalue().splitlines()) == 6
     assert "runs: 6 of 1000" in out.getvalue()
 

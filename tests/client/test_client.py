@@ -63,6 +63,7 @@ def test_a_robot_is_no_client(tmp_path: Path) -> None:
         ({"inertia": [1.0, 1.0, 3.0]}, "triangle inequality"),
         ({"inertia": [1.0, 1.0, -1.0]}, "positive definite"),
         ({"inertia": [0.0, 1.0, 1.0]}, "positive definite"),
+        ({"inertia": [5e-324, 5e-324, 5e-324]}, "1e-12 kg m\\^2 or more"),
         ({"inertia": [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]}, "symmetric"),
         ({"inertia": [1.0, np.nan, 1.0]}, "finite"),
         ({"pose": np.eye(4)}, "pose must be a pinocchio.SE3"),

@@ -13,7 +13,8 @@ from base_actuators import PLACES, PYRAMID, WAYS
 from motions import Array, Swing
 
 import ffsms_pin as ffsms
-from ffsms_pin.actuation.allocation import ThrusterAllocation, WheelAllocation
+from ffsms_pin.actuation.thrusters import ThrusterAllocation
+from ffsms_pin.actuation.wheels import WheelAllocation
 from ffsms_pin.control import (
     BaseView,
     ComputedTorque,
@@ -22,7 +23,7 @@ from ffsms_pin.control import (
     PulseWidth,
     QuaternionFeedback,
 )
-from ffsms_pin.control.attitude import AttitudeHold, base_torque, held_dynamics
+from ffsms_pin.control.base_command import AttitudeHold, base_torque, held_dynamics
 from ffsms_pin.errors import FfsmsError, InvalidValue
 from ffsms_pin.simulation import Tracking
 

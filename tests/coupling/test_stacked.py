@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ffsms_pin.coupling import normalised_entropy
-from ffsms_pin.coupling.stacked import entropies, singular_values
+from ffsms_pin.coupling.metrics import entropies, singular_values
 
 Array = NDArray[np.float64]
 COUNT = 400

@@ -222,6 +222,7 @@ def test_a_full_disk_is_one_line(plain: ChunkFolder, tmp_path: Path) -> None:
 def test_arguments_that_do_not_fit(tmp_path: Path, refused: Callable[..., FfsmsError]) -> None:
     refused(lambda: Chunks(0, 4), InvalidValue, "rows")
     refused(lambda: Chunks(10**9, 1), InvalidValue, "size")
+    refused(lambda: Chunks(10**100, 2), InvalidValue, "size")
     refused(lambda: Shard(3, 2), InvalidValue, "shard")
     refused(lambda: Shard.read("3-16"), InvalidValue, "shard")
     assert Shard.read("3/16") == Shard(3, 16)

@@ -180,7 +180,9 @@ def agree(spline: RateSpline, at: Motions, chosen: Any, residuals: list[ByHand])
     """Kernel and plain sums, to 1e-9 of the largest entry."""
     chosen = np.asarray(chosen)
     found = sums(spline, at, chosen, features(residuals))
-    for ours, plain in zip(found, plain_sums(spline, at, chosen, residuals), strict=True):
+    for every, plain in zip(found, plain_sums(spline, at, chosen, residuals), strict=True):
+        ours = every[chosen]
+        assert not np.delete(every, chosen, axis=0).any()
         np.testing.assert_allclose(ours, plain, rtol=0.0, atol=1e-9 * np.abs(plain).max())
         assert np.abs(plain).max() > 0.0
 
@@ -225,6 +227,6 @@ def test_nothing_to_sum(rng: np.random.Generator) -> None:
     none = np.empty(0, dtype=np.int64)
     empty = Residual(np.empty(0), none, none, by_base=np.empty((3, 0)))
     gradient, hessian = sums(spline, at, np.array([1]), features([(empty, np.empty(0))]))
-    assert gradient.shape == (1, spline.size * 3)
+    assert gradient.shape == (MOTIONS, spline.size * 3)
     assert not gradient.any()
     assert not hessian.any()

@@ -109,6 +109,12 @@ def test_band_holds_its_share_of_the_runs() -> None:
     assert "80 % of 101 runs" in [text.get_text() for text in legend.get_texts()]
 
 
+def test_a_band_has_gaps_where_runs_are_infinite() -> None:
+    runs = np.array([[1.0, 1.0, 1.0], [1.0, 2.0, -np.inf]])
+    (median,) = plot_bands(np.arange(3.0), runs, "value [-]").lines
+    np.testing.assert_array_equal(np.isfinite(median.get_ydata()), [True, True, False])
+
+
 def test_errors_and_torques_of_many_runs(
     planar: ffsms.SpaceManipulator, runs: list[ffsms.Tracking], refused: Callable[..., FfsmsError]
 ) -> None:

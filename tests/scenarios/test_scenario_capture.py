@@ -13,8 +13,9 @@ from ffsms_pin.errors import InvalidScenario
 from ffsms_pin.opt import Meet, Problem
 from ffsms_pin.scenarios.definition import save_scenario
 from ffsms_pin.scenarios.file import packaged_path
-from ffsms_pin.studies.capture import predicted, whole_tracking
+from ffsms_pin.studies.capture import whole_tracking
 from ffsms_pin.studies.client_motion import ClientMotion, client_motion
+from ffsms_pin.studies.prediction import predicted
 
 SHORT = """
 [robot]

@@ -25,7 +25,7 @@ from ffsms_pin.simulation import (
     Wrench,
     simulate,
 )
-from ffsms_pin.simulation.unfinished import begun
+from ffsms_pin.simulation.streaming import begun
 
 ARRAYS = [field.name for field in fields(Tracking) if field.name != "note"]
 Refused = Callable[..., FfsmsError]
@@ -143,7 +143,7 @@ def test_noise_of_a_thousand_turns_ends_in_words_with_every_integrator(
     planar: ffsms.SpaceManipulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The adaptive ones come to the bound on their work, in seconds; a tenth of it shows the same.
-    monkeypatch.setattr("ffsms_pin.simulation.adaptive._MOST_SLOPES", 10_000)
+    monkeypatch.setattr("ffsms_pin.simulation.integrators._MOST_SLOPES", 10_000)
     for integrator in ("rk4", "variational", "adaptive", "stiff"):
         with pytest.raises(SimulationDiverged):
             simulate(

@@ -17,7 +17,7 @@ from ffsms_pin import opt
 from ffsms_pin.control import SlidingModeController
 from ffsms_pin.errors import FfsmsError, InvalidValue, SimulationDiverged
 from ffsms_pin.simulation import Tracking, simulate
-from ffsms_pin.simulation.unfinished import HELD
+from ffsms_pin.simulation.streaming import HELD
 
 Array = NDArray[np.float64]
 Refused = Callable[..., FfsmsError]

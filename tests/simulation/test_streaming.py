@@ -17,8 +17,7 @@ import ffsms_pin as ffsms
 from ffsms_pin.control import SlidingModeController
 from ffsms_pin.errors import InvalidValue, ResultError, SimulationStopped
 from ffsms_pin.simulation import Capture, Tracking, Watchdog, simulate
-from ffsms_pin.simulation.streaming import RowStream
-from ffsms_pin.simulation.unfinished import part_folder
+from ffsms_pin.simulation.streaming import RowStream, part_folder
 
 Array = NDArray[np.float64]
 

@@ -19,8 +19,7 @@ from ffsms_pin import storage
 from ffsms_pin.control import SlidingModeController
 from ffsms_pin.errors import FfsmsError, ResultError, SimulationDiverged, SimulationStopped
 from ffsms_pin.simulation import Tracking, Watchdog, simulate
-from ffsms_pin.simulation.streaming import RowStream
-from ffsms_pin.simulation.unfinished import part_folder
+from ffsms_pin.simulation.streaming import RowStream, part_folder
 
 Refused = Callable[..., FfsmsError]
 KILLED = """

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import LARGEST, FloatArray, frozen, instance
-from ffsms_pin.coupling.stacked import entropies, singular_values
+from ffsms_pin.coupling.metrics import entropies, singular_values
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system.batch import quantities
 from ffsms_pin.system.batch.arm import ArmStack

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.coupling.stacked import singular_values
+from ffsms_pin.coupling.metrics import singular_values
 from ffsms_pin.system.batch.arm import ArmStack
 from ffsms_pin.system.batch.stacks import dot
 from ffsms_pin.system.mechanism import Mechanism

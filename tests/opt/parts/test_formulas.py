@@ -15,7 +15,7 @@ from part_cases import LIMITS, TERMS, finished, problem_of
 import ffsms_pin as ffsms
 from ffsms_pin import opt
 from ffsms_pin.checks import FloatArray
-from ffsms_pin.errors import FfsmsError, FfsmsWarning, PartError
+from ffsms_pin.errors import FfsmsError, FfsmsWarning, InvalidValue, PartError
 from ffsms_pin.opt.parts.reading import residuals_of
 from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.trajectory import measure
@@ -339,3 +339,21 @@ def test_steps_come_as_fast_as_they_must(planar: ffsms.SpaceManipulator) -> None
     way = float(np.linalg.norm(data.oMf[planar.model.getFrameId("joint_3")].translation - Elbow.at))
     assert least[0] < 0.0
     assert (way - 0.01) / 2.0 < least[1] <= 1.5 * (way - 0.01) / (2.0 - 0.1) + 1e-9
+
+
+def test_values_and_slopes_that_are_no_real_numbers_are_refused(refused: Callable[..., FfsmsError]) -> None:
+    for value in ([[[1.0, 1.0]], 1.0], ["high"], [1j]):
+        refused(lambda value=value: opt.JointResidual(value), InvalidValue, "value must hold real numbers")
+        refused(lambda value=value: opt.JointResidual([[[1.0]]], value), InvalidValue, "slope must hold")
+        refused(lambda value=value: opt.Residual([[1.0]], by_tip=value), InvalidValue, "by_tip must hold")
+
+
+def test_an_answer_of_texts_is_refused(
+    planar: ffsms.SpaceManipulator, refused: Callable[..., FfsmsError]
+) -> None:
+    class Texts(GazeFormula):
+        def residual(self, m: opt.Features) -> Any:
+            return np.full(m.rates.value.shape[1:], "high")
+
+    motion = finished(problem_of(planar), 0.1 * np.ones((9, 3)))
+    refused(lambda: residuals_of(Texts(), motion), InvalidValue, "Texts.residual must hold real")

@@ -1,0 +1,219 @@
+"""Laws of the base's attitude: quaternion feedback, with momentum dumping, and arm and base together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ffsms_pin.actuation.thrusters import ThrusterAllocation
+from ffsms_pin.actuation.wheels import WheelAllocation
+from ffsms_pin.checks import FloatArray, instance, number, one_of, positive
+from ffsms_pin.control.base_command import AttitudeHold, BaseCommand, BaseView, base_torque, held_dynamics
+from ffsms_pin.control.law import Motion
+from ffsms_pin.control.laws import ComputedTorque
+from ffsms_pin.errors import InvalidValue
+from ffsms_pin.system import SpaceManipulator, dynamics
+from ffsms_pin.system.base_reaction import whole_body
+
+__all__ = ["Coordinated", "MomentumDump", "QuaternionFeedback"]
+
+
+class QuaternionFeedback:
+    """Holds the base's attitude by wheels, or where there are none by thrusters.
+
+    The angular acceleration is that of `AttitudeHold`. The torque for it knows of the arm's reaction:
+
+    - "plan": the reaction to the reference's joint accelerations, known before the arm moves: R. W. Longman,
+      R. E. Lindberg, M. F. Zedd, "Satellite-mounted robot manipulators: new kinematics and reaction moment
+      compensation", International Journal of Robotics Research 6 (1987).
+    - "torque": the reaction to the joint torques of this control step, whatever the joints then do.
+    - "none": nothing of it; the torque is the whole system's inertia times the acceleration. As it stands in
+      textbooks, to compare with.
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        The model, with wheels or thrusters.
+    bandwidth : float
+        [rad/s]
+    damping : float
+        1 is critical.
+    attitude : array_like, shape (3, 3), optional
+        Rotation matrix of the root frame to hold, inertial axes. Default: that at the start of the run.
+    feedforward : {"torque", "plan", "none"}
+    dump : MomentumDump, optional
+        When thrusters take momentum out of the wheels. Default: never.
+
+    Raises
+    ------
+    InvalidValue
+        A number out of range, or neither wheels nor thrusters; a `dump` without both.
+    """
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        bandwidth: float = 1.0,
+        damping: float = 1.0,
+        attitude: ArrayLike | None = None,
+        feedforward: Literal["torque", "plan", "none"] = "torque",
+        dump: MomentumDump | None = None,
+    ) -> None:
+        instance("sms", sms, SpaceManipulator)
+        instance("dump", dump, MomentumDump, optional=True)
+        if sms.wheels is None and sms.thrusters is None:
+            raise InvalidValue("sms", sms, "must have wheels or thrusters: sms.with_actuators(wheels=...)")
+        if dump is not None and (sms.wheels is None or sms.thrusters is None):
+            raise InvalidValue("dump", dump, "needs wheels and thrusters")
+        self.sms, self.dump = sms, dump
+        self.hold = AttitudeHold(bandwidth, damping, attitude)
+        self.feedforward = one_of("feedforward", feedforward, ("torque", "plan", "none"))
+        self._wheels = None if sms.wheels is None else WheelAllocation(sms.wheels)
+        self._thrusters = None if sms.thrusters is None else ThrusterAllocation(sms.thrusters, sms.base_com)
+
+    def reset(self, dt: float) -> None:
+        """Forget the last run; called before each."""
+        self.hold.reset()
+        if self.dump is not None:
+            self.dump.reset()
+
+    def command(self, view: BaseView) -> BaseCommand:
+        """What wheels and thrusters are to do in this control step."""
+        turn = self.hold.acceleration(view.q, view.v)
+        return self.shared(view, turn, self._torque(view, turn))
+
+    def shared(self, view: BaseView, turn: FloatArray, torque: FloatArray) -> BaseCommand:
+        """The command that puts `torque` (3,) [N m] on the base and so turns it by `turn` (3,) [rad/s^2]."""
+        if self._wheels is None:
+            assert self._thrusters is not None  # `__init__` asks for it
+            return BaseCommand(thruster_force=self._thrusters.forces(np.zeros(3), torque))
+        forces = None
+        if self.dump is not None and self._thrusters is not None:
+            moment = self.dump.moment(self._wheels, view.wheel_momentum)
+            if moment.any():
+                forces = self._thrusters.forces(np.zeros(3), moment)
+                torque = torque - self._thrusters.moment(forces)
+        spin: FloatArray = view.v[3:6]
+        return BaseCommand(self._wheels.torques(torque, spin, turn, view.wheel_momentum), forces)
+
+    def _torque(self, view: BaseView, turn: FloatArray) -> FloatArray:
+        if self.feedforward == "plan":
+            return held_dynamics(self.sms, view.q, view.v, turn, view.wanted[2])[0]
+        if self.feedforward == "torque":
+            return base_torque(self.sms, view.q, view.v, turn, view.tau)
+        inertia = whole_body(dynamics.inertia_matrix(self.sms, view.q)).inertia
+        torque: FloatArray = inertia @ turn
+        return torque
+
+
+@dataclass
+class MomentumDump:
+    """From when to when thrusters work against the wheels' momentum, and how fast.
+
+    The moment on the base is -a h / time_constant, with a h the wheels' momentum as a vector; the attitude
+    law has the wheels make it good, so that they slow down. It is cut down where a wheel would need more than
+    half of its largest torque to follow. Source: M. J. Sidi, "Spacecraft Dynamics and
+    Control", Cambridge University Press 1997, chapter 7.
+
+    Parameters
+    ----------
+    above : float
+        It begins where a wheel has more than this share of its largest momentum.
+    below : float
+        It ends where every wheel has less than this share.
+    time_constant : float
+        In which the momentum falls by a factor e [s].
+    """
+
+    above: float = 0.8
+    below: float = 0.1
+    time_constant: float = 20.0
+
+    def __post_init__(self) -> None:
+        self.time_constant = positive("dump.time_constant", self.time_constant, "s")
+        if not 0.0 <= number("dump.below", self.below) < number("dump.above", self.above) <= 1.0:
+            raise InvalidValue("dump", (self.below, self.above), "must have 0 <= below < above <= 1")
+        self._on = False
+
+    def reset(self) -> None:
+        """Forget the last run."""
+        self._on = False
+
+    def moment(self, allocation: WheelAllocation, momentum: FloatArray) -> FloatArray:
+        """Wanted moment of the thrusters (3,) [N m], root axes, at wheel momenta (w,); zero where idle."""
+        wheels = allocation.wheels
+        share = float((np.abs(momentum) / wheels.momentum).max())
+        self._on = share > (self.below if self._on else self.above)
+        if not self._on:
+            return np.zeros(3)
+        wanted = -wheels.total(momentum) / self.time_constant
+        needed = float((np.abs(allocation.changes(wanted)) / (0.5 * wheels.torque)).max())
+        return wanted / max(1.0, needed)
+
+
+class Coordinated(ComputedTorque):
+    """Computed torque of the joints and the base's attitude together; the base's place is free.
+
+    With u = qdd_d - K_d qd_e - K_p q_e for the joints and w' of `AttitudeHold` for the base, the inverse
+    dynamics of the whole system, no force acting on it, give the joint torques and the torque on the base.
+    A law for a floating arm would count on a base that gives way, and miss by what the wheels do; this one
+    knows. Give the same object to `simulate` as `controller` and as `base_controller`.
+
+    Proof: with an exact model and wheels within their limits both errors follow linear equations of their
+    own: that of `ComputedTorque`, and that of `AttitudeHold`.
+
+    Source: R. W. Longman, R. E. Lindberg, M. F. Zedd (1987), the arm's reaction moment made good by wheels;
+    the coordination of arm and attitude control flown on ETS-VII: M. Oda, "Coordinated control of spacecraft
+    attitude and its manipulator", IEEE International Conference on Robotics and Automation (1996), K.
+    Yoshida, "Engineering Test Satellite VII flight experiments for space robot dynamics and control",
+    International Journal of Robotics Research 22 (2003).
+
+    Parameters
+    ----------
+    sms : SpaceManipulator
+        With wheels or thrusters.
+    K_p, K_d : array_like
+        Stiffness [1/s^2] and damping [1/s] of the joints, as for `ComputedTorque`.
+    torque_limit : array_like, optional
+        As for `JointLaw`.
+    bandwidth, damping, attitude, dump
+        Of the base's attitude, as for `QuaternionFeedback`.
+
+    Raises
+    ------
+    InvalidValue
+        A wrong shape, a gain that is not symmetric positive definite, or neither wheels nor thrusters.
+    """
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        K_p: ArrayLike = 25.0,
+        K_d: ArrayLike = 10.0,
+        torque_limit: ArrayLike | None = None,
+        *,
+        bandwidth: float = 1.0,
+        damping: float = 1.0,
+        attitude: Any = None,
+        dump: MomentumDump | None = None,
+    ) -> None:
+        super().__init__(sms, K_p, K_d, torque_limit)
+        self.base = QuaternionFeedback(sms, bandwidth, damping, attitude, dump=dump)
+
+    def reset(self, dt: float) -> None:
+        """Forget the last run; called before each."""
+        self.base.reset(dt)
+
+    def command(self, view: BaseView) -> BaseCommand:
+        """What wheels and thrusters are to do in this control step."""
+        motion = self._motion(view.q, view.v, *view.wanted)
+        turn = self.base.hold.acceleration(view.q, view.v)
+        torque, _ = held_dynamics(self.sms, view.q, view.v, turn, self._wanted(motion))
+        return self.base.shared(view, turn, torque)
+
+    def _law(self, motion: Motion) -> FloatArray:
+        turn = self.base.hold.acceleration(motion.q, motion.v)
+        return held_dynamics(self.sms, motion.q, motion.v, turn, self._wanted(motion))[1]
