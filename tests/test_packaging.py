@@ -56,7 +56,8 @@ def test_the_wheel_plans_from_any_folder(installed: Path, tmp_path: Path) -> Non
 
 def test_the_wheel_carries_what_it_needs(installed: Path) -> None:
     package = installed / "ffsms_pin"
-    for name in ("py.typed", "urdf/planar_3r.urdf", "opt/problem.py", "scenarios/case-2.toml"):
+    files = ("urdf/planar_3r.urdf", "opt/problem.py", "scenarios/case-2.toml", "cli/quickstart.ipynb")
+    for name in ("py.typed", *files):
         assert (package / name).is_file(), name
     assert sorted(path.name for path in installed.iterdir() if not path.name.endswith(".dist-info")) in (
         ["bin", "ffsms_pin"],

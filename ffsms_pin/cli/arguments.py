@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace, _ArgumentGroup
 from collections.abc import Callable
+from inspect import cleandoc
 from typing import Any, NamedTuple
 
 __all__ = [
@@ -13,6 +14,8 @@ __all__ = [
     "add_robot",
     "add_scenario",
     "add_work",
+    "command",
+    "flag",
     "option",
     "work_arguments",
 ]
@@ -27,8 +30,22 @@ class Command(NamedTuple):
     help: str
     description: str
     add_arguments: Callable[[ArgumentParser], None]
-    exits: str = "0 done; 2 bad input"
-    resumes: bool = False  # whether the same command goes on where it was stopped
+    exits: str
+    resumes: bool  # whether the same command goes on where it was stopped
+
+
+def command(
+    function: str, exits: str = "0 done; 2 bad input", resumes: bool = False
+) -> Callable[[Callable[[ArgumentParser], None]], Command]:
+    """Make a command of what adds its arguments, whose docstring is what --help says of it."""
+
+    def made(add_arguments: Callable[[ArgumentParser], None]) -> Command:
+        description = cleandoc(add_arguments.__doc__ or "")
+        summary = description.partition("\n")[0].rstrip(".")
+        words = summary[:1].lower() + summary[1:]
+        return Command(function, words, description, add_arguments, exits, resumes)
+
+    return made
 
 
 def option(
@@ -52,16 +69,18 @@ def option(
     parser.add_argument(name, metavar=metavar, type=kind, default=default, help=words, **others)
 
 
+def flag(parser: ArgumentParser | _ArgumentGroup, name: str, what: str) -> None:
+    """Add an option without a value."""
+    parser.add_argument(name, action="store_true", help=what)
+
+
 def add_scenario(parser: ArgumentParser, results: str, words: str = "") -> None:
     """Add the scenario, where `words` say what it may be, --out and --allow-import."""
     if words:
         parser.add_argument("scenario", metavar="SCENARIO", help=words)
     option(parser, "--out", "DIR", "folder for the results", shown=f"results/SCENARIO{results}")
-    parser.add_argument(
-        "--allow-import",
-        action="store_true",
-        help="let the scenario import terms and limits from Python modules; this runs their code",
-    )
+    words = "let the scenario import terms and limits from Python modules; this runs their code"
+    flag(parser, "--allow-import", words)
 
 
 def add_robot(parser: ArgumentParser) -> None:

@@ -32,12 +32,11 @@ Found = TypeVar("Found")
 
 def methods(arguments: argparse.Namespace) -> int:
     """`ffsms-pin compare`: the planning methods."""
-    chosen, folder = _chosen(arguments, "comparison")
     wanted = tuple(arguments.methods) if arguments.methods else None
-    found, numbers = _written(
-        folder,
+    folder, found, numbers = _written(
+        arguments,
         "comparison",
-        lambda progress: compare(chosen, wanted, progress),
+        lambda chosen, _, progress: compare(chosen, wanted, progress),
         comparison_numbers,
         plot_comparison,
     )
@@ -53,18 +52,17 @@ def methods(arguments: argparse.Namespace) -> int:
         ("peak joint rate [rad/s]", "peak_rate_rad_per_s", 1.0),
         ("computing time [s]", "planning_s", 1.0),
     ]
-    table = _side_by_side(f"{chosen.name}: methods side by side", numbers, rows)
+    table = _side_by_side(f"{found.scenario.name}: methods side by side", numbers, rows)
     left_out = [f"left out: {method}, which {why}" for method, why in found.left_out.items()]
     return printed(folder, table, *_not_reached(numbers), *left_out)
 
 
 def modes(arguments: argparse.Namespace) -> int:
     """`ffsms-pin compare-modes`: the base held by wheels, and left to float."""
-    chosen, folder = _chosen(arguments, "modes")
-    found, numbers = _written(
-        folder,
+    folder, found, numbers = _written(
+        arguments,
         "modes",
-        lambda progress: compare_modes(chosen, progress),
+        lambda chosen, _, progress: compare_modes(chosen, progress),
         lambda comparison: mode_numbers(comparison.found),
         plot_modes,
     )
@@ -83,16 +81,19 @@ def modes(arguments: argparse.Namespace) -> int:
         ("cost integral [s]", "cost_integral_s", 1.0),
         ("joint travel [rad]", "joint_travel_rad", 1.0),
     ]
-    table = _side_by_side(f"{chosen.name}: coupling used and fought", numbers, rows)
+    table = _side_by_side(f"{found.scenario.name}: coupling used and fought", numbers, rows)
     return printed(folder, table, *_not_reached(numbers))
 
 
 def laws(arguments: argparse.Namespace) -> int:
     """`ffsms-pin laws`: the control laws."""
-    chosen, folder = _chosen(arguments, "laws")
     wanted = tuple(dict.fromkeys(arguments.laws)) if arguments.laws else tuple(LAWS)
-    found, numbers = _written(
-        folder, "laws", lambda progress: compare_laws(chosen, wanted, progress), law_numbers, plot_laws
+    folder, found, numbers = _written(
+        arguments,
+        "laws",
+        lambda chosen, _, progress: compare_laws(chosen, wanted, progress),
+        law_numbers,
+        plot_laws,
     )
     warnings = []
     for law, row in numbers.items():
@@ -103,17 +104,15 @@ def laws(arguments: argparse.Namespace) -> int:
             )
         if row["stopped"]:
             warnings.append(f"warning: {law}: {row['stopped']}")
-    return printed(folder, _law_table(chosen.name, numbers), *warnings)
+    return printed(folder, _law_table(found.scenario.name, numbers), *warnings)
 
 
 def plants(arguments: argparse.Namespace) -> int:
     """`ffsms-pin robustness`: a scenario on many plants that are not its model."""
-    chosen, folder = _chosen(arguments, "robustness")
-    parts = parts_folder(folder)
-    _, numbers = _written(
-        folder,
+    folder, _, numbers = _written(
+        arguments,
         "robustness",
-        lambda progress: robustness(
+        lambda chosen, folder, progress: robustness(
             chosen,
             arguments.plants,
             arguments.seed,
@@ -121,36 +120,32 @@ def plants(arguments: argparse.Namespace) -> int:
             base_mass=arguments.base_mass,
             base_inertia=arguments.base_inertia,
             jobs=arguments.jobs,
-            folder=parts,
+            folder=parts_folder(folder),
             progress=progress,
         ),
         robustness_numbers,
         plot_robustness,
     )
-    shutil.rmtree(parts, ignore_errors=True)
+    shutil.rmtree(parts_folder(folder), ignore_errors=True)
     return printed(folder, _plant_table(numbers))
 
 
-def _chosen(arguments: argparse.Namespace, what: str) -> tuple[Scenario, Path]:
-    """The scenario, and the folder of its results."""
-    chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)
-    return chosen, chosen_folder(arguments.out, f"{chosen.name}-{what}")
-
-
 def _written(
-    folder: Path,
+    arguments: argparse.Namespace,
     name: str,
-    compared: Callable[[StageProgress], Found],
+    compared: Callable[[Scenario, Path, StageProgress], Found],
     numbers_of: Callable[[Found], dict[str, Any]],
     plot: Callable[[Found], Any],
-) -> tuple[Found, dict[str, Any]]:
-    """What was compared and its numbers, these and their figure written to the folder under a name."""
+) -> tuple[Path, Found, dict[str, Any]]:
+    """Compare, and write numbers and figure under a name: their folder, what was found, and the numbers."""
+    chosen = scenario(arguments.scenario, allow_import=arguments.allow_import)
+    folder = chosen_folder(arguments.out, f"{chosen.name}-{name}")
     with results_folder(folder) as staging, shown_progress() as progress:
-        found = compared(progress)
+        found = compared(chosen, folder, progress)
         numbers = numbers_of(found)
         write_numbers(staging / f"{name}.json", numbers)
         save_formats(plot(found), staging / name)
-    return found, numbers
+    return folder, found, numbers
 
 
 def _not_reached(numbers: dict[str, dict[str, Any]]) -> list[str]:

@@ -14,8 +14,8 @@ from contextlib import contextmanager
 from typing import Any, NoReturn
 
 import ffsms_pin
-from ffsms_pin.cli.robot_commands import ROBOT_COMMANDS
-from ffsms_pin.cli.scenario_commands import SCENARIO_COMMANDS
+from ffsms_pin.cli import robot_commands, scenario_commands
+from ffsms_pin.cli.arguments import Command
 from ffsms_pin.errors import FfsmsError, advised, meant
 
 __all__ = ["main", "parser"]
@@ -23,8 +23,12 @@ __all__ = ["main", "parser"]
 # Exit codes; 0 and 1 are the commands' own.
 BAD_INPUT, DEFECT, INTERRUPTED, TERMINATED = 2, 70, 130, 143
 
-# In the order of --help.
-_COMMANDS = SCENARIO_COMMANDS | ROBOT_COMMANDS
+_COMMANDS = {
+    name.replace("_", "-"): one
+    for module in (scenario_commands, robot_commands)
+    for name, one in vars(module).items()
+    if isinstance(one, Command)
+}
 
 _DESCRIPTION = """\
 Plan and track motions of free-floating space manipulators, informed by dynamic coupling.
@@ -92,10 +96,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except FfsmsError as error:
         options = vars(arguments)
         return _failed(f"error: {advised(str(error), '--{option} {value}', options)}", BAD_INPUT)
-    except _Terminated:
-        return _failed("terminated" + _goes_on(arguments), TERMINATED)
-    except KeyboardInterrupt:
-        return _failed("interrupted" + _goes_on(arguments), INTERRUPTED)
+    except KeyboardInterrupt as stop:
+        asked = isinstance(stop, _Terminated)
+        words, status = ("terminated", TERMINATED) if asked else ("interrupted", INTERRUPTED)
+        if _COMMANDS[arguments.command].resumes:
+            words += "; what is done is kept: the same command goes on from there"
+        return _failed(words, status)
     except MemoryError:
         return _failed("error: out of memory; ask for shorter motions or fewer of them", BAD_INPUT)
     except Exception as error:  # whatever is left is our fault
@@ -103,12 +109,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             traceback.print_exc()
         what = " ".join(f"{type(error).__name__}: {error}".split())
         return _failed(f"a defect of ffsms-pin, please report it: {what}", DEFECT)
-
-
-def _goes_on(arguments: argparse.Namespace) -> str:
-    """How a long command that was stopped goes on."""
-    resumes = _COMMANDS[arguments.command].resumes
-    return "; what is done is kept: the same command goes on from there" if resumes else ""
 
 
 def _no_command(given: Sequence[str]) -> str:

@@ -33,23 +33,23 @@ def run(arguments: argparse.Namespace) -> int:
         campaign, seed = arguments.replay
         chosen = _replayed(campaign, seed, arguments.allow_import)
     folder = chosen_folder(arguments.out, chosen.name)
-    errors = Console(stderr=True)
+    errors, figures = Console(stderr=True), not arguments.no_figures
     failure: BaseException | None = None
     with results_folder(folder, at_once=writes_files(chosen)) as staging, shown_progress(errors) as progress:
         outcome = scenarios.run(chosen, progress, folder=folder, allow_outside=arguments.allow_outside)
         _save(outcome, staging)
         try:
-            numbers = _derive(outcome, staging, arguments.figures, progress)
+            numbers = _derive(outcome, staging, figures, progress)
         except BaseException as error:  # also Ctrl-C: what was computed is kept
             failure = error
     if failure is not None:
         errors.print(f"plan and recording are kept in {folder}", markup=False, highlight=False)
         raise failure
     printed(folder, summary_table(numbers))
-    if arguments.figures and not installed("plot"):
+    if figures and not installed("plot"):
         errors.print(NO_FIGURES, markup=False)
     if arguments.show:
-        _show(folder, arguments.figures and installed("plot"))
+        _show(folder, figures and installed("plot"))
     arrived = outcome.trajectory.reached and numbers["tracking"]["arrived"]
     return 0 if arrived and numbers.get("capture", {}).get("caught", True) else 1
 

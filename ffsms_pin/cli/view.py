@@ -87,8 +87,7 @@ def scene_of(
         raise ResultError(folder, "holds no results of `ffsms-pin run` (no trajectory.npz)")
     plan = Trajectory.load(folder / "trajectory.npz")
     summary = _summary(folder / "summary.json")
-    said = _scenario(folder, summary, robot)
-    sms = said.load() if said is not None else _robot(folder, summary, robot, end_effector)
+    said, sms = _whose(folder, summary, robot, end_effector)
     _check(sms, plan, folder)
     result: Trajectory | Tracking = plan
     client: Client | ClientMotion | None = None
@@ -120,27 +119,25 @@ def _summary(path: Path) -> dict[str, Any]:
     return found
 
 
-def _scenario(folder: Path, summary: dict[str, Any], robot: str | None) -> Scenario | None:
-    """The scenario of the results: the one that is named, the one kept beside them, or a packaged one."""
-    if robot is not None:
-        given = robot.endswith(".toml") or robot in scenario_names()
-        return scenario(robot) if given else None
-    if (folder / "scenario.json").exists():
-        return load_scenario(folder / "scenario.json")
-    name = summary.get("scenario")
-    return scenario(str(name)) if name in scenario_names() else None
-
-
-def _robot(
+def _whose(
     folder: Path, summary: dict[str, Any], robot: str | None, end_effector: str | None
-) -> SpaceManipulator:
-    """The robot that the results belong to, where no scenario says it."""
+) -> tuple[Scenario | None, SpaceManipulator]:
+    """Scenario and robot of the results: what is named, what is kept beside them, or what is packaged."""
+    said, name = None, summary.get("scenario")
     if robot is not None:
-        return load(robot, end_effector=end_effector)
+        if not robot.endswith(".toml") and robot not in scenario_names():
+            return None, load(robot, end_effector=end_effector)
+        said = scenario(robot)
+    elif (folder / "scenario.json").exists():
+        said = load_scenario(folder / "scenario.json")
+    elif name in scenario_names():
+        said = scenario(str(name))
+    if said is not None:
+        return said, said.load()
     if "robot" not in summary:
         raise ResultError(folder, "does not say whose motion it is (no summary.json): add --robot ROBOT")
     try:
-        return load(str(summary["robot"]), end_effector=end_effector)
+        return None, load(str(summary["robot"]), end_effector=end_effector)
     except FfsmsError as error:
         raise ResultError(
             folder, f"its robot cannot be loaded: {error}; add --robot with it or with its scenario file"

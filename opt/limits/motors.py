@@ -49,7 +49,8 @@ class _Motors(Inequality):
         sides = (self.loads(Features(one)) for one in (motion, motion.before))
         worst, notes, binds = 0.0, [], np.zeros(len(motion.times), dtype=bool)
         for (load, most, names, unit), (before, *_) in zip(*sides, strict=True):
-            values = np.maximum(np.abs(load.value[:, 0]), np.abs(before.value[:, 0]))
+            values = np.abs(load.value[:, 0])
+            values[:, ::2] = np.maximum(values[:, ::2], np.abs(before.value[:, 0]))
             used = values / most[:, None]
             # A little less than what is kept in hand leaves binds.
             binds |= (used > 0.91).any(axis=0)

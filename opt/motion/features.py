@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,8 +22,6 @@ if TYPE_CHECKING:
 __all__ = ["Change", "Features", "StepFeatures"]
 
 _OWN = np.ones((1, 1, 1))  # slopes of one number a joint by itself; the first row: of a single number
-_OF_MOTIONS = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
-_OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
 # Velocities, by what they move.
 _VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
 
@@ -169,17 +166,8 @@ class Features:
 
     def at(self, motion: Indices | None, instants: Indices | slice) -> Features:
         """The same at V instants of motions, as one motion of V instants; or, of all motions, at a span."""
-
-        def pick(values: FloatArray) -> FloatArray:
-            if motion is None:
-                return values[..., instants]
-            return np.ascontiguousarray(values[..., motion, instants])[..., None, :]
-
-        whole = self.motions
-        values: dict[str, Any] = {name: pick(getattr(whole, name)) for name in _OF_MOTIONS}
-        values.update({name: getattr(whole, name)[..., instants] for name in _OF_INSTANTS})
-        where = motion, np.arange(len(whole.times))[instants]
-        return Features(replace(whole, evaluated=None, **values), self.duration, where)
+        where = motion, np.arange(len(self.motions.times))[instants]
+        return Features(self.motions.at(motion, instants), self.duration, where)
 
     def during(self, first: int, last: int) -> Features:
         """The same from one instant to another, by index."""

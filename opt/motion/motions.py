@@ -29,6 +29,8 @@ __all__ = [
     "by_differences",
 ]
 
+_OF_MOTIONS = ("joints", "rates", "accelerations", "base_attitude", "own_spin")
+_OF_INSTANTS = ("times", "weights", "limit_weights", "com", "target")
 ARRIVAL_SHARE = 0.9  # of the time: const8 asks for arrival from then on
 
 
@@ -190,16 +192,28 @@ class Motions:
         """Joint torques (n, S, K) that the motions need, the base reacting [N m, or N]."""
         return self.forces[:-6]
 
-    @cached_property
-    def before(self) -> Motions:
-        """The same with accelerations of just before: those of finished motions jump at the nodes."""
-        jumping = self.accelerations
-        return replace(self, accelerations=np.concatenate([jumping[..., :1], jumping[..., :-1]], axis=-1))
+    def at(self, motion: Indices | None, instants: Indices | slice) -> Motions:
+        """At V instants of motions, as one motion of V instants; or, of all motions, at a span."""
+
+        def pick(values: FloatArray) -> FloatArray:
+            if motion is None:
+                return values[..., instants]
+            return np.ascontiguousarray(values[..., motion, instants])[..., None, :]
+
+        values: dict[str, Any] = {name: pick(getattr(self, name)) for name in _OF_MOTIONS}
+        values.update({name: getattr(self, name)[..., instants] for name in _OF_INSTANTS})
+        return replace(self, evaluated=None, **values)
 
     @cached_property
+    def before(self) -> Motions:
+        """Finished motions at their nodes, where accelerations jump, with those of just before."""
+        nodes, jumping = self.at(None, slice(None, None, 2)), self.accelerations
+        return replace(nodes, accelerations=np.concatenate([jumping[..., :1], jumping[..., 1::2]], axis=-1))
+
+    @property
     def torque_sizes(self) -> FloatArray:
-        """Sizes (n, S, K) of the torques of finished motions: the larger ones of before and after."""
-        return np.maximum(np.abs(self.torques), np.abs(self.before.torques))
+        """Sizes (n, S, N + 1) of the torques of finished motions at the nodes, of both sides the larger."""
+        return np.maximum(np.abs(self.torques[..., ::2]), np.abs(self.before.torques))
 
     @cached_property
     def paired(self) -> Paired:

@@ -95,15 +95,12 @@ def quaternions(R: FloatArray) -> FloatArray:
     """
     K = np.empty((4, 4, R.shape[-1]))
     trace = R[0, 0] + R[1, 1] + R[2, 2]
+    K[:3, :3] = R + R.transpose(1, 0, 2)
+    diagonal(K)[:3] = 1.0 + 2.0 * diagonal(R) - trace
+    K[:3, 3] = K[3, :3] = R[_AFTER, _NEXT] - R[_NEXT, _AFTER]
     K[3, 3] = 1.0 + trace
-    for i in range(3):
-        K[i, i] = 1.0 + 2.0 * R[i, i] - trace
-        for j in range(i + 1, 3):
-            K[i, j] = K[j, i] = R[i, j] + R[j, i]
-        a, b = (i + 1) % 3, (i + 2) % 3
-        K[i, 3] = K[3, i] = R[b, a] - R[a, b]
-    largest = np.argmax(np.einsum("iik->ik", K), axis=0)
-    q: FloatArray = np.take_along_axis(K, largest[None, None], axis=0)[0]
+    largest = np.argmax(diagonal(K), axis=0)
+    q: FloatArray = np.ascontiguousarray(K[largest, :, np.arange(len(largest))].T)
     q = q / np.sqrt(dot(q, q))
     turned = np.where(dot(q[:, 1:], q[:, :-1]) < 0.0, -1.0, 1.0)
     return q * np.cumprod(np.append(-1.0 if q[3, 0] < 0.0 else 1.0, turned))
