@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Change", "Features", "StepFeatures"]
 
-_ONE, _OWN = np.ones((1, 1)), np.ones((1, 1, 1))  # slopes of a number by itself, and of one a joint
+_OWN = np.ones((1, 1, 1))  # slopes of one number a joint by itself; the first row: of a single number
 # Velocities, by what they move.
 _VELOCITIES = {"by_velocity": "by_tip", "by_spin": "by_turn", "by_base_spin": "by_base_turn"}
 
@@ -91,7 +91,7 @@ class Features:
     joints = _moving("own_joint", "joints", _OWN, "Joint positions (n, S, K).")
     rates = _moving("own_rate", "rates", _OWN, "Joint rates (n, S, K).")
     accelerations = _moving("own_acceleration", "accelerations", _OWN, "Joint accelerations (n, S, K).")
-    entropy = _moving("by_entropy", "entropy", _ONE, "H_norm (S, K).")
+    entropy = _moving("by_entropy", "entropy", _OWN[0], "H_norm (S, K).")
 
     @cached_property
     def base_turn(self) -> Feature:
@@ -148,7 +148,7 @@ class Features:
     def time(self) -> Feature:
         """From the start (S, K) [s]."""
         value = np.broadcast_to(self.motions.times, self.motions.rates.shape[1:])
-        return self.feature(value, {"by_time": _ONE})
+        return self.feature(value, {"by_time": _OWN[0]})
 
     @cached_property
     def goal(self) -> Feature:

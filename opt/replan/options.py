@@ -29,16 +29,16 @@ class ReplanOptions:
         Splines while more than half of the whole time is left, more than a tenth, less.
     cost_until : float
         While less than this share of the whole time is left, the paper's cost is left out: it does not see
-        speed, and only stirs an arm that comes to rest.
+        speed, and only stirs an arm that comes to rest. Plans then arrive within a tenth of the tolerance.
     iterations : int
         Of the descent. Two leave commands that jump with the last bits of what is measured.
     corrections : int
         How many times four more follow, with ten times as stiff a goal and limits, where the plan misses its
         goal or breaks a limit by more than half of the tolerance or the margin.
     handover : float
-        [s] So long before the deadline, but no fewer than ten planning steps, single steps take over: they
-        close what error is left. Where velocities are asked for the last plan is followed to its end, for a
-        step knows a place only.
+        [s] So long before the deadline, but no fewer than ten planning steps, the last plan is followed and
+        each step makes good what it would miss; near singular configurations single steps go to the goal.
+        Where velocities are asked for the last plan is followed as it is.
     last_plan : float
         [s] So long before the deadline the last plan is made of a goal that must be met exactly
         (`Goal.exact`); it is followed to its end.

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_joint, sized, vector, whole
@@ -19,6 +20,7 @@ from ffsms_pin.opt.replan.known import Correctable
 from ffsms_pin.opt.replan.options import ReplanOptions
 from ffsms_pin.opt.replan.rest import JointPlan, RestPlanner
 from ffsms_pin.opt.step.programme import StepWeights
+from ffsms_pin.opt.step.state import StepState
 from ffsms_pin.opt.step.stepper import Step, Stepper
 from ffsms_pin.opt.trajectory import Trajectory
 from ffsms_pin.threads import OneThread
@@ -33,8 +35,8 @@ class Replanning:
     of the motion is planned again from the rest of the last plan: the base where it is measured, the joints
     as commanded (so that they stay within their limits and without jumps), the masses as the motion shows
     them, the wheels' momenta as `observe_wheels` was told, without joints that have failed. In between, steps
-    follow the plan under the limits; shortly before the deadline, and after it, they go straight to the goal
-    from the measured state.
+    follow the plan under the limits; shortly before the deadline they also make good what it would miss, and
+    after it they go straight to the goal, from the measured state.
 
     Parameters
     ----------
@@ -219,6 +221,8 @@ class Replanning:
                 position = position + (3.25 / 2.5 + 0.5) * dt * place.velocity
             if self._jerk is not None and not goal.moves:
                 left = max(left, 5.0 * options.settle)
+            elif self.mode == "step" and not goal.moves:
+                wanted = self._landing(q, plan, position, rotation)
             if self.mode == "hold" and not goal.moves:
                 here = self.problem.sms.at(q).end_effector_pose.translation
                 distance = float(np.linalg.norm(position - here))
@@ -235,6 +239,29 @@ class Replanning:
         if np.array_equal(smooth, step.joint_rates):
             return step
         return self._stepper.advance(q, self._rates, position, left, prefer=smooth)
+
+    def _landing(
+        self, q: FloatArray, plan: JointPlan, position: FloatArray, rotation: FloatArray | None
+    ) -> FloatArray | None:
+        """Joint rates along the last plan, and what it would miss made good by the least motion.
+
+        Steps of their own would leave the plan's way through the null space, and hurry. None where this asks
+        for more than half of a joint's acceleration: near singular configurations, which they pass better.
+        """
+        dt, left = self.problem.dt, self.problem.duration - self._now
+        stepper, (_, rates) = self._stepper, plan.sample(self._now + dt)
+        state = StepState(stepper.sms, q, self._rates, dt, left, self.momentum, mode=self.base_mode)
+        there = pin.SE3(state.tip_rotation if rotation is None else rotation, position)
+        way = np.concatenate([there.translation - state.tip, pin.log3(there.rotation @ state.tip_rotation.T)])
+        rest = plan.positions[-1] - plan.sample(self._now)[0]
+        missed = way - state.J_star @ rest - left * state.tip_drift
+        J = state.J_star[: 3 if rotation is None else 6]
+        damped = J @ J.T + 1e-6 * stepper.sms.arm_stack(self.base_mode).length ** 2 * np.eye(len(J))
+        correction = J.T @ np.linalg.solve(damped, missed[: len(J)])
+        # All but a thirtieth is made good in ten steps, and the first of them does not jump.
+        wanted = rates + 1.5 / left * correction
+        most = 0.5 * dt * stepper.sms.limits.acceleration
+        return wanted if (np.abs(wanted - self._rates) <= most).all() else None
 
     def _renew_stepper(self) -> None:
         """Go on with a stepper for the robot as it is known now."""

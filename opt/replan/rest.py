@@ -185,11 +185,14 @@ class RestPlanner:
             plan = JointPlan.of_trajectory(found, now)
         else:
             goal, careful = rest.goal, rest
-            if self.estimate.noisy and not goal.exact and not goal.moves:
-                # A tenth of the tolerance: the rest is left to what the model does not know.
+            share, noisy = rest.duration / whole.duration, self.estimate.noisy
+            if (noisy or share <= options.cost_until) and not goal.exact and not goal.moves:
+                # A tenth of the tolerance: the rest is left to what the model does not know, and what a plan
+                # misses is closed by steps in no time, at the end.
+                terms = [*rest.terms, Approach()] if noisy else rest.terms
                 goal = Changed(goal, tolerance=0.1 * goal.tolerance)
-                careful = replace(rest, goal=goal, terms=[*rest.terms, Approach()])
-            plan = replanned(careful, now, joints, last, options, rest.duration / whole.duration)
+                careful = replace(rest, goal=goal, terms=terms)
+            plan = replanned(careful, now, joints, last, options, share)
             if max(plan.miss / options.arrived_miss, plan.excess) > 1.0 and now >= self._next_search:
                 plan = self._searched_again(rest, now, joints, plan)
         self.computing_time = time.perf_counter() - begun
