@@ -40,8 +40,9 @@ TABLES = {
     ),
     "via": '[[via]]\nposition = [0.005, 0.0, 0.0]\nrelative_to = "start"\nreach = 0.03\ntime = 0.5\n',
     "client": CLIENT,
-    "contact": '[contact]\nkind = "compliant"\ntime = 0.1\nafter = 0.5\n',
-    "envelope": "[contact.envelope]\ndistance = 0.2\nspin_deg = 5.0\n",
+    "contact": (
+        '[contact]\nkind = "compliant"\ntime = 0.1\nafter = 0.5\n[contact.envelope]\nspin_deg = 5.0\n'
+    ),
     "term": '[[term]]\nuse = "base-turn"\nweight = 0.1\n',
     "limit": '[[limit]]\nuse = "alpha-box"\n',
     "obstacle": '[[obstacle]]\nshape = "sphere"\nradius = 0.1\nposition = [-2.0, 0.0, 0.0]\n',
@@ -76,7 +77,6 @@ IN_PLAN = ("mode", "base limits", "momentum")
 # One needs the other: a pair alone would only ask for what is missing.
 NEEDED = {
     "contact": ["client"],
-    "envelope": ["client"],
     "attitude": ["wheels"],
     "dump": ["wheels", "thrusters"],
     "mode": ["wheels", "attitude"],
@@ -137,7 +137,7 @@ def _ends_well(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: set[str])
         return words
     numbers = summary(outcome)
     assert np.isfinite(outcome.tracking.q).all()
-    assert (numbers.get("capture") is not None) == bool(names & {"client", "contact", "envelope"})
+    assert (numbers.get("capture") is not None) == bool(names & {"client", "contact"})
     return ""
 
 
