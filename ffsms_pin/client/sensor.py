@@ -76,9 +76,9 @@ class ClientSensor:
     def sees(self, t: float, rng: np.random.Generator) -> bool:
         """Whether a measurement of time t [s] arrives: it is not hidden, and not lost."""
         checks.instance("rng", rng, np.random.Generator)
-        if any(begin <= checks.number("t", t) <= end for begin, end in self.hidden):
-            return False
-        return not (self.dropouts and rng.random() < self.dropouts)
+        t = checks.number("t", t)
+        hidden = any(begin <= t <= end for begin, end in self.hidden)
+        return not (hidden or (self.dropouts and rng.random() < self.dropouts))
 
 
 def measured(client: Client, t: float, sensor: ClientSensor, rng: np.random.Generator) -> Client:

@@ -13,6 +13,7 @@ from ffsms_pin.checks import FloatArray
 from ffsms_pin.inspection.faults import Fault, Settings
 from ffsms_pin.system.urdf_elements import (
     INERTIA_KEYS,
+    MOVING,
     ROUNDING,
     fix_joint,
     inertia_problem,
@@ -25,7 +26,6 @@ from ffsms_pin.system.urdf_elements import (
 
 __all__ = ["inertia_faults", "inertial_numbers", "mass_faults", "solid_sphere", "thicken"]
 
-_MOVING = ("revolute", "continuous", "prismatic")
 _ALUMINIUM = 2700.0  # [kg/m^3]
 
 
@@ -95,7 +95,7 @@ def mass_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Faul
     weights = {link.get("name", ""): inertial_numbers(link)[0] for link in robot.findall("link")}
     for name in weights:
         carrier = joint_of.get(name)
-        if carrier is not None and carrier.get("type") not in _MOVING:
+        if carrier is not None and carrier.get("type") not in MOVING:
             continue
         group = _group(name, fixed)
         if any(weights.get(link) for link in group):
@@ -144,7 +144,7 @@ def _carried(robot: ElementTree.Element) -> tuple[dict[str, list[str]], dict[str
     for joint in robot.findall("joint"):
         parent, child = joint.find("parent"), joint.find("child")
         if parent is not None and child is not None:
-            side = moving if joint.get("type") in _MOVING else fixed
+            side = moving if joint.get("type") in MOVING else fixed
             side.setdefault(parent.get("link", ""), []).append(child.get("link", ""))
     return fixed, moving
 

@@ -10,11 +10,9 @@ from xml.etree import ElementTree
 from ffsms_pin.inspection.faults import Fault, Settings
 from ffsms_pin.inspection.numbers import elements, faults_in
 from ffsms_pin.system.shapes import find_mesh, shape_problem
-from ffsms_pin.system.urdf_elements import fix_joint, is_number, words
+from ffsms_pin.system.urdf_elements import MOVING, fix_joint, is_number, words
 
 __all__ = ["joint_faults", "name_faults", "root_faults", "shape_faults"]
-
-_MOVING = ("revolute", "continuous", "prismatic")
 
 
 def name_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fault]:
@@ -55,7 +53,7 @@ def joint_faults(robot: ElementTree.Element, settings: Settings) -> Iterator[Fau
     """Joints that mimic, joints without usable limits, empty <dynamics>."""
     for joint in robot.findall("joint"):
         where = f"joint '{joint.get('name', '')}'"
-        if joint.get("type") not in _MOVING or any(faults_in(joint, where)):
+        if joint.get("type") not in MOVING or any(faults_in(joint, where)):
             continue  # a number that could not be mended is a fault already
         mimic = joint.find("mimic")
         if mimic is not None:

@@ -69,8 +69,8 @@ class Prediction:
 
     def deviation(self, t: float) -> FloatArray:
         """One standard deviation of each component of `rate` [rad/s]; zero where the client is known."""
-        away = [one.twist(t - self.braking)[3:] - self.rate(t) for one in self.spread]
-        return np.sqrt(np.sum(np.square(away), axis=0)) if away else np.zeros(3)
+        rates = np.reshape([one.twist(t - self.braking)[3:] for one in self.spread], (-1, 3))
+        return np.asarray(np.sqrt(np.sum(np.square(rates - self.rate(t)), axis=0)))
 
 
 def predicted(

@@ -28,6 +28,7 @@ __all__ = [
     "halton",
     "joint_goals",
     "joint_range",
+    "least_squares",
     "least_time",
     "missed_at",
     "moves_to",
@@ -119,13 +120,13 @@ def joint_goals(problem: Problem, joints: FloatArray) -> JointGoals:
         J = columns.transpose(2, 0, 1) * problem.free
         # From a tenth of the arm's length on less damping: it converges fast, also to nearly singular ends.
         near = np.clip(np.sqrt(dot(error, error)) / (0.1 * arm.length), 1e-4, 1.0)
-        step = _least_squares(J, error.T, _DAMPING * (arm.length * near)[:, None, None] ** 2)
+        step = least_squares(J, error.T, _DAMPING * (arm.length * near)[:, None, None] ** 2)
         step *= np.minimum(1.0, much / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
         goals = np.clip(goals + step, low + inset, high - inset)
     return JointGoals(goals, distance)
 
 
-def _least_squares(J: FloatArray, wanted: FloatArray, damping: float | FloatArray) -> FloatArray:
+def least_squares(J: FloatArray, wanted: FloatArray, damping: float | FloatArray) -> FloatArray:
     """Least joint motion (K, n) with J u near to `wanted`, (m,) or (K, m)."""
     rows, Jt = J.shape[1], np.swapaxes(J, 1, 2)
     wanted = np.broadcast_to(wanted[..., None], (len(J), rows, 1))
@@ -251,7 +252,7 @@ def moves_to(problem: Problem, spline: RateSpline, goals: FloatArray) -> FloatAr
     joints, base = goals, end.base_attitude(arm.tip_rotation)
     J = missed_at(problem, end, problem.duration, joints, base)[1]
     damping = _DAMPING * problem.stack.length**2
-    at_goal = _least_squares(J, np.concatenate([velocity - problem.drift, spin]), damping)
+    at_goal = least_squares(J, np.concatenate([velocity - problem.drift, spin]), damping)
     times, places = [0.0, *(t for t, _ in approach), problem.duration], [goals]
     for t, place in reversed(approach):
         joints, base = _back(problem, joints, base, t, place)
@@ -288,7 +289,7 @@ def _back(
         missed, J = missed_at(problem, place, t, joints, base)
         # A radian counts little: an arm that is stretched out at the goal may have to turn to go back.
         weights = np.repeat([1.0, 0.1 * problem.stack.length], [3, missed.shape[1] - 3])
-        step = _least_squares(weights[:, None] * J * ~stuck[:, None], weights * missed, damping)
+        step = least_squares(weights[:, None] * J * ~stuck[:, None], weights * missed, damping)
         step *= np.minimum(1.0, 0.2 / np.maximum(np.abs(step).max(axis=1), 1e-9))[:, None]
         wanted = joints + step
         stuck = (wanted < low) | (wanted > high)

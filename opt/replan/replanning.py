@@ -14,6 +14,7 @@ from ffsms_pin.checks import FloatArray, at_least_zero, instance, number, per_jo
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.opt.goals import Goal
 from ffsms_pin.opt.horizon.marches import REFERENCE_WEIGHTS
+from ffsms_pin.opt.horizon.shooting import least_squares
 from ffsms_pin.opt.motion.mechanics import wheel_total
 from ffsms_pin.opt.problem import Problem
 from ffsms_pin.opt.replan.known import Correctable
@@ -251,13 +252,12 @@ class Replanning:
         dt, left = self.problem.dt, self.problem.duration - self._now
         stepper, (_, rates) = self._stepper, plan.sample(self._now + dt)
         state = StepState(stepper.sms, q, self._rates, dt, left, self.momentum, mode=self.base_mode)
-        there = pin.SE3(state.tip_rotation if rotation is None else rotation, position)
-        way = np.concatenate([there.translation - state.tip, pin.log3(there.rotation @ state.tip_rotation.T)])
+        turn = np.zeros(3) if rotation is None else pin.log3(rotation @ state.tip_rotation.T)
         rest = plan.positions[-1] - plan.sample(self._now)[0]
-        missed = way - state.J_star @ rest - left * state.tip_drift
+        missed = np.concatenate([position - state.tip, turn]) - state.J_star @ rest - left * state.tip_drift
         J = state.J_star[: 3 if rotation is None else 6]
-        damped = J @ J.T + 1e-6 * stepper.sms.arm_stack(self.base_mode).length ** 2 * np.eye(len(J))
-        correction = J.T @ np.linalg.solve(damped, missed[: len(J)])
+        damping = 1e-6 * stepper.sms.arm_stack(self.base_mode).length ** 2
+        correction = least_squares(J[None], missed[: len(J)], damping)[0]
         # All but a thirtieth is made good in ten steps, and the first of them does not jump.
         wanted = rates + 1.5 / left * correction
         most = 0.5 * dt * stepper.sms.limits.acceleration

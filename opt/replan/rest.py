@@ -190,8 +190,7 @@ class RestPlanner:
                 # A tenth of the tolerance: the rest is left to what the model does not know, and what a plan
                 # misses is closed by steps in no time, at the end.
                 terms = [*rest.terms, Approach()] if noisy else rest.terms
-                goal = Changed(goal, tolerance=0.1 * goal.tolerance)
-                careful = replace(rest, goal=goal, terms=terms)
+                careful = replace(rest, goal=Changed(goal, tolerance=0.1 * goal.tolerance), terms=terms)
             plan = replanned(careful, now, joints, last, options, share)
             if max(plan.miss / options.arrived_miss, plan.excess) > 1.0 and now >= self._next_search:
                 plan = self._searched_again(rest, now, joints, plan)
