@@ -81,6 +81,7 @@ OF_ONE: dict[str, dict[str, Any]] = {
     "ReactionWheels": {"axes": np.eye(3), "inertia": 0.01, "torque": 0.1, "momentum": 1.0},
     "Thrusters": {"places": np.eye(3), "directions": np.eye(3), "force": 1.0, "period": 0.1},
     "Sampling": {"lower": (-1.0, -1.0, -1.0), "upper": (1.0, 1.0, 1.0), "rows": 8},
+    "Grip": {"grasp": pin.SE3.Identity(), "stiffness": 500.0, "damping": 50.0},
     "of": {"samples": 8, "method": "sobol"},
     "atlas": {"over": "joints", "method": "sobol", "directions": np.eye(3)},
     "measured": {"joints": np.zeros((2, 3)), "directions": np.eye(3)},

@@ -1,0 +1,14 @@
+"""Loads between end effector and client: a grip that gives, surfaces that touch, scenes made of them."""
+
+from typing import TYPE_CHECKING
+
+from ffsms_pin.later import later
+
+if TYPE_CHECKING:  # and each when it is first used
+    from ffsms_pin.contact.grip import Grip
+    from ffsms_pin.contact.load import Load
+
+__all__ = ["Grip", "Load"]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = later(__name__)
