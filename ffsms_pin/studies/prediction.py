@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -10,6 +11,7 @@ import pinocchio as pin
 
 from ffsms_pin.checks import FloatArray, positive
 from ffsms_pin.client import Client, ClientEstimate, after_capture, brake
+from ffsms_pin.client.braking import Room
 from ffsms_pin.studies.contact_load import ContactLoad
 from ffsms_pin.system import SpaceManipulator
 
@@ -77,13 +79,14 @@ class Prediction:
 
     `rest` is both as one free body when the joints have come to rest, `braking` [s] after the contact;
     `spread` the same for clients one standard deviation away, along each axis of the covariance. `spinning`
-    (3,) is what wheels have at the contact already [N m s], inertial axes.
+    (3,) is what wheels have at the contact already [N m s], inertial axes; `note` is that of the braking.
     """
 
     rest: Client
     spread: tuple[Client, ...]
     braking: float
     spinning: FloatArray
+    note: str = ""
 
     def rate(self, t: float) -> FloatArray:
         """Angular velocity of the base (3,), a time t after the contact, inertial axes [rad/s]."""
@@ -141,18 +144,20 @@ def predicted(
     client: Client | ClientEstimate,
     t: float,
     wheel_momentum: FloatArray | None = None,
+    room: Callable[[FloatArray, Any], Room] | None = None,
     **braked: Any,
 ) -> Prediction:
     """What a capture at a time t [s] leaves of a client that is known, or estimated.
 
     The servicer is at q (nq,) with v (6 + n,) then, and its wheels have `wheel_momentum` (w,) [N m s].
-    `braked` holds keyword arguments of `brake`.
+    `room` gives that of `brake` for a configuration (nq,) and the pose (pinocchio.SE3) of the client that is
+    held in it; `braked` holds other keyword arguments of `brake`.
     """
     known, others = (client, []) if isinstance(client, Client) else (client.client(), client.spread())
     joint = after_capture(sms, q, v, known, t)
-    braking = brake(joint, **braked)
+    braking = brake(joint, **braked, room=None if room is None else room(q, known.pose(t)))
     spread = tuple(after_capture(sms, q, v, one, t).at_rest(braking.q[-1]) for one in others)
     spinning = np.zeros(3)
     if sms.wheels is not None and wheel_momentum is not None:
         spinning = pin.XYZQUATToSE3(q[:7]).rotation @ sms.wheels.total(wheel_momentum)
-    return Prediction(joint.at_rest(braking.q[-1]), spread, float(braking.t[-1]), spinning)
+    return Prediction(joint.at_rest(braking.q[-1]), spread, float(braking.t[-1]), spinning, braking.note)
