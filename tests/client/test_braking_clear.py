@@ -51,7 +51,7 @@ class Scene:
         return HeldClient(self.sms, [self.boom], CLEARANCE, "auto", q, pose)
 
     def by_coal(self, braking: Braking) -> float:
-        """The least distance between the boom and all links below the hand, by coal and the robot's meshes."""
+        """The least distance between the boom and all links below the hand, by coal and meshes."""
         measure, hand = ByCoal(self.sms), self.sms.model.frames[self.sms.frame_id].parentJoint
         # The client's frame is where the end effector was at the capture.
         return min(
