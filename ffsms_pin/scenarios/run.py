@@ -176,7 +176,7 @@ def _capture(
     from ffsms_pin.studies.prediction import Envelope
 
     scenario, contact = loop.scenario, loop.scenario.contact
-    client = scenario.made_client(loop.sms)
+    client, known = scenario.made_client(loop.sms), scenario.known_client(loop.sms)
     compliance = {key: contact[key] for key in OF_COMPLIANCE if key in contact}
     return captured(
         loop.sms,
@@ -186,7 +186,8 @@ def _capture(
         meeting(scenario.meet or {}, client),
         lambda robot: (controller(scenario, robot), base_law(scenario.attitude, robot)),
         loop.options,
-        estimates=(reference.first, reference.estimate) if isinstance(reference, Watching) else None,
+        known=known,
+        last=reference.estimate if isinstance(reference, Watching) else known,
         envelope=Envelope(**radians(contact.get("envelope", {}))),
         compliance=compliance if contact.get("kind") == "compliant" else None,
         **{key: contact[key] for key in ("torque_share", "after") if key in contact},

@@ -114,7 +114,8 @@ def captured(
     laws: Laws,
     options: Mapping[str, Any],
     *,
-    estimates: tuple[ClientEstimate, ClientEstimate] | None = None,
+    known: Client | ClientEstimate | None = None,
+    last: Client | ClientEstimate | None = None,
     envelope: Envelope | None = None,
     compliance: Mapping[str, float] | None = None,
     torque_share: float = 0.5,
@@ -123,11 +124,11 @@ def captured(
 ) -> Captured:
     """Capture a client where a closed loop ended, and brake; `options` are those of `simulate`.
 
-    The model learns the client's inertia: from the capture on, control and braking are those of the joined
-    robot. The plant has the client as well, and the joints' law brakes it along `brake`. Outside the envelope
-    nothing is caught: the arm brakes alone.
+    The model learns the client's inertia, as it is known: from the capture on, control and braking are those
+    of the joined robot. The plant has the client as well, and the joints' law brakes it along `brake`.
+    Outside the envelope nothing is caught: the arm brakes alone.
 
-    `estimates` are those before the flight and at the contact; None: the client is known.
+    `known` and `last` are what is known of the client before the flight and at the contact; None: all of it.
     `compliance` holds keyword arguments of `compliant_contact`; None: the grasp is rigid at once. Braking may
     need `torque_share` of the torque limits. The run goes on for a time `after` the capture [s].
     """
@@ -140,7 +141,7 @@ def captured(
     spinning = tracking.wheel_momentum[row] if tracking.wheel_momentum.shape[1] else None
     miss, relative = _missed(plant, q, v, grasp, t)
     missed = (envelope or Envelope()).outside(miss, relative)
-    before, last = estimates or (client, client)
+    before, last = known or client, last or client
     braked: dict[str, Any] = {"torque_limit": torque, "share": torque_share, "coast": coast}
     planned = predicted(sms, plan.q[-1], plan.v[-1], before, met, **braked)
     expected = predicted(sms, q, v, last, t, **braked)
@@ -150,7 +151,7 @@ def captured(
     contact, caught, caught_at = None, client, t
     if compliance is not None and not missed:
         # Until the grasp is rigid the arm is that of the servicer alone, and its joints keep their rates.
-        reference = brake(replace(after_capture(sms, q, v, client, t), v=v), **braked)
+        reference = brake(replace(after_capture(sms, q, v, _as_known(last, client, t)), v=v), **braked)
         contact = compliant_contact(
             plant,
             q,
@@ -170,7 +171,8 @@ def captured(
     if missed:
         joint, model = _alone(plant, q, v), _alone(sms, q, v)
     else:
-        joint, model = (after_capture(robot, q, v, caught, caught_at) for robot in (plant, sms))
+        joint = after_capture(plant, q, v, caught, caught_at)
+        model = after_capture(sms, q, v, _as_known(last, caught, caught_at))
     now = _about_origin(joint.robot, joint.q, joint.v, spinning) + (theirs if missed else 0.0)
     braking = brake(model, torque, torque_share)
     braking = replace(braking, duration=max(after, float(braking.t[-1])))
@@ -212,6 +214,11 @@ def _missed(
     off, turned = pose.translation - place.position, pin.log3(place.rotation @ pose.rotation.T)
     miss = np.array([np.linalg.norm(off), np.linalg.norm(turned)])
     return miss, np.concatenate([twist[:3] - place.velocity, twist[3:] - place.spin])
+
+
+def _as_known(known: Client | ClientEstimate, client: Client, t: float) -> Client:
+    """The client where it is at a time t [s], its time zero, with mass and inertia as they are known."""
+    return Client(known.mass, known.inertia, client.pose(t), client.twist(t))
 
 
 def _alone(robot: SpaceManipulator, q: FloatArray, v: FloatArray) -> AfterCapture:
