@@ -62,13 +62,17 @@ class Watching(Replanning):
         self.estimate, self.first = estimate, copy(estimate)
         self._client, self._sensor = client, sensor
         self._rng = np.random.default_rng((sensor.seed, 1))
-        self._look = sensor.period
+        self._look, self.until = sensor.period, problem.duration - 1.0
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """Measure the client where that is due, then plan."""
-        if self._look - 1e-9 <= t <= self.problem.duration - 1.0 + 1e-9:
+        self.look(t)
+        super().observe(t, q, v)
+
+    def look(self, t: float) -> None:
+        """Measure the client where that is due, up to the time `until` [s]."""
+        if self._look - 1e-9 <= t <= self.until + 1e-9:
             self._look += self._sensor.period
             then = t - self._sensor.latency
             if self._sensor.sees(then, self._rng):
                 self.estimate.observe(measured(self._client, then, self._sensor, self._rng), then)
-        super().observe(t, q, v)
