@@ -7,8 +7,9 @@ from ffsms_pin.later import later
 if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.contact.grip import Grip
     from ffsms_pin.contact.load import Load
+    from ffsms_pin.contact.surfaces import SurfaceContact, Touch, hertz_stiffness
 
-__all__ = ["Grip", "Load"]
+__all__ = ["Grip", "Load", "SurfaceContact", "Touch", "hertz_stiffness"]
 
 if not TYPE_CHECKING:
     __getattr__, __dir__ = later(__name__)

@@ -156,8 +156,8 @@ def _task(tables: _Tables) -> Iterator[str]:
         yield "[client] joints and position both place it; keep one"
     if not _has(client, "joints") and "position" not in client:
         yield "[client] position is missing (or joints, which meet it by construction)"
-    if "sensor" in client and tables["reference"].get("kind", "plan") == "plan":
-        yield '[client.sensor] needs [reference] kind = "re-planning"'
+    if "belief" in client and "sensor" not in client:
+        yield "[client.belief] needs a table [client.sensor]; it may be empty"
     if contact.get("kind", "rigid") == "rigid":
         for key in (*OF_COMPLIANCE, "time"):
             if key in contact:

@@ -181,10 +181,9 @@ def _capture(
     from ffsms_pin.studies.prediction import Envelope
 
     scenario, contact = loop.scenario, loop.scenario.contact
-    client = scenario.made_client(loop.sms)
-    first, last = (reference.first, reference.estimate) if isinstance(reference, Watching) else (None, client)
-    meet = meeting(scenario.meet or {}, last)
-    compliance = {key: contact[key] for key in OF_COMPLIANCE if key in contact and key != "time"}
+    client, before = scenario.made_client(loop.sms), scenario.known_client(loop.sms)
+    meet = meeting(scenario.meet or {}, reference.estimate if isinstance(reference, Watching) else before)
+    compliance = {key: contact[key] for key in OF_COMPLIANCE if key in contact}
     grip = Grip(meet.grasp, **compliance) if contact.get("kind") == "compliant" else None
     given = {key: contact[key] for key in OF_HANDLING if key in contact}
     return captured(
@@ -196,7 +195,7 @@ def _capture(
         lambda robot: (controller(scenario, robot), base_law(scenario.attitude, robot)),
         {**loop.options, **files},
         handling=Handling(Envelope(**radians(contact.get("envelope", {}))), grip, **given),
-        before=first,
+        before=before,
         again=lambda q, known: scenario.problem(loop.sms, q, client=known),
         progress=progress,
     )

@@ -104,6 +104,15 @@ class Sensor(Keys):
     hidden: Spans = key("s", "never", "pairs of times, from when to when nothing is seen")
 
 
+class Belief(Keys):
+    """[client.belief]: what is believed of the client's mass and inertia where these are not known."""
+
+    mass: Positive = key("kg", "that of [client]", "")
+    inertia: Inertia = key("kg m²", "that of [client]", "as there")
+    mass_deviation: Share = key("", "0", "one standard deviation of the mass, as a share of it")
+    inertia_deviation: Share = key("", "0", "likewise of the principal inertias, see `ClientEstimate`")
+
+
 class ClientBody(Keys):
     """[client]: a free rigid body that is met and captured."""
 
@@ -131,6 +140,7 @@ class ClientBody(Keys):
         'sides of the box that is drawn; it is kept clear of only as an [[obstacle]] with on = "client"',
     )
     sensor: Sensor = table()
+    belief: Belief = table()
 
 
 class Meeting(Keys):

@@ -4,7 +4,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from uncertain_bodies import drawn_client
 
 import ffsms_pin as ffsms
 from ffsms_pin import scenarios
@@ -200,6 +202,52 @@ def test_what_is_said_of_an_estimate_comes_with_its_spread() -> None:
     assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.3
 
 
+def test_what_is_said_of_an_uncertain_body_holds_as_often_as_it_says() -> None:
+    """Forty clients as they might be: two deviations hold nineteen of twenty, and hardly any without them."""
+    sms = ffsms.load("satellite_panda")
+    q = sms.configuration([0.0, -0.6, 0.0, -2.2, 0.0, 2.9, 0.8])
+    v, pose = np.zeros(sms.nv), sms.at(q).end_effector_pose
+    believed = ffsms.Client(80.0, [6.0, 9.0, 11.0], pose, [0.01, 0.0, 0.0, 0.02, 0.03, -0.02])
+    sensor = ClientSensor(1e-4, 1e-4, 1e-5, 1e-5)
+    within = {0.0: 0, 0.1: 0}
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        client = drawn_client(believed, rng, 0.1)
+        seen, true = measured(client, 0.0, sensor, rng, believed), predicted(sms, q, v, client, 0.0)
+        for deviation in within:
+            said = predicted(sms, q, v, ClientEstimate(seen, 0.0, sensor, deviation, deviation), 0.0)
+            off = np.abs(said.rate(5.0) - true.rate(5.0))
+            within[deviation] += int((off <= 2.0 * said.deviation(5.0)).sum())
+    assert within[0.1] >= 106  # of 120; fewer are as unlikely as one in a hundred, if all were independent
+    assert within[0.0] < 20
+
+
+def test_a_wrong_belief_is_planned_and_braked_with(tmp_path: Path) -> None:
+    """The first plan aims at the first measurement; the joined model has the believed mass, the plant not."""
+    # One measurement says too little for the default envelope: it would be no go.
+    wide = "[contact.envelope]\ndistance = 0.2\nturn = 0.5\n"
+    belief = "[client.sensor]\nseed = 3\n[client.belief]\nmass = 70.0\nmass_deviation = 0.1\n"
+    chosen = _written(
+        tmp_path, SHORT.replace("[meet]", belief + "[meet]").replace("after = 4.0", "after = 1.0") + wide
+    )
+    sms = chosen.load()
+    goal, true = chosen.problem(sms).goal, chosen.made_client(sms)
+    assert isinstance(goal, Meet)
+    assert isinstance(goal.client, ClientEstimate)
+    assert (goal.client.mass, true.mass) == (70.0, 80.0)
+    apart = goal.client.pose(6.0).translation - true.pose(6.0).translation
+    outcome = scenarios.run(chosen)
+    assert outcome.capture is not None
+    # It arrives where it was planned to, beside where the grasp is.
+    (closing,) = outcome.capture.closings
+    assert closing.miss[0] > 0.5 * np.linalg.norm(apart) > 3e-3
+    assert outcome.tracking.position_error[-1] == pytest.approx(closing.miss[0], rel=1e-6)
+    assert outcome.capture.after is not None
+    bare, joined = (pin.computeTotalMass(one.model) for one in (sms, outcome.capture.after.robot))
+    assert joined - bare == pytest.approx(80.0)
+    assert pin.computeTotalMass(outcome.capture.braking.robot.model) - bare == pytest.approx(70.0)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "word"),
     [
@@ -208,7 +256,11 @@ def test_what_is_said_of_an_estimate_comes_with_its_spread() -> None:
         ("[plan]", "[target]\nposition = [1.0, 0.0, 0.0]\n[plan]", "both say where"),
         ("size = [0.5", "position = [1.0, 0.0, 0.0]\nsize = [0.5", "both place it"),
         ("[contact]", "[contact]\nstiffness = 100.0", "compliant"),
-        ("size = [0.5, 0.6, 0.7]", "size = [0.5, 0.6, 0.7]\n[client.sensor]\nperiod = 0.1", "re-planning"),
+        (
+            "size = [0.5, 0.6, 0.7]",
+            "size = [0.5, 0.6, 0.7]\n[client.belief]\nmass = 70.0",
+            r"\[client.sensor\]",
+        ),
         ("[meet]", "[client.sensor]\noutliers = 1.0\n[meet]", r"outliers .*below one"),
         ("[meet]", "[client.sensor]\nhidden = [[1.0]]\n[meet]", r"hidden.* list of 2 numbers"),
         ("[meet]", "[client.sensor]\nhidden = [[2.0, 1.0]]\n[meet]", r"hidden .*a later end"),
