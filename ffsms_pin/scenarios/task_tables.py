@@ -162,6 +162,8 @@ class Envelope(Keys):
     turn: Positive = angle("rad", "0.1", "likewise")
     speed: Positive = key("m/s", "0.05", "of the end effector, relative to the grasp")
     spin: Positive = angle("rad/s", "0.05", "likewise")
+    force: Positive = key("N", "any", "that a compliant grip is expected to bear, see `contact_load`")
+    torque: Positive = key("N m", "any", "likewise")
 
 
 class Contact(Keys):

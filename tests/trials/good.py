@@ -89,6 +89,8 @@ OF_ONE: dict[str, dict[str, Any]] = {
         "friction": 0.2,
         "damping": 20.0,
     },
+    "probe_in_nozzle": {"place": pin.SE3.Identity()},
+    "gripper_on_ring": {"place": pin.SE3.Identity()},
     "hertz_stiffness": {"radius": 0.1, "E": 7e10, "nu": 0.3},
     "of": {"samples": 8, "method": "sobol"},
     "atlas": {"over": "joints", "method": "sobol", "directions": np.eye(3)},
