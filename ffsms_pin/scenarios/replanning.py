@@ -57,7 +57,7 @@ class Watching(Replanning):
         self._client, self._sensor = client, sensor
         self._target = grasp_at(replace(problem.goal, client=client))
         self._rng = np.random.default_rng((sensor.seed, 1))
-        self._look = sensor.period
+        self._look, self.until = sensor.period, problem.duration - 1.0
 
     @property
     def target(self) -> Any:
@@ -66,10 +66,14 @@ class Watching(Replanning):
 
     def observe(self, t: float, q: FloatArray, v: FloatArray) -> None:
         """Measure the client where that is due, then plan."""
-        if self._look - 1e-9 <= t <= self.problem.duration - 1.0 + 1e-9:
+        self.look(t)
+        super().observe(t, q, v)
+
+    def look(self, t: float) -> None:
+        """Measure the client where that is due, up to the time `until` [s]."""
+        if self._look - 1e-9 <= t <= self.until + 1e-9:
             self._look += self._sensor.period
             then = t - self._sensor.latency
             if self._sensor.sees(then, self._rng):
                 seen = measured(self._client, then, self._sensor, self._rng, self._believed)
                 self.estimate.observe(seen, then)
-        super().observe(t, q, v)

@@ -14,6 +14,7 @@ from ffsms_pin.scenarios.keys import (
     Sizes3,
     Spans,
     Text,
+    Tries,
     Vector3,
     Whole,
     angle,
@@ -177,7 +178,9 @@ class Contact(Keys):
     turn_damping: NotNegative = key("N m s/rad", "2", "likewise")
     time: Positive = key("s", "0.5", "after which a compliant grasp is rigid")
     torque_share: Positive = key("", "0.5", "of the torque limits that braking may need")
-    after: NotNegative = key("s", "10", "simulated after the capture")
+    after: NotNegative = key("s", "10", "simulated after the capture, or after the arm gave up")
+    attempts: Tries = key("", "2", "how often it is tried; after a miss the arm goes back and plans again")
+    retreat: Positive = key("m", "0.3", "how far it goes back from the grasp then")
     envelope: Envelope = table()
 
 
