@@ -71,7 +71,8 @@ def draw(path: Path) -> None:
     both = ((fixed, "the base taken as fixed, flown on a free one"), (free, "planned with the coupling"))
     for ax, (plan, words) in zip(figure.subplots(1, 2), both, strict=True):
         plot_motion(sms, plan, ax)
-        ax.set_title(f"{words}:\n{1e3 * plan.position_error[-1]:.3g} mm off at the end", fontsize=10.0, pad=22.0)
+        off = 1e3 * plan.position_error[-1]
+        ax.set_title(f"{words}:\n{off:.3g} mm off at the end", fontsize=10.0, pad=22.0)
     figure.savefig(path, dpi=110)
 
 
