@@ -7,8 +7,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from ffsms_pin.checks import FloatArray
+from ffsms_pin.errors import InvalidValue
 
-__all__ = ["Load", "cross", "velocity_at"]
+__all__ = ["Load", "checked_load", "cross", "velocity_at"]
 
 
 class Load(Protocol):
@@ -38,6 +39,14 @@ class Load(Protocol):
             Where it acts [m].
         """
         ...
+
+
+def checked_load(name: str, load: Any) -> Load:
+    """The load; `InvalidValue` where it cannot be one."""
+    if not callable(getattr(load, "wrench", None)):
+        raise InvalidValue(name, load, "must have a method wrench(tool, tool_twist, client, client_twist)")
+    checked: Load = load
+    return checked
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -8,9 +8,9 @@ if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.simulation.closed_loop import simulate
     from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
     from ffsms_pin.simulation.estimator import Estimator
-    from ffsms_pin.simulation.events import Capture, JointFault, Wrench
+    from ffsms_pin.simulation.events import Capture, Close, JointFault, Latch, Open, Phase, Wrench
     from ffsms_pin.simulation.integrators import INTEGRATORS
-    from ffsms_pin.simulation.interfaces import Controller, Reference
+    from ffsms_pin.simulation.interfaces import Controller, Instant, Reference, Supervisor
     from ffsms_pin.simulation.many import simulate_each, simulate_many
     from ffsms_pin.simulation.plant import InertialError, perturb, random_plants
     from ffsms_pin.simulation.tracking import Tracking
@@ -20,13 +20,19 @@ __all__ = [
     "INTEGRATORS",
     "Actuator",
     "Capture",
+    "Close",
     "Controller",
     "Estimator",
     "InertialError",
+    "Instant",
     "JointFault",
     "JointFriction",
+    "Latch",
+    "Open",
+    "Phase",
     "Reference",
     "Sensors",
+    "Supervisor",
     "Tracking",
     "Watchdog",
     "Wrench",

@@ -9,17 +9,22 @@ from contextlib import nullcontext
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ffsms_pin.checks import MOST_STEPS, positive, step_count
+from ffsms_pin.checks import MOST_STEPS, FloatArray, positive, step_count, whole
+from ffsms_pin.client import Client
+from ffsms_pin.contact import Load
 from ffsms_pin.control.base_command import BaseLaw, BaseView
 from ffsms_pin.errors import InvalidValue, ResultError, SimulationDiverged, SimulationStopped
 from ffsms_pin.simulation import base_actuators
+from ffsms_pin.simulation.client_body import client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
-from ffsms_pin.simulation.events import Event, JointFault, Wrench, checked_events, checked_wrenches
+from ffsms_pin.simulation.events import Event, JointFault, Latch, Wrench, checked_events, checked_wrenches
 from ffsms_pin.simulation.integrators import integrator as integrator_named
 from ffsms_pin.simulation.interfaces import (
     Controller,
+    Instant,
     Reference,
+    Supervisor,
     check_kinds,
     checked_plant,
     estimator_of,
@@ -65,6 +70,10 @@ def simulate(
     stream: str | os.PathLike[str] | None = None,
     base_controller: BaseLaw | None = None,
     wheel_momentum: ArrayLike | None = None,
+    client: Client | None = None,
+    loads: Load | Sequence[Load] = (),
+    substeps: int = 1,
+    supervisor: Supervisor | None = None,
 ) -> Tracking:
     """Simulate the plant, from the start of the reference to its end, under the controller's torques.
 
@@ -129,6 +138,14 @@ def simulate(
     wheel_momentum : array_like, shape (w,), optional
         Spin momenta of the wheels at the start [N m s], against the base; `momentum` does not count them.
         Default: the wheels stand still.
+    client : Client, optional
+        A second free body, that moves as it does at its time zero when the run begins.
+    loads : Load or sequence of them
+        What acts between end effector and client, see `ffsms_pin.contact`.
+    substeps : int
+        Integration steps in a control step: a stiff contact moves faster than an arm.
+    supervisor : Supervisor, optional
+        Decides while the run goes on what happens next: anything with ``decide(now)`` and `model`.
 
     Returns
     -------
@@ -158,7 +175,16 @@ def simulate(
     q = start(plant, reference, q0)
     v = start_velocity(plant, reference, q, v0, momentum)
     base = base_actuators.started(sms, plant, base_controller, dt, wheel_momentum)
-    world = World(plant, integrator_named(integrator), friction, checked_wrenches(disturbances), base)
+    body = client_body(client, loads)
+    world = World(
+        plant,
+        integrator_named(integrator),
+        friction,
+        checked_wrenches(disturbances),
+        base,
+        body,
+        whole("substeps", substeps, 1),
+    )
     coming = checked_events(events, plant, duration)
     drive = None if actuator is None else actuator.start(plant.n, dt, duration)
     sensing = None if sensors is None else sensors.start(plant, dt, duration)
@@ -178,12 +204,27 @@ def simulate(
     rows = None if stream is None else RowStream(stream)
     try:
         t = np.linspace(0.0, duration, steps + 1) if rows is None else rows.times(duration, steps)
-        record = Record(plant, t, target, rows, base)
+        record = Record(plant, t, target, rows, base, body)
     except MemoryError:
         raise InvalidValue(
             "dt", dt, f"makes {steps} steps, too many for this memory: use stream=..."
         ) from None
     work = 0.0
+
+    def happen(event: Event, now: float, k: int, q: FloatArray, v: FloatArray) -> tuple[FloatArray, float]:
+        """Let it happen at row k; the velocity right after, and the energy that it gave."""
+        if not world.pushed:
+            record.check_momentum(k)
+        before = world.energy(q, v)
+        v = world.apply(event, q, v)
+        record.happened(now, event, world.plant)
+        return v, world.energy(q, v) - before
+
+    def instant(now: float, q: FloatArray, v: FloatArray) -> Instant:
+        there = None if body is None else body.now()
+        spinning = np.zeros(0) if base is None else base.wheel_momentum.copy()
+        return Instant(now, q.copy(), v.copy(), there, world.wrench(q, v), spinning)
+
     stride = max(1, steps // 200)  # a progress bar needs no more
 
     # On its way to infinity a diverging state overflows here and there; the record finds out.
@@ -192,12 +233,8 @@ def simulate(
             now = float(t[k])
             while coming and coming[0].time <= now + 1e-9:
                 event = coming.pop(0)
-                if not world.pushed:
-                    record.check_momentum(k)
-                before = world.energy(q, v)
-                v = world.apply(event, q, v)
-                record.happened(now, event, world.plant)
-                work += world.energy(q, v) - before
+                v, done = happen(event, now, k, q, v)
+                work += done
                 if isinstance(event, JointFault) and event.told and hasattr(reference, "joint_failed"):
                     reference.joint_failed(event.index(plant), event.kind == "locked")
             seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
@@ -207,8 +244,14 @@ def simulate(
                 observe_wheels(base.wheel_momentum)
             if observe is not None and k < steps:
                 observe(now, seen_q, seen_v)
+            if supervisor is not None and k < steps:
+                for event in supervisor.decide(instant(now, q, v)):
+                    v, done = happen(event, now, k, q, v)
+                    work += done
+                    if isinstance(event, Latch):
+                        estimating = estimator_of(estimator, supervisor.model, sensors, dt)
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)
-            if not record.add(k, q, v, wanted, work):
+            if not record.add(k, q, v, wanted, work, world):
                 recorded = record.tracking(k)
                 raise SimulationDiverged(float(t[max(k - 1, 0)]), recorded, _save(watchdog, recorded))
             if watchdog is not None:

@@ -13,10 +13,21 @@ from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, dimensions, matrix, number, one_of, positive, vector
 from ffsms_pin.client.capture import body_motion, welded
+from ffsms_pin.contact.load import Load, checked_load
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.system import SpaceManipulator
 
-__all__ = ["Capture", "Event", "GeneralisedForce", "JointFault", "Wrench"]
+__all__ = [
+    "Capture",
+    "Close",
+    "Event",
+    "GeneralisedForce",
+    "JointFault",
+    "Latch",
+    "Open",
+    "Phase",
+    "Wrench",
+]
 
 # From t [s], q (nq,), v (6 + n,) to a generalised force (6 + n,).
 GeneralisedForce: TypeAlias = Callable[[float, FloatArray, FloatArray], FloatArray]
@@ -194,25 +205,75 @@ class JointFault:
         return f"joint {self.joint} {self.kind}"
 
 
-Event: TypeAlias = Capture | JointFault
+@dataclass(frozen=True)
+class Close:
+    """From `time` [s] on a load acts between end effector and client, as of a gripper that closes."""
+
+    time: float
+    load: Load
+
+    def __str__(self) -> str:
+        return "the gripper closes"
+
+
+@dataclass(frozen=True)
+class Open:
+    """From `time` [s] on the load of `Close` acts no more."""
+
+    time: float
+
+    def __str__(self) -> str:
+        return "the gripper opens"
+
+
+@dataclass(frozen=True)
+class Latch:
+    """From `time` [s] on the client of the run is one body with the end effector, wherever it is then.
+
+    What is left of a relative velocity ends in a plastic impact, see `ffsms_pin.client.after_capture`.
+    """
+
+    time: float
+
+    def __str__(self) -> str:
+        return "latched"
+
+
+@dataclass(frozen=True)
+class Phase:
+    """From `time` [s] on a run is in another phase, for a reason; nothing else happens."""
+
+    time: float
+    name: str
+    reason: str = ""
+
+    def __str__(self) -> str:
+        return self.name + (f" ({self.reason})" if self.reason else "")
+
+
+Event: TypeAlias = Capture | JointFault | Close | Open | Latch | Phase
+_KINDS = (Capture, JointFault, Close, Open, Latch, Phase)
+_WORDS = "must hold Capture, JointFault, Close, Open, Latch or Phase objects"
 
 
 def checked_events(events: Any, plant: SpaceManipulator, duration: float) -> list[Event]:
     """The argument `events` of `simulate`, in order of time."""
     try:
-        several = [events] if isinstance(events, (Capture, JointFault)) else list(events)
+        several = [events] if isinstance(events, _KINDS) else list(events)
     except TypeError:
-        raise InvalidValue("events", events, "must hold Capture and JointFault objects") from None
+        raise InvalidValue("events", events, _WORDS) from None
     for event in several:
-        if not isinstance(event, (Capture, JointFault)):
-            raise InvalidValue("events", event, "must hold Capture and JointFault objects")
+        if not isinstance(event, _KINDS):
+            raise InvalidValue("events", event, _WORDS)
         if not 0.0 <= number("event.time", event.time) <= duration:
             raise InvalidValue("event.time", event.time, f"must be within the run's {duration:g} s")
         if isinstance(event, Capture):
             event.body()
             if event.twist is not None:
                 vector("capture.twist", event.twist, 6, "m/s, rad/s")
-        else:
+        elif isinstance(event, JointFault):
             event.index(plant)
             one_of("fault.kind", event.kind, ("locked", "limp"))
+        elif isinstance(event, Close):
+            checked_load("close.load", event.load)
     return sorted(several, key=lambda event: event.time)

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable, vector
+from ffsms_pin.client import Client
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
 from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
+from ffsms_pin.simulation.events import Event
 from ffsms_pin.simulation.watchdog import Watchdog
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.base_reaction import MODES
 
 __all__ = [
     "Controller",
+    "Instant",
     "Reference",
+    "Supervisor",
     "check_kinds",
     "checked_plant",
     "estimator_of",
@@ -67,6 +71,34 @@ class Controller(Protocol):
         self, q: FloatArray, v: FloatArray, q_d: FloatArray, qd_d: FloatArray, qdd_d: FloatArray
     ) -> FloatArray:
         """Joint torques (n,) [N m] for the measured q (nq,), v (6 + n,) and the wanted joint motion (n,)."""
+        ...
+
+
+class Instant(NamedTuple):
+    """What a supervisor sees of a run: the plant and the client as they truly are.
+
+    q (nq,) and v (6 + n,) are the plant's, `client` is where it is, its time zero being now, and `wrench`
+    (6,) what it does to the end effector, about its origin, inertial axes [N; N m].
+    """
+
+    t: float
+    q: FloatArray
+    v: FloatArray
+    client: Client | None
+    wrench: FloatArray
+    wheel_momentum: FloatArray
+
+
+class Supervisor(Protocol):
+    """What decides, each control step, on what happens next: that a gripper closes, opens, latches.
+
+    `model` is the robot that the estimator counts on, asked again when the client was latched.
+    """
+
+    model: SpaceManipulator
+
+    def decide(self, now: Instant) -> Sequence[Event]:
+        """What happens now, after the reference was shown the measured state."""
         ...
 
 
