@@ -15,7 +15,6 @@ from rich.table import Table
 from ffsms_pin.cli.output import new_table, number_rows, printed
 from ffsms_pin.cli.progress import shown_progress
 from ffsms_pin.cli.results_folder import chosen_folder, results_folder, write_numbers
-from ffsms_pin.control import LAWS
 from ffsms_pin.engine import parts_folder
 from ffsms_pin.plotting import save_formats
 from ffsms_pin.plotting.comparisons import plot_comparison, plot_laws, plot_modes, plot_robustness
@@ -87,7 +86,7 @@ def modes(arguments: argparse.Namespace) -> int:
 
 def laws(arguments: argparse.Namespace) -> int:
     """`ffsms-pin laws`: the control laws."""
-    wanted = tuple(dict.fromkeys(arguments.laws)) if arguments.laws else tuple(LAWS)
+    wanted = tuple(dict.fromkeys(arguments.laws)) if arguments.laws else None
     folder, found, numbers = _written(
         arguments,
         "laws",
@@ -95,7 +94,7 @@ def laws(arguments: argparse.Namespace) -> int:
         law_numbers,
         plot_laws,
     )
-    warnings = []
+    warnings = [f"left out: {law}, which needs a table [wrist]" for law in found.left_out]
     for law, row in numbers.items():
         if row["slow"]:
             warnings.append(

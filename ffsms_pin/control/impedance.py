@@ -1,8 +1,8 @@
-"""Impedance and admittance: an end effector that gives way to forces as a mass, a damper and a spring would."""
+"""Impedance and admittance: an end effector that gives way to forces as mass, damper and spring would."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +18,36 @@ from ffsms_pin.system import SpaceManipulator, dynamics
 __all__ = ["Admittance", "Impedance"]
 
 
-class Impedance(JointLaw):
+class _Compliant(JointLaw):
+    """The gains that both laws have, and what they remember."""
+
+    _gains: ClassVar[tuple[str, ...]] = (
+        "stiffness",
+        "turn_stiffness",
+        "damping_ratio",
+        "posture_stiffness",
+        "force_limit",
+    )
+
+    def __init__(
+        self,
+        sms: SpaceManipulator,
+        torque_limit: ArrayLike | None,
+        stiffness: ArrayLike,
+        turn_stiffness: ArrayLike,
+        damping_ratio: float,
+        posture_stiffness: float,
+        force_limit: float,
+    ) -> None:
+        super().__init__(sms, torque_limit)
+        self.spring = spring = TipSpring(stiffness, turn_stiffness, posture_stiffness, force_limit)
+        self.stiffness, self.turn_stiffness = spring.stiffness, spring.turn_stiffness
+        self.posture_stiffness, self.force_limit = spring.posture_stiffness, spring.force_limit
+        self.damping_ratio = checks.at_least_zero("damping_ratio", damping_ratio)
+        self._kept = Kept()
+
+
+class Impedance(_Compliant):
     """Compliance of the end effector about the place that the wanted joints mean, the base reacting freely.
 
     tau = J_star^T f - k wound - D qd_e + H_q qdd_d + C qd_d
@@ -31,11 +60,10 @@ class Impedance(JointLaw):
     Proof, for wanted joints at rest: V = T + U, the whole system's kinetic energy and that of the springs,
     has dV/dt = P - qd^T D qd, where P is the power of all that acts from outside. That holds with any
     momentum, and for a plant of any masses; it needs true joint angles and rates, the robot's true
-    lengths, and torques below their limits. Against whatever is passive itself, a wall or a client, the loop is
-    passive, so stable. Without momentum and disturbances T = qd^T H_q qd / 2, and the joints come to rest at
-    q_d. A constant force F moves the end effector to where the spring bears it, F / stiffness away from
-    where a floating system that was rigid would have taken it. A moving q_d is followed without error by an
-    exact model without momentum.
+    lengths, and torques below their limits. So the arm is stable against whatever is passive itself, a wall
+    or a client. Without momentum and disturbances T = qd^T H_q qd / 2, and the joints come to rest at q_d. A
+    constant force F moves the end effector by F / stiffness, away from where a rigid system would have
+    drifted with it. An exact model without momentum follows a moving q_d without error.
 
     Sources: N. Hogan, "Impedance control: an approach to manipulation", Journal of Dynamic Systems,
     Measurement, and Control 107 (1985); C. Ott, "Cartesian impedance control of redundant and flexible-joint
@@ -72,8 +100,6 @@ class Impedance(JointLaw):
         A wrong shape, or a number that is not above zero.
     """
 
-    _gains = ("stiffness", "turn_stiffness", "damping_ratio", "posture_stiffness", "force_limit")
-
     def __init__(
         self,
         sms: SpaceManipulator,
@@ -85,12 +111,11 @@ class Impedance(JointLaw):
         pose: Any = None,
         torque_limit: ArrayLike | None = None,
     ) -> None:
-        super().__init__(sms, torque_limit)
-        self.spring = TipSpring(stiffness, turn_stiffness, posture_stiffness, force_limit)
-        self.damping_ratio = checks.at_least_zero("damping_ratio", damping_ratio)
+        gains = stiffness, turn_stiffness, damping_ratio, posture_stiffness, force_limit
+        super().__init__(sms, torque_limit, *gains)
         if pose is not None:
             checks.pose("pose", pose)
-        self._pose, self._kept = pose, Kept()
+        self._pose = None if pose is None else pin.SE3(pose)
 
     def reset(self, dt: float | None = None) -> None:
         """Forget where the motions were."""
@@ -139,24 +164,24 @@ class _State(NamedTuple):
     dt: float
 
 
-class Admittance(JointLaw):
+class Admittance(_Compliant):
     """An end effector that gives way to what its wrist measures, as a mass with spring and damper would.
 
     M way'' + D way' = J_star^T (f + F) - k wound,   M = J_star^T diag(mass, inertia) J_star + H_q / 10,
     tau = H_q (qdd_c - K_d (qd - qd_c) - K_p (q - q_c)) + C_q - J_star^T F,   q_c = q_d + way.
 
     F is the measured wrench, f and k are the springs of `Impedance`, between the commanded and the wanted
-    joints; D gives every mode one damping ratio. The way is integrated in joint space: a tenth of the arm's own
-    inertia keeps M invertible where J_star is singular, and no inverse of J_star is needed. Computed torque,
+    joints; D gives every mode one damping ratio. The way is integrated in joint space: a tenth of the arm's
+    own inertia keeps M invertible where J_star is singular, as damping does in its inverse. Computed torque,
     which makes up for the measured wrench, tracks the commanded joints.
 
-    The virtual mass is passive for the measured F; the whole is not, for the wrench comes late and the inner
-    law is as stiff as it is: against a wall of k_w [N/m] seen a time late, keep k_w late below
+    The virtual mass is passive for the measured F; the whole is not, since that comes late and the inner law
+    is stiff. A wall of k_w [N/m] that is felt a time `late` takes k_w late from the damping: keep that below
     2 damping_ratio (stiffness mass)^(1/2). Friction of the joints is overcome, which `Impedance` feels. A
     bias of the wrist moves the end effector by bias / stiffness: take it off before the contact.
 
-    Sources: N. Hogan (1985), as for `Impedance`; Y. Nakamura and H. Hanafusa, "Inverse kinematic solutions with
-    singularity robustness for robot manipulator control", Journal of Dynamic Systems, Measurement, and
+    Sources: N. Hogan (1985), as for `Impedance`; Y. Nakamura and H. Hanafusa, "Inverse kinematic solutions
+    with singularity robustness for robot manipulator control", Journal of Dynamic Systems, Measurement, and
     Control 108 (1986).
 
     The law has a memory as `Impedance` has, and needs a wrist sensor: `simulate(..., wrist=WristSensor())`.
@@ -181,7 +206,7 @@ class Admittance(JointLaw):
         A wrong shape, or a number that is not above zero.
     """
 
-    _gains = (*Impedance._gains, "mass", "inertia", "K_p", "K_d")
+    _gains = (*_Compliant._gains, "mass", "inertia", "K_p", "K_d")
     needs_wrist = True
 
     def __init__(
@@ -198,9 +223,8 @@ class Admittance(JointLaw):
         K_d: ArrayLike = 40.0,
         torque_limit: ArrayLike | None = None,
     ) -> None:
-        super().__init__(sms, torque_limit)
-        self.spring = TipSpring(stiffness, turn_stiffness, posture_stiffness, force_limit)
-        self.damping_ratio = checks.at_least_zero("damping_ratio", damping_ratio)
+        gains = stiffness, turn_stiffness, damping_ratio, posture_stiffness, force_limit
+        super().__init__(sms, torque_limit, *gains)
         self.mass = checks.positive("mass", mass, "kg")
         self.inertia = checks.positive("inertia", inertia, "kg m^2")
         self.K_p, self.K_d = gain_matrix("K_p", K_p, sms.n), gain_matrix("K_d", K_d, sms.n)
@@ -235,7 +259,7 @@ class Admittance(JointLaw):
     def _law(self, motion: Motion) -> FloatArray:
         if not np.isfinite(motion.errors).all():
             return np.full(self.sms.n, np.nan)
-        kept, sms = self._kept.value, self.sms
+        sms, kept = self.sms, self._kept.value
         commanded = motion.q.copy()
         sms.layout.set_positions(commanded, motion.q_d + kept.way)
         now = apart(sms, commanded, motion.q_d, kept.motions)
@@ -249,7 +273,8 @@ class Admittance(JointLaw):
         rate = kept.rate + kept.dt * acceleration
         motions = now._replace(wound=pull.wound)
         self._kept.value = kept._replace(motions=motions, way=kept.way + kept.dt * rate, rate=rate)
-        return reduced_torque(sms, motion.q, motion.v, wanted) - felt
+        torque: FloatArray = reduced_torque(sms, motion.q, motion.v, wanted) - felt
+        return torque
 
     def _energy(self, motion: Motion) -> float:
         off = motion.q_e - self._kept.value.way

@@ -2,10 +2,10 @@
 
 Joint motions alone say where a floating base and its end effector come to, but for the drift that momentum
 gives the whole. So both motions are rolled out from one base, in a frame C that drifts with the whole: its
-origin is the centre of mass, and it turns as the base does beyond what the joints make of it. Seen from C the
-first end effector moves with J_star qd, whatever acts from outside and whatever the masses truly are, since
-J_star and C are of one model. Hence the joint torques J_star^T f of a force f = -dU/dx are the gradient of the
-same potential U: a spring in this frame is passive.
+origin is the centre of mass, and it turns as the base does beyond what the joints make of it. Seen from C
+the first end effector moves with J_star qd, whatever acts from outside and whatever the masses truly are,
+since J_star and C are of one model. Hence the joint torques J_star^T f of a force f = -dU/dx are the gradient
+of the same potential U: a spring in this frame is passive.
 """
 
 from __future__ import annotations
@@ -70,9 +70,9 @@ class Apart(NamedTuple):
 
 
 def apart(sms: SpaceManipulator, q: FloatArray, q_d: FloatArray, before: Apart | None) -> Apart:
-    """Both motions a step on, at q (nq,) and joints q_d (n,); without `before` the second begins at the first.
+    """Both motions a step on, at q (nq,) and joints q_d (n,).
 
-    That is, their bases are those between which the straight way from q to q_d leads.
+    Without `before`, their bases are those between which the straight way from q to q_d leads.
     """
     at_d = q.copy()
     sms.layout.set_positions(at_d, q_d)
@@ -94,8 +94,8 @@ def _way(sms: SpaceManipulator, start: Posture, end: Posture) -> tuple[FloatArra
 class Pull(NamedTuple):
     """What a `TipSpring` does: `torque` (n,), its `stiffness` (n, n) of the joints and its `energy` [J].
 
-    `J_star` (6, n) and `axes` (3, 3), those of the first end effector, are in its root's axes; `wound` (n,) is
-    what is left of that of `Apart`.
+    `J_star` (6, n) and `axes` (3, 3), those of the first end effector, are in its root's axes; `wound` (n,)
+    is what is left of that of `Apart`.
     """
 
     torque: FloatArray
@@ -129,7 +129,7 @@ class TipSpring:
         self._most = self.force_limit / float(np.sqrt(self.stiffness.max()))
 
     def pull(self, sms: SpaceManipulator, now: Apart, wanted: Any = None) -> Pull:
-        """On the first motion's joints; `wanted` (pinocchio.SE3, first root's axes) in place of the second."""
+        """On the first motion's joints; `wanted` (pinocchio.SE3, its root's axes) in place of the second."""
         first, second = now.first, now.second
         if wanted is None:
             place = first.com + now.turn @ (second.pose.translation - second.com)

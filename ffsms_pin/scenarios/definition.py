@@ -75,6 +75,7 @@ class Scenario:
     capture: tuple[Mapping[str, Any], ...] = ()
     fault: tuple[Mapping[str, Any], ...] = ()
     watchdog: Mapping[str, Any] | None = None
+    wrist: Mapping[str, Any] | None = None
     wheels: Mapping[str, Any] | None = None
     thrusters: Mapping[str, Any] | None = None
     attitude: Mapping[str, Any] | None = None

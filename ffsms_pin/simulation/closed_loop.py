@@ -38,6 +38,7 @@ from ffsms_pin.simulation.streaming import RowStream
 from ffsms_pin.simulation.tracking import Tracking
 from ffsms_pin.simulation.watchdog import Watchdog
 from ffsms_pin.simulation.world import World
+from ffsms_pin.simulation.wrist import WristSensor, started
 from ffsms_pin.storage import check_writable
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.threads import one_blas_thread
@@ -63,6 +64,7 @@ def simulate(
     friction: JointFriction | None = None,
     actuator: Actuator | None = None,
     sensors: Sensors | None = None,
+    wrist: WristSensor | None = None,
     estimator: Estimator | bool | None = None,
     disturbances: Wrench | Sequence[Wrench] = (),
     events: Event | Sequence[Event] = (),
@@ -116,6 +118,8 @@ def simulate(
         Saturation, rate limit and delay of the torques.
     sensors : Sensors, optional
         What the controller and the reference see instead of the true state.
+    wrist : WristSensor, optional
+        Tells controller and reference what it feels, if they have ``observe_wrench(t, wrench)``.
     estimator : Estimator or bool, optional
         What is made of the measurements before controller and reference see them: filtered, and carried over
         the sensors' latency with the model `sms`. True: `Estimator()`; False: they are shown as they are.
@@ -193,11 +197,9 @@ def simulate(
     estimating = estimator_of(estimator, sms, sensors, dt)
     if expect_noise is not None and sensors is not None and not sensors.perfect:
         expect_noise(place_deviation(sms, q, sensors, estimating))
-    observe = getattr(reference, "observe", None)
+    observe, feel = getattr(reference, "observe", None), started(wrist, dt, duration, controller, reference)
     observe_wheels = None if base is None else getattr(reference, "observe_wheels", None)
-    reset = getattr(controller, "reset", None)
-    if reset is not None:
-        reset(dt)
+    getattr(controller, "reset", lambda _: None)(dt)
     target = target_function(reference.target)
     if watchdog is not None and watchdog.path is not None:
         check_writable(watchdog.path)
@@ -242,6 +244,8 @@ def simulate(
                 seen_q, seen_v = estimating.update(seen_q, seen_v, record.tau[k - 1] if k else None)
             if base is not None and observe_wheels is not None and k < steps:
                 observe_wheels(base.wheel_momentum)
+            if feel is not None and k < steps:
+                feel(now, world.wrist(now, q, v))
             if observe is not None and k < steps:
                 observe(now, seen_q, seen_v)
             if supervisor is not None and k < steps:

@@ -23,7 +23,7 @@ from ffsms_pin.system.dynamics import centroidal
 __all__ = ["Captured", "captured", "joined", "whole_tracking"]
 
 # What goes on as before the capture, like faults and disturbances; the joined robot has laws of its own.
-_CONDITIONS = ("integrator", "friction", "actuator", "sensors", "estimator")
+_CONDITIONS = ("integrator", "friction", "actuator", "sensors", "wrist", "estimator")
 
 # The laws of a robot's joints and, where it has one, of its base.
 Laws = Callable[[SpaceManipulator], tuple[JointLaw, BaseLaw | None]]
