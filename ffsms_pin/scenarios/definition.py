@@ -25,7 +25,7 @@ from ffsms_pin.scenarios.fits import DEFAULT_LAW
 from ffsms_pin.scenarios.joints import joint_values, within_limits
 from ffsms_pin.scenarios.keys import radians
 from ffsms_pin.scenarios.naming import named
-from ffsms_pin.scenarios.problems import made_client, made_obstacles, planning_problem
+from ffsms_pin.scenarios.problems import first_estimate, made_client, made_obstacles, planning_problem
 from ffsms_pin.scenarios.robot_tables import Limits
 from ffsms_pin.storage import read_content, write_content
 from ffsms_pin.system import SpaceManipulator
@@ -195,7 +195,7 @@ class Scenario:
         dt : float, optional
             Step [s]; default: that of [plan].
         client : Client or ClientEstimate, optional
-            Who is to be met, where the scenario meets one; default: where it truly is.
+            Who is to be met, where the scenario meets one; default: `known_client`.
 
         Raises
         ------
@@ -203,7 +203,7 @@ class Scenario:
             A value does not fit the robot, or a term or limit cannot be made.
         """
         if self.client is not None and client is None:
-            client = self.made_client(sms)
+            client = self.known_client(sms)
         q0 = self.start_configuration(sms) if q0 is None else q0
         return planning_problem(self, sms, q0, dt, client)
 
@@ -218,6 +218,11 @@ class Scenario:
         """The client, which may be placed so that it can be met by construction."""
         with self.named("client"):
             return made_client(self, sms)
+
+    def known_client(self, sms: SpaceManipulator) -> Client | ClientEstimate:
+        """What is known of it when the motion begins: where it has a sensor, one measurement's estimate."""
+        with self.named("client"):
+            return first_estimate(self, self.made_client(sms))
 
     def plant_start(self, sms: SpaceManipulator, q0: FloatArray) -> FloatArray | None:
         """Start (nq,) of the simulated arm where it is not the plan's `q0`; None where it is."""

@@ -8,7 +8,7 @@ if TYPE_CHECKING:  # and each when it is first used
     from ffsms_pin.simulation.closed_loop import simulate
     from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
     from ffsms_pin.simulation.estimator import Estimator
-    from ffsms_pin.simulation.events import Capture, Close, JointFault, Latch, Open, Phase, Wrench
+    from ffsms_pin.simulation.events import Capture, Close, End, JointFault, Latch, Open, Phase, Wrench
     from ffsms_pin.simulation.integrators import INTEGRATORS
     from ffsms_pin.simulation.interfaces import Controller, Instant, Reference, Supervisor
     from ffsms_pin.simulation.many import simulate_each, simulate_many
@@ -23,6 +23,7 @@ __all__ = [
     "Capture",
     "Close",
     "Controller",
+    "End",
     "Estimator",
     "InertialError",
     "Instant",

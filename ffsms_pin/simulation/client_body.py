@@ -44,13 +44,13 @@ def with_client(model: Any, client: Client) -> Any:
 class ClientBody:
     """Where a client of a run is and how it moves; free until it is latched to the end effector.
 
-    `q` (7,) and `v` (6,) are those of its free-flyer, v in body axes. `loads` act all the time, `grip` since
+    `q` (7,) and `v` (6,) are those of its free-flyer, v in body axes. `loads` act all the time, `grips` since
     a gripper closed.
     """
 
     def __init__(self, client: Client, loads: Sequence[Load]) -> None:
         self.client, self.loads = client, tuple(loads)
-        self.grip: Load | None = None
+        self.grips: tuple[Load, ...] = ()
         self.held: Any = None  # pose in the end-effector frame, once it is latched
         pose, twist = client.start_pose, client.start_twist
         self.q: FloatArray = pin.SE3ToXYZQUAT(pose)
@@ -59,21 +59,27 @@ class ClientBody:
     @property
     def acting(self) -> tuple[Load, ...]:
         """What may act now."""
-        return self.loads if self.grip is None else (*self.loads, self.grip)
+        return (*self.loads, *self.grips)
 
-    def now(self) -> Client:
-        """The client as it is; its own time zero is now."""
-        pose = pin.XYZQUATToSE3(self.q)
-        R = pose.rotation
-        return other_motion(self.client, pose, np.concatenate([R @ self.v[:3], R @ self.v[3:]]))
+    @property
+    def pose(self) -> Any:
+        """Of its body frame (pinocchio.SE3), inertial axes."""
+        return pin.XYZQUATToSE3(self.q)
+
+    @property
+    def twist(self) -> FloatArray:
+        """Velocity of its centre of mass and angular velocity (6,), inertial axes."""
+        R = self.pose.rotation
+        return np.concatenate([R @ self.v[:3], R @ self.v[3:]])
 
     def latch(
         self, plant: SpaceManipulator, q: FloatArray, v: FloatArray, locked: Sequence[int]
     ) -> AfterCapture:
         """Plant and client as one robot, where both are (`after_capture`); no load acts any more."""
-        joined = after_capture(plant, q, v, self.now(), locked=locked)
-        self.held = plant.at(q).end_effector_pose.inverse() * pin.XYZQUATToSE3(self.q)
-        self.loads, self.grip = (), None
+        now = other_motion(self.client, self.pose, self.twist)  # whose time zero is now
+        joined = after_capture(plant, q, v, now, locked=locked)
+        self.held = plant.at(q).end_effector_pose.inverse() * self.pose
+        self.loads = self.grips = ()
         return joined
 
     def carried(self, model: Any, data: Any, frame: int, q: FloatArray, v: FloatArray) -> None:

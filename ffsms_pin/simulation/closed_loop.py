@@ -18,7 +18,15 @@ from ffsms_pin.simulation import base_actuators
 from ffsms_pin.simulation.client_body import client_body
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
 from ffsms_pin.simulation.estimator import Estimator, place_deviation
-from ffsms_pin.simulation.events import Event, JointFault, Latch, Wrench, checked_events, checked_wrenches
+from ffsms_pin.simulation.events import (
+    End,
+    Event,
+    JointFault,
+    Latch,
+    Wrench,
+    checked_events,
+    checked_wrenches,
+)
 from ffsms_pin.simulation.integrators import integrator as integrator_named
 from ffsms_pin.simulation.interfaces import (
     Controller,
@@ -211,7 +219,7 @@ def simulate(
         raise InvalidValue(
             "dt", dt, f"makes {steps} steps, too many for this memory: use stream=..."
         ) from None
-    work = 0.0
+    work, last = 0.0, steps
 
     def happen(event: Event, now: float, k: int, q: FloatArray, v: FloatArray) -> tuple[FloatArray, float]:
         """Let it happen at row k; the velocity right after, and the energy that it gave."""
@@ -223,9 +231,9 @@ def simulate(
         return v, world.energy(q, v) - before
 
     def instant(now: float, q: FloatArray, v: FloatArray) -> Instant:
-        there = None if body is None else body.now()
+        pose, twist = (None, np.zeros(6)) if body is None else (body.pose, body.twist)
         spinning = np.zeros(0) if base is None else base.wheel_momentum.copy()
-        return Instant(now, q.copy(), v.copy(), there, world.wrench(q, v), spinning)
+        return Instant(now, q.copy(), v.copy(), pose, twist, world.wrench(q, v), spinning)
 
     stride = max(1, steps // 200)  # a progress bar needs no more
 
@@ -237,6 +245,7 @@ def simulate(
                 event = coming.pop(0)
                 v, done = happen(event, now, k, q, v)
                 work += done
+                last = k if isinstance(event, End) else last
                 if isinstance(event, JointFault) and event.told and hasattr(reference, "joint_failed"):
                     reference.joint_failed(event.index(plant), event.kind == "locked")
             seen_q, seen_v = (q, v) if sensing is None else sensing.measure(q, v)
@@ -252,6 +261,7 @@ def simulate(
                 for event in supervisor.decide(instant(now, q, v)):
                     v, done = happen(event, now, k, q, v)
                     work += done
+                    last = k if isinstance(event, End) else last
                     if isinstance(event, Latch):
                         estimating = estimator_of(estimator, supervisor.model, sensors, dt)
             wanted = reference.sample(now) if k else first_sample(reference, plant.n)
@@ -264,7 +274,7 @@ def simulate(
                     recorded = record.tracking(k + 1)
                     path = _save(watchdog, recorded)
                     raise SimulationStopped(now, complaint, q.copy(), v.copy(), recorded, path)
-            if k == steps:
+            if k == last:
                 break
             tau = np.asarray(controller.torque(seen_q, seen_v, *wanted))
             if tau.shape != (plant.n,) or tau.dtype.kind not in "fiu":
@@ -285,8 +295,8 @@ def simulate(
             if progress is not None and ((k + 1) % stride == 0 or k + 1 == steps):
                 progress((k + 1) / steps)
         if not world.pushed:
-            record.check_momentum(steps + 1)
-        return record.tracking(steps + 1)
+            record.check_momentum(last + 1)
+        return record.tracking(last + 1)
 
 
 def _save(watchdog: Watchdog | None, tracking: Tracking) -> str:

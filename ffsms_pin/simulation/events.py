@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -20,6 +20,7 @@ from ffsms_pin.system import SpaceManipulator
 __all__ = [
     "Capture",
     "Close",
+    "End",
     "Event",
     "GeneralisedForce",
     "JointFault",
@@ -95,15 +96,6 @@ def checked_wrenches(disturbances: Any) -> tuple[Wrench, ...]:
         if not isinstance(one, Wrench):
             raise InvalidValue("disturbances", one, "must hold Wrench objects")
     return several
-
-
-def later(given: Wrench, by: float) -> Wrench:
-    """The same wrench in a run that begins `by` seconds after."""
-    if callable(given.wrench):
-        return replace(
-            given, wrench=lambda t: given.wrench(t + by), start=given.start - by, end=given.end - by
-        )
-    return replace(given, start=given.start - by, end=given.end - by)
 
 
 @dataclass(frozen=True)
@@ -220,7 +212,7 @@ class Close:
 
 @dataclass(frozen=True)
 class Open:
-    """From `time` [s] on the load of `Close` acts no more."""
+    """From `time` [s] on no load of a `Close` acts any more."""
 
     time: float
 
@@ -253,9 +245,19 @@ class Phase:
         return self.name + (f" ({self.reason})" if self.reason else "")
 
 
-Event: TypeAlias = Capture | JointFault | Close | Open | Latch | Phase
-_KINDS = (Capture, JointFault, Close, Open, Latch, Phase)
-_WORDS = "must hold Capture, JointFault, Close, Open, Latch or Phase objects"
+@dataclass(frozen=True)
+class End:
+    """The run ends at `time` [s], before its reference does."""
+
+    time: float
+
+    def __str__(self) -> str:
+        return "ended"
+
+
+Event: TypeAlias = Capture | JointFault | Close | Open | Latch | Phase | End
+_KINDS = (Capture, JointFault, Close, Open, Latch, Phase, End)
+_WORDS = "must hold Capture, JointFault, Close, Open, Latch, Phase or End objects"
 
 
 def checked_events(events: Any, plant: SpaceManipulator, duration: float) -> list[Event]:

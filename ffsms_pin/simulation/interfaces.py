@@ -8,7 +8,6 @@ from typing import Any, NamedTuple, Protocol
 from numpy.typing import ArrayLike
 
 from ffsms_pin.checks import FloatArray, instance, one_of, optional_callable, vector
-from ffsms_pin.client import Client
 from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation.devices import Actuator, JointFriction, Sensors
 from ffsms_pin.simulation.estimator import Estimator, RunningEstimator
@@ -79,14 +78,15 @@ class Controller(Protocol):
 class Instant(NamedTuple):
     """What a supervisor sees of a run: the plant and the client as they truly are.
 
-    q (nq,) and v (6 + n,) are the plant's, `client` is where it is, its time zero being now, and `wrench`
-    (6,) what it does to the end effector, about its origin, inertial axes [N; N m].
+    q (nq,) and v (6 + n,) are the plant's. Of the client, where there is one: its pose (pinocchio.SE3), its
+    twist (6,), and the wrench (6,) on the end effector, about its origin; inertial axes.
     """
 
     t: float
     q: FloatArray
     v: FloatArray
-    client: Client | None
+    client_pose: Any
+    client_twist: FloatArray
     wrench: FloatArray
     wheel_momentum: FloatArray
 

@@ -101,9 +101,8 @@ class Record:
                 self._others["wheel_momentum"][k] = self._base.wheel_momentum
         self._others["impulse"][k] = world.impulse
         if self._client is not None:
-            body = self._client.now()
             self._others["client_pose"][k] = self._client.q
-            self._others["client_twist"][k] = body.start_twist
+            self._others["client_twist"][k] = self._client.twist
             self._others["contact_wrench"][k] = world.wrench(q, v)
         self._targets.append(self._target(float(self.t[k])))
         if self._rows is not None:

@@ -13,12 +13,24 @@ from ffsms_pin.errors import InvalidValue
 from ffsms_pin.simulation.base_actuators import BaseActuators
 from ffsms_pin.simulation.client_body import ClientBody, with_client
 from ffsms_pin.simulation.devices import JointFriction
-from ffsms_pin.simulation.events import Capture, Close, Event, GeneralisedForce, Latch, Open, Phase, Wrench
+from ffsms_pin.simulation.events import (
+    Capture,
+    Close,
+    End,
+    Event,
+    GeneralisedForce,
+    Latch,
+    Open,
+    Phase,
+    Wrench,
+)
 from ffsms_pin.simulation.integrators import Integrator
 from ffsms_pin.system import SpaceManipulator
 from ffsms_pin.system.dynamics import frame_pose
 
 __all__ = ["World"]
+
+_FINER = 8  # so many times as many parts, where a load is too stiff for the step
 
 
 class World:
@@ -91,14 +103,11 @@ class World:
         loaded = free is not None and free.acting
         plain = self._friction is None and not self._forces and not self._locked and not self._rubs
         acting = force if plain and not loaded else self._force
-        work, h = 0.0, dt / self._substeps
-        for _ in range(self._substeps):
-            begin = q, v
-            q, v, done = self._integrate(self._model, self._data, q, v, acting, h, t)
-            if self._forces or (base is not None and base.thrusters is not None):
-                self.impulse += self._from_outside(t, h, begin, (q, v))
-            t += h
-            work += done
+        parts = self._substeps if loaded else 1
+        q_end, v_end, work = self._in_parts(t, q, v, acting, dt, parts)
+        if loaded and not np.isfinite(v_end).all():  # too stiff for an implicit step of this length
+            q_end, v_end, work = self._in_parts(t, q, v, acting, dt, _FINER * parts)
+        q, v = q_end, v_end
         if base is not None:
             base.stepped(v[nv : self._with])
         if free is not None:
@@ -114,6 +123,28 @@ class World:
             positions[failed] = self.plant.layout.positions(start)[failed]
             self.plant.layout.set_positions(q_end, positions)
         return q_end, v_end, work
+
+    def _in_parts(
+        self,
+        t: float,
+        q: FloatArray,
+        v: FloatArray,
+        force: FloatArray | GeneralisedForce,
+        dt: float,
+        parts: int,
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """State of all after a step in equal parts, and the work done; `impulse` grows meanwhile."""
+        work, h, impulse = 0.0, dt / parts, self.impulse.copy()
+        pushed = bool(self._forces) or (self._base is not None and self._base.thrusters is not None)
+        for k in range(parts):
+            begin = q, v
+            q, v, done = self._integrate(self._model, self._data, q, v, force, h, t + k * h)
+            if pushed:
+                impulse += self._from_outside(t + k * h, h, begin, (q, v))
+            work += done
+        if np.isfinite(v).all():
+            self.impulse = impulse
+        return q, v, work
 
     def _whole(self, q: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """State of what is integrated; a wheel's angle matters to nobody."""
@@ -175,7 +206,7 @@ class World:
 
     def apply(self, event: Event, q: FloatArray, v: FloatArray) -> FloatArray:
         """Let it happen; the velocity (6 + n,) right after."""
-        if isinstance(event, Phase):
+        if isinstance(event, (Phase, End)):
             return v
         if isinstance(event, (Close, Open, Latch)):
             return self._of_client(event, q, v)
@@ -202,7 +233,7 @@ class World:
             joined = self._free.latch(self.plant, q, v, self._locked)
             self._take(joined.robot)
             return joined.v.copy()
-        self._free.grip = event.load if isinstance(event, Close) else None
+        self._free.grips = (*self._free.grips, event.load) if isinstance(event, Close) else ()
         return v
 
     def energy(self, q: FloatArray, v: FloatArray) -> float:

@@ -100,7 +100,7 @@ def _text(names: set[str]) -> str:
         rest = rest.replace("[attitude]\n[attitude.dump]", "[attitude.dump]")
     if "client" in names:
         faults = "outliers = 0.1\ndropouts = 0.1\nhidden = [[0.2, 0.4]]\n"
-        sensor = f"[client.sensor]\nseed = 1\n{faults}" if "replanning" in names else ""
+        sensor = f"[client.sensor]\nseed = 1\n{faults}[client.belief]\nmass_deviation = 0.1\n"
         rest = rest.replace("{sensor}", sensor)
     else:
         rest = TARGET + rest

@@ -156,7 +156,7 @@ def test_a_supervisor_decides_from_what_is() -> None:
 
         def decide(self, now: Any) -> list[Any]:
             self.seen += 1
-            assert now.client is not None
+            assert now.client_twist[3:].any()
             return [Phase(now.t, "half-way", "as agreed"), Latch(now.t)] if self.seen == 500 else []
 
     _, _, tracking = _run(events=[], supervisor=Watch())
